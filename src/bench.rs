@@ -1,47 +1,58 @@
-//! `plumb bench`: campaigns against a running system.
+//! `plumb bench`: stress tests with kills and swaps.
 
 use std::{fmt::Display, process::ExitCode};
 
-use campaign::{CampaignError, Kills, Swaps};
+use campaign::{CampaignError, KillCampaign, SwapCampaign};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, fail_after_result, out::print};
+use crate::{fail, fail_after_result, stdout::print};
 
-/// The campaigns.
 #[derive(Subcommand)]
 pub(crate) enum Bench {
-    /// Kill services at random moments; exit code 1 when anything was lost or is not what an undisturbed run gives.
+    /// Kill services at random and verify that nothing is lost
+    #[command(after_help = "\
+Examples:
+  plumb bench kills --count 10
+  plumb bench kills --count 200 --rate-hz 500 --load 2 --json
+
+Exit codes: 0 nothing lost and the output equals an undisturbed run, 1 otherwise.")]
     Kills {
         #[command(flatten)]
         campaign: Campaign,
     },
-    /// Swap stages of all slots at random; exit code 1 when one was not committed or anything was lost.
+    /// Swap stages of all slots at random and verify that nothing is lost
+    #[command(after_help = "\
+Examples:
+  plumb bench swaps --count 10
+  plumb bench swaps --count 1000 --same --json
+
+Exit codes: 0 all swaps committed and nothing lost, 1 otherwise.")]
     Swaps {
         #[command(flatten)]
         campaign: Campaign,
-        /// Swap each stage for itself, which must not change a byte.
+        /// Swap each stage for itself, which must not change the output
         #[arg(long)]
         same: bool,
     },
 }
 
-/// What both have in common.
+/// Arguments of both stress tests.
 #[derive(Args)]
 pub(crate) struct Campaign {
-    /// How many.
+    /// Number of kills or swaps
     #[arg(long, default_value_t = 50)]
     count: u32,
-    /// Of what is done and when.
+    /// Seed of the random targets and times
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Samples per second.
+    /// Sample rate of the simulated source, Hz
     #[arg(long, default_value_t = 1000)]
     rate_hz: u32,
-    /// Threads that take the machine from the system.
+    /// Number of additional threads that load the processors
     #[arg(long, default_value_t = 0)]
     load: u32,
-    /// Print one JSON object.
+    /// Print one JSON object
     #[arg(long)]
     json: bool,
 }
@@ -49,15 +60,15 @@ pub(crate) struct Campaign {
 pub(crate) fn run(bench: &Bench) -> ExitCode {
     match *bench {
         Bench::Kills { campaign: Campaign { count, seed, rate_hz, load, json } } => {
-            show(Kills { count, seed, rate_hz, load }.run(), json, |report| report.holds())
+            print_report(KillCampaign { count, seed, rate_hz, load_threads: load }.run(), json, |report| report.passed())
         }
         Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => {
-            show(Swaps { count, seed, rate_hz, load, same }.run(), json, |report| report.holds())
+            print_report(SwapCampaign { count, seed, rate_hz, load_threads: load, same_stage: same }.run(), json, |report| report.passed())
         }
     }
 }
 
-fn show<R: Display + Serialize>(
+fn print_report<R: Display + Serialize>(
     report: Result<R, CampaignError>,
     json: bool,
     holds: impl FnOnce(&R) -> bool,
@@ -67,7 +78,7 @@ fn show<R: Display + Serialize>(
         Ok(report) => {
             let printed =
                 if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&report) };
-            if holds(&report) { printed } else { fail_after_result(&"not everything that must hold did", 1) }
+            if holds(&report) { printed } else { fail_after_result(&"a required property does not hold, see above", 1) }
         }
         Err(error) => fail(&error, 1),
     }

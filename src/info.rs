@@ -1,4 +1,4 @@
-//! `plumb info`: what a file holds, whatever its format.
+//! `plumb info`: shows the contents of a file of any supported format.
 
 use std::{
     fmt,
@@ -14,17 +14,23 @@ use serde::Serialize;
 
 use crate::{
     fail, fail_after_result,
-    import::{Readable, told},
-    out::print,
+    import::{ReadableFile, summary_text},
+    stdout::print,
 };
 
-/// The command line of `plumb info`.
+/// Arguments of `plumb info`.
 #[derive(Args)]
-#[command(after_help = "Exit codes: 0 the file is whole, 1 it was cut, 3 it cannot be read.")]
+#[command(after_help = "\
+Examples:
+  plumb info flight.mcap
+  plumb info flight.ulg
+  plumb info walk_imu.csv.gz --json
+
+Exit codes: 0 complete, 1 truncated, 3 unreadable.")]
 pub(crate) struct Info {
-    /// A flight (MCAP), a recording (CSV, CSV.gz), or a log of another system.
+    /// Flight (MCAP), recording (CSV, CSV.gz) or log of another system
     file: PathBuf,
-    /// Print JSON.
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
@@ -39,7 +45,7 @@ enum InfoError {
     Recording(#[from] RecordingError),
 }
 
-/// What there is to say of a recording that is no flight.
+/// Summary of a recording that is not a flight.
 #[derive(Serialize)]
 struct RecordingInfo {
     file: PathBuf,
@@ -49,22 +55,22 @@ struct RecordingInfo {
     seconds: f64,
     has_reference: bool,
     #[serde(skip)]
-    people: String,
+    text: String,
 }
 
 pub(crate) fn run(Info { file, json }: &Info) -> ExitCode {
     let read = || -> Result<ExitCode, InfoError> {
-        Ok(match Format::of(file)? {
+        Ok(match Format::detect(file)? {
             Format::Mcap => {
                 let info = FlightInfo::read(file)?;
                 let printed = show(&info, *json);
-                match &info.cut {
-                    Some(why) => fail_after_result(&format_args!("{}: the file was cut: {why}", file.display()), 1),
+                match &info.incomplete {
+                    Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", file.display()), 1),
                     None => printed,
                 }
             }
-            Format::Recording => show(&of_recording(file)?, *json),
-            _ => show(&of_another(file)?, *json),
+            Format::Recording => show(&read_recording(file)?, *json),
+            _ => show(&read_foreign_log(file)?, *json),
         })
     };
     read().unwrap_or_else(|error| fail(&error, 3))
@@ -75,24 +81,24 @@ fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {
     if json { print(&serde_json::to_string(info).unwrap_or_default()) } else { print(info) }
 }
 
-fn of_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
+fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
     let survey = survey(file)?;
     let (rows, rate_hz, has_reference) = (survey.rows, survey.rate_hz, survey.has_reference);
     let seconds = rows.saturating_sub(1) as f64 / rate_hz;
     let reference = if has_reference { "with" } else { "without" };
     let samples = launch::pluralize(rows, "sample");
-    let people = format!(
+    let text = format!(
         "{}: {}, {samples} at {rate_hz:.1} Hz, about {seconds:.1} s, {reference} a reference attitude",
         file.display(),
         Format::Recording
     );
     let format = Format::Recording.to_string();
-    Ok(RecordingInfo { file: file.to_owned(), format, rows, rate_hz, seconds, has_reference, people })
+    Ok(RecordingInfo { file: file.to_owned(), format, rows, rate_hz, seconds, has_reference, text })
 }
 
-/// A log of another system, as it would be imported.
-fn of_another(file: &Path) -> Result<RecordingInfo, ImportError> {
-    let (_, summary) = Readable::imported(&[file.to_owned()], &Options::default())?;
+/// Returns a summary of a foreign log, as imported.
+fn read_foreign_log(file: &Path) -> Result<RecordingInfo, ImportError> {
+    let (_, summary) = ReadableFile::import(&[file.to_owned()], &Options::default())?;
     Ok(RecordingInfo {
         file: file.to_owned(),
         format: summary.format.to_string(),
@@ -100,12 +106,12 @@ fn of_another(file: &Path) -> Result<RecordingInfo, ImportError> {
         rate_hz: summary.rate_hz,
         seconds: summary.duration_s,
         has_reference: summary.reference_rows > 0,
-        people: told(&summary, file),
+        text: summary_text(&summary, file),
     })
 }
 
 impl fmt::Display for RecordingInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.people)
+        f.write_str(&self.text)
     }
 }

@@ -1,208 +1,243 @@
-//! `plumb keys`: who may do what beyond the board.
+//! `plumb keys`: manages certificates and access lists.
 
 use std::{path::PathBuf, process::ExitCode};
 
-use ::keys::{Host, Keys, KeysError, Party, Role, Written, certificate::DAYS};
+use ::keys::{Host, Keys, KeysError, Party, Role, WrittenFolder, certificate::DEFAULT_DAYS};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, fail_after_result, out::print};
+use crate::{fail, fail_after_result, stdout::print};
 
-/// Certificates that end sooner are pointed at, days.
-const SOON_DAYS: i64 = 30;
+/// Remaining validity below which `plumb keys check` fails, days.
+const RENEWAL_WARNING_DAYS: i64 = 30;
 
-/// What is to be done with keys.
 #[derive(Subcommand)]
 pub(crate) enum Command {
-    /// Make an authority of one's own, and the router's certificate.
+    /// Create an authority and the router's certificate
+    #[command(after_help = "\
+Examples:
+  plumb keys init --router 192.168.1.5
+  plumb keys init --router router.example.net --router 10.0.0.1 --dir keys
+  plumb keys init --force                     # invalidates all existing certificates")]
     Init {
         #[command(flatten)]
-        router: Router,
+        router: RouterArgs,
         #[command(flatten)]
-        made: Made,
+        issue: IssueArgs,
     },
-    /// Make the router's certificate anew: for other hosts, or before it ends.
+    /// Renew the router's certificate, also for other hosts
+    #[command(after_help = "\
+Examples:
+  plumb keys router --router 192.168.1.5 --force
+  plumb keys router --router router.example.net --days 90 --force")]
     Router {
         #[command(flatten)]
-        router: Router,
+        router: RouterArgs,
         #[command(flatten)]
-        made: Made,
+        issue: IssueArgs,
     },
-    /// Make a certificate for a vehicle: it publishes and takes commands below its own name.
+    /// Create a vehicle's certificate, to publish and take commands
+    #[command(after_help = "\
+Examples:
+  plumb keys vehicle alpha
+  plumb keys vehicle board --host 192.168.1.7 # can also listen there, without a router
+  plumb keys vehicle base --imports board     # second host of a split system")]
     Vehicle {
         #[command(flatten)]
-        named: Named,
-        /// An IPv4 address or name at which it listens itself, without a router; several may be given.
+        party: PartyArgs,
+        /// IPv4 address or name at which the vehicle listens, repeatable
         #[arg(long = "host", value_name = "HOST")]
         hosts: Vec<String>,
-        /// Another vehicle whose ticks it takes, as the two are hosts of one system; several may be given.
+        /// Vehicle of the same split system whose ticks it takes, repeatable
         #[arg(long, value_name = "VEHICLE")]
         imports: Vec<String>,
     },
-    /// Make a certificate for an operator: reads everything and commands.
-    Operator(Named),
-    /// Make a certificate for a viewer: reads everything.
-    Viewer(Named),
-    /// Take a party from the access list for ever.
+    /// Create an operator's certificate, to read everything and command
+    #[command(after_help = "\
+Examples:
+  plumb keys operator ann
+  plumb keys operator ann --days 30 --force   # renews it")]
+    Operator(PartyArgs),
+    /// Create a viewer's certificate, to read everything
+    #[command(after_help = "\
+Examples:
+  plumb keys viewer wall
+  plumb keys viewer wall --days 30 --force    # renews it")]
+    Viewer(PartyArgs),
+    /// Revoke a certificate permanently
+    #[command(after_help = "\
+Examples:
+  plumb keys revoke viewer.wall
+  plumb keys revoke operator.ann --dir keys --json")]
     Revoke {
-        /// Who, as `plumb keys list` says it: vehicle.NAME, operator.NAME or viewer.NAME.
+        /// Party: vehicle.NAME, operator.NAME or viewer.NAME
         party: String,
         #[command(flatten)]
-        place: KeyFolder,
+        folder: FolderArgs,
     },
-    /// Who has a certificate, and until when.
-    List(KeyFolder),
-    /// Like list, and fails when a certificate has ended or ends within 30 days.
-    Check(KeyFolder),
+    /// List certificate holders and expiry dates
+    #[command(after_help = "\
+Examples:
+  plumb keys list
+  plumb keys list --dir keys --json")]
+    List(FolderArgs),
+    /// List certificates and fail if one expires within 30 days
+    #[command(after_help = "\
+Examples:
+  plumb keys check
+  plumb keys check --dir keys --json
+
+Exit codes: 0 all valid for at least 30 days, 1 otherwise.")]
+    Check(FolderArgs),
 }
 
-/// Where the router is found.
+/// Arguments that name the router's hosts.
 #[derive(Args)]
-pub(crate) struct Router {
-    /// Its IPv4 address or name, as vehicles and ground reach it; several may be given.
+pub(crate) struct RouterArgs {
+    /// IPv4 address or name of the router, repeatable
     #[arg(long = "router", value_name = "HOST", default_value = "127.0.0.1")]
     hosts: Vec<String>,
 }
 
-/// Whose certificate.
+/// Arguments that name a party.
 #[derive(Args)]
-pub(crate) struct Named {
-    /// 1 to 32 of a-z, 0-9, - and _.
+pub(crate) struct PartyArgs {
+    /// Name: 1 to 32 characters of a-z, 0-9, - and _
     name: String,
     #[command(flatten)]
-    made: Made,
+    issue: IssueArgs,
 }
 
-/// How it is made.
+/// Arguments of a new certificate.
 #[derive(Args)]
-pub(crate) struct Made {
-    /// Validity in days.
-    #[arg(long, default_value_t = DAYS)]
+pub(crate) struct IssueArgs {
+    /// Validity, days, 1 to 3650
+    #[arg(long, default_value_t = DEFAULT_DAYS)]
     days: u32,
-    /// Replace what is there.
+    /// Replace existing files
     #[arg(long)]
     force: bool,
     #[command(flatten)]
-    place: KeyFolder,
+    folder: FolderArgs,
 }
 
-/// The folder of keys.
+/// Arguments that select the folder of keys.
 #[derive(Args)]
-pub(crate) struct KeyFolder {
-    /// The folder.
+pub(crate) struct FolderArgs {
+    /// Folder of keys
     #[arg(long, default_value = "keys")]
     dir: PathBuf,
-    /// Print JSON.
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(command: Command) -> ExitCode {
-    let done = match command {
-        Command::Init { router, made } => init(&router, &made),
-        Command::Router { router, made } => {
-            let written = |keys: Keys| keys.router(&parsed(&router.hosts)?, made.days, made.force);
-            made.place.open().and_then(written).map(|written| show(&[written], &made.place))
+    let result = match command {
+        Command::Init { router, issue } => init(&router, &issue),
+        Command::Router { router, issue } => {
+            let issue_router = |keys: Keys| keys.router(&parse_hosts(&router.hosts)?, issue.days, issue.force);
+            issue.folder.open().and_then(issue_router).map(|written| print_written(&[written], &issue.folder))
         }
-        Command::Vehicle { named, hosts, imports } => vehicle(&named, &hosts, &imports),
-        Command::Operator(named) => named.issue(Role::Operator, &[], &[]),
-        Command::Viewer(named) => named.issue(Role::Viewer, &[], &[]),
-        Command::Revoke { party, place } => revoke(&party, &place),
-        Command::List(place) => list(&place, false),
-        Command::Check(place) => list(&place, true),
+        Command::Vehicle { party, hosts, imports } => vehicle(&party, &hosts, &imports),
+        Command::Operator(party) => party.issue(Role::Operator, &[], &[]),
+        Command::Viewer(party) => party.issue(Role::Viewer, &[], &[]),
+        Command::Revoke { party, folder } => revoke(&party, &folder),
+        Command::List(folder) => list(&folder, false),
+        Command::Check(folder) => list(&folder, true),
     };
-    done.unwrap_or_else(|error| fail(&error, error.exit_code()))
+    result.unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
-fn init(router: &Router, made: &Made) -> Result<ExitCode, KeysError> {
-    let (_, written) = Keys::init(&made.place.dir, &parsed(&router.hosts)?, made.days, made.force)?;
-    Ok(show(&written, &made.place))
+fn init(router: &RouterArgs, issue: &IssueArgs) -> Result<ExitCode, KeysError> {
+    let (_, written) = Keys::init(&issue.folder.dir, &parse_hosts(&router.hosts)?, issue.days, issue.force)?;
+    Ok(print_written(&written, &issue.folder))
 }
 
-fn vehicle(named: &Named, hosts: &[String], imports: &[String]) -> Result<ExitCode, KeysError> {
+fn vehicle(party: &PartyArgs, hosts: &[String], imports: &[String]) -> Result<ExitCode, KeysError> {
     let imports: Vec<_> = imports.iter().map(|name| Party::new(Role::Vehicle, name)).collect::<Result<_, _>>()?;
-    named.issue(Role::Vehicle, &parsed(hosts)?, &imports)
+    party.issue(Role::Vehicle, &parse_hosts(hosts)?, &imports)
 }
 
-fn revoke(party: &str, place: &KeyFolder) -> Result<ExitCode, KeysError> {
+fn revoke(party: &str, folder: &FolderArgs) -> Result<ExitCode, KeysError> {
     let party: Party = party.parse()?;
-    place.open()?.revoke(&party)?;
-    if place.json {
-        return Ok(json(&serde_json::json!({ "revoked": party })));
+    folder.open()?.revoke(&party)?;
+    if folder.json {
+        return Ok(print_json(&serde_json::json!({ "revoked": party })));
     }
-    let router = place.dir.join("router");
+    let router = folder.dir.join("router");
     Ok(print(&format_args!(
-        "{party} is revoked once {} is copied to the router and the router restarted",
+        "{party} revoked; to apply it, copy {} to the router and restart the router",
         router.display()
     )))
 }
 
-fn list(place: &KeyFolder, judged: bool) -> Result<ExitCode, KeysError> {
-    let holders = place.open()?.holders()?;
-    let due: Vec<_> = holders.iter().filter(|it| !it.revoked && it.days_left < SOON_DAYS).collect();
-    let printed = if place.json {
-        json(&holders)
+fn list(folder: &FolderArgs, fail_if_due: bool) -> Result<ExitCode, KeysError> {
+    let holders = folder.open()?.holders()?;
+    let due: Vec<_> = holders.iter().filter(|it| !it.revoked && it.days_left < RENEWAL_WARNING_DAYS).collect();
+    let printed = if folder.json {
+        print_json(&holders)
     } else {
         let line = |holder: &::keys::Holder| {
             let state = match (holder.revoked, holder.days_left) {
                 (true, _) => "revoked".to_owned(),
-                (false, ..0) => "ended".to_owned(),
+                (false, ..0) => "expired".to_owned(),
                 (false, days) => format!("{days} days left"),
             };
-            let imports: String = holder.imports.iter().map(|from| format!(", takes the ticks of {from}")).collect();
+            let imports: String = holder.imports.iter().map(|from| format!(", imports ticks of {from}")).collect();
             format!("{:<42}until {}  {state}{imports}", holder.name, holder.until)
         };
         print(&holders.iter().map(line).collect::<Vec<_>>().join("\n"))
     };
-    if judged && !due.is_empty() {
+    if fail_if_due && !due.is_empty() {
         let names: Vec<_> = due.iter().map(|holder| holder.name.as_str()).collect();
         return Ok(fail_after_result(
-            &format_args!("ended or about to: {}; make them anew with --force", names.join(", ")),
+            &format_args!("expired or expiring soon: {}; renew them with --force", names.join(", ")),
             1,
         ));
     }
     Ok(printed)
 }
 
-/// What was written, and what to do with it.
-fn show(written: &[Written], place: &KeyFolder) -> ExitCode {
-    if place.json {
-        return json(&written);
+/// Prints the written files and where to copy them.
+fn print_written(written: &[WrittenFolder], folder: &FolderArgs) -> ExitCode {
+    if folder.json {
+        return print_json(&written);
     }
     let mut lines = Vec::new();
     for one in written {
         lines.push(format!("{}, valid until {}:", one.name, one.until));
         lines.extend(one.files.iter().map(|file| format!("  {}", file.display())));
         lines.push(match one.copy_to {
-            Some(to) => format!("  copy {} to {to} of that machine", one.folder.display()),
-            None => "  authority.key stays here: whoever has it can be anybody".into(),
+            Some(to) => format!("  copy {} to {to} on that machine", one.folder.display()),
+            None => "  authority.key stays here; its holder can impersonate any party".into(),
         });
     }
     if written.iter().all(|one| one.name != "router") {
-        let router = place.dir.join("router/router.json5");
-        lines.push(format!("the router knows them once it has the new {} and is restarted", router.display()));
+        let router = folder.dir.join("router/router.json5");
+        lines.push(format!("to apply it, copy the new {} to the router and restart the router", router.display()));
     }
     print(&lines.join("\n"))
 }
 
-fn json(value: &impl Serialize) -> ExitCode {
+fn print_json(value: &impl Serialize) -> ExitCode {
     print(&serde_json::to_string(value).unwrap_or_default())
 }
 
-fn parsed(hosts: &[String]) -> Result<Vec<Host>, KeysError> {
+fn parse_hosts(hosts: &[String]) -> Result<Vec<Host>, KeysError> {
     hosts.iter().map(|host| host.parse()).collect()
 }
 
-impl Named {
+impl PartyArgs {
     fn issue(&self, role: Role, hosts: &[Host], imports: &[Party]) -> Result<ExitCode, KeysError> {
-        let Self { name, made } = self;
+        let Self { name, issue } = self;
         let party = Party::new(role, name)?;
-        let written = made.place.open()?.issue(&party, hosts, imports, made.days, made.force)?;
-        Ok(show(&[written], &made.place))
+        let written = issue.folder.open()?.issue(&party, hosts, imports, issue.days, issue.force)?;
+        Ok(print_written(&[written], &issue.folder))
     }
 }
 
-impl KeyFolder {
+impl FolderArgs {
     fn open(&self) -> Result<Keys, KeysError> {
         Keys::open(&self.dir)
     }

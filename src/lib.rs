@@ -1,4 +1,4 @@
-//! `plumb`: one executable with every service and the supervisor that runs them.
+//! `plumb`: one executable with the command line, the supervisor and every service.
 #![forbid(unsafe_code)]
 
 mod bench;
@@ -8,13 +8,13 @@ mod doctor;
 mod import;
 mod info;
 mod keys;
-mod out;
+mod stdout;
 mod paper;
 mod record;
 mod remote;
 mod replay;
 mod score;
-mod seeing;
+mod topics;
 mod stage;
 mod station;
 mod swap;
@@ -26,14 +26,21 @@ mod view;
 
 use std::{fmt::Display, path::PathBuf, process::ExitCode};
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use launch::{Launch, Service};
 
-/// Attitude and course from separate processes over shared memory.
+/// Estimate attitude and course with stages that can be swapped at run time
 #[derive(Parser)]
 #[command(
     version,
-    after_help = "Exit codes: 0 done, 1 failed while running or lost ticks, 2 wrong usage, 3 wrong configuration or input file."
+    after_help = "\
+Examples:
+  plumb                                       # the same as plumb up
+  plumb up --source 'sim:s1?seed=2' --for 10s
+  plumb top
+
+Exit codes: 0 success, 1 runtime failure or lost ticks, 2 wrong usage,
+3 invalid configuration or input file."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -42,88 +49,130 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run a system until its source ends or Ctrl-C; what `plumb` alone does.
+    /// Run a system until its source ends or Ctrl-C (default command)
     Up(up::Up),
-    /// Run stages over recordings and tell their errors and what an update costs.
+    /// Score stages on recordings: errors and cost per update
     Score(Box<score::Score>),
-    /// Make the figures and tables of the papers that the stages come from.
+    /// Reproduce the figures and tables of the source papers
     Paper(paper::PaperCommand),
-    /// Make a recording of another system into one of ours.
+    /// Convert a log from another system
     Import(import::Import),
-    /// Find the errors of a sensor unit from its own readings, and print them as a piece of `launch.toml`.
+    /// Calibrate a sensor unit from its own readings
     Calibrate(Box<calibrate::Calibrate>),
-    /// Record a running system to an MCAP file, which viewers open as it is.
+    /// Record a running system to an MCAP file
     Record(record::Record),
-    /// Send the attitude of a running system to the programs of others.
+    /// Bridge attitude to MAVLink or ROS 2, and readings from ROS 2
+    #[command(after_help = "\
+Examples:
+  plumb bridge mavlink
+  plumb bridge ros --rate-hz 50
+  plumb bridge ros-sensor --mag imu/mag")]
     Bridge {
         #[command(subcommand)]
         command: bridge::Bridge,
     },
-    /// Say what a recording holds: a flight (MCAP), a CSV, a log of another system.
+    /// Show the contents of a flight, recording or log
     Info(info::Info),
-    /// Look at the stages there are, and test them.
+    /// List, test and create stages
+    #[command(after_help = "\
+Examples:
+  plumb stage list
+  plumb stage test vqf
+  plumb stage new my-fuser --lang python")]
     Stage {
         #[command(subcommand)]
         command: stage::Stage,
     },
-    /// Swap what fills a slot of a running system, with nothing lost.
+    /// Swap the stage of a slot in a running system without loss
     Swap(swap::Swap),
-    /// Run a stage beside the one that fills a slot, and tell how far they are apart.
+    /// Run a candidate stage in shadow and print how it differs
     Shadow(swap::Shadow),
-    /// How the services of a running system are.
-    Ps(system::System),
-    /// How the services of a running system do, from moment to moment.
+    /// List the services of a running system
+    #[command(after_help = "\
+Examples:
+  plumb ps
+  plumb ps --json
+  plumb ps --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
+    Ps(system::SystemArgs),
+    /// Show live state, rate and latency of each service
     Top(top::TopCommand),
-    /// Look at what flows through a running system.
+    /// List, inspect and echo topics
+    #[command(after_help = "\
+Examples:
+  plumb topic list
+  plumb topic echo attitude --every 100
+  plumb topic hz imu --seconds 10")]
     Topic {
         #[command(subcommand)]
         command: topic::TopicCommand,
     },
-    /// Show a system, a vehicle elsewhere or a recorded flight as a page in a browser.
+    /// Show a system, remote vehicles or a recorded flight in a browser
     View(view::View),
-    /// Say what is wrong with the machine and the system, if anything is, and what to do about it.
+    /// Diagnose the machine and the system
     Doctor(doctor::DoctorCommand),
-    /// Look at vehicles from elsewhere, and check that all they send arrives.
+    /// Monitor remote vehicles and verify delivery
     Station(station::Station),
-    /// Measure what becomes of the output when services are killed or swapped.
+    /// Stress-test kills and swaps
+    #[command(after_help = "\
+Examples:
+  plumb bench kills --count 10
+  plumb bench swaps --count 10 --same")]
     Bench {
         #[command(subcommand)]
         command: bench::Bench,
     },
-    /// Make and look at the certificates of vehicles, operators and viewers.
+    /// Manage certificates of vehicles, operators and viewers
+    #[command(after_help = "\
+Examples:
+  plumb keys init --router 192.168.1.5
+  plumb keys vehicle alpha
+  plumb keys check")]
     Keys {
         #[command(subcommand)]
         command: keys::Command,
     },
-    /// Look at a launch file.
+    /// Check launch files
+    #[command(after_help = "\
+Examples:
+  plumb config check launch.toml
+  plumb config check /etc/plumbline/launch.toml")]
     Config {
         #[command(subcommand)]
         command: ConfigCommand,
     },
-    /// Be one service of a running system; the supervisor starts it so.
+    /// Run one service of a system; used by the supervisor only
     #[command(hide = true)]
     Service {
-        /// Which one.
-        #[arg(value_parser = service)]
+        /// Name of the service, such as gyro
+        #[arg(value_parser = parse_service)]
         service: Service,
     },
 }
 
 #[derive(Subcommand)]
 enum ConfigCommand {
-    /// Say what is wrong with a launch file, if anything is.
+    /// Check a launch file and print each problem with its line
+    #[command(after_help = "\
+Examples:
+  plumb config check launch.toml
+  plumb config check deploy/split/board.toml")]
     Check {
-        /// The launch file.
+        /// Launch file to check
         file: PathBuf,
     },
 }
 
-/// Does what the command line says.
+/// Returns the definition of the command line.
+pub fn command_line() -> clap::Command {
+    Cli::command()
+}
+
+/// Runs the command line of this process and returns its exit code.
 pub fn main() -> ExitCode {
     bus::report_memory_exhaustion();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(said) => return usage(&said),
+        Err(error) => return report_usage_error(&error),
     };
     match cli.command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
@@ -153,7 +202,7 @@ pub fn main() -> ExitCode {
             Err(error) => fail(&error, 3),
         },
         Command::Service { service } => {
-            let ended: Result<(), Box<dyn Display>> = match service {
+            let result: Result<(), Box<dyn Display>> = match service {
                 Service::Ingest => ingest::run().map_err(|error| Box::new(error) as _),
                 Service::Gyro => gyro::run().map_err(|error| Box::new(error) as _),
                 Service::Accel => accel::run().map_err(|error| Box::new(error) as _),
@@ -163,33 +212,34 @@ pub fn main() -> ExitCode {
                 Service::Cockpit => cockpit::run().map_err(|error| Box::new(error) as _),
                 Service::Drivers => drivers::run().map_err(|error| Box::new(error) as _),
             };
-            ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
+            result.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }
     }
 }
 
-/// Says what ended a command that has printed no result.
+/// Reports the failure of a command that has not printed a result.
 fn fail(error: &dyn Display, code: u8) -> ExitCode {
-    out::error_object(error);
+    stdout::print_error_object(error);
     fail_after_result(error, code)
 }
 
-/// Says what is wrong with a result that has been printed.
+/// Reports an error of a result that has already been printed.
 fn fail_after_result(error: &dyn Display, code: u8) -> ExitCode {
     supervisor::announce(error);
     ExitCode::from(code)
 }
 
-/// Help, the version, or what is wrong with the command line.
-fn usage(said: &clap::Error) -> ExitCode {
-    if said.use_stderr() {
-        out::error_object(&said.render());
+/// Prints the help, the version or a usage error.
+fn report_usage_error(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() {
+        stdout::print_error_object(&error.render());
     }
-    // Nobody reads it: nothing is left to be done.
-    let _ = said.print();
-    ExitCode::from(said.exit_code() as u8)
+    // If standard error is closed, the exit code still reports the failure.
+    let _ = error.print();
+    ExitCode::from(error.exit_code() as u8)
 }
 
-fn service(name: &str) -> Result<Service, String> {
-    Service::from_name(name).ok_or_else(|| "there is no such service".into())
+fn parse_service(name: &str) -> Result<Service, String> {
+    let names = || Service::ALL.map(Service::name).join(", ");
+    Service::from_name(name).ok_or_else(|| format!("unknown service; expected one of {}", names()))
 }

@@ -1,4 +1,4 @@
-//! `plumb paper`: the figures and tables of the papers that the stages come from.
+//! `plumb paper`: reproduces the figures and tables of the papers behind the stages.
 
 use std::{path::PathBuf, process::ExitCode};
 
@@ -6,37 +6,41 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use papers::{Paper, picture::Picture};
 
-use crate::{fail, out::print};
+use crate::{fail, stdout::print};
 
-/// The command line of `plumb paper`.
+/// Arguments of `plumb paper`.
 #[derive(Args)]
 #[command(after_help = "\
-Each figure and table becomes DIR/PAPER/NAME.svg and, where the system has a typeface, NAME.png; DIR/index.html shows all papers that were made in \
-DIR. The tables are printed, too.")]
+Examples:
+  plumb paper s1
+  plumb paper all --out papers
+
+Writes DIR/PAPER/NAME.svg, NAME.png if the system has a font, and DIR/index.html with all
+papers in DIR. Tables are also printed.")]
 pub(crate) struct PaperCommand {
-    /// Which paper.
+    /// Paper to reproduce
     #[arg(value_name = "PAPER")]
-    paper: Which,
-    /// The folder that the figures and the page go to.
+    paper: PaperArg,
+    /// Folder for the figures and the page
     #[arg(long, value_name = "DIR", default_value = "papers")]
     out: PathBuf,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum Which {
-    /// Matveev 2025: the point w and the turn z.
+enum PaperArg {
+    /// Matveev 2025: attitude as point w and angle z
     S1,
-    /// Inclinometers by matrix and by quaternion.
+    /// Inclinometers by matrix and by quaternion
     S2,
-    /// The improved Madgwick filter.
+    /// Improved Madgwick filter
     S3,
-    /// Platform levelling with and without a receiver.
+    /// Platform levelling with and without a GNSS receiver
     S4,
-    /// All of them.
+    /// All papers
     All,
 }
 
-impl Which {
+impl PaperArg {
     fn papers(self) -> Vec<Paper> {
         match self {
             Self::S1 => vec![Paper::S1],
@@ -50,35 +54,35 @@ impl Which {
 
 pub(crate) fn run(command: &PaperCommand) -> ExitCode {
     let mut text = String::new();
-    let mut without_png = None;
+    let mut missing_typeface = None;
     for paper in command.paper.papers() {
-        let bar = ProgressBar::new(0).with_style(style()).with_message(paper.name());
-        let made = papers::make(paper, &command.out, &mut |done, of| {
-            bar.set_length(of);
+        let bar = ProgressBar::new(0).with_style(progress_style()).with_message(paper.name());
+        let result = papers::reproduce(paper, &command.out, &mut |done, total| {
+            bar.set_length(total);
             bar.set_position(done);
         });
         bar.finish_and_clear();
-        match made {
-            Ok(made) => {
-                for part in &made.parts {
+        match result {
+            Ok(output) => {
+                for part in &output.parts {
                     if let Picture::Table(table) = &part.picture {
                         text += &format!("{}: {}\n{table}\n\n", paper.name(), part.title);
                     }
                 }
-                without_png = made.without_png;
+                missing_typeface = output.png_skipped_reason;
             }
             Err(error) => return fail(&error, 1),
         }
     }
-    if let Some(missing) = without_png {
-        supervisor::announce(missing);
+    if let Some(note) = missing_typeface {
+        supervisor::announce(note);
     }
-    text += &format!("All figures: {}", command.out.join(papers::page::INDEX).display());
+    text += &format!("All figures: {}", command.out.join(papers::page::INDEX_FILE).display());
     print(&text)
 }
 
-/// Drawn on standard error, and only on a terminal.
-fn style() -> ProgressStyle {
+/// Returns the style of the progress bar, which is drawn only on a terminal.
+fn progress_style() -> ProgressStyle {
     ProgressStyle::with_template("{msg} {bar:40} {pos}/{len}, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -1,4 +1,4 @@
-//! `plumb record`: a running system into a file; and the same from the first tick on, for `plumb up --record`.
+//! `plumb record`: records a running system to a file. Also the recorder of `plumb up --record`.
 
 use std::{
     fs,
@@ -12,46 +12,50 @@ use std::{
 use bus::{BusError, Observer, Tap};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
-use flight::{FlightError, Heading, Mode, Recorder, Summary};
+use flight::{FlightError, FlightHeader, RecordingMode, Recorder, RecordingSummary};
 use graph::{Service, Topic};
 use runtime::ServiceConfig;
 use supervisor::{RecordingReport, Report, UpError};
 
 use crate::{
     fail, fail_after_result,
-    out::print,
-    seeing::{LOOK, SeeError, Until, observer},
-    system::OnBoard,
+    stdout::print,
+    topics::{POLL_INTERVAL, ObserveError, StopCondition, observer},
+    system::LocalSystemArgs,
     up::duration_s,
 };
 
-/// How long a system whose bus was made anew is looked for.
-const RENEWAL_LIMIT: Duration = Duration::from_secs(10);
+/// Timeout for reattaching after the supervisor has renewed the system's bus.
+const RENEWAL_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The command line of `plumb record`.
+/// Arguments of `plumb record`.
 #[derive(Args)]
-#[command(
-    after_help = "Exit codes: 0 the file is whole, 1 messages were missed or the file ended before its time, 2 wrong usage."
-)]
+#[command(after_help = "\
+Examples:
+  plumb record -o flight.mcap                 # until Ctrl-C or the end of the system
+  plumb record -o part.mcap --topics imu,attitude --for 10s
+  plumb record -o alpha.mcap --system alpha --json
+
+Exit codes: 0 complete, 1 messages missed or recording cut short, 2 wrong usage.")]
 pub(crate) struct Record {
     #[command(flatten)]
-    system: OnBoard,
-    /// The file to write; there must be none of that name.
+    system: LocalSystemArgs,
+    /// MCAP file to create; it must not exist
     #[arg(short, long, value_name = "FILE.mcap")]
     out: PathBuf,
-    /// The topics, with commas between them, as `plumb topic list` names them [default: every one].
-    #[arg(long, value_name = "TOPICS", value_delimiter = ',', value_parser = topic)]
+    /// Topics separated by commas, see `plumb topic list` [default: all]
+    #[arg(long, value_name = "TOPICS", value_delimiter = ',', value_parser = parse_topic)]
     topics: Vec<Topic>,
-    /// How long, as `10s`, `500ms`, `2m`, `1h` [default: Ctrl-C ends it].
+    /// Recording time, such as 500ms, 10s, 2m or 1h [default: until Ctrl-C]
     #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
     duration_s: Option<f64>,
 }
 
-/// Why a running system is not recorded.
+/// Error of a recording.
 #[derive(Debug, thiserror::Error)]
 enum RecordError {
     #[error(transparent)]
-    See(#[from] SeeError),
+    Observe(#[from] ObserveError),
     #[error(transparent)]
     Flight(#[from] FlightError),
     #[error(transparent)]
@@ -60,14 +64,14 @@ enum RecordError {
 
 impl From<BusError> for RecordError {
     fn from(error: BusError) -> Self {
-        Self::See(error.into())
+        Self::Observe(error.into())
     }
 }
 
 impl RecordError {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::See(error) => error.exit_code(),
+            Self::Observe(error) => error.exit_code(),
             Self::Flight(FlightError::Exists { .. }) => 2,
             _ => 1,
         }
@@ -75,7 +79,7 @@ impl RecordError {
 }
 
 pub(crate) fn run(record: &Record) -> ExitCode {
-    let summary = match follow(record) {
+    let summary = match record_until_stopped(record) {
         Ok(summary) => summary,
         Err(error) => return fail(&error, error.exit_code()),
     };
@@ -90,67 +94,67 @@ pub(crate) fn run(record: &Record) -> ExitCode {
     }
 }
 
-/// Records until the time is over, by Ctrl-C, or to the end of the system.
-fn follow(Record { system, out, topics, duration_s }: &Record) -> Result<Summary, RecordError> {
+/// Records until the time is over, a signal arrives or the system ends.
+fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> Result<RecordingSummary, RecordError> {
     let name = system.name();
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
-    let seat = observer(&name, "record")?;
+    let observer = observer(&name, "record")?;
     let config = send_request::<ServiceConfig>(&name, &ControlRequest::ServiceConfig)?;
-    let heading = Heading::new(env!("CARGO_PKG_VERSION"), &config);
-    let mut place = Place::take(seat, topics)?;
-    let mut recorder = Recorder::begin(out, &heading, topics, Mode::Live)?;
-    let mut until = Until::new(|| true, duration_s.map(Duration::from_secs_f64));
-    let mut looked = Instant::now();
-    let how = loop {
-        if until.is_over() {
-            break "it was asked to";
+    let header = FlightHeader::new(env!("CARGO_PKG_VERSION"), &config);
+    let mut taps = TopicTaps::attach(observer, topics)?;
+    let mut recorder = Recorder::create(out, &header, topics, RecordingMode::FromAnyTick)?;
+    let mut stop = StopCondition::new(|| true, duration_s.map(Duration::from_secs_f64));
+    let mut checked_at = Instant::now();
+    let end_reason = loop {
+        if stop.is_met() {
+            break "stopped on request";
         }
-        place.look(&mut recorder);
+        taps.drain_into(&mut recorder);
         if recorder.failure().is_some() {
-            break "nothing more could be written";
+            break "write error";
         }
-        if looked.elapsed() >= RUNS_INTERVAL {
-            looked = Instant::now();
-            if !place.observer.is_running() {
-                let supervisor = place.observer.owner_pid();
-                // What is on the old bus is given back before the new one is looked at.
-                drop(place);
-                match again(&name, supervisor, topics, &mut until) {
-                    Some(found) => place = found,
-                    None if lives(supervisor) => {
-                        return Ok(recorder.end("somebody removed the files of the system's bus", None));
+        if checked_at.elapsed() >= LIVENESS_INTERVAL {
+            checked_at = Instant::now();
+            if !taps.observer.is_running() {
+                let supervisor = taps.observer.owner_pid();
+                // The old bus must be released before the new one is opened.
+                drop(taps);
+                match reattach(&name, supervisor, topics, &mut stop) {
+                    Some(found) => taps = found,
+                    None if is_alive(supervisor) => {
+                        return Ok(recorder.finish("the files of the system's bus were removed", None));
                     }
-                    None => return Ok(recorder.end("the system has ended", None)),
+                    None => return Ok(recorder.finish("the system ended", None)),
                 }
             }
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     };
-    place.look(&mut recorder);
-    Ok(recorder.end(how, None))
+    taps.drain_into(&mut recorder);
+    Ok(recorder.finish(end_reason, None))
 }
 
-/// Between two looks whether the system still runs.
-const RUNS_INTERVAL: Duration = Duration::from_millis(200);
+/// Interval between two checks whether the system is running.
+const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
-/// A place at the topics of a running system. The taps go before the seat.
-struct Place {
+/// Open topics of a running system. The taps must be dropped before the observer.
+struct TopicTaps {
     taps: Vec<(Topic, Tap)>,
     observer: Observer,
     topics: Vec<Topic>,
-    looked: Instant,
+    checked_at: Instant,
 }
 
-impl Place {
-    fn take(observer: Observer, topics: &[Topic]) -> Result<Self, BusError> {
-        let mut place = Self { taps: Vec::new(), observer, topics: topics.to_vec(), looked: Instant::now() };
-        place.open()?;
-        Ok(place)
+impl TopicTaps {
+    fn attach(observer: Observer, topics: &[Topic]) -> Result<Self, BusError> {
+        let mut taps = Self { taps: Vec::new(), observer, topics: topics.to_vec(), checked_at: Instant::now() };
+        taps.open()?;
+        Ok(taps)
     }
 
-    /// Opens the topics that are there and were not.
+    /// Opens the topics that have become available.
     fn open(&mut self) -> Result<(), BusError> {
-        self.looked = Instant::now();
+        self.checked_at = Instant::now();
         for topic in &self.topics {
             if self.taps.iter().any(|(open, _)| open == topic) {
                 continue;
@@ -164,57 +168,58 @@ impl Place {
         Ok(())
     }
 
-    fn look(&mut self, recorder: &mut Recorder) {
-        // A topic may come later than the others, as that of a driver does; where it cannot be opened now it is tried again.
-        if self.looked.elapsed() >= RUNS_INTERVAL {
+    fn drain_into(&mut self, recorder: &mut Recorder) {
+        // Some topics, such as those of a driver, open later. A topic that cannot be opened now is
+        // tried again.
+        if self.checked_at.elapsed() >= LIVENESS_INTERVAL {
             let _ = self.open();
         }
         for (topic, tap) in &self.taps {
-            let read = tap.drain(&mut |message| recorder.take(*topic, message));
+            let read = tap.drain(&mut |message| recorder.record(*topic, message));
             if read.unwrap_or(true) {
-                recorder.overflowed(*topic);
+                recorder.record_overflow(*topic);
             }
         }
-        recorder.look();
+        recorder.poll();
     }
 }
 
-/// A place in the same system, where its bus was made anew; `None` where the system has ended.
-fn again(name: &str, supervisor: u32, topics: &[Topic], until: &mut Until) -> Option<Place> {
-    let since = Instant::now();
-    while since.elapsed() < RENEWAL_LIMIT && !until.is_over() {
+/// Attaches to the renewed bus of the same system; `None` if the system has ended.
+fn reattach(name: &str, supervisor: u32, topics: &[Topic], stop: &mut StopCondition) -> Option<TopicTaps> {
+    let started = Instant::now();
+    while started.elapsed() < RENEWAL_TIMEOUT && !stop.is_met() {
         match observer(name, "record") {
-            Ok(seat) if seat.owner_pid() != supervisor => return None,
-            Ok(seat) => {
-                if let Ok(place) = Place::take(seat, topics) {
-                    return Some(place);
+            Ok(observer) if observer.owner_pid() != supervisor => return None,
+            Ok(observer) => {
+                if let Ok(taps) = TopicTaps::attach(observer, topics) {
+                    return Some(taps);
                 }
             }
-            Err(_) if !lives(supervisor) => return None,
+            Err(_) if !is_alive(supervisor) => return None,
             Err(_) => {}
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
     None
 }
 
-fn lives(pid: u32) -> bool {
+fn is_alive(pid: u32) -> bool {
     Path::new(&format!("/proc/{pid}")).exists()
 }
 
-/// `plumb up --record`: the recorder of a system from its first tick on.
+/// Recorder of `plumb up --record`, which records a system from its first tick.
 pub(crate) struct FlightRecorder {
     folder: PathBuf,
     launch_file: Option<PathBuf>,
-    /// The source in one line that takes the place of the launch file's.
+    /// Source that replaces the launch file's, from the command line.
     source: Option<String>,
-    /// Likewise the receiver.
+    /// Receiver that replaces the launch file's, from the command line.
     receiver: Option<String>,
     recorder: Option<Recorder>,
 }
 
 impl FlightRecorder {
-    /// Each start makes one file in `folder`.
+    /// Creates a recorder that writes one file per start to `folder`.
     pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>, receiver: Option<&str>) -> Self {
         let (launch_file, source) = (launch_file.map(Path::to_owned), source.map(str::to_owned));
         Self { folder: folder.to_owned(), launch_file, source, receiver: receiver.map(str::to_owned), recorder: None }
@@ -223,17 +228,17 @@ impl FlightRecorder {
 
 impl supervisor::Recorder for FlightRecorder {
     fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError> {
-        let refused = |error: FlightError| UpError::Recorder(error.to_string());
-        let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
-        made.map_err(|cause| refused(FlightError::Create { path: self.folder.clone(), cause }))?;
-        let path = flight::free_path(&self.folder, &config.launch.name).map_err(refused)?;
+        let to_up_error = |error: FlightError| UpError::Recorder(error.to_string());
+        let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
+        created.map_err(|cause| to_up_error(FlightError::Create { path: self.folder.clone(), cause }))?;
+        let path = flight::unused_path(&self.folder, &config.launch.name).map_err(to_up_error)?;
         let mode = match config.launch.tick_source() {
-            Service::Ingest if config.is_lockstep() => Mode::Lockstep,
-            Service::Ingest => Mode::FromTheFirst,
-            // Ticks come from another host, and do not begin here.
-            _ => Mode::Live,
+            Service::Ingest if config.is_lockstep() => RecordingMode::Lockstep,
+            Service::Ingest => RecordingMode::FromFirstTick,
+            // The ticks come from another host and do not start here.
+            _ => RecordingMode::FromAnyTick,
         };
-        let heading = Heading {
+        let header = FlightHeader {
             launch_file: self.launch_file.clone(),
             launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
                 match (self.source.as_deref(), self.receiver.as_deref()) {
@@ -241,23 +246,23 @@ impl supervisor::Recorder for FlightRecorder {
                     (source, receiver) => launch::with_overrides(&text, source, receiver),
                 }
             }),
-            ..Heading::new(env!("CARGO_PKG_VERSION"), config)
+            ..FlightHeader::new(env!("CARGO_PKG_VERSION"), config)
         };
-        self.recorder = Some(Recorder::begin(&path, &heading, Topic::ALL, mode).map_err(refused)?);
+        self.recorder = Some(Recorder::create(&path, &header, Topic::ALL, mode).map_err(to_up_error)?);
         supervisor::announce(format_args!("recording to {}", path.display()));
         Ok(())
     }
 
     fn record(&mut self, topic: Topic, message: &[u8]) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.take(topic, message));
+        self.recorder.iter_mut().for_each(|recorder| recorder.record(topic, message));
     }
 
     fn on_overflow(&mut self, topic: Topic) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.overflowed(topic));
+        self.recorder.iter_mut().for_each(|recorder| recorder.record_overflow(topic));
     }
 
     fn end_round(&mut self) {
-        self.recorder.iter_mut().for_each(Recorder::look);
+        self.recorder.iter_mut().for_each(Recorder::poll);
     }
 
     fn failure(&self) -> Option<String> {
@@ -266,13 +271,13 @@ impl supervisor::Recorder for FlightRecorder {
 
     fn finish(&mut self, report: &Report) -> RecordingReport {
         let Some(recorder) = self.recorder.take() else { return RecordingReport::default() };
-        let how = report.error.as_deref().unwrap_or("the system came to its end");
-        let Summary { file, messages, missed, bytes, error, .. } = recorder.end(how, Some(report.to_json()));
+        let end_reason = report.error.as_deref().unwrap_or("ended normally");
+        let RecordingSummary { file, messages, missed, bytes, error, .. } = recorder.finish(end_reason, Some(report.to_json()));
         RecordingReport { file, messages, missed, bytes, error }
     }
 }
 
-fn topic(name: &str) -> Result<Topic, String> {
+fn parse_topic(name: &str) -> Result<Topic, String> {
     let names = || Topic::ALL.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
-    Topic::from_name(name).ok_or_else(|| format!("there is none of that name; there are {}", names()))
+    Topic::from_name(name).ok_or_else(|| format!("unknown topic; expected one of {}", names()))
 }

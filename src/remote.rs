@@ -1,4 +1,4 @@
-//! A vehicle that is asked from elsewhere: `--remote VEHICLE --connect ENDPOINT --keys FOLDER`.
+//! Requests to a remote vehicle: `--remote VEHICLE --connect ENDPOINT --keys FOLDER`.
 
 use std::{
     path::{Path, PathBuf},
@@ -17,45 +17,45 @@ use wire::{
     v1::{self, Services, SwapAnswer, SwapRequest, swap_answer},
 };
 
-/// How long somebody who is to be connected to is waited for.
-const CONNECT_LIMIT: Duration = Duration::from_secs(5);
-/// The same for an answer that takes no time.
-const ANSWER_LIMIT: Duration = Duration::from_secs(5);
-/// For how long a swap may be under way.
-const SWAP_LIMIT: Duration = Duration::from_secs(30);
-/// Where a gateway listens when nothing else is said.
-const USUAL: &str = "tcp/127.0.0.1:7447";
+/// Timeout for connecting.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Timeout for the reply to a request that is answered immediately.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
+/// Deadline of a swap after the request.
+const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
+/// Default endpoint: where a gateway on this machine listens.
+const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
-/// Why a vehicle elsewhere was not asked, or did not answer.
+/// Error of a request to a remote vehicle.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RemoteError {
-    /// The network.
+    /// The network failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A connection that somebody must be trusted for, and nobody is.
+    /// A QUIC endpoint needs certificates and no folder of keys was given.
     #[error(
-        "connecting to {endpoint}: --keys is missing, the folder that `plumb keys operator NAME` or `plumb keys viewer NAME` makes"
+        "--keys is missing: {endpoint} requires a certificate; create a folder with `plumb keys operator NAME` or `plumb keys viewer NAME`"
     )]
     NoKeys { endpoint: String },
-    /// The folder is not one of those.
+    /// The folder of keys is incomplete.
     #[error(
-        "reading the keys of {folder}: there is no {file}; `plumb keys operator NAME` or `plumb keys viewer NAME` makes such a folder"
+        "no {file} in {folder}: --keys expects a folder created by `plumb keys operator NAME` or `plumb keys viewer NAME`"
     )]
     NoFile { folder: PathBuf, file: &'static str },
-    /// Whoever tells how it is, and takes no command.
+    /// The vehicle responds to queries but not to this client's commands.
     #[error(
-        "commanding {vehicle:?}: it tells how its services are and takes no command from here, as its access list has it for viewers; with the folder of an operator, --keys keys/operator.NAME, it does"
+        "vehicle {vehicle:?} takes no command from this client: its access list requires the certificate of an operator, --keys keys/operator.NAME"
     )]
-    NoCommand { vehicle: String },
-    /// An endpoint at which anybody could be anybody.
+    ReadOnly { vehicle: String },
+    /// Commands need a certificate, which a plain endpoint does not have.
     #[error(
-        "commanding {vehicle:?}: over {endpoint}, where nobody shows a certificate, one may look and not command; on that machine, as the user who runs it, `plumb swap {slot} {stage}` does; from elsewhere a quic/ endpoint and the folder of an operator, --keys keys/operator.NAME: docs/security.md"
+        "vehicle {vehicle:?} takes no command over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/security.md)"
     )]
-    PlainLooksOnly { vehicle: String, endpoint: String, slot: String, stage: String },
+    PlainReadOnly { vehicle: String, endpoint: String, slot: String, stage: String },
 }
 
 impl RemoteError {
-    /// The exit code of `plumb`: 2 when the command line is wrong, else 1.
+    /// Returns the exit code of `plumb`: 2 for a usage error, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
         if matches!(self, Self::NoKeys { .. } | Self::NoFile { .. } | Self::Link(LinkError::Ipv6 { .. })) {
             2
@@ -65,37 +65,37 @@ impl RemoteError {
     }
 }
 
-/// How vehicles are reached.
+/// Command-line arguments that select the endpoint of remote vehicles.
 #[derive(Args, Clone)]
-pub(crate) struct Way {
-    /// An endpoint of a gateway or a router; may be given several times [default: tcp/127.0.0.1:7447].
+pub(crate) struct RemoteEndpoint {
+    /// Endpoint of a gateway or router, repeatable [default: tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// A folder that `plumb keys` has made, for quic endpoints: the certificate that is shown, and whom it believes.
+    /// Folder of `plumb keys` with the certificate for quic/ endpoints
     #[arg(long, value_name = "FOLDER")]
     keys: Option<PathBuf>,
 }
 
-impl Way {
-    /// Whoever is reached shows a certificate, and is shown one: commands can be taken from here.
+impl RemoteEndpoint {
+    /// Returns `true` if both ends present certificates, so that commands are accepted.
     pub(crate) fn is_secured(&self) -> bool {
         self.keys.is_some() && self.endpoints().iter().all(|endpoint| is_secured(endpoint))
     }
 
     fn endpoints(&self) -> Vec<String> {
-        if self.connect.is_empty() { vec![USUAL.to_owned()] } else { self.connect.clone() }
+        if self.connect.is_empty() { vec![DEFAULT_ENDPOINT.to_owned()] } else { self.connect.clone() }
     }
 
-    /// Why a vehicle that answers takes no command.
-    fn no_command(&self, vehicle: &str, request: &SwapRequest) -> RemoteError {
+    /// Returns the reason why a vehicle that responds rejects a command.
+    fn read_only_error(&self, vehicle: &str, request: &SwapRequest) -> RemoteError {
         let (vehicle, SwapRequest { slot, stage, .. }) = (vehicle.into(), request.clone());
         match self.endpoints().into_iter().find(|endpoint| !is_secured(endpoint)) {
-            Some(endpoint) => RemoteError::PlainLooksOnly { vehicle, endpoint, slot, stage },
-            None => RemoteError::NoCommand { vehicle },
+            Some(endpoint) => RemoteError::PlainReadOnly { vehicle, endpoint, slot, stage },
+            None => RemoteError::ReadOnly { vehicle },
         }
     }
 
-    fn ends(&self) -> Result<Endpoints, RemoteError> {
+    fn link_endpoints(&self) -> Result<Endpoints, RemoteError> {
         let connect = &self.endpoints()[..];
         let secured = connect.iter().find(|endpoint| is_secured(endpoint));
         let tls = match (&self.keys, secured) {
@@ -106,22 +106,22 @@ impl Way {
         Ok(Endpoints { tls, ..Endpoints::with_connect(connect) })
     }
 
-    /// The way, gone as a client, to whom a router hands whatever there is.
+    /// Connects as a Zenoh client, to which a router forwards everything it subscribes to.
     pub(crate) fn open_as_client(&self) -> Result<Link, RemoteError> {
-        let ends = Endpoints { client: true, ..self.ends()? };
-        ends.check_certificates()?;
-        Ok(Link::connect(&ends, CONNECT_LIMIT)?)
+        let endpoints = Endpoints { client: true, ..self.link_endpoints()? };
+        endpoints.check_certificates()?;
+        Ok(Link::connect(&endpoints, CONNECT_TIMEOUT)?)
     }
 
-    /// The way, gone.
+    /// Connects as a client to a single secured endpoint, else as a Zenoh peer.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
-        let ends = self.ends()?;
-        ends.check_certificates()?;
-        Ok(Link::connect(&ends, CONNECT_LIMIT)?)
+        let endpoints = self.link_endpoints()?;
+        endpoints.check_certificates()?;
+        Ok(Link::connect(&endpoints, CONNECT_TIMEOUT)?)
     }
 }
 
-/// What a party's folder holds.
+/// Returns the certificate files in a party's folder.
 fn tls(folder: &Path) -> Result<Tls, RemoteError> {
     let file = |file| {
         let path = folder.join(file);
@@ -130,32 +130,32 @@ fn tls(folder: &Path) -> Result<Tls, RemoteError> {
     Ok(Tls { ca: file("ca.pem")?, cert: file("cert.pem")?, key: file("key.pem")? })
 }
 
-/// The services of a vehicle.
-pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<ServiceStatus>, RemoteError> {
-    services(&way.open()?, vehicle)
+/// Returns the status of a vehicle's services.
+pub(crate) fn ps(vehicle: &str, endpoint: &RemoteEndpoint) -> Result<Vec<ServiceStatus>, RemoteError> {
+    services(&endpoint.open()?, vehicle)
 }
 
-/// The same over a link that there is.
+/// Returns the status of a vehicle's services, over an open link.
 pub(crate) fn services(link: &Link, vehicle: &str) -> Result<Vec<ServiceStatus>, RemoteError> {
-    Ok(asked(link, vehicle)?.services.into_iter().map(status).collect())
+    Ok(query_services(link, vehicle)?.services.into_iter().map(status).collect())
 }
 
-/// Swaps what fills a slot of a vehicle.
-pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::StageConfig) -> Result<SwapReport, RemoteError> {
-    swap_over(&way.open()?, vehicle, way, slot, stage)
+/// Swaps the stage of a slot of a vehicle.
+pub(crate) fn swap(vehicle: &str, endpoint: &RemoteEndpoint, slot: &str, stage: launch::StageConfig) -> Result<SwapReport, RemoteError> {
+    swap_over(&endpoint.open()?, vehicle, endpoint, slot, stage)
 }
 
-/// The same over a link that there is.
+/// Swaps the stage of a slot of a vehicle, over an open link.
 pub(crate) fn swap_over(
     link: &Link,
     vehicle: &str,
-    way: &Way,
+    endpoint: &RemoteEndpoint,
     slot: &str,
     stage: launch::StageConfig,
 ) -> Result<SwapReport, RemoteError> {
-    let Services { t_now_ns, services } = asked(link, vehicle)?;
+    let Services { t_now_ns, services } = query_services(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
-    // A slot that is not there has no decision; the answer says so.
+    // The vehicle rejects a request for an unknown slot with its own message.
     let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
     let request = SwapRequest {
         request_id: request_id(),
@@ -163,38 +163,39 @@ pub(crate) fn swap_over(
         stage: stage.stage,
         set: stage.set,
         expected_epoch,
-        t_deadline_ns: t_now_ns + SWAP_LIMIT.as_nanos() as u64,
+        t_deadline_ns: t_now_ns + SWAP_TIMEOUT.as_nanos() as u64,
     };
-    let asked = Instant::now();
-    let answer: Result<SwapAnswer, _> =
-        link.query_one(&keys::key(vehicle, keys::SWAP), request.to_bytes(), SWAP_LIMIT + ANSWER_LIMIT);
-    match answer {
-        Ok(answer) => Ok(report(answer)),
-        // Who has just answered has not gone: an access list ends such a question at once.
-        Err(LinkError::NoResponse { .. }) if asked.elapsed() < SWAP_LIMIT => Err(way.no_command(vehicle, &request)),
+    let started = Instant::now();
+    let reply: Result<SwapAnswer, _> =
+        link.query_one(&keys::key(vehicle, keys::SWAP), request.to_bytes(), SWAP_TIMEOUT + RESPONSE_TIMEOUT);
+    match reply {
+        Ok(reply) => Ok(swap_report(reply)),
+        // The vehicle has just responded, so an immediate failure means that an access list denied
+        // the query.
+        Err(LinkError::NoResponse { .. }) if started.elapsed() < SWAP_TIMEOUT => Err(endpoint.read_only_error(vehicle, &request)),
         Err(error) => Err(error.into()),
     }
 }
 
-fn asked(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
-    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), ANSWER_LIMIT)
+fn query_services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
+    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), RESPONSE_TIMEOUT)
 }
 
-/// Another for every request: this process and the time.
+/// Returns a request id that is unique: process id and time.
 fn request_id() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     format!("{}-{:x}", std::process::id(), since.as_nanos())
 }
 
-fn status(of: v1::ServiceStatus) -> ServiceStatus {
-    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } = of;
-    let said = |text: String| Some(text).filter(|text| !text.is_empty());
+fn status(status: v1::ServiceStatus) -> ServiceStatus {
+    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } = status;
+    let non_empty = |text: String| Some(text).filter(|text| !text.is_empty());
     let pid = Some(pid).filter(|pid| *pid != 0);
-    let trouble = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };
-    let troubles = troubles.into_iter().map(trouble).collect();
+    let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };
+    let diagnostics = troubles.into_iter().map(diagnostic).collect();
     ServiceStatus {
         service,
-        stage: said(stage),
+        stage: non_empty(stage),
         state,
         pid,
         restarts,
@@ -202,19 +203,19 @@ fn status(of: v1::ServiceStatus) -> ServiceStatus {
         epoch,
         ticks,
         lost,
-        address: said(at),
-        diagnostics: troubles,
+        address: non_empty(at),
+        diagnostics,
     }
 }
 
-fn report(answer: SwapAnswer) -> SwapReport {
-    let outcome = match answer.outcome() {
+fn swap_report(reply: SwapAnswer) -> SwapReport {
+    let outcome = match reply.outcome() {
         swap_answer::Outcome::Committed => SwapOutcome::Committed,
         swap_answer::Outcome::Aborted => SwapOutcome::Aborted,
-        // Of one that is not known by its deadline the reason says so.
+        // The reason explains an outcome that is unknown at the deadline.
         _ => SwapOutcome::Refused,
     };
-    let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;
+    let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = reply;
     SwapReport {
         slot,
         from,

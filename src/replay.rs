@@ -1,47 +1,47 @@
-//! `plumb up --replay FLIGHT.mcap`: a flight that is flown again, with the readings and the swaps that it had.
+//! `plumb up --replay FLIGHT.mcap`: replays a flight with its readings and swaps.
 
 use std::path::Path;
 
-use flight::{FlightError, messages_of};
+use flight::{FlightError, read_messages};
 use launch::Launch;
 use messages::{Flags, FusedState, SystemEvent, TakenReading};
 use supervisor::{Flight, Report, Request, UpError};
 
-/// Flies it again. Nothing is recorded of that.
-pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, Box<UpError>> {
+/// Replays a flight. A replay has no bus, so it cannot be recorded.
+pub(crate) fn replay_flight(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, Box<UpError>> {
     if is_recorded {
         return Err(UpError::NoBus.into());
     }
-    let unread = |error: FlightError| UpError::Flight(error.to_string());
+    let flight_error = |error: FlightError| UpError::Flight(error.to_string());
     let launch = match &request.launch {
         Some(file) => Launch::read(file).map_err(UpError::from)?,
         None => {
-            let text = flight::launch_file(path).map_err(unread)?;
+            let text = flight::read_launch_file(path).map_err(flight_error)?;
             Launch::parse("launch.toml", &text).map_err(|error| UpError::Launch(error.into()))?
         }
     };
-    let events: Vec<SystemEvent> = messages_of(path).map_err(unread)?.collect::<Result<_, _>>().map_err(unread)?;
-    let given_up = given_up(path).map_err(unread)?;
-    let mut readings = messages_of::<TakenReading>(path).map_err(unread)?.peekable();
+    let events: Vec<SystemEvent> = read_messages(path).map_err(flight_error)?.collect::<Result<_, _>>().map_err(flight_error)?;
+    let first_incomplete_tick = first_incomplete_tick(path).map_err(flight_error)?;
+    let mut readings = read_messages::<TakenReading>(path).map_err(flight_error)?.peekable();
     if readings.peek().is_none() {
-        let why =
-            "it has no readings; record it by `plumb up --record`, or beside a system that runs with `--readings`";
-        return Err(UpError::Flight(format!("replaying {}: {why}", path.display())).into());
+        let reason =
+            "it contains no readings; record it with `plumb up --record`, or from a system started with `--readings`";
+        return Err(UpError::Flight(format!("replaying {}: {reason}", path.display())).into());
     }
     let readings = Box::new(readings.map(|taken| taken.map_err(|error| error.to_string())));
     let mut flight = Flight::new(launch, &events, readings)?;
-    if let Some(tick) = given_up {
+    if let Some(tick) = first_incomplete_tick {
         flight
             .schedule
-            .doubt(tick, "gyro or accelerometer came later than `lateness_s`, and the fuser went on without");
+            .add_warning(tick, "gyro or accelerometer exceeded `lateness_s`, so the fuser continued without it");
     }
     Ok(supervisor::replay(request, flight)?)
 }
 
-/// The first tick that was fused without one of its inputs.
-fn given_up(path: &Path) -> Result<Option<u64>, FlightError> {
+/// Returns the first tick that was fused without one of its inputs.
+fn first_incomplete_tick(path: &Path) -> Result<Option<u64>, FlightError> {
     let missing = Flags::GYRO_MISSING | Flags::ACCEL_MISSING;
-    let is_without = |state: &FusedState| state.header.flags.any(missing);
-    let first = messages_of::<FusedState>(path)?.find(|state| state.as_ref().map_or(true, is_without));
+    let is_incomplete = |state: &FusedState| state.header.flags.any(missing);
+    let first = read_messages::<FusedState>(path)?.find(|state| state.as_ref().map_or(true, is_incomplete));
     Ok(first.transpose()?.map(|state| state.header.tick))
 }

@@ -1,4 +1,4 @@
-//! `plumb stage`: the stages there are, and whether they do what every stage must.
+//! `plumb stage`: lists, tests and creates stages.
 
 use std::{
     path::{Path, PathBuf},
@@ -11,48 +11,65 @@ use conformance::Report;
 use launch::{Launch, LaunchError};
 use sdk::template::{Language, Slot, Template, TemplateError};
 
-use crate::{fail, out::print};
+use crate::{fail, stdout::print};
 
 #[derive(Subcommand)]
 pub(crate) enum Stage {
-    /// Print every slot's stages with their parameters.
+    /// List the stages of every slot with their parameters
+    #[command(after_help = "\
+Examples:
+  plumb stage list
+  plumb stage list --launch my-fuser/launch.toml
+  plumb stage list --json")]
     List {
-        /// The launch file whose `[stages.NAME]` are told, too [default: ./launch.toml].
+        /// Launch file whose [stages.NAME] are included [default: ./launch.toml]
         #[arg(long, value_name = "FILE")]
         launch: Option<PathBuf>,
-        /// Print one JSON object.
+        /// Print one JSON object
         #[arg(long)]
         json: bool,
     },
-    /// Hold stages against the conformance kit: soundness under every fault, snapshots, hand-over, recovery. Exit code 1 when one does not
-    /// pass.
+    /// Run the conformance suite on stages
+    #[command(after_help = "\
+Examples:
+  plumb stage test                            # all built-in stages
+  plumb stage test vqf madgwick
+  plumb stage test my-fuser --launch my-fuser/launch.toml
+
+Checks soundness under every fault, snapshots, hand-over and recovery.
+Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
     Test {
-        /// Only stages of this slot.
+        /// Slot to test: gyro, accel, fuser or course [default: all]
         #[arg(long)]
         slot: Option<String>,
-        /// Only these stages.
+        /// Stages to test [default: all built-in ones]
         names: Vec<String>,
-        /// The launch file whose `[stages.NAME]` may be named, too [default: ./launch.toml].
+        /// Launch file with the [stages.NAME] to test [default: ./launch.toml]
         #[arg(long, value_name = "FILE")]
         launch: Option<PathBuf>,
-        /// Print the reports as one JSON array on the last line of standard output.
+        /// Print the reports as one JSON array on the last line
         #[arg(long)]
         json: bool,
     },
-    /// Write a working stage of one's own, with a test, into a new folder.
+    /// Create a working user-defined stage with a test in a new folder
+    #[command(after_help = "\
+Examples:
+  plumb stage new my-fuser --lang python
+  plumb stage new my-accel --lang c --slot accel
+  plumb stage new my-rust-fuser --lang rust --source /path/to/plumbline")]
     New {
-        /// Its name: a-z, 0-9 and -, beginning with a letter.
+        /// Stage name: a letter, then a-z, 0-9 and -
         name: String,
-        /// In which language.
+        /// Programming language
         #[arg(long)]
         lang: Lang,
-        /// The slot that it fills.
-        #[arg(long, default_value = "fuser", value_parser = slot)]
+        /// Slot of the stage: gyro, accel, fuser or course
+        #[arg(long, default_value = "fuser", value_parser = parse_slot)]
         slot: Slot,
-        /// Where [default: ./NAME].
+        /// Folder to create [default: ./NAME]
         #[arg(long)]
         dir: Option<PathBuf>,
-        /// Where Plumbline's crates are, for Rust: a folder or the URL of a git repository.
+        /// Folder or git URL of Plumbline's crates, for Rust
         #[arg(long, value_name = "FOLDER|URL", required_if_eq("lang", "rust"))]
         source: Option<String>,
     },
@@ -62,7 +79,7 @@ pub(crate) enum Stage {
 pub(crate) enum Lang {
     Rust,
     Python,
-    /// C, and C++.
+    /// C and C++
     C,
 }
 
@@ -75,35 +92,35 @@ pub(crate) fn run(command: Stage) -> ExitCode {
 }
 
 fn list(launch: Option<&Path>, json: bool) -> ExitCode {
-    let programs = match programs(launch) {
-        Ok(programs) => programs,
+    let launch = match read_launch(launch) {
+        Ok(launch) => launch,
         Err(error) => return fail(&error, 3),
     };
-    match Catalogue::new(&programs) {
+    match Catalogue::new(&launch) {
         Ok(catalogue) if json => print(&catalogue.json()),
         Ok(catalogue) => print(&catalogue),
         Err(error) => fail(&error, 1),
     }
 }
 
-/// The launch file with programs that may be named.
-pub(crate) fn programs(named: Option<&Path>) -> Result<Launch, LaunchError> {
-    let usual = Path::new("launch.toml");
-    match named.or_else(|| usual.exists().then_some(usual)) {
+/// Reads the launch file that declares external stages, or returns the default.
+pub(crate) fn read_launch(named: Option<&Path>) -> Result<Launch, LaunchError> {
+    let default = Path::new("launch.toml");
+    match named.or_else(|| default.exists().then_some(default)) {
         Some(path) => Launch::read(path),
         None => Ok(Launch::default()),
     }
 }
 
-fn slot(name: &str) -> Result<Slot, String> {
-    Slot::named(name).ok_or_else(|| "these are gyro, accel, fuser and course".into())
+fn parse_slot(name: &str) -> Result<Slot, String> {
+    Slot::from_name(name).ok_or_else(|| "expected gyro, accel, fuser or course".into())
 }
 
 fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
     let folder = dir.unwrap_or_else(|| name.clone().into());
-    let source = match source.map_or(Ok(String::new()), |source| crates(&source)) {
+    let source = match source.map_or(Ok(String::new()), |source| crates_source(&source)) {
         Ok(source) => source,
-        Err(wrong) => return fail(&format_args!("looking for Plumbline's crates: {wrong}"), 2),
+        Err(reason) => return fail(&format_args!("cannot use --source: {reason}"), 2),
     };
     let language = match lang {
         Lang::Rust => Language::Rust { source },
@@ -112,61 +129,62 @@ fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Optio
     };
     match (Template { language, slot, name }).write(&folder) {
         Ok(()) => {
-            supervisor::announce(format_args!("{} is written; its README.md tells what comes next", folder.display()));
+            supervisor::announce(format_args!("{} created; see its README.md for the next steps", folder.display()));
             ExitCode::SUCCESS
         }
-        Err(error @ TemplateError::Unwritable { .. }) => fail(&error, 1),
+        Err(error @ TemplateError::Write { .. }) => fail(&error, 1),
         Err(error) => fail(&error, 2),
     }
 }
 
-/// Where Plumbline's crates are, as a crate in another folder names it.
-fn crates(source: &str) -> Result<String, String> {
+/// Returns the source of Plumbline's crates as a crate in another folder refers to it.
+fn crates_source(source: &str) -> Result<String, String> {
     if source.contains("://") {
         return Ok(source.into());
     }
     let absolute = std::path::absolute(source).map_err(|cause| cause.to_string())?;
     if !absolute.join("crates/sdk").is_dir() {
-        return Err(format!("{} has no folder crates/sdk; name the folder of Plumbline's source", absolute.display()));
+        return Err(format!("{} has no folder crates/sdk; expected the folder of Plumbline's source", absolute.display()));
     }
     Ok(absolute.display().to_string())
 }
 
 fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
-    let ours = |asked: &String| conformance::stages().any(|(_, name)| name == asked);
-    // Who asks only for what this executable has needs no launch file.
-    let programs = if launch.is_none() && names.iter().all(ours) { Ok(Launch::default()) } else { programs(launch) };
-    let programs = match programs {
-        Ok(programs) => programs,
+    let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
+    // A launch file is needed only for stages that are not built in.
+    let result = if launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { read_launch(launch) };
+    let launch = match result {
+        Ok(launch) => launch,
         Err(error) => return fail(&error, 3),
     };
-    let meant = |(of, name): &(&str, &str)| {
-        slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|asked| asked == name))
+    let selected = |(of, name): &(&str, &str)| {
+        slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
     };
-    let mut chosen: Vec<(&str, &str)> = conformance::stages().collect();
-    // Without names, all that this executable has.
-    let of_ones_own = programs.stages.iter().filter(|_| !names.is_empty());
-    chosen.extend(of_ones_own.map(|(name, program)| (program.slot.name(), name.as_str())));
-    chosen.retain(meant);
-    let unknown = names.iter().find(|asked| !chosen.iter().any(|(_, name)| name == asked));
-    if chosen.is_empty() || unknown.is_some() {
-        let asked = unknown.map_or_else(|| slot.unwrap_or_default(), String::as_str);
+    let mut selected_stages: Vec<(&str, &str)> = conformance::stages().collect();
+    // Without names only the built-in stages are tested.
+    let external = launch.stages.iter().filter(|_| !names.is_empty());
+    selected_stages.extend(external.map(|(name, program)| (program.slot.name(), name.as_str())));
+    selected_stages.retain(selected);
+    let unknown = names.iter().find(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted));
+    if selected_stages.is_empty() || unknown.is_some() {
+        let missing = unknown.map_or_else(|| slot.unwrap_or_default(), String::as_str);
         return fail(
             &format!(
-                "testing `{asked}`: there is no such stage; `plumb stage list` tells them all, [stages.NAME] of a launch file more (--launch)"
+                "no stage named `{name}`; list all with `plumb stage list`, or name the launch file with its [stages.NAME] by --launch",
+                name = missing
             ),
             2,
         );
     }
     let mut reports: Vec<Report> = Vec::new();
-    for (slot, name) in chosen {
+    for (slot, name) in selected_stages {
         let report = match conformance::run(slot, name) {
             Some(report) => report,
             None => {
-                let Some(program) = programs.stages.get(name) else { continue };
-                // In a slow language it takes minutes.
-                let on_begin = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
-                match conformance::program(name, program, on_begin) {
+                let Some(program) = launch.stages.get(name) else { continue };
+                // With a slow language the suite takes minutes.
+                let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
+                match conformance::run_external(name, program, on_start) {
                     Ok(report) => report,
                     Err(error) => return fail(&error, 1),
                 }

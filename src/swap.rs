@@ -1,4 +1,4 @@
-//! `plumb swap`, `plumb shadow`, `plumb ps`: what a running system is asked.
+//! `plumb swap`, `plumb shadow` and `plumb ps`: requests to a running system.
 
 use std::{
     ops::ControlFlow,
@@ -19,126 +19,137 @@ use messages::Difference;
 
 use crate::{
     fail,
-    out::{self, print},
+    stdout::{self, print},
     remote,
-    seeing::observer,
-    system::System,
+    topics::observer,
+    system::SystemArgs,
 };
 
-/// How often the difference of a shadow is shown.
+/// Interval between two printed differences of a shadow.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
-/// How long a shadow takes at most to end once that was asked for.
-const END_LIMIT: Duration = Duration::from_secs(5);
+/// Timeout for the system to confirm a cancelled shadow.
+const CANCEL_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What is to fill a slot.
+/// Arguments of `plumb swap`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb swap fuser vqf
+  plumb swap fuser madgwick-improved --set beta_1_s=0.5
+  plumb swap fuser vqf --remote alpha --connect quic/192.168.1.5:7447 --keys keys/operator.ann
+
+Exit codes: 0 committed, 1 rejected or aborted (the old stage stays), 2 wrong usage.")]
 pub(crate) struct Swap {
-    /// The slot: gyro, accel, fuser or course.
+    /// Slot: gyro, accel, fuser or course
     slot: String,
-    /// The stage, as `plumb stage list` names it.
+    /// Stage for the slot, see `plumb stage list`
     stage: String,
-    /// A parameter of the stage; may be given several times.
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
+    /// Parameter of the stage, repeatable [default: see `plumb stage list`]
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = parse_setting)]
     set: Vec<(String, f64)>,
     #[command(flatten)]
-    system: System,
+    system: SystemArgs,
 }
 
-/// `plumb shadow`.
+/// Arguments of `plumb shadow`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb shadow fuser aided                    # until Ctrl-C or plumb swap fuser aided
+  plumb shadow fuser wz-closed --set time_constant_s=2 --for 60 --json")]
 pub(crate) struct Shadow {
     #[command(flatten)]
     swap: Swap,
-    /// How long [default: until Ctrl-C, or until a swap to the same stage].
+    /// Duration, s [default: until Ctrl-C or a swap to the same stage]
     #[arg(long = "for", value_name = "SECONDS")]
     duration_s: Option<f64>,
 }
 
-/// Swaps what fills a slot.
+/// Swaps the stage of a slot.
 pub(crate) fn swap(swap: Swap) -> ExitCode {
     let json = swap.system.json();
-    if let Some((vehicle, way)) = swap.system.remote() {
-        return match remote::swap(vehicle, way, &swap.slot, swap.wish(false).stage) {
-            Ok(report) => show(&report, json),
+    if let Some((vehicle, endpoint)) = swap.system.remote() {
+        return match remote::swap(vehicle, endpoint, &swap.slot, swap.request(false).stage) {
+            Ok(report) => print_report(&report, json),
             Err(error) => fail(&error, error.exit_code()),
         };
     }
-    match send_request::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.wish(false))) {
-        Ok(report) => show(&report, json),
+    match send_request::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.request(false))) {
+        Ok(report) => print_report(&report, json),
         Err(error) => fail(&error, 1),
     }
 }
 
-/// Runs a stage beside the one that fills a slot and tells how far they are apart.
+/// Runs a stage in shadow and prints its difference from the active stage.
 pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     let Shadow { swap, duration_s } = shadow;
     if swap.system.remote().is_some() {
         return fail(
-            &"a shadow is asked for on board: leave --remote out; `plumb swap --remote` swaps from elsewhere",
+            &"--remote is not supported for a shadow; run `plumb shadow` on the vehicle, or use `plumb swap --remote`",
             2,
         );
     }
     let (name, json) = (swap.system.name(), swap.system.json());
     let Some(service) = Service::from_name(&swap.slot) else {
-        return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", swap.slot), 2);
+        return fail(&format_args!("unknown slot `{}`: expected gyro, accel, fuser or course", swap.slot), 2);
     };
-    let ends = Arc::new(AtomicBool::new(false));
+    let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        if let Err(cause) = signal_hook::flag::register(signal, ends.clone()) {
-            return fail(&format_args!("catching signals: {cause}"), 1);
+        if let Err(cause) = signal_hook::flag::register(signal, stop.clone()) {
+            return fail(&format_args!("cannot catch signals: {cause}"), 1);
         }
     }
-    let question = ControlRequest::Swap(swap.wish(true));
-    let answer = std::thread::spawn({
+    let request = ControlRequest::Swap(swap.request(true));
+    let reply = std::thread::spawn({
         let name = name.clone();
-        move || send_request::<SwapReport>(&name, &question)
+        move || send_request::<SwapReport>(&name, &request)
     });
-    let watched = watch(&name, service, json, &|since: Instant| {
-        ends.load(Ordering::SeqCst)
-            || answer.is_finished()
-            || duration_s.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s)
+    let printed = print_differences(&name, service, json, &|started: Instant| {
+        stop.load(Ordering::SeqCst)
+            || reply.is_finished()
+            || duration_s.is_some_and(|limit_s| started.elapsed().as_secs_f64() > limit_s)
     });
-    let shown = match watched {
-        Ok(shown) => shown,
+    let outcome = match printed {
+        Ok(outcome) => outcome,
         Err(error) => return fail(&error, 1),
     };
-    let by_itself = answer.is_finished();
-    if !by_itself && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
+    let finished_by_itself = reply.is_finished();
+    if !finished_by_itself && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
     }
-    let asked = Instant::now();
-    while !answer.is_finished() {
-        if asked.elapsed() > END_LIMIT {
+    let requested_at = Instant::now();
+    while !reply.is_finished() {
+        if requested_at.elapsed() > CANCEL_TIMEOUT {
             return fail(
-                &"ending the shadow: the system has not said that it ended; `plumb doctor` tells how it is",
+                &"the system has not confirmed the end of the shadow; check it with `plumb doctor`",
                 1,
             );
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    match answer.join() {
-        Ok(Ok(report)) if by_itself => show(&report, json),
-        Ok(Ok(_)) => shown.break_value().unwrap_or(ExitCode::SUCCESS),
+    match reply.join() {
+        Ok(Ok(report)) if finished_by_itself => print_report(&report, json),
+        Ok(Ok(_)) => outcome.break_value().unwrap_or(ExitCode::SUCCESS),
         Ok(Err(error)) => fail(&error, 1),
-        Err(_) => fail(&"asking the system: the question failed", 1),
+        Err(_) => fail(&"the request to the system failed: its thread panicked", 1),
     }
 }
 
-/// How the services of a running system are.
-pub(crate) fn ps(system: System) -> ExitCode {
-    let asked = match system.remote() {
-        Some((vehicle, way)) => remote::ps(vehicle, way).map_err(|error| (error.to_string(), error.exit_code())),
+/// Prints the status of each service.
+pub(crate) fn ps(system: SystemArgs) -> ExitCode {
+    let result = match system.remote() {
+        Some((vehicle, endpoint)) => remote::ps(vehicle, endpoint).map_err(|error| (error.to_string(), error.exit_code())),
         None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status).map_err(|error| (error.to_string(), 1)),
     };
-    match asked {
+    match result {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
         Ok(services) => {
             let line = |one: &ServiceStatus| {
-                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address: at, .. } = one;
+                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
-                let at = at.as_ref().map_or(String::new(), |at| format!("  {at}"));
+                let address = address.as_ref().map_or(String::new(), |address| format!("  {address}"));
                 let stage = stage.as_deref().unwrap_or("-");
-                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{at}")
+                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{address}")
             };
             let head = format!(
                 "{:<8}{:<24}{:<10}{:>8}{:>9}{:>6}{:>12}{:>6}",
@@ -150,17 +161,18 @@ pub(crate) fn ps(system: System) -> ExitCode {
     }
 }
 
-/// Shows the difference of the slot's candidate until `ends`, or nobody reads on.
-fn watch(
+/// Prints the differences of the slot's candidate until `stop` returns `true` or the output is
+/// closed.
+fn print_differences(
     name: &str,
     service: Service,
     json: bool,
-    ends: &dyn Fn(Instant) -> bool,
+    stop: &dyn Fn(Instant) -> bool,
 ) -> Result<ControlFlow<ExitCode>, BusError> {
     let observer = observer(name, "shadow")?;
-    let (mut differences, mut shown) = (None, ControlFlow::Continue(()));
-    let (since, mut shown_at) = (Instant::now(), Instant::now());
-    while shown.is_continue() && !ends(since) {
+    let (mut differences, mut outcome) = (None, ControlFlow::Continue(()));
+    let (started, mut shown_at) = (Instant::now(), Instant::now());
+    while outcome.is_continue() && !stop(started) {
         std::thread::sleep(Duration::from_millis(20));
         let mut newest = None;
         match &differences {
@@ -168,7 +180,7 @@ fn watch(
                 let difference = bytemuck::try_pod_read_unaligned(bytes).ok();
                 newest = difference.filter(|it: &Difference| it.service == service as u32).or(newest);
             })?),
-            // The topic comes with the first candidate.
+            // The topic is opened with the first candidate.
             None => match observer.tap(Topic::Difference) {
                 Ok(tap) => differences = Some(tap),
                 Err(BusError::TopicNotOpen { .. }) => {}
@@ -177,13 +189,13 @@ fn watch(
         }
         if let Some(difference) = newest.filter(|_| shown_at.elapsed() > SHOW_INTERVAL) {
             shown_at = Instant::now();
-            shown = out::show(&line(&difference, json));
+            outcome = stdout::print_item(&difference_line(&difference, json));
         }
     }
-    Ok(shown)
+    Ok(outcome)
 }
 
-fn line(difference: &Difference, json: bool) -> String {
+fn difference_line(difference: &Difference, json: bool) -> String {
     let deg = |rad: [f64; 3]| rad.map(f64::to_degrees);
     let Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, .. } = *difference;
     let [now, mean, rms, max] = [now_rad, mean_rad, rms_rad, max_rad].map(deg);
@@ -201,7 +213,7 @@ fn line(difference: &Difference, json: bool) -> String {
     )
 }
 
-fn show(report: &SwapReport, json: bool) -> ExitCode {
+fn print_report(report: &SwapReport, json: bool) -> ExitCode {
     let committed = report.outcome == control::SwapOutcome::Committed;
     let printed = if json {
         print(&serde_json::to_string(report).unwrap_or_default())
@@ -215,15 +227,15 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 }
 
 impl Swap {
-    fn wish(&self, shadow: bool) -> SwapRequest {
+    fn request(&self, shadow: bool) -> SwapRequest {
         let stage = StageConfig { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        let limit_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
-        SwapRequest { slot: self.slot.clone(), stage, shadow, expected_epoch: None, timeout_ms: limit_ms }
+        let timeout_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
+        SwapRequest { slot: self.slot.clone(), stage, shadow, expected_epoch: None, timeout_ms }
     }
 }
 
-fn setting(text: &str) -> Result<(String, f64), String> {
-    let parted = text.split_once('=');
-    let read = parted.and_then(|(key, value)| Some((key.trim().to_owned(), value.trim().parse::<f64>().ok()?)));
-    read.filter(|(_, value)| value.is_finite()).ok_or_else(|| "expected KEY=VALUE with a finite number".into())
+fn parse_setting(text: &str) -> Result<(String, f64), String> {
+    let split = text.split_once('=');
+    let read = split.and_then(|(key, value)| Some((key.trim().to_owned(), value.trim().parse::<f64>().ok()?)));
+    read.filter(|(_, value)| value.is_finite()).ok_or_else(|| "expected KEY=VALUE with a finite number, as in beta_1_s=0.5".into())
 }

@@ -1,63 +1,63 @@
-//! Which system a command is about: one of this machine, or a vehicle elsewhere.
+//! Command-line arguments that select a system: one on this machine, or a remote vehicle.
 
 use std::path::Path;
 
 use clap::Args;
 use launch::Launch;
 
-use crate::remote::Way;
+use crate::remote::RemoteEndpoint;
 
-/// Which system on this machine is asked.
+/// Selection of a system on this machine.
 #[derive(Args)]
-pub(crate) struct OnBoard {
-    /// The system's name [default: that of ./launch.toml, else plumbline].
+pub(crate) struct LocalSystemArgs {
+    /// System name [default: that of ./launch.toml, else plumbline]
     #[arg(long = "system", value_name = "NAME")]
     name: Option<String>,
-    /// Print JSON.
+    /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
 
-/// Which system is asked, on this machine or elsewhere.
+/// Selection of a system on this machine or of a remote vehicle.
 #[derive(Args)]
-pub(crate) struct System {
+pub(crate) struct SystemArgs {
     #[command(flatten)]
-    on_board: OnBoard,
-    /// A vehicle elsewhere in its place, over the network.
+    local: LocalSystemArgs,
+    /// Remote vehicle to use instead of a system on this machine
     #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
     remote: Option<String>,
     #[command(flatten)]
-    way: Way,
+    endpoint: RemoteEndpoint,
 }
 
-impl System {
+impl SystemArgs {
     pub(crate) fn json(&self) -> bool {
-        self.on_board.json
+        self.local.json
     }
 
     pub(crate) fn name(&self) -> String {
-        self.on_board.name()
+        self.local.name()
     }
 
-    /// The vehicle elsewhere, and the way to it.
-    pub(crate) fn remote(&self) -> Option<(&str, &Way)> {
-        Some((self.remote.as_deref()?, &self.way))
+    /// Returns the name and endpoint of the remote vehicle, if selected.
+    pub(crate) fn remote(&self) -> Option<(&str, &RemoteEndpoint)> {
+        Some((self.remote.as_deref()?, &self.endpoint))
     }
 }
 
-impl OnBoard {
-    /// It was named on the command line.
+impl LocalSystemArgs {
+    /// Returns `true` if the system was named on the command line.
     pub(crate) fn is_named(&self) -> bool {
         self.name.is_some()
     }
 
     pub(crate) fn name(&self) -> String {
-        name(self.name.as_deref())
+        system_name(self.name.as_deref())
     }
 }
 
-/// The system of that name; where none is named, that of the folder's launch file.
-pub(crate) fn name(named: Option<&str>) -> String {
-    let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
-    named.map(str::to_owned).or_else(of_file).unwrap_or_else(|| Launch::default().name)
+/// Returns the given name, or that of ./launch.toml, or the default.
+pub(crate) fn system_name(named: Option<&str>) -> String {
+    let from_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
+    named.map(str::to_owned).or_else(from_file).unwrap_or_else(|| Launch::default().name)
 }

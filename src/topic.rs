@@ -1,4 +1,4 @@
-//! `plumb topic`: what flows through a running system.
+//! `plumb topic`: lists, inspects and echoes topics of a running system or remote vehicle.
 
 use std::{
     ops::ControlFlow,
@@ -8,177 +8,201 @@ use std::{
 
 use clap::{Args, Subcommand};
 use observe::{
-    flow::{Flow, FlowReport},
-    topics::{ELSEWHERE, Topic},
+    flow::{FlowMonitor, FlowReport},
+    topics::{ONBOARD_ONLY_NOTE, TopicInfo},
 };
 
 use crate::{
     fail,
-    out::{print, show},
-    seeing::{LOOK, SeeError, TakeMessage, Until, Viewpoint, Watched, duration, frame::Shown},
-    system::System,
+    stdout::{print, print_item},
+    topics::{POLL_INTERVAL, ObserveError, OnMessage, StopCondition, TopicSource, TopicView, duration, frame::DisplayFrame},
+    system::SystemArgs,
 };
 
-/// How long topics are watched for their rates.
-const RATES_LIMIT: Duration = Duration::from_secs(1);
-/// Between two lines of a rate.
+/// Default time over which rates are measured.
+const DEFAULT_RATE_PERIOD: Duration = Duration::from_secs(1);
+/// Interval between two printed lines of a rate.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 #[derive(Subcommand)]
 pub(crate) enum TopicCommand {
-    /// Print every topic with its type, how many are at it, what it holds for each reader, and its rate.
+    /// List topics with type, publishers, subscribers, buffer and rate
+    #[command(after_help = "\
+Examples:
+  plumb topic list
+  plumb topic list --seconds 5 --json
+  plumb topic list --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
     List {
         #[command(flatten)]
-        system: System,
-        /// How long the rates are watched [default: 1].
+        system: SystemArgs,
+        /// Time over which rates are measured, s [default: 1]
         #[arg(long, value_parser = duration)]
         seconds: Option<Duration>,
     },
-    /// Print a topic's layout with units and meanings, its fingerprint, and who is at it.
-    Info(Watch),
-    /// Print messages as they come, attitudes in the frame of `[output]`; with --json one object per line.
+    /// Show a topic's fields, units, fingerprint and ports
+    #[command(after_help = "\
+Examples:
+  plumb topic info fused
+  plumb topic info attitude --json")]
+    Info(TopicArgs),
+    /// Print the messages of a topic as they arrive
+    #[command(after_help = "\
+Examples:
+  plumb topic echo attitude --every 100       # in the frame of [output]
+  plumb topic echo event
+  plumb topic echo imu --count 1 --json       # one JSON object per line")]
     Echo {
         #[command(flatten)]
-        watch: Watch,
-        /// Only each so-many-th message; the others do not count.
+        args: TopicArgs,
+        /// Print every Nth message; --count counts printed ones only
         #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
         every: u64,
     },
-    /// Print the rate, the intervals with their jitter, and what was lost where.
-    Hz(Watch),
-    /// Print bytes per second.
-    Bw(Watch),
+    /// Measure rate, intervals, jitter and losses of a topic
+    #[command(after_help = "\
+Examples:
+  plumb topic hz imu --seconds 10
+  plumb topic hz attitude --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
+    Hz(TopicArgs),
+    /// Measure the bandwidth of a topic in bytes per second
+    #[command(after_help = "\
+Examples:
+  plumb topic bw imu
+  plumb topic bw attitude --seconds 10 --json")]
+    Bw(TopicArgs),
 }
 
-/// Which topic, and for how long.
+/// Arguments that select a topic and the number and time of its messages.
 #[derive(Args)]
-pub(crate) struct Watch {
-    /// The topic, as `plumb topic list` names it.
+pub(crate) struct TopicArgs {
+    /// Topic name, see `plumb topic list`
     topic: String,
     #[command(flatten)]
-    system: System,
-    /// End after so many messages.
+    system: SystemArgs,
+    /// Number of messages before stopping, at least 1 [default: unlimited]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// End after so long [default: Ctrl-C ends it].
+    /// Time before stopping, s [default: 1 for info, else until Ctrl-C]
     #[arg(long, value_parser = duration)]
     seconds: Option<Duration>,
 }
 
 pub(crate) fn run(command: TopicCommand) -> ExitCode {
-    let ran = match command {
+    let result = match command {
         TopicCommand::List { system, seconds } => list(&system, seconds),
-        TopicCommand::Info(watch) => info(&watch),
-        TopicCommand::Echo { watch, every } => echo(&watch, every),
-        TopicCommand::Hz(watch) => rate(&watch, FlowReport::hz),
-        TopicCommand::Bw(watch) => rate(&watch, FlowReport::bw),
+        TopicCommand::Info(args) => info(&args),
+        TopicCommand::Echo { args, every } => echo(&args, every),
+        TopicCommand::Hz(args) => print_rate(&args, FlowReport::rate_line),
+        TopicCommand::Bw(args) => print_rate(&args, FlowReport::bandwidth_line),
     };
-    ran.unwrap_or_else(|error| fail(&error, error.exit_code()))
+    result.unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
-fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, SeeError> {
-    let place = Viewpoint::of(system, "topic list")?;
-    let watched = place.watch_all()?;
-    let topics = watch(watched, Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT))))?;
+fn list(system: &SystemArgs, seconds: Option<Duration>) -> Result<ExitCode, ObserveError> {
+    let source = TopicSource::open(system, "topic list")?;
+    let views = source.open_all()?;
+    let topics = observe(views, StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD))))?;
     if system.json() {
-        return Ok(print(&serde_json::Value::from_iter(topics.iter().map(Topic::json))));
+        return Ok(print(&serde_json::Value::from_iter(topics.iter().map(TopicInfo::to_json))));
     }
-    let mut lines: Vec<_> = [Topic::head()].into_iter().chain(topics.iter().map(Topic::line)).collect();
+    let mut lines: Vec<_> = [TopicInfo::table_header()].into_iter().chain(topics.iter().map(TopicInfo::to_row)).collect();
     if let Some((vehicle, _)) = system.remote() {
-        lines.push(format!("what {vehicle} sends, as it arrives here; {ELSEWHERE}"));
+        lines.push(format!("topics of {vehicle} as received here; {ONBOARD_ONLY_NOTE}"));
     }
     Ok(print(&lines.join("\n")))
 }
 
-fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, SeeError> {
-    let place = Viewpoint::of(system, "topic info")?;
-    let watched = place.watch(topic)?;
-    let until = Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT)));
-    Ok(match watch(vec![watched], until)?.first() {
-        Some(topic) if system.json() => print(&topic.info_json()),
+fn info(TopicArgs { topic, system, seconds, .. }: &TopicArgs) -> Result<ExitCode, ObserveError> {
+    let source = TopicSource::open(system, "topic info")?;
+    let view = source.open_topic(topic)?;
+    let stop = StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD)));
+    Ok(match observe(vec![view], stop)?.first() {
+        Some(topic) if system.json() => print(&topic.to_json_with_layout()),
         Some(topic) => print(topic),
         None => ExitCode::FAILURE,
     })
 }
 
-/// Lets topics flow for a while.
-fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, SeeError> {
-    while !until.is_over() {
-        std::thread::sleep(LOOK);
-        watched.iter_mut().try_for_each(|topic| topic.look(&mut |_, _, _| true))?;
+/// Receives messages of the topics until `stop` is met.
+fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<TopicInfo>, ObserveError> {
+    while !stop.is_met() {
+        std::thread::sleep(POLL_INTERVAL);
+        views.iter_mut().try_for_each(|topic| topic.poll(&mut |_, _, _| true))?;
     }
-    watched.into_iter().map(Watched::topic).collect()
+    views.into_iter().map(TopicView::into_topic).collect()
 }
 
-fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
-    let frame = Shown::of(&watch.system);
-    let (mut came, mut shown) = (0, ControlFlow::Continue(()));
-    let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
-    let report = follow(
-        watch,
+fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
+    let frame = DisplayFrame::from_system(&args.system);
+    let (mut received, mut printed) = (0, ControlFlow::Continue(()));
+    let messages = args.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
+    let report = follow_topic(
+        args,
         messages,
         "topic echo",
-        &mut |layout, bytes, said| {
-            came += 1;
-            if (came - 1u64).is_multiple_of(every) {
-                shown = match frame.record(layout, bytes, said) {
-                    Ok(record) if watch.system.json() => show(&record.json()),
-                    Ok(record) => show(&format_args!("{}:{record}", watch.topic)),
+        &mut |layout, bytes, reported| {
+            received += 1;
+            if (received - 1u64).is_multiple_of(every) {
+                printed = match frame.record(layout, bytes, reported) {
+                    Ok(record) if args.system.json() => print_item(&record.to_json()),
+                    Ok(record) => print_item(&format_args!("{}:{record}", args.topic)),
                     Err(error) => ControlFlow::Break(fail(&error, 1)),
                 };
             }
-            shown.is_continue()
+            printed.is_continue()
         },
         &mut |_| true,
     )?;
-    if let ControlFlow::Break(code) = shown {
+    if let ControlFlow::Break(code) = printed {
         return Ok(code);
     }
-    supervisor::announce(format_args!("{}: {report}", watch.topic));
+    supervisor::announce(format_args!("{}: {report}", args.topic));
     Ok(ExitCode::SUCCESS)
 }
 
-fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, SeeError> {
-    let json = watch.system.json();
-    let (mut told, mut shown) = (None, ControlFlow::Continue(()));
-    let report = follow(watch, watch.count, "topic hz", &mut |_, _, _| true, &mut |flow| {
-        if json || told.get_or_insert_with(Instant::now).elapsed() < LINE_INTERVAL {
+fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, ObserveError> {
+    let json = args.system.json();
+    let (mut printed_at, mut printed) = (None, ControlFlow::Continue(()));
+    let report = follow_topic(args, args.count, "topic hz", &mut |_, _, _| true, &mut |flow| {
+        if json || printed_at.get_or_insert_with(Instant::now).elapsed() < LINE_INTERVAL {
             return true;
         }
-        told = Some(Instant::now());
-        shown = show(&line(&flow.report()));
-        shown.is_continue()
+        printed_at = Some(Instant::now());
+        printed = print_item(&line(&flow.report()));
+        printed.is_continue()
     })?;
-    if let ControlFlow::Break(code) = shown {
+    if let ControlFlow::Break(code) = printed {
         return Ok(code);
     }
     // Numbers and strings always serialise.
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }
 
-/// Follows a topic for so many messages, as long as both callers want more; what there is to be said about its flow then. `round` is
-/// shown the flow before each look, so not that of the end.
-fn follow(
-    Watch { topic, system, seconds, .. }: &Watch,
+/// Receives up to `messages` messages of a topic while both callbacks return `true`, and returns
+/// its flow report.
+///
+/// `on_poll` is called with the flow before each poll, but not with the final flow.
+fn follow_topic(
+    TopicArgs { topic, system, seconds, .. }: &TopicArgs,
     messages: Option<u64>,
-    who: &str,
-    take: &mut TakeMessage<'_>,
-    round: &mut dyn FnMut(&Flow) -> bool,
-) -> Result<FlowReport, SeeError> {
-    let place = Viewpoint::of(system, who)?;
-    let mut watched = place.watch(topic)?;
-    let mut until = Until::new(|| place.is_running(), *seconds);
+    observer_name: &str,
+    on_message: &mut OnMessage<'_>,
+    on_poll: &mut dyn FnMut(&FlowMonitor) -> bool,
+) -> Result<FlowReport, ObserveError> {
+    let source = TopicSource::open(system, observer_name)?;
+    let mut view = source.open_topic(topic)?;
+    let mut stop = StopCondition::new(|| source.is_running(), *seconds);
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
-    while wanted && left > 0 && !until.is_over() && round(&watched.flow) {
-        std::thread::sleep(LOOK);
-        watched.look(&mut |layout, bytes, said| {
+    while wanted && left > 0 && !stop.is_met() && on_poll(&view.flow) {
+        std::thread::sleep(POLL_INTERVAL);
+        view.poll(&mut |layout, bytes, reported| {
             left -= 1;
-            wanted = take(layout, bytes, said);
+            wanted = on_message(layout, bytes, reported);
             wanted && left > 0
         })?;
     }
-    if until.system_ended() {
-        supervisor::announce(place.ended(system));
+    if stop.system_ended() {
+        supervisor::announce(source.end_message(system));
     }
-    Ok(watched.flow.report())
+    Ok(view.flow.report())
 }

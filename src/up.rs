@@ -9,57 +9,66 @@ use supervisor::{Recorder, Report, Request};
 
 use crate::{
     fail_after_result,
-    import::{Readable, Reading},
-    out::print,
+    import::{ReadableFile, ReadOptions},
+    stdout::print,
     record::FlightRecorder,
     replay,
 };
 
-/// The command line of `plumb up`.
+/// Arguments of `plumb up`.
 #[derive(Args, Default)]
+#[command(after_help = "\
+Examples:
+  plumb up
+  plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&baud=115200&rate_hz=200' --record flights
+  plumb up --replay flight.ulg --speed max --out attitude.csv
+
+SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
+and the keys of the kind's section in the launch file (docs/sensors.md).
+RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
+A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP or a ROS 2 bag. A flight of --record is
+replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]
 pub(crate) struct Up {
-    /// What runs [default: ./launch.toml, else the one built in].
+    /// Launch file [default: ./launch.toml, else the built-in one]
     launch: Option<PathBuf>,
-    /// A source in place of the launch file's, as `sim:s1?seed=2`, `serial:/dev/ttyUSB0?format=witmotion`, `mavlink:udpin:127.0.0.1:14540` or
-    /// `stdin`, `udp`, `tcp`, `iio`; what follows `?` are keys of its section in the launch file (docs/sensors.md).
+    /// Source instead of the launch file's, such as sim:s1?seed=2
     #[arg(long, value_name = "SOURCE", conflicts_with = "replay")]
     source: Option<String>,
-    /// A satellite receiver beside a live source, as `tcp:HOST:PORT`, `serial:/dev/ttyACM0?format=nmea&baud=9600`; keys of `[ingest.receiver]`.
+    /// GNSS receiver in addition to a live source, such as tcp:HOST:PORT
     #[arg(long, value_name = "RECEIVER", conflicts_with = "replay")]
     receiver: Option<String>,
-    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source; or a flight of
-    /// `--record`, which is flown again in one process, with its own launch file where none is named.
+    /// Recording, log or flight to use instead of the launch file's source
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
-    /// Seconds of the source per second, or `max`: as fast as the slowest service.
+    /// Source seconds per second, 0.001 to 1000000 or max [default: 1]
     #[arg(long, value_name = "X|max", value_parser = pace)]
     speed: Option<Pace>,
-    /// How much of the source to run, as `10s`, `500ms`, `2m`, `1h`.
+    /// Source time to run, such as 500ms, 10s, 2m or 1h [default: all]
     #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
     duration_s: Option<f64>,
-    /// Run every slot in this process, without the bus.
+    /// Run all slots in this process, without the bus
     #[arg(long)]
     in_process: bool,
-    /// Write `t_s,qw,qx,qy,qz` of each tick, in the frame of `[output]`.
+    /// CSV file for t_s,qw,qx,qy,qz of each tick, in the [output] frame
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// What a line of --out has after them, with commas between: uvz, angles, course, bias, sd, flags, or all (docs/recordings.md).
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', value_parser = columns, requires = "out")]
+    /// More columns of --out: uvz, angles, course, bias, sd, flags or all
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', value_parser = parse_columns, requires = "out")]
     columns: Vec<Columns>,
-    /// Record the flight from its first tick to its last: each start makes one MCAP file in this folder.
+    /// Folder for flight recordings, one MCAP file per start
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
-    /// Take nothing over from an earlier run: gyro bias, gyro scale and hard iron are found anew.
+    /// Ignore the gyro bias, gyro scale and hard iron of earlier runs
     #[arg(long)]
     cold: bool,
-    /// Publish on the topic `reading` what the source gives, before anything is done to it: from a recording of that a flight is replayed.
+    /// Publish raw readings, from which a recorded flight can be replayed
     #[arg(long)]
     readings: bool,
-    /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
+    /// Print one JSON object, or an error object, as the last line
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reading: Reading,
+    reading: ReadOptions,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
@@ -79,10 +88,10 @@ pub(crate) fn run(up: Up) -> ExitCode {
         json,
         reading,
     } = up;
-    let source = source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.source(&line) });
+    let source = source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
     let mut recorder =
         record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
-    // A flight that is recorded can be flown again.
+    // A recorded flight can be replayed only from its readings.
     let readings = readings || recorder.is_some();
     let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
     let columns = columns.fold(Vec::new(), |mut all, column| {
@@ -115,18 +124,18 @@ pub(crate) fn run(up: Up) -> ExitCode {
     }
 }
 
-/// Runs what is asked for, of a recording whatever its format.
-fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightRecorder>) -> Report {
-    if reading.is_said() && request.source.is_none() && request.replay.is_none() {
-        return Report::from_error(&"--map and --topic say how --replay or --source is read: name one of them", 2);
+/// Runs the system, or replays a flight, after importing a foreign recording.
+fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut FlightRecorder>) -> Report {
+    if reading.is_set() && request.source.is_none() && request.replay.is_none() {
+        return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
     }
-    let ran = match request.replay.clone() {
+    let result = match request.replay.clone() {
         Some(path) if flight::is_flight(&path) => {
-            replay::fly_again(&request, &path, recorder.is_some()).map_err(|error| *error)
+            replay::replay_flight(&request, &path, recorder.is_some()).map_err(|error| *error)
         }
         replay => {
-            // What is imported is there until the end.
-            let readable = match replay.as_deref().map(|path| Readable::of(path, reading)).transpose() {
+            // An imported file is temporary and must exist until the end of the run.
+            let readable = match replay.as_deref().map(|path| ReadableFile::open(path, reading)).transpose() {
                 Ok(readable) => readable,
                 Err(error) => return Report::from_error(&error, error.exit_code()),
             };
@@ -134,7 +143,7 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
             supervisor::up(&request, recorder.map(|recorder| recorder as &mut dyn Recorder))
         }
     };
-    match ran {
+    match result {
         Ok(report) => {
             supervisor::announce(&report);
             report
@@ -143,17 +152,17 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
     }
 }
 
-/// Columns of one name.
+/// Columns selected by one name.
 #[derive(Debug, Clone)]
 struct Columns(Vec<Column>);
 
-fn columns(text: &str) -> Result<Columns, String> {
+fn parse_columns(text: &str) -> Result<Columns, String> {
     let names: Vec<_> = Column::NAMES.iter().map(|(name, _)| *name).chain(["all"]).collect();
     let all = || Columns(Column::NAMES.iter().map(|(_, column)| *column).collect());
     let one = Column::NAMES.iter().find(|(name, _)| *name == text).map(|(_, column)| Columns(vec![*column]));
     one.or_else(|| (text == "all").then(all)).ok_or_else(|| {
-        let meant = launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
-        format!("{meant}there are {}", names.join(", "))
+        let suggestion = launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
+        format!("{suggestion}expected one of {}", names.join(", "))
     })
 }
 

@@ -27,7 +27,7 @@ use attitude::{
 use gungraun::prelude::*;
 use imu_fusion::{FusionAhrs, FusionVector};
 use nalgebra_of_ahrs::Vector3 as AhrsVector3;
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 use vqf_rs::VQF;
 
 const CALLS: usize = 1000;
@@ -146,7 +146,7 @@ impl Chain {
 }
 
 fn samples() -> Vec<Sample> {
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     let sample = |tick: usize| {
         let reading = sensors.read(tick as f64 * DT_S);
         let dt_s = if tick == 0 { 0.0 } else { DT_S };

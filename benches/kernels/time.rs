@@ -20,7 +20,7 @@ use attitude::{
     stage::Stage,
 };
 use recording::Reader;
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 use vqf_rs::VQF;
 
 use median::median;
@@ -82,7 +82,7 @@ fn vqf(samples: &Samples) {
 }
 
 fn s1() -> Samples {
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     let reading = |tick: usize| {
         let reading = sensors.read(tick as f64 * 0.01);
         [reading.rate_rad_s.into(), reading.force_m_s2.into()]

@@ -1,11 +1,11 @@
-//! `plumb bridge mavlink`: MAVLink 2 by UDP.
+//! `plumb bridge mavlink`: sends attitudes as MAVLink 2 over UDP.
 
 use std::time::{Duration, Instant};
 
 use bridges::{
-    datagrams::{DatagramError, Datagrams, Endpoint},
-    mavlink::{AUTOPILOT, Attitude, Condition, Speaker, attitude},
-    soundness,
+    datagrams::{DatagramError, DatagramSender, Endpoint},
+    mavlink::{AUTOPILOT_COMPONENT_ID, AttitudeMessages, HeartbeatStatus, MavlinkEncoder, attitude_messages},
+    validity,
 };
 use clap::Args;
 use gateway::decimator::Decimator;
@@ -13,95 +13,103 @@ use launch::TopicRate;
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
-use super::{BridgeError, Observed, Sender, Sent, rate_hz};
+use super::{BridgeError, BridgeArgs, AttitudeSender, SendCounts, rate_hz};
 
-/// Between two heartbeats.
+/// Interval between two heartbeats.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
-/// Whoever has had no attitude for so long is told.
-const SILENCE_LIMIT: Duration = Duration::from_secs(1);
+/// Time without an attitude after which the heartbeat reports silence.
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The command line of `plumb bridge mavlink`.
+/// Arguments of `plumb bridge mavlink`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb bridge mavlink                        # to QGroundControl on this machine
+  plumb bridge mavlink --to udpout:192.168.1.9:14550 --rate-hz 20
+  plumb bridge mavlink --system-id 7 --component-id 191 --for 10s
+
+Sends HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE. Component 1 is shown as a vehicle; next to
+an autopilot use the autopilot's system id and component 191 (docs/bridges.md).")]
 pub(crate) struct Mavlink {
     #[command(flatten)]
-    pub(super) observed: Observed,
-    /// Where it goes.
+    pub(super) args: BridgeArgs,
+    /// Destination of the datagrams
     #[arg(long, value_name = "udpout:HOST:PORT", default_value = "udpout:127.0.0.1:14550")]
     to: Endpoint,
-    /// Attitudes a second of the source's time, as each of the two messages.
+    /// Attitudes per second of source time, Hz, 0.1 to 1000
     #[arg(long, value_name = "HZ", default_value_t = 50.0, value_parser = rate_hz)]
     rate_hz: f64,
-    /// The system's number in MAVLink.
+    /// MAVLink system id
     #[arg(long, value_name = "1…255", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     system_id: u8,
-    /// The component's number in it: 1 is shown as a vehicle; beside an autopilot 191, with the autopilot's system.
-    #[arg(long, value_name = "1…255", default_value_t = AUTOPILOT, value_parser = clap::value_parser!(u8).range(1..))]
+    /// MAVLink component id: 1 for a vehicle, 191 next to an autopilot
+    #[arg(long, value_name = "1…255", default_value_t = AUTOPILOT_COMPONENT_ID, value_parser = clap::value_parser!(u8).range(1..))]
     component_id: u8,
 }
 
 impl Mavlink {
-    pub(super) fn run(&self) -> Result<Sent, BridgeError> {
-        let seat = self.observed.seat()?;
-        let mut ground = Ground::open(self)?;
-        self.observed.follow(&seat, false, &mut ground)?;
-        Ok(ground.sent)
+    pub(super) fn run(&self) -> Result<SendCounts, BridgeError> {
+        let observer = self.args.attach()?;
+        let mut sender = MavlinkSender::open(self)?;
+        self.args.forward(&observer, false, &mut sender)?;
+        Ok(sender.counts)
     }
 }
 
-/// Attitudes as messages to one address.
-struct Ground {
-    speaker: Speaker,
-    datagrams: Datagrams,
+/// Sender of MAVLink messages to one address.
+struct MavlinkSender {
+    speaker: MavlinkEncoder,
+    datagrams: DatagramSender,
     decimator: Decimator,
-    beaten: Option<Instant>,
-    spoken: Option<Instant>,
-    sent: Sent,
+    last_heartbeat: Option<Instant>,
+    last_attitude: Option<Instant>,
+    counts: SendCounts,
 }
 
-impl Ground {
+impl MavlinkSender {
     fn open(mavlink: &Mavlink) -> Result<Self, DatagramError> {
         Ok(Self {
-            speaker: Speaker::new(mavlink.system_id, mavlink.component_id),
-            datagrams: Datagrams::open(&mavlink.to)?,
+            speaker: MavlinkEncoder::new(mavlink.system_id, mavlink.component_id),
+            datagrams: DatagramSender::open(&mavlink.to)?,
             decimator: Decimator::new(TopicRate::Hz(mavlink.rate_hz)),
-            beaten: None,
-            spoken: None,
-            sent: Sent { heartbeats: Some(0), ..Sent::default() },
+            last_heartbeat: None,
+            last_attitude: None,
+            counts: SendCounts { heartbeats: Some(0), ..SendCounts::default() },
         })
     }
 }
 
-impl Sender for Ground {
-    fn take(&mut self, output: &AttitudeOutput, _sample: Option<&ImuSample>) {
+impl AttitudeSender for MavlinkSender {
+    fn send(&mut self, output: &AttitudeOutput, _sample: Option<&ImuSample>) {
         if !self.decimator.accept(output.header.t_end_ns) {
             return;
         }
-        if let Err(why) = soundness::check(output, monotonic_ns()) {
-            return self.sent.withhold(why);
+        if let Err(why) = validity::validate(output, monotonic_ns()) {
+            return self.counts.withhold(why);
         }
-        let Attitude { quaternion, angles } = attitude(output);
-        for raw in [self.speaker.frame(&quaternion), self.speaker.frame(&angles)] {
-            self.sent.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
+        let AttitudeMessages { quaternion, angles } = attitude_messages(output);
+        for raw in [self.speaker.encode(&quaternion), self.speaker.encode(&angles)] {
+            self.counts.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
         }
-        self.sent.attitudes += 1;
-        self.spoken = Some(Instant::now());
+        self.counts.attitudes += 1;
+        self.last_attitude = Some(Instant::now());
     }
 
-    /// A heartbeat where one is due.
-    fn look(&mut self) {
-        if self.beaten.is_some_and(|beaten| beaten.elapsed() < HEARTBEAT_INTERVAL) {
+    /// Sends a heartbeat if one is due.
+    fn poll(&mut self) {
+        if self.last_heartbeat.is_some_and(|last_heartbeat| last_heartbeat.elapsed() < HEARTBEAT_INTERVAL) {
             return;
         }
-        // A beat that comes late does not put off the next one, unless it is a whole one late.
-        let due = self.beaten.map(|beaten| beaten + HEARTBEAT_INTERVAL);
-        self.beaten = due.filter(|due| due.elapsed() < HEARTBEAT_INTERVAL).or_else(|| Some(Instant::now()));
-        let condition = match self.spoken {
-            None => Condition::Starting,
-            Some(spoken) if spoken.elapsed() < SILENCE_LIMIT => Condition::Active,
-            Some(_) => Condition::Silent,
+        // A late heartbeat does not delay the next one, unless it is late by a whole interval.
+        let due = self.last_heartbeat.map(|last_heartbeat| last_heartbeat + HEARTBEAT_INTERVAL);
+        self.last_heartbeat = due.filter(|due| due.elapsed() < HEARTBEAT_INTERVAL).or_else(|| Some(Instant::now()));
+        let condition = match self.last_attitude {
+            None => HeartbeatStatus::Starting,
+            Some(last_attitude) if last_attitude.elapsed() < SILENCE_TIMEOUT => HeartbeatStatus::Active,
+            Some(_) => HeartbeatStatus::Silent,
         };
         let raw = self.speaker.heartbeat(condition);
-        self.sent.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
-        self.sent.heartbeats.iter_mut().for_each(|beats| *beats += 1);
+        self.counts.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
+        self.counts.heartbeats.iter_mut().for_each(|beats| *beats += 1);
     }
 }

@@ -1,4 +1,4 @@
-//! `plumb bridge`: the attitude of a running system in the protocols of others, and their readings for it.
+//! `plumb bridge`: forwards attitudes to other protocols, and readings of ROS 2 to a system.
 
 mod mavlink;
 mod ros;
@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bridges::{datagrams::DatagramError, soundness::Withheld};
+use bridges::{datagrams::DatagramError, validity::WithholdReason};
 use bus::{BusError, Observer, Tap};
 use clap::{Args, Subcommand};
 use control::{ControlError, ControlRequest, send_request};
@@ -26,39 +26,39 @@ use swap::ReorderBuffer;
 
 use crate::{
     fail,
-    out::print,
+    stdout::print,
     remote::RemoteError,
-    seeing::{LOOK, Until, observer},
-    system::OnBoard,
+    topics::{POLL_INTERVAL, StopCondition, observer},
+    system::LocalSystemArgs,
     up::duration_s,
 };
 
-/// Between two attempts to open a topic.
+/// Interval between two attempts to open a topic.
 const OPEN_INTERVAL: Duration = Duration::from_millis(200);
-/// Samples of the IMU that are kept for the attitudes of their ticks.
+/// Maximum number of samples kept until the attitudes of their ticks arrive.
 const MAX_SAMPLES: usize = 16_384;
 
 #[derive(Subcommand)]
 pub(crate) enum Bridge {
-    /// Send MAVLink 2 by UDP, as QGroundControl shows it: HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE (docs/bridges.md).
+    /// Send the attitude as MAVLink 2 over UDP
     Mavlink(mavlink::Mavlink),
-    /// Publish sensor_msgs/msg/Imu for ROS 2 with rmw_zenoh, through its router (docs/bridges.md).
+    /// Publish the attitude as sensor_msgs/msg/Imu over rmw_zenoh
     Ros(ros::Ros),
-    /// Give a system whose source is the bus the readings of ROS 2 with rmw_zenoh: sensor_msgs/msg/Imu and MagneticField (docs/bridges.md).
+    /// Feed ROS 2 IMU topics (rmw_zenoh) to a system with source = "bus"
     RosSensor(ros_sensor::RosSensor),
 }
 
-/// Of which system, and for how long.
+/// Arguments that select the system and the time.
 #[derive(Args)]
-struct Observed {
+struct BridgeArgs {
     #[command(flatten)]
-    system: OnBoard,
-    /// How long, as `10s`, `500ms`, `2m`, `1h` [default: until the system ends, or Ctrl-C].
+    system: LocalSystemArgs,
+    /// Time before stopping, such as 500ms, 10s or 1h [default: unlimited]
     #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
     duration_s: Option<f64>,
 }
 
-/// Why nothing is sent.
+/// Error of a bridge.
 #[derive(Debug, thiserror::Error)]
 enum BridgeError {
     #[error(transparent)]
@@ -84,52 +84,53 @@ impl BridgeError {
     }
 }
 
-/// Who sends attitudes.
-trait Sender {
-    /// An attitude, in the order of ticks, each once, and the sample of its tick where samples are read.
-    fn take(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
-    /// What there was has been taken; called several times a second.
-    fn look(&mut self);
+/// Sender of attitudes in another protocol.
+trait AttitudeSender {
+    /// Sends an attitude. Called once per tick in order, with the tick's sample if samples are
+    /// read.
+    fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
+    /// Called several times a second, after all available attitudes have been sent.
+    fn poll(&mut self);
 }
 
-/// What became of the attitudes.
+/// Counts of attitudes sent and not sent.
 #[derive(Debug, Default, Serialize)]
-struct Sent {
+struct SendCounts {
     /// Attitudes sent.
     attitudes: u64,
-    /// Heartbeats sent, where the protocol has them.
+    /// Heartbeats sent, if the protocol has them.
     #[serde(skip_serializing_if = "Option::is_none")]
     heartbeats: Option<u64>,
-    /// Attitudes that were none yet, by their flag.
+    /// Attitudes not sent because their flag marks them as not aligned yet.
     unaligned: u64,
-    /// Attitudes that were no rotation or not finite, or had no sample where it is needed.
+    /// Attitudes not sent because they were not a finite rotation or lacked a required sample.
     invalid: u64,
-    /// Attitudes published too long ago.
+    /// Attitudes not sent because they were too old.
     stale: u64,
-    /// Messages that the network did not take.
+    /// Messages not accepted by the network.
     dropped: u64,
 }
 
-impl Sent {
-    fn withhold(&mut self, why: Withheld) {
+impl SendCounts {
+    fn withhold(&mut self, why: WithholdReason) {
         match why {
-            Withheld::Unaligned => self.unaligned += 1,
-            Withheld::Invalid => self.invalid += 1,
-            Withheld::Stale => self.stale += 1,
+            WithholdReason::Unaligned => self.unaligned += 1,
+            WithholdReason::Invalid => self.invalid += 1,
+            WithholdReason::Stale => self.stale += 1,
         }
     }
 }
 
 pub(crate) fn run(bridge: &Bridge) -> ExitCode {
     match bridge {
-        Bridge::Mavlink(mavlink) => ended(mavlink.run(), mavlink.observed.system.json),
-        Bridge::Ros(ros) => ended(ros.run(), ros.observed.system.json),
-        Bridge::RosSensor(sensor) => ended(sensor.run(), sensor.observed.system.json),
+        Bridge::Mavlink(mavlink) => print_counts(mavlink.run(), mavlink.args.system.json),
+        Bridge::Ros(ros) => print_counts(ros.run(), ros.args.system.json),
+        Bridge::RosSensor(sensor) => print_counts(sensor.run(), sensor.args.system.json),
     }
 }
 
-/// Says what became of the messages.
-fn ended<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
+/// Prints the counts or the error.
+fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
     match counts {
         // Numbers always serialise.
         Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
@@ -138,63 +139,64 @@ fn ended<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool
     }
 }
 
-impl Observed {
-    fn seat(&self) -> Result<Observer, BridgeError> {
+impl BridgeArgs {
+    fn attach(&self) -> Result<Observer, BridgeError> {
         Ok(observer(&self.system.name(), "bridge")?)
     }
 
-    /// Hands over attitudes until the time is over, by Ctrl-C, or to the end of the system.
-    fn follow(&self, seat: &Observer, samples: bool, sender: &mut dyn Sender) -> Result<(), BridgeError> {
+    /// Sends attitudes until the time is over, a signal arrives or the system ends.
+    fn forward(&self, observer: &Observer, with_samples: bool, sender: &mut dyn AttitudeSender) -> Result<(), BridgeError> {
         let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
-        let mut until = Until::new(|| seat.is_running(), self.duration_s.map(Duration::from_secs_f64));
-        let mut taps = (samples.then(|| Late::of(Topic::Imu)), Late::of(Topic::Attitude));
-        let (mut kept, mut came, mut joined) = (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !samples);
-        while !until.is_over() {
-            if let Some(tap) = taps.1.tap(seat)? {
-                tap.drain(&mut |bytes| came.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
+        let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
+        let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
+        let (mut samples, mut arrived, mut is_joined) = (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
+        while !stop.is_met() {
+            if let Some(tap) = taps.1.tap(observer)? {
+                tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
             }
-            // The sample of a tick is published before its attitude, and so is here once that has come.
-            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(seat)).transpose()?.flatten() {
-                tap.drain(&mut |bytes| kept.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
-                kept.drain(..kept.len().saturating_sub(MAX_SAMPLES));
+            // A sample is published before the attitude of its tick, so it is available here, too.
+            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(observer)).transpose()?.flatten() {
+                tap.drain(&mut |bytes| samples.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
+                samples.drain(..samples.len().saturating_sub(MAX_SAMPLES));
             }
-            for output in came.drain(..) {
+            for output in arrived.drain(..) {
                 reorder_buffer.offer(output, &mut |output, _| {
-                    while kept.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
-                        kept.pop_front();
+                    while samples.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
+                        samples.pop_front();
                     }
-                    let sample = kept.front().filter(|sample| sample.header.tick == output.header.tick);
-                    // Samples of the first attitudes may have passed before the topic was opened.
-                    joined |= sample.is_some();
-                    if joined {
-                        sender.take(&output, sample);
+                    let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
+                    // The samples of the first attitudes may have been published before the topic
+                    // was opened.
+                    is_joined |= sample.is_some();
+                    if is_joined {
+                        sender.send(&output, sample);
                     }
                 });
             }
-            sender.look();
-            thread::sleep(LOOK);
+            sender.poll();
+            thread::sleep(POLL_INTERVAL);
         }
         Ok(())
     }
 }
 
-/// A topic that may not be there yet.
-struct Late {
+/// Topic that may be opened later.
+struct LateTopic {
     topic: Topic,
     tap: Option<Tap>,
-    sought: Option<Instant>,
+    tried_at: Option<Instant>,
 }
 
-impl Late {
-    fn of(topic: Topic) -> Self {
-        Self { topic, tap: None, sought: None }
+impl LateTopic {
+    fn new(topic: Topic) -> Self {
+        Self { topic, tap: None, tried_at: None }
     }
 
-    fn tap(&mut self, seat: &Observer) -> Result<Option<&Tap>, BusError> {
-        if self.tap.is_none() && self.sought.is_none_or(|sought| sought.elapsed() >= OPEN_INTERVAL) {
-            self.sought = Some(Instant::now());
-            self.tap = match seat.tap(self.topic) {
+    fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
+        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
+            self.tried_at = Some(Instant::now());
+            self.tap = match observer.tap(self.topic) {
                 Ok(tap) => Some(tap),
                 Err(BusError::TopicNotOpen { .. }) => None,
                 Err(error) => return Err(error),
@@ -204,14 +206,14 @@ impl Late {
     }
 }
 
-impl fmt::Display for Sent {
+impl fmt::Display for SendCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { attitudes, heartbeats, unaligned, invalid, stale, dropped } = self;
         write!(f, "{attitudes} attitudes sent")?;
         heartbeats.iter().try_for_each(|beats| write!(f, ", {beats} heartbeats"))?;
         let withheld = [(unaligned, "unaligned"), (invalid, "invalid"), (stale, "stale")];
         for (count, what) in withheld.into_iter().filter(|(count, _)| **count > 0) {
-            write!(f, ", {count} {what} ones withheld")?;
+            write!(f, ", {count} {what} attitudes not sent")?;
         }
         if *dropped > 0 {
             write!(f, "; {dropped} messages dropped by the network")?;
@@ -222,5 +224,5 @@ impl fmt::Display for Sent {
 
 fn rate_hz(text: &str) -> Result<f64, String> {
     let hz = text.parse().ok().filter(|hz| (0.1..=1000.0).contains(hz));
-    hz.ok_or_else(|| "expected a number of Hz from 0.1 to 1000".into())
+    hz.ok_or_else(|| "expected a rate in Hz from 0.1 to 1000".into())
 }

@@ -1,10 +1,10 @@
-//! `plumb bridge ros`: `sensor_msgs/msg/Imu` over Zenoh.
+//! `plumb bridge ros`: publishes `sensor_msgs/msg/Imu` over Zenoh.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use bridges::{
-    ros::{Message, Node, attachment, frame_id, imu, topic_name},
-    soundness::{self, Withheld},
+    ros::{MessageType, Node, attachment, parse_frame_id, encode_imu, parse_topic_name},
+    validity::{self, WithholdReason},
 };
 use clap::Args;
 use gateway::decimator::Decimator;
@@ -13,95 +13,102 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
-use super::{BridgeError, Observed, Sender, Sent, rate_hz};
-use crate::remote::Way;
+use super::{BridgeError, BridgeArgs, AttitudeSender, SendCounts, rate_hz};
+use crate::remote::RemoteEndpoint;
 
-/// The highest number of a domain that ROS 2 allows.
+/// Largest ROS 2 domain id.
 pub(super) const MAX_DOMAIN: i64 = 232;
 
-/// The command line of `plumb bridge ros`.
+/// Arguments of `plumb bridge ros`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb bridge ros                            # to the rmw_zenoh router on this machine
+  plumb bridge ros --domain 7 --topic imu/data --frame-id imu_link --rate-hz 50
+  plumb bridge ros --connect tcp/192.168.1.5:7447 --for 10s
+
+See docs/bridges.md.")]
 pub(crate) struct Ros {
     #[command(flatten)]
-    pub(super) observed: Observed,
+    pub(super) args: BridgeArgs,
     #[command(flatten)]
-    way: Way,
-    /// ROS_DOMAIN_ID.
+    endpoint: RemoteEndpoint,
+    /// ROS_DOMAIN_ID, 0 to 232
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=MAX_DOMAIN))]
     domain: u8,
-    /// The topic.
-    #[arg(long, default_value = "imu/data", value_parser = topic_name)]
+    /// Topic to publish
+    #[arg(long, default_value = "imu/data", value_parser = parse_topic_name)]
     topic: String,
-    /// `header.frame_id`: the frame of the body, forward, left, up.
-    #[arg(long, value_name = "NAME", default_value = "imu_link", value_parser = frame_id)]
+    /// Frame id of the messages: body axes forward, left, up
+    #[arg(long, value_name = "NAME", default_value = "imu_link", value_parser = parse_frame_id)]
     frame_id: String,
-    /// Messages a second of the source's time.
+    /// Messages per second of source time, Hz, 0.1 to 1000
     #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = rate_hz)]
     rate_hz: f64,
 }
 
 impl Ros {
-    pub(super) fn run(&self) -> Result<Sent, BridgeError> {
-        let seat = self.observed.seat()?;
-        let link = self.way.open_as_client()?;
-        let mut publisher = Publisher::open(self, &link)?;
-        let followed = self.observed.follow(&seat, true, &mut publisher);
-        let sent = publisher.sent;
+    pub(super) fn run(&self) -> Result<SendCounts, BridgeError> {
+        let observer = self.args.attach()?;
+        let link = self.endpoint.open_as_client()?;
+        let mut publisher = RosPublisher::open(self, &link)?;
+        let result = self.args.forward(&observer, true, &mut publisher);
+        let counts = publisher.counts;
         link.close();
-        followed.map(|()| sent)
+        result.map(|()| counts)
     }
 }
 
-/// A node with one publisher.
-struct Publisher {
-    outlet: MessagePublisher,
+/// ROS 2 node with one publisher.
+struct RosPublisher {
+    publisher: MessagePublisher,
     identity: [u8; 16],
     frame_id: String,
     decimator: Decimator,
     _signs: [Liveliness; 2],
-    sent: Sent,
+    counts: SendCounts,
 }
 
-impl Publisher {
+impl RosPublisher {
     fn open(ros: &Ros, link: &Link) -> Result<Self, BridgeError> {
         let (session, identity) = link.identity();
         let node = Node::new(ros.domain, &session);
-        let outlet = link.raw_publisher(&node.topic_key(&ros.topic, Message::Imu))?;
+        let publisher = link.raw_publisher(&node.topic_key(&ros.topic, MessageType::Imu))?;
         Ok(Self {
-            outlet,
+            publisher,
             identity,
             frame_id: ros.frame_id.clone(),
             decimator: Decimator::new(TopicRate::Hz(ros.rate_hz)),
-            _signs: [link.declare_liveliness(&node.sign())?, link.declare_liveliness(&node.publisher_sign(&ros.topic, Message::Imu))?],
-            sent: Sent::default(),
+            _signs: [link.declare_liveliness(&node.node_token())?, link.declare_liveliness(&node.publisher_token(&ros.topic, MessageType::Imu))?],
+            counts: SendCounts::default(),
         })
     }
 }
 
-impl Sender for Publisher {
-    fn take(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>) {
+impl AttitudeSender for RosPublisher {
+    fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>) {
         if !self.decimator.accept(output.header.t_end_ns) {
             return;
         }
         let now_ns = monotonic_ns();
-        if let Err(why) = soundness::check(output, now_ns) {
-            return self.sent.withhold(why);
+        if let Err(why) = validity::validate(output, now_ns) {
+            return self.counts.withhold(why);
         }
-        let made_ns = unix_ns();
-        let stamp_ns = made_ns - now_ns.saturating_sub(output.header.t_born_ns).cast_signed();
-        let finite = sample.filter(|sample| sample.force_m_s2.iter().all(|part| part.is_finite()));
-        let Some(Ok(bytes)) = finite.map(|sample| imu(output, sample, stamp_ns, &self.frame_id)) else {
-            return self.sent.withhold(Withheld::Invalid);
+        let sent_ns = unix_ns();
+        let stamp_ns = sent_ns - now_ns.saturating_sub(output.header.t_born_ns).cast_signed();
+        let valid_sample = sample.filter(|sample| sample.force_m_s2.iter().all(|part| part.is_finite()));
+        let Some(Ok(bytes)) = valid_sample.map(|sample| encode_imu(output, sample, stamp_ns, &self.frame_id)) else {
+            return self.counts.withhold(WithholdReason::Invalid);
         };
-        self.sent.attitudes += 1;
-        let beside = attachment(self.sent.attitudes.cast_signed(), made_ns, self.identity);
-        self.sent.dropped += u64::from(self.outlet.send_with_attachment(bytes, beside).is_err());
+        self.counts.attitudes += 1;
+        let attachment_bytes = attachment(self.counts.attitudes.cast_signed(), sent_ns, self.identity);
+        self.counts.dropped += u64::from(self.publisher.send_with_attachment(bytes, attachment_bytes).is_err());
     }
 
-    fn look(&mut self) {}
+    fn poll(&mut self) {}
 }
 
-/// CLOCK_REALTIME, ns.
+/// Returns the time of CLOCK_REALTIME, ns.
 fn unix_ns() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)

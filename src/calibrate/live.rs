@@ -1,11 +1,11 @@
-//! A running system is read until there is enough, with a bar that shows the coverage.
+//! Calibration from a running system, with a progress bar that shows the coverage.
 
 use std::{
     thread,
     time::{Duration, Instant},
 };
 
-use ::calibrate::{Calibrator, Kind, Known, Refusal, Report};
+use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
 use bus::{BusError, Observer, Tap};
 use control::{ControlError, ControlRequest, send_request};
 use graph::Topic;
@@ -13,19 +13,19 @@ use indicatif::ProgressBar;
 use observe::readings::{self, ReadingsError};
 use runtime::ServiceConfig;
 
-use super::style;
-use crate::seeing::{LOOK, Until, observer};
+use super::progress_style;
+use crate::topics::{POLL_INTERVAL, StopCondition, observer};
 
-/// How long it is read where nobody says it.
-const LIMIT: Duration = Duration::from_secs(300);
-/// Between two pictures of the coverage.
-const SHOW_INTERVAL: Duration = Duration::from_millis(200);
-/// Between two trials whether what there is suffices.
-const TRY_INTERVAL: Duration = Duration::from_secs(2);
-/// How long a topic is looked for that is not there yet.
-const OPEN_LIMIT: Duration = Duration::from_secs(10);
+/// Default time limit.
+const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
+/// Interval between two updates of the progress bar.
+const UPDATE_INTERVAL: Duration = Duration::from_millis(200);
+/// Interval between two attempts to finish once the coverage is complete.
+const ATTEMPT_INTERVAL: Duration = Duration::from_secs(2);
+/// Timeout for a topic that is not open yet.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Why a running system does not calibrate.
+/// Error of a calibration from a running system.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum LiveError {
     #[error(transparent)]
@@ -35,7 +35,7 @@ pub(super) enum LiveError {
     #[error(transparent)]
     Readings(#[from] ReadingsError),
     #[error(transparent)]
-    Refused(#[from] Refusal),
+    Rejected(#[from] Rejection),
 }
 
 impl LiveError {
@@ -44,57 +44,59 @@ impl LiveError {
     }
 }
 
-pub(super) fn calibrated(
+pub(super) fn calibrate_system(
     kind: Kind,
-    mut known: Known,
+    mut known: Prior,
     system: &str,
     duration_s: Option<f64>,
 ) -> Result<Report, LiveError> {
-    let seat = observer(system, "calibrate")?;
+    let observer = observer(system, "calibrate")?;
     let config = send_request::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
-    readings::build_on_system(&mut known, &config).map_err(ReadingsError::from)?;
-    let limit = duration_s.map_or(LIMIT, Duration::from_secs_f64);
-    let mut until = Until::new(|| seat.is_running(), Some(limit));
-    let topic = readings::topic(&config)?;
-    let tap = opened(&seat, topic, &mut until)?;
+    readings::apply_system(&mut known, &config).map_err(ReadingsError::from)?;
+    let limit = duration_s.map_or(DEFAULT_TIMEOUT, Duration::from_secs_f64);
+    let mut stop = StopCondition::new(|| observer.is_running(), Some(limit));
+    let topic = readings::readings_topic(&config)?;
+    let tap = open_tap(&observer, topic, &mut stop)?;
     let mut calibrator = Calibrator::new(kind, &known);
     let first = calibrator.coverage().missing.into_iter().next().unwrap_or_default();
-    eprintln!("reading the sensors of {system:?} from now on; wanted first: {first}");
-    let bar = ProgressBar::new(100).with_style(style("{bar:40} {percent:>3} % {wide_msg}"));
-    let (mut shown, mut tried) = (Instant::now(), None::<Instant>);
-    while !until.is_over() {
-        look(&tap, topic, &mut calibrator)?;
-        if shown.elapsed() >= SHOW_INTERVAL {
-            shown = Instant::now();
+    eprintln!("reading sensors of {system:?}; still needed: {first}");
+    let bar = ProgressBar::new(100).with_style(progress_style("{bar:40} {percent:>3} % {wide_msg}"));
+    let (mut updated_at, mut attempted_at) = (Instant::now(), None::<Instant>);
+    while !stop.is_met() {
+        drain(&tap, topic, &mut calibrator)?;
+        if updated_at.elapsed() >= UPDATE_INTERVAL {
+            updated_at = Instant::now();
             let coverage = calibrator.coverage();
             bar.set_position(coverage.percent() as u64);
-            bar.set_message(coverage.missing.first().cloned().unwrap_or(coverage.found));
-            if coverage.share >= 1.0 && tried.is_none_or(|tried| tried.elapsed() >= TRY_INTERVAL) {
+            bar.set_message(coverage.missing.first().cloned().unwrap_or(coverage.summary));
+            if coverage.share >= 1.0 && attempted_at.is_none_or(|attempted_at| attempted_at.elapsed() >= ATTEMPT_INTERVAL) {
                 if calibrator.finish().is_ok() {
                     break;
                 }
-                tried = Some(Instant::now());
+                attempted_at = Some(Instant::now());
             }
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
     bar.finish_and_clear();
     Ok(calibrator.finish()?)
 }
 
-/// Reads a topic from now on, once it is there: whoever feeds a system may come later than it.
-fn opened(seat: &Observer, topic: Topic, until: &mut Until<'_>) -> Result<Tap, BusError> {
-    let since = Instant::now();
+/// Opens a topic. Waits if it is not open yet, because the publisher may start later than the
+/// system.
+fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> Result<Tap, BusError> {
+    let started = Instant::now();
     loop {
-        match seat.tap(topic) {
-            Err(BusError::TopicNotOpen { .. }) if since.elapsed() < OPEN_LIMIT && !until.is_over() => thread::sleep(LOOK),
-            opened => return opened,
+        match observer.tap(topic) {
+            Err(BusError::TopicNotOpen { .. }) if started.elapsed() < OPEN_TIMEOUT && !stop.is_met() => thread::sleep(POLL_INTERVAL),
+            result => return result,
         }
     }
 }
 
-/// Takes what has come. What was overwritten meanwhile is a gap, which no rest and no turn is taken across.
-fn look(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
-    tap.drain(&mut |bytes| readings::sample(topic, bytes).iter().for_each(|sample| calibrator.take(sample)))?;
+/// Processes all available messages. Overwritten messages are a gap, which ends a rest or a
+/// rotation.
+fn drain(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
+    tap.drain(&mut |bytes| readings::decode_sample(topic, bytes).iter().for_each(|sample| calibrator.push(sample)))?;
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! `plumb calibrate`: what a sensor unit's own readings say about its errors, as a piece of `launch.toml`.
+//! `plumb calibrate`: estimates the errors of a sensor unit from its own readings and prints them
+//! as sections of `launch.toml`.
 
 mod live;
 
@@ -7,76 +8,87 @@ use std::{
     process::ExitCode,
 };
 
-use ::calibrate::{Calibrator, Kind, Known, Refusal, Report};
+use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
 use ::import::ImportError;
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
-use flight::{FlightError, messages_of};
+use flight::{FlightError, read_messages};
 use indicatif::{ProgressBar, ProgressStyle};
 use ingest::source::{Reading, SourceError};
 use launch::{GyroSamples, Launch, LaunchError};
 use messages::TakenReading;
-use observe::readings::{build_on, sample_of};
+use observe::readings::{apply_calibrations, to_sample};
 use score::{
     ScoreError,
-    trial::{Gnss, Options, Trial},
+    trial::{Gnss, TrialOptions, Trial},
 };
 
 use crate::{
     fail,
-    import::{Readable, Reading as HowRead},
-    out::print,
-    system::OnBoard,
+    import::{ReadableFile, ReadOptions},
+    stdout::print,
+    system::LocalSystemArgs,
     up::duration_s,
 };
 use live::LiveError;
 
-/// The command line of `plumb calibrate`.
+/// Arguments of `plumb calibrate`.
 #[derive(Args)]
 #[command(after_help = "\
-Exit codes: 0 a calibration is printed, 1 the readings do not suffice (it is said what is missing), 2 wrong usage, 3 an input file is wrong.\n\n\
-What is read are the sensors' own numbers, before [ingest.calibration] and [ingest.mounting].")]
+Examples:
+  plumb calibrate gyro flight.csv
+  plumb calibrate mounting poses.csv --launch launch.toml
+  plumb calibrate accel --live --for 10m
+
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of --record, or a
+simulation sim:SCENARIO. Readings are used as measured, before [ingest.calibration] and
+[ingest.mounting]. --launch or --live supplies the existing calibration, on which mounting,
+clock and an accelerometer in motion are based. --live ends when the coverage suffices.
+accel needs a rest with each of the six sides up, or twelve rests in any position to include
+misalignment, or slow rotation by hand.
+
+Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3 invalid input file.")]
 pub(crate) struct Calibrate {
-    /// What is calibrated.
-    what: What,
-    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), a flight of `--record`, or a simulation, as `sim:s1`.
+    /// Errors to estimate
+    target: CalibrationTarget,
+    /// Recording, flight or simulation such as sim:s1
     #[arg(required_unless_present = "live", conflicts_with = "live")]
     file: Option<String>,
-    /// Read a running system in place of a file, with a bar that shows the coverage; it ends when there is enough, or by Ctrl-C.
+    /// Read a running system instead of a file, with a progress bar
     #[arg(long)]
     live: bool,
-    /// How long a running system is read at most, as `10s`, `2m` [default: 5m].
+    /// Maximum time of --live, such as 10s or 2m [default: 5m]
     #[arg(long = "for", value_name = "TIME", value_parser = duration_s, requires = "live")]
     duration_s: Option<f64>,
     #[command(flatten)]
-    system: OnBoard,
-    /// The launch file whose [ingest.calibration] stands already: mounting, clock and an accelerometer in motion build on it [default: none; with --live the running system's].
+    system: LocalSystemArgs,
+    /// Launch file with the existing [ingest.calibration] [default: none]
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     launch: Option<PathBuf>,
-    /// Gravity of the place, m/s² [default: 9.80665].
-    #[arg(long, value_name = "M_S2", value_parser = gravity)]
+    /// Local gravity, m/s², 9.7 to 9.9 [default: 9.80665]
+    #[arg(long, value_name = "M_S2", value_parser = parse_gravity)]
     gravity: Option<f64>,
-    /// Strength of the earth's field at the place, µT [default: the mean that is found].
-    #[arg(long, value_name = "UT", value_parser = strength)]
+    /// Local strength of the earth's field, µT, 15 to 75 [default: mean]
+    #[arg(long, value_name = "UT", value_parser = parse_field_strength)]
     field_ut: Option<f64>,
-    /// What a rate sample is: the mean of its interval, or the value at its end [default: means; a simulation and a running system say it].
+    /// Meaning of a rate sample: mean or end value [default: means]
     #[arg(long, value_name = "means|instants", conflicts_with = "live")]
     gyro_samples: Option<Samples>,
     #[command(flatten)]
-    reading: HowRead,
+    reading: ReadOptions,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum What {
-    /// Bias, at rest.
+enum CalibrationTarget {
+    /// Gyro bias, from a rest
     Gyro,
-    /// Bias and scale by rests in six positions, each side up once; misalignment, too, by twelve of any kind. Or in motion, turned slowly by hand.
+    /// Accelerometer bias and scale from six rests, or from slow rotation
     Accel,
-    /// Hard and soft iron, turned about all axes.
+    /// Hard and soft iron, from rotation about all axes
     Mag,
-    /// How the unit sits in the body, by a level pose and then a nose-down one.
+    /// Orientation of the unit in the body, from a level and a nose-down pose
     Mounting,
-    /// How late the magnetometer is on the gyro, turned to and fro.
+    /// Delay of the magnetometer relative to the gyro, from shaking
     Clock,
 }
 
@@ -86,7 +98,7 @@ enum Samples {
     Instants,
 }
 
-/// Why nothing is calibrated.
+/// Error of a calibration.
 #[derive(Debug, thiserror::Error)]
 enum CalibrateError {
     #[error(transparent)]
@@ -95,18 +107,18 @@ enum CalibrateError {
     Trial(Box<ScoreError>),
     #[error(transparent)]
     Flight(#[from] FlightError),
-    #[error("calibrating from {}: the flight has no readings, only samples that are calibrated already; record it by `plumb up --record`", file.display())]
+    #[error("{} has no readings, only calibrated samples; record the flight with `plumb up --record`", file.display())]
     NoReadings { file: PathBuf },
     #[error(transparent)]
     Launch(#[from] LaunchError),
     #[error(transparent)]
     Source(#[from] SourceError),
-    #[error("calibrating: [ingest.calibration] of the launch file: {0}")]
+    #[error("invalid [ingest.calibration] in the launch file: {0}")]
     Calibration(#[from] CalibrationError),
     #[error(transparent)]
     Live(#[from] LiveError),
     #[error(transparent)]
-    Refused(#[from] Refusal),
+    Rejected(#[from] Rejection),
 }
 
 impl From<ScoreError> for CalibrateError {
@@ -122,14 +134,14 @@ impl CalibrateError {
             Self::Trial(error) => error.exit_code(),
             Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) | Self::Calibration(_) => 3,
             Self::Live(error) => error.exit_code(),
-            Self::Source(_) | Self::Refused(_) => 1,
+            Self::Source(_) | Self::Rejected(_) => 1,
         }
     }
 }
 
-pub(crate) fn run(calibrate: Calibrate) -> ExitCode {
-    let json = calibrate.system.json;
-    match calibrated(calibrate) {
+pub(crate) fn run(args: Calibrate) -> ExitCode {
+    let json = args.system.json;
+    match calibrate(args) {
         // Numbers, strings and lists always serialise.
         Ok(report) if json => print(&serde_json::to_string(&report).unwrap_or_default()),
         Ok(report) => print(&report),
@@ -137,40 +149,40 @@ pub(crate) fn run(calibrate: Calibrate) -> ExitCode {
     }
 }
 
-fn calibrated(calibrate: Calibrate) -> Result<Report, CalibrateError> {
-    let Calibrate { what, file, duration_s, system, launch, gravity, field_ut, gyro_samples, reading, .. } = calibrate;
-    let kind = match what {
-        What::Gyro => Kind::Gyro,
-        What::Accel => Kind::Accel,
-        What::Mag => Kind::Mag,
-        What::Mounting => Kind::Mounting,
-        What::Clock => Kind::Clock,
+fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
+    let Calibrate { target, file, duration_s, system, launch, gravity, field_ut, gyro_samples, reading, .. } = args;
+    let kind = match target {
+        CalibrationTarget::Gyro => Kind::Gyro,
+        CalibrationTarget::Accel => Kind::Accel,
+        CalibrationTarget::Mag => Kind::Mag,
+        CalibrationTarget::Mounting => Kind::Mounting,
+        CalibrationTarget::Clock => Kind::Clock,
     };
-    let mut known = Known { field_ut, ..Known::default() };
+    let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
-    let Some(file) = file else { return Ok(live::calibrated(kind, known, &system.name(), duration_s)?) };
+    let Some(file) = file else { return Ok(live::calibrate_system(kind, known, &system.name(), duration_s)?) };
     if let Some(launch) = launch {
-        build_on(&mut known, &Launch::read(&launch)?)?;
+        apply_calibrations(&mut known, &Launch::read(&launch)?)?;
     }
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
     });
     if flight::is_flight(Path::new(&file)) {
-        return of_flight(kind, known, Path::new(&file), gyro_samples);
+        return calibrate_flight(kind, known, Path::new(&file), gyro_samples);
     }
-    // What is imported is there until the end.
+    // An imported file is temporary and must exist until the end of the run.
     let readable = match file.starts_with("sim:") {
         true => None,
-        false => Some(Readable::of(Path::new(&file), &reading)?),
+        false => Some(ReadableFile::open(Path::new(&file), &reading)?),
     };
     let name = readable.as_ref().map_or(file, |readable| readable.path.to_string_lossy().into_owned());
-    let trial = Trial::open(&name, &Options { gnss: Gnss::Off, gyro_samples, ..Options::default() })?;
+    let trial = Trial::open(&name, &TrialOptions { gnss: Gnss::Off, gyro_samples, ..TrialOptions::default() })?;
     known.rate_kind = trial.gyro_samples.rate_kind();
     let mut calibrator = Calibrator::new(kind, &known);
-    let bar = ProgressBar::new(trial.rows).with_style(style("{bar:40} {percent:>3} % of {human_len} samples"));
+    let bar = ProgressBar::new(trial.rows).with_style(progress_style("{bar:40} {percent:>3} % of {human_len} samples"));
     for (row, reading) in (1u64..).zip(trial.readings()?) {
-        calibrator.take(&sample_of(&reading?));
+        calibrator.push(&to_sample(&reading?));
         if row.is_multiple_of(4096) {
             bar.set_position(row);
         }
@@ -179,39 +191,39 @@ fn calibrated(calibrate: Calibrate) -> Result<Report, CalibrateError> {
     Ok(calibrator.finish()?)
 }
 
-/// A flight has the readings as they were, and the launch file that says what they are.
-fn of_flight(
+/// Calibrates from the readings of a flight, which are recorded as measured.
+fn calibrate_flight(
     kind: Kind,
-    mut known: Known,
+    mut known: Prior,
     file: &Path,
     gyro_samples: Option<GyroSamples>,
 ) -> Result<Report, CalibrateError> {
     known.rate_kind = gyro_samples.unwrap_or(GyroSamples::Means).rate_kind();
     let mut calibrator = Calibrator::new(kind, &known);
-    let mut readings = messages_of::<TakenReading>(file)?.peekable();
+    let mut readings = read_messages::<TakenReading>(file)?.peekable();
     if readings.peek().is_none() {
         return Err(CalibrateError::NoReadings { file: file.into() });
     }
     for taken in readings {
-        calibrator.take(&sample_of(&Reading::from(&taken?)));
+        calibrator.push(&to_sample(&Reading::from(&taken?)));
     }
     Ok(calibrator.finish()?)
 }
 
-/// Drawn on standard error, and only on a terminal.
-fn style(template: &str) -> ProgressStyle {
+/// Returns the style of the progress bar, which is drawn only on a terminal.
+fn progress_style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// From the equator to the poles, and on no mountain less.
-fn gravity(text: &str) -> Result<f64, String> {
-    number(text, 9.7..=9.9).ok_or_else(|| "expected 9.7 to 9.9".into())
+/// Parses the local gravity, m/s², within the range found on earth.
+fn parse_gravity(text: &str) -> Result<f64, String> {
+    parse_in_range(text, 9.7..=9.9).ok_or_else(|| "expected a gravity of 9.7 to 9.9 m/s²".into())
 }
 
-fn strength(text: &str) -> Result<f64, String> {
-    number(text, 15.0..=75.0).ok_or_else(|| "expected 15 to 75, the strengths that the earth's field has".into())
+fn parse_field_strength(text: &str) -> Result<f64, String> {
+    parse_in_range(text, 15.0..=75.0).ok_or_else(|| "expected a field strength of 15 to 75 µT".into())
 }
 
-fn number(text: &str, range: std::ops::RangeInclusive<f64>) -> Option<f64> {
+fn parse_in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Option<f64> {
     text.parse().ok().filter(|number| range.contains(number))
 }

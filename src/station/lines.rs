@@ -1,4 +1,4 @@
-//! The vehicles as lines.
+//! Vehicles as a printed table.
 
 use attitude::frames::Frame;
 use messages::AttitudeOutput;
@@ -6,17 +6,17 @@ use messages::AttitudeOutput;
 use super::fleet::Vehicles;
 use wire::delivery::DeliveryTracker;
 
-/// A table of the vehicles, and one of them in detail.
+/// Returns a table of the vehicles, and the details of one of them.
 pub(super) fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
     if vehicles.is_empty() {
         return "no vehicle yet".into();
     }
-    let mut lines = vec![format!("{:<17}{:<6}{:>9}{:>8}  {}", "vehicle", "lives", "messages", "lost", "services")];
+    let mut lines = vec![format!("{:<17}{:<6}{:>9}{:>8}  {}", "vehicle", "alive", "messages", "lost", "services")];
     for (name, vehicle) in vehicles {
-        let lives = if vehicle.lives { "yes" } else { "no" };
+        let alive = if vehicle.is_alive { "yes" } else { "no" };
         let services: Vec<_> = vehicle.services.iter().map(String::as_str).collect();
         lines.push(format!(
-            "{name:<17}{lives:<6}{:>9}{:>8}  {}",
+            "{name:<17}{alive:<6}{:>9}{:>8}  {}",
             vehicle.messages(),
             vehicle.lost(),
             services.join(" ")
@@ -30,8 +30,8 @@ pub(super) fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
             vehicle.attitude.as_ref().map_or("no attitude yet".into(), |output| attitude(output, vehicle.frame))
         ));
         lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEADER));
-        for (topic, track) in &vehicle.tracks {
-            lines.push(format!("  {topic:<11}{track}"));
+        for (topic, tracker) in &vehicle.trackers {
+            lines.push(format!("  {topic:<11}{tracker}"));
         }
     }
     lines.join("\n")

@@ -1,4 +1,4 @@
-//! `plumb station`: every vehicle there is to see, and whether all that it sends arrives.
+//! `plumb station`: monitors remote vehicles and verifies that all their messages arrive.
 
 pub(crate) mod fleet;
 mod lines;
@@ -19,124 +19,129 @@ use std::{
 use clap::Args;
 use dashboard::Screen;
 use link::{Link, MessageStream};
-use observe::tables::{TableError, Tables};
+use observe::tables::{TableError, CsvTables};
 use wire::keys;
 
-use crate::{fail, out, remote::Way};
+use crate::{fail, stdout, remote::RemoteEndpoint};
 use fleet::Vehicles;
 
-/// Between two tables as lines.
+/// Interval between two printed tables.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest wait for a message.
-const TURN: Duration = Duration::from_millis(20);
-/// Messages taken before somebody else has a turn.
+const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
+/// Maximum number of messages received per poll, so that input and display are not starved.
 const MAX_MESSAGES: usize = 1000;
 
-/// The command line of `plumb station`.
+/// Arguments of `plumb station`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb station
+  plumb station --connect quic/192.168.1.5:7447 --keys keys/viewer.wall
+  plumb station --csv tables --seconds 60")]
 pub(crate) struct Station {
     #[command(flatten)]
-    way: Way,
-    /// The vehicle that is shown in detail [default: the first].
+    endpoint: RemoteEndpoint,
+    /// Vehicle to show in detail [default: the first]
     #[arg(long)]
     vehicle: Option<String>,
-    /// How long [default: until q or Ctrl-C].
+    /// Time before stopping, s [default: until q or Ctrl-C]
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<f64>,
-    /// Write a table DIR/VEHICLE/TOPIC.csv of each topic.
+    /// Folder for a table VEHICLE/TOPIC.csv of each topic
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
-    /// Print JSON at the end, on the last line of standard output.
+    /// Print one JSON object on the last line of standard output
     #[arg(long)]
     json: bool,
-    /// Print a table each second below the one before, also on a terminal.
+    /// Print a table each second, also on a terminal
     #[arg(long)]
     lines: bool,
 }
 
-/// What comes in, and what is known of it.
-struct Sight {
+/// Received messages and the state of the vehicles.
+struct VehicleMonitor {
     messages: MessageStream,
-    signs: MessageStream,
-    tables: Option<Tables>,
+    liveliness: MessageStream,
+    tables: Option<CsvTables>,
     vehicles: Vehicles,
-    ends: Arc<AtomicBool>,
-    since: Instant,
+    stop: Arc<AtomicBool>,
+    started: Instant,
     seconds: Option<f64>,
 }
 
-/// Looks at vehicles until it is to end.
+/// Monitors vehicles until the time is over, the user quits or a signal arrives.
 pub(crate) fn run(station: &Station) -> ExitCode {
-    let ends = Arc::new(AtomicBool::new(false));
+    let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        if let Err(cause) = signal_hook::flag::register(signal, ends.clone()) {
-            return fail(&format_args!("catching signals: {cause}"), 1);
+        if let Err(cause) = signal_hook::flag::register(signal, stop.clone()) {
+            return fail(&format_args!("cannot catch signals: {cause}"), 1);
         }
     }
-    let link = match station.way.open() {
+    let link = match station.endpoint.open() {
         Ok(link) => link,
         Err(error) => return fail(&error, error.exit_code()),
     };
-    match watch(station, &link, ends) {
-        Ok((vehicles, _)) if station.json => out::print(&fleet::report(&vehicles)),
-        Ok((_, shown)) => shown.break_value().unwrap_or(ExitCode::SUCCESS),
+    match monitor_vehicles(station, &link, stop) {
+        Ok((vehicles, _)) if station.json => stdout::print(&fleet::to_json(&vehicles)),
+        Ok((_, printed)) => printed.break_value().unwrap_or(ExitCode::SUCCESS),
         Err(error) => fail(&error, 1),
     }
 }
 
-fn watch(
+fn monitor_vehicles(
     station: &Station,
     link: &Link,
-    ends: Arc<AtomicBool>,
+    stop: Arc<AtomicBool>,
 ) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
-    let mut sight = Sight {
+    let mut monitor = VehicleMonitor {
         messages: link.subscribe(&keys::key("*", "*"))?,
-        signs: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
-        tables: station.csv.as_deref().map(Tables::in_folder),
+        liveliness: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
+        tables: station.csv.as_deref().map(CsvTables::new),
         vehicles: Vehicles::new(),
-        ends,
-        since: Instant::now(),
+        stop,
+        started: Instant::now(),
         seconds: station.seconds,
     };
-    let shown = if !station.json && !station.lines && Screen::is_there() {
-        view::show(&mut sight, station.vehicle.as_deref())?;
+    let printed = if !station.json && !station.lines && Screen::is_available() {
+        view::show(&mut monitor, station.vehicle.as_deref())?;
         ControlFlow::Continue(())
     } else {
-        show_lines(&mut sight, station)?
+        print_tables(&mut monitor, station)?
     };
-    sight.tables.map_or(Ok(()), Tables::finish)?;
+    monitor.tables.map_or(Ok(()), CsvTables::finish)?;
     link.close();
-    Ok((sight.vehicles, shown))
+    Ok((monitor.vehicles, printed))
 }
 
-fn show_lines(sight: &mut Sight, station: &Station) -> Result<ControlFlow<ExitCode>, TableError> {
-    let (mut shown, mut shown_at) = (ControlFlow::Continue(()), Instant::now());
-    while shown.is_continue() && !sight.is_over() {
-        sight.look()?;
+fn print_tables(monitor: &mut VehicleMonitor, station: &Station) -> Result<ControlFlow<ExitCode>, TableError> {
+    let (mut printed, mut shown_at) = (ControlFlow::Continue(()), Instant::now());
+    while printed.is_continue() && !monitor.is_finished() {
+        monitor.poll()?;
         if shown_at.elapsed() > SHOW_INTERVAL && !station.json {
             shown_at = Instant::now();
-            shown = out::show_lines(&lines::table(&sight.vehicles, station.vehicle.as_deref()));
+            printed = stdout::print_truncated(&lines::table(&monitor.vehicles, station.vehicle.as_deref()));
         }
     }
-    Ok(shown)
+    Ok(printed)
 }
 
-impl Sight {
-    fn is_over(&self) -> bool {
-        let over = self.seconds.is_some_and(|limit_s| self.since.elapsed().as_secs_f64() > limit_s);
-        over || self.ends.load(Ordering::SeqCst)
+impl VehicleMonitor {
+    fn is_finished(&self) -> bool {
+        let is_timed_out = self.seconds.is_some_and(|limit_s| self.started.elapsed().as_secs_f64() > limit_s);
+        is_timed_out || self.stop.load(Ordering::SeqCst)
     }
 
-    /// Takes what has come, and waits a little where nothing has.
-    fn look(&mut self) -> Result<(), TableError> {
-        while let Some(sign) = self.signs.next(Duration::ZERO) {
-            fleet::see(&mut self.vehicles, &sign);
+    /// Processes the received messages, or waits briefly if there are none.
+    fn poll(&mut self) -> Result<(), TableError> {
+        while let Some(token) = self.liveliness.next(Duration::ZERO) {
+            fleet::update_liveliness(&mut self.vehicles, &token);
         }
-        let mut wait = TURN;
+        let mut wait = RECEIVE_TIMEOUT;
         for _ in 0..MAX_MESSAGES {
             let Some(message) = self.messages.next(wait) else { break };
             wait = Duration::ZERO;
-            fleet::take(&mut self.vehicles, &message, self.tables.as_mut())?;
+            fleet::record_message(&mut self.vehicles, &message, self.tables.as_mut())?;
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! `plumb top`: how a running system does, from moment to moment.
+//! `plumb top`: shows the live state, rate and latency of each service.
 
 mod view;
 
@@ -12,87 +12,92 @@ use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 use dashboard::Screen;
-use observe::top::{Moment, Top};
+use observe::top::{SystemSnapshot, SystemMonitor};
 
 use crate::{
-    fail, out,
-    seeing::{LOOK, Until, duration, observer},
-    system::OnBoard,
+    fail, stdout,
+    topics::{POLL_INTERVAL, StopCondition, duration, observer},
+    system::LocalSystemArgs,
 };
 
-/// The command line of `plumb top`.
+/// Arguments of `plumb top`.
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb top
+  plumb top --interval 0.5 --lines
+  plumb top --count 10 --json")]
 pub(crate) struct TopCommand {
     #[command(flatten)]
-    system: OnBoard,
-    /// Seconds between two looks.
+    system: LocalSystemArgs,
+    /// Interval between two updates, s, 0.001 to 1e8
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
     interval: Duration,
-    /// End after so many looks, and print each below the one before.
+    /// Number of updates before stopping, printed as lines
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// End after so long [default: q or Ctrl-C ends it].
+    /// Time before stopping, s [default: until q or Ctrl-C]
     #[arg(long, value_parser = duration)]
     seconds: Option<Duration>,
-    /// Print each look below the one before, also on a terminal.
+    /// Print updates as lines, also on a terminal
     #[arg(long)]
     lines: bool,
 }
 
-/// Why a system is not looked at.
+/// Error while observing a system.
 #[derive(Debug, thiserror::Error)]
 enum TopError {
-    /// It does not answer.
+    /// The supervisor does not respond.
     #[error(transparent)]
     Control(#[from] ControlError),
-    /// Its bus cannot be read.
+    /// The system's bus cannot be read.
     #[error(transparent)]
     Bus(#[from] BusError),
 }
 
-/// A system that is looked at.
-struct Observed {
+/// Running system with its observer.
+struct ObservedSystem {
     observer: Observer,
-    top: Top,
+    monitor: SystemMonitor,
     name: String,
 }
 
-impl Observed {
-    fn begin(name: &str) -> Result<Self, TopError> {
+impl ObservedSystem {
+    fn attach(name: &str) -> Result<Self, TopError> {
         let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status)?;
         let observer = observer(name, "top")?;
-        Ok(Self { top: Top::new(&observer, &statuses)?, observer, name: name.into() })
+        Ok(Self { monitor: SystemMonitor::new(&observer, &statuses)?, observer, name: name.into() })
     }
 }
 
-/// What was seen since the last moment; `None` where the system ended meanwhile.
-fn moment(name: &str, observer: &Observer, top: &mut Top) -> Result<Option<Moment>, TopError> {
+/// Returns the changes since the last snapshot, or `None` if the system has ended.
+fn take_snapshot(name: &str, observer: &Observer, monitor: &mut SystemMonitor) -> Result<Option<SystemSnapshot>, TopError> {
     match send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status) {
-        Ok(statuses) => Ok(Some(top.moment(name, &statuses))),
+        Ok(statuses) => Ok(Some(monitor.snapshot(name, &statuses))),
         Err(_) if !observer.is_running() => Ok(None),
         Err(error) => Err(error.into()),
     }
 }
 
 pub(crate) fn run(command: TopCommand) -> ExitCode {
-    let observed = match Observed::begin(&command.system.name()) {
+    let observed = match ObservedSystem::attach(&command.system.name()) {
         Ok(observed) => observed,
         Err(error) => return fail(&error, 1),
     };
-    if !command.system.json && !command.lines && command.count.is_none() && Screen::is_there() {
+    if !command.system.json && !command.lines && command.count.is_none() && Screen::is_available() {
         return view::run(&command, observed);
     }
-    lines(&command, observed)
+    print_lines(&command, observed)
 }
 
-fn lines(command: &TopCommand, observed: Observed) -> ExitCode {
-    let Observed { observer, mut top, name } = observed;
-    let mut until = Until::new(|| observer.is_running(), command.seconds);
+fn print_lines(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
+    let ObservedSystem { observer, mut monitor, name } = observed;
+    let mut stop = StopCondition::new(|| observer.is_running(), command.seconds);
     let mut left = command.count.unwrap_or(u64::MAX);
     let mut last = Instant::now();
-    while left > 0 && !until.is_over() {
-        std::thread::sleep(LOOK.min(command.interval));
-        if let Err(error) = top.look() {
+    while left > 0 && !stop.is_met() {
+        std::thread::sleep(POLL_INTERVAL.min(command.interval));
+        if let Err(error) = monitor.poll() {
             return fail(&error, 1);
         }
         if last.elapsed() < command.interval {
@@ -100,25 +105,25 @@ fn lines(command: &TopCommand, observed: Observed) -> ExitCode {
         }
         last = Instant::now();
         left -= 1;
-        let shown = match moment(&name, &observer, &mut top) {
-            Ok(Some(moment)) => show(&moment, command.system.json),
+        let printed = match take_snapshot(&name, &observer, &mut monitor) {
+            Ok(Some(snapshot)) => print_snapshot(&snapshot, command.system.json),
             Ok(None) => ControlFlow::Continue(()),
             Err(error) => return fail(&error, 1),
         };
-        if let ControlFlow::Break(code) = shown {
+        if let ControlFlow::Break(code) = printed {
             return code;
         }
     }
-    if until.system_ended() {
-        supervisor::announce(format_args!("the system {name:?} has ended"));
+    if stop.system_ended() {
+        supervisor::announce(format_args!("system {name:?} has ended"));
     }
     ExitCode::SUCCESS
 }
 
-fn show(moment: &Moment, json: bool) -> ControlFlow<ExitCode> {
+fn print_snapshot(snapshot: &SystemSnapshot, json: bool) -> ControlFlow<ExitCode> {
     if json {
         // Numbers, strings and lists always serialise.
-        return out::show(&serde_json::to_string(moment).unwrap_or_default());
+        return stdout::print_item(&serde_json::to_string(snapshot).unwrap_or_default());
     }
-    out::show_lines(&moment.table(out::columns()))
+    stdout::print_truncated(&snapshot.table(stdout::terminal_columns()))
 }

@@ -1,4 +1,4 @@
-//! The view of the whole terminal.
+//! Full-screen view of `plumb top`.
 
 use std::{
     io,
@@ -9,80 +9,80 @@ use std::{
 };
 
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
-use dashboard::{Attitude, Facts, Key, Mark, Panel, Picture, Row, Screen, State, trend};
-use observe::top::Moment;
+use dashboard::{Attitude, Figures, Key, RowStyle, Panel, Snapshot, Row, Screen, DataState, trend};
+use observe::top::SystemSnapshot;
 use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
-use super::{Observed, TopCommand};
+use super::{ObservedSystem, TopCommand};
 use crate::{
     fail,
-    seeing::{LOOK, Until, frame::Shown},
+    topics::{POLL_INTERVAL, StopCondition, frame::DisplayFrame},
 };
 
-/// Between two pictures.
-const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
-/// Between two looks for a system that has ended, or another of its name.
-const RETURN_INTERVAL: Duration = Duration::from_secs(1);
-const KEYS: &str = "q ends; latencies in µs, of each service from its last input on";
+/// Interval between two frames.
+const FRAME_INTERVAL: Duration = Duration::from_millis(100);
+/// Interval between two attempts to attach to a restarted system.
+const REATTACH_INTERVAL: Duration = Duration::from_secs(1);
+const KEYS: &str = "q: quit   latencies in µs, of each service from its last input";
 
-/// Why a view came to its end.
+/// Error that ends the view.
 #[derive(Debug, thiserror::Error)]
 enum ViewError {
-    #[error("drawing on the terminal: {0}; --lines prints lines in place of it")]
+    #[error("cannot draw on the terminal: {0}; use --lines to print lines")]
     Terminal(#[from] io::Error),
     #[error(transparent)]
     Bus(#[from] bus::BusError),
 }
 
-/// Draws the system until somebody ends it; one that ends is waited for, as it may be started again.
-pub(super) fn run(command: &TopCommand, observed: Observed) -> ExitCode {
-    match watch(command, observed) {
+/// Draws the system until the user quits. After the system has ended it waits for a restart.
+pub(super) fn run(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
+    match draw_until_stopped(command, observed) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => fail(&error, 1),
     }
 }
 
-fn watch(command: &TopCommand, observed: Observed) -> Result<(), ViewError> {
-    let mut until = Until::new(|| true, command.seconds);
+fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<(), ViewError> {
+    let mut stop = StopCondition::new(|| true, command.seconds);
     let mut view = View::new(&observed.name);
-    let mut supervisor = Supervisor::of(&observed.name);
+    let mut poller = StatusPoller::start(&observed.name);
     let mut observed = Some(observed);
     let mut screen = Screen::open()?;
-    let (mut drawn_at, mut asked_at, mut returned_at) = (Instant::now(), Instant::now(), Instant::now());
+    let (mut drawn_at, mut requested_at, mut reattached_at) = (Instant::now(), Instant::now(), Instant::now());
     let mut stepped_at = Instant::now();
-    while !until.is_over() && screen.key()? != Some(Key::End) {
-        thread::sleep(LOOK.min(command.interval));
-        if let Some(Observed { top, .. }) = &mut observed {
-            top.look()?;
+    while !stop.is_met() && screen.poll_key()? != Some(Key::Quit) {
+        thread::sleep(POLL_INTERVAL.min(command.interval));
+        if let Some(ObservedSystem { monitor, .. }) = &mut observed {
+            monitor.poll()?;
         }
-        if asked_at.elapsed() >= command.interval {
-            asked_at = Instant::now();
-            supervisor.ask();
+        if requested_at.elapsed() >= command.interval {
+            requested_at = Instant::now();
+            poller.request();
         }
-        match (supervisor.answer(), &mut observed) {
-            (Some(Ok(statuses)), Some(Observed { top, name, .. })) => {
-                view.moment = Some(top.moment(name, &statuses));
+        match (poller.reply(), &mut observed) {
+            (Some(Ok(statuses)), Some(ObservedSystem { monitor, name, .. })) => {
+                view.snapshot = Some(monitor.snapshot(name, &statuses));
                 view.is_silent = false;
             }
             (Some(Err(_)), Some(_)) => view.is_silent = true,
             _ => {}
         }
-        if observed.is_none() && returned_at.elapsed() >= RETURN_INTERVAL {
-            returned_at = Instant::now();
-            // Where it is not back yet, the next look finds it.
-            observed = Observed::begin(&view.picture.name).ok();
+        if observed.is_none() && reattached_at.elapsed() >= REATTACH_INTERVAL {
+            reattached_at = Instant::now();
+            // If the system is not back yet, the next attempt finds it.
+            observed = ObservedSystem::attach(&view.display.name).ok();
             if observed.is_some() {
-                view = View::new(&view.picture.name);
+                view = View::new(&view.display.name);
             }
         }
-        if drawn_at.elapsed() >= PICTURE_INTERVAL {
+        if drawn_at.elapsed() >= FRAME_INTERVAL {
             drawn_at = Instant::now();
-            if let Some(of) = &observed {
-                view.see(of);
+            if let Some(system) = &observed {
+                view.update(system);
             }
-            // What has ended is read no more; its last picture stays.
-            observed = observed.filter(|_| !matches!(view.picture.state, State::Ended(_)));
-            let step = stepped_at.elapsed() >= trend::STEP && observed.is_some();
+            // An ended system is no longer read, and its last frame stays.
+            observed = observed.filter(|_| !matches!(view.display.state, DataState::Ended(_)));
+            let step = stepped_at.elapsed() >= trend::SAMPLE_INTERVAL && observed.is_some();
             if step {
                 stepped_at = Instant::now();
             }
@@ -92,103 +92,103 @@ fn watch(command: &TopCommand, observed: Observed) -> Result<(), ViewError> {
     Ok(())
 }
 
-/// The supervisor, asked by a thread of its own: it may take its time, or be frozen.
-struct Supervisor {
-    questions: SyncSender<()>,
-    answers: Receiver<Result<Vec<ServiceStatus>, ControlError>>,
+/// Thread that queries the supervisor, which may be slow or stopped.
+struct StatusPoller {
+    requests: SyncSender<()>,
+    replies: Receiver<Result<Vec<ServiceStatus>, ControlError>>,
 }
 
-impl Supervisor {
-    fn of(name: &str) -> Self {
-        let (questions, asked) = sync_channel(1);
-        let (answer, answers) = sync_channel(1);
+impl StatusPoller {
+    fn start(name: &str) -> Self {
+        let (requests, received) = sync_channel(1);
+        let (reply, replies) = sync_channel(1);
         let name = name.to_owned();
         thread::spawn(move || {
-            // Ends with whoever asks.
-            while asked.recv().is_ok() && answer.send(send_request(&name, &ControlRequest::Status)).is_ok() {}
+            // Ends when the poller is dropped.
+            while received.recv().is_ok() && reply.send(send_request(&name, &ControlRequest::Status)).is_ok() {}
         });
-        Self { questions, answers }
+        Self { requests, replies }
     }
 
-    /// Asks how the services are, unless a question is open.
-    fn ask(&mut self) {
-        let _ = self.questions.try_send(());
+    /// Requests the status of the services, unless a request is pending.
+    fn request(&mut self) {
+        let _ = self.requests.try_send(());
     }
 
-    fn answer(&mut self) -> Option<Result<Vec<ServiceStatus>, ControlError>> {
-        self.answers.try_recv().ok()
+    fn reply(&mut self) -> Option<Result<Vec<ServiceStatus>, ControlError>> {
+        self.replies.try_recv().ok()
     }
 }
 
-/// What is known of the system.
+/// Displayed state of the system.
 struct View {
-    picture: Picture,
-    shown: Shown,
-    moment: Option<Moment>,
-    /// The supervisor does not answer.
+    display: Snapshot,
+    frame: DisplayFrame,
+    snapshot: Option<SystemSnapshot>,
+    /// Whether the supervisor failed to respond to the last request.
     is_silent: bool,
 }
 
 impl View {
     fn new(name: &str) -> Self {
-        let picture = Picture { name: name.into(), keys: KEYS, ..Picture::default() };
-        Self { picture, shown: Shown::on_board(name), moment: None, is_silent: false }
+        let display = Snapshot { name: name.into(), key_help: KEYS, ..Snapshot::default() };
+        Self { display, frame: DisplayFrame::from_local_system(name), snapshot: None, is_silent: false }
     }
 
-    /// Takes the attitude and the state.
-    fn see(&mut self, observed: &Observed) {
-        let Observed { observer, top, .. } = observed;
-        let frame = self.shown.frame();
-        let attitude = top.attitude();
+    /// Updates attitude and system state.
+    fn update(&mut self, observed: &ObservedSystem) {
+        let ObservedSystem { observer, monitor, .. } = observed;
+        let frame = self.frame.frame();
+        let attitude = monitor.attitude();
         let age = attitude.map(|it| Duration::from_nanos(monotonic_ns().saturating_sub(it.header.t_sent_ns)));
-        self.picture.attitude = attitude.map(|attitude| Attitude::of(&attitude_to_frame(frame, *attitude), frame));
-        self.picture.facts.tick = attitude.map(|attitude| attitude.header.tick);
-        self.picture.state = match observer.is_running() {
-            true => State::of_age(age),
-            false => State::Ended(top.end().unwrap_or("its supervisor is gone").into()),
+        self.display.attitude = attitude.map(|attitude| Attitude::from_output(&attitude_to_frame(frame, *attitude), frame));
+        self.display.figures.tick = attitude.map(|attitude| attitude.header.tick);
+        self.display.state = match observer.is_running() {
+            true => DataState::from_age(age),
+            false => DataState::Ended(monitor.end_reason().unwrap_or("its supervisor is gone").into()),
         };
     }
 
     fn draw(&mut self, screen: &mut Screen, step: bool) -> io::Result<()> {
-        let Self { picture, moment, is_silent, .. } = self;
-        // The frame of the panel takes a column at either side.
-        picture.panels = vec![services(moment.as_ref(), screen.columns()?.saturating_sub(2), *is_silent)];
-        if let Some(moment) = moment {
-            picture.facts = Facts { tick: picture.facts.tick, ..facts(moment) };
+        let Self { display, snapshot, is_silent, .. } = self;
+        // The frame of the panel takes a column on either side.
+        display.panels = vec![services(snapshot.as_ref(), screen.columns()?.saturating_sub(2), *is_silent)];
+        if let Some(snapshot) = snapshot {
+            display.figures = Figures { tick: display.figures.tick, ..figures(snapshot) };
         }
         if step {
-            // What stands still has no trend: a gap says so.
-            let attitude = picture.attitude.as_ref().filter(|_| picture.state == State::Live);
-            picture.trends.step(&picture.facts, attitude);
+            // A system that is not live has no trend, which shows as a gap.
+            let attitude = display.attitude.as_ref().filter(|_| display.state == DataState::Live);
+            display.trends.push(&display.figures, attitude);
         }
-        screen.draw(picture)
+        screen.draw(display)
     }
 }
 
-fn facts(moment: &Moment) -> Facts {
-    let course = moment.services.iter().find(|row| row.service == graph::Service::Course.name());
-    Facts {
-        tick: moment.tick,
+fn figures(snapshot: &SystemSnapshot) -> Figures {
+    let course = snapshot.services.iter().find(|row| row.service == graph::Service::Course.name());
+    Figures {
+        tick: snapshot.tick,
         rate_hz: course.and_then(|row| row.rate_hz),
-        latency_us: moment.latency_us.map(|latency| [latency.p50, latency.p99]),
-        lost: Some(moment.services.iter().map(|row| row.lost).sum()),
+        latency_us: snapshot.latency_us.map(|latency| [latency.p50, latency.p99]),
+        lost: Some(snapshot.services.iter().map(|row| row.lost).sum()),
     }
 }
 
-/// The table of the services; a line of one that does not run is marked.
-fn services(moment: Option<&Moment>, columns: usize, is_silent: bool) -> Panel {
-    let title = match (is_silent, moment) {
-        (true, _) => "services, as last told: the supervisor does not answer",
-        (false, None) => "services: the supervisor is asked",
+/// Returns the table of services. Services that are not running are marked.
+fn services(snapshot: Option<&SystemSnapshot>, columns: usize, is_silent: bool) -> Panel {
+    let title = match (is_silent, snapshot) {
+        (true, _) => "services (outdated): the supervisor does not respond",
+        (false, None) => "services: waiting for the supervisor",
         (false, Some(_)) => "services",
     };
-    let Some(moment) = moment else { return Panel { title: title.into(), rows: Vec::new() } };
-    let table = moment.table(Some(columns));
-    // Its title is in the picture already.
+    let Some(snapshot) = snapshot else { return Panel { title: title.into(), rows: Vec::new() } };
+    let table = snapshot.table(Some(columns));
+    // The display already has a title.
     let mut lines = table.lines().skip(1);
-    let head = lines.next().map(|text| Row::new(Mark::Head, text));
-    let marks = moment.services.iter().map(|row| if row.state == "running" { Mark::Usual } else { Mark::Bad });
-    let marks = marks.chain(std::iter::repeat(Mark::Usual));
+    let head = lines.next().map(|text| Row::new(RowStyle::Header, text));
+    let marks = snapshot.services.iter().map(|row| if row.state == "running" { RowStyle::Normal } else { RowStyle::Alert });
+    let marks = marks.chain(std::iter::repeat(RowStyle::Normal));
     let rows = lines.zip(marks).map(|(text, mark)| Row::new(mark, text));
     Panel { title: title.into(), rows: head.into_iter().chain(rows).collect() }
 }

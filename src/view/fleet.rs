@@ -1,4 +1,4 @@
-//! Every vehicle in sight, for the cockpit: a line of each, and a look at those that somebody has chosen.
+//! Remote vehicles for the cockpit: a summary of each, and views of the selected ones.
 
 use std::{
     collections::BTreeMap,
@@ -10,7 +10,7 @@ use std::{
 
 use cockpit::{
     hub::Hub,
-    sight::{Look, Sight},
+    vehicles::{VehicleView, VehicleDirectory},
     source::{SystemDescription, CommandTarget, Source, SourceState},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
@@ -24,186 +24,186 @@ use wire::{
     v1::{Services, VehicleLine},
 };
 
-use super::elsewhere::{Gateway, Lines, Telemetry};
+use super::remote::{RemoteCommandTarget, VehicleLines, RemoteSource};
 use crate::{
-    remote::Way,
+    remote::RemoteEndpoint,
     station::fleet::{self, Vehicle, Vehicles},
 };
 
-/// Between two lists of lines.
+/// Interval between two updates of the summaries.
 const LINES_INTERVAL: Duration = Duration::from_secs(1);
-/// Between two questions to all vehicles how their services are, and the longest wait for answers.
-const ASK_INTERVAL: Duration = Duration::from_secs(3);
-const ASK_LIMIT: Duration = Duration::from_secs(2);
+/// Interval between two service queries to all vehicles, and the timeout of each.
+const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
+const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest wait for a message.
-const TURN: Duration = Duration::from_millis(20);
-/// Vehicles that are looked at at once.
-const MAX_LOOKS: usize = 8;
-/// A vehicle at which nobody has looked for so long is looked at no more; Prometheus asks once a minute.
-const UNWATCHED_LIMIT: Duration = Duration::from_secs(90);
+const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
+/// Maximum number of vehicles with an open view.
+const MAX_VIEWS: usize = 8;
+/// Time after which an unused view is closed. Prometheus typically polls once a minute.
+const UNUSED_TIMEOUT: Duration = Duration::from_secs(90);
 
-/// The vehicles that are reached over a link.
+/// Vehicles that are reachable over a link.
 pub(super) struct Fleet {
     link: Link,
-    way: Way,
-    /// The one that is shown where none is named.
-    first: Option<String>,
-    lines: Lines,
-    looks: Arc<Mutex<BTreeMap<String, Looked>>>,
+    endpoint: RemoteEndpoint,
+    /// Vehicle shown if none is named.
+    default_vehicle: Option<String>,
+    lines: VehicleLines,
+    views: Arc<Mutex<BTreeMap<String, OpenView>>>,
 }
 
-/// A vehicle that is looked at.
-struct Looked {
-    look: Look,
-    /// When somebody last was.
-    watched: Instant,
+/// Open view of a vehicle.
+struct OpenView {
+    view: VehicleView,
+    /// Time of the last use.
+    used_at: Instant,
 }
 
 impl Fleet {
-    /// Begins to look around.
-    pub(super) fn over(link: Link, way: &Way, first: Option<&str>) -> Result<Self, LinkError> {
-        let lines = Lines::default();
+    /// Starts to monitor all vehicles that are reachable over the link.
+    pub(super) fn start(link: Link, endpoint: &RemoteEndpoint, default_vehicle: Option<&str>) -> Result<Self, LinkError> {
+        let lines = VehicleLines::default();
         let messages = [Topic::Attitude.name(), keys::GATEWAY].map(|topic| link.subscribe(&keys::key("*", topic)));
-        let signs = link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?;
+        let liveliness = link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?;
         let [attitudes, reports] = messages;
-        let (streams, told, asking) = ([attitudes?, reports?], lines.clone(), link.clone());
+        let (streams, shared_lines, query_link) = ([attitudes?, reports?], lines.clone(), link.clone());
         let services = Arc::new(Mutex::new(BTreeMap::new()));
-        let answers = services.clone();
-        thread::spawn(move || ask_all(&asking, &answers));
-        thread::spawn(move || look_around(&streams, &signs, &services, &told));
-        Ok(Self { link, way: way.clone(), first: first.map(str::to_owned), lines, looks: Arc::default() })
+        let reports = services.clone();
+        thread::spawn(move || poll_services(&query_link, &reports));
+        thread::spawn(move || receive_messages(&streams, &liveliness, &services, &shared_lines));
+        Ok(Self { link, endpoint: endpoint.clone(), default_vehicle: default_vehicle.map(str::to_owned), lines, views: Arc::default() })
     }
 
-    fn desk(&self, name: &str) -> Arc<dyn CommandTarget> {
-        let (name, link, way, lines) = (name.to_owned(), self.link.clone(), self.way.clone(), self.lines.clone());
-        Arc::new(Gateway { name, link, way, lines })
+    fn target(&self, name: &str) -> Arc<dyn CommandTarget> {
+        let (name, link, endpoint, lines) = (name.to_owned(), self.link.clone(), self.endpoint.clone(), self.lines.clone());
+        Arc::new(RemoteCommandTarget { name, link, endpoint, lines })
     }
 
-    /// Begins to look at a vehicle, or at none.
-    fn begin(&self, name: Option<&str>) -> Look {
+    /// Opens the view of a vehicle, or an empty view.
+    fn open_view(&self, name: Option<&str>) -> VehicleView {
         let hub = Arc::new(Hub::default());
-        let desk: Arc<dyn CommandTarget> = match name {
-            Some(name) => self.desk(name),
-            None => Arc::new(Nobody(self.lines.clone())),
+        let target: Arc<dyn CommandTarget> = match name {
+            Some(name) => self.target(name),
+            None => Arc::new(NoTarget(self.lines.clone())),
         };
         let system = name.unwrap_or_default().to_owned();
-        let look = Look { system, hub: hub.clone(), desk: Some(desk.clone()) };
+        let view = VehicleView { system, hub: hub.clone(), target: Some(target.clone()) };
         let mut source: Box<dyn Source + Send> = match name {
-            Some(name) => Box::new(Telemetry::new(name, self.link.clone())),
-            None => Box::new(NoVehicle),
+            Some(name) => Box::new(RemoteSource::new(name, self.link.clone())),
+            None => Box::new(NoSource),
         };
-        let (looks, name) = (self.looks.clone(), name.unwrap_or_default().to_owned());
+        let (views, name) = (self.views.clone(), name.unwrap_or_default().to_owned());
         thread::spawn(move || {
             let shown = hub.clone();
-            let Ok(()) = cockpit::publish_source(&mut *source, desk, &shown, &mut |_| {
-                Ok::<_, Infallible>(is_watched(&looks, &name, &hub))
+            let Ok(()) = cockpit::publish_source(&mut *source, target, &shown, &mut |_| {
+                Ok::<_, Infallible>(is_in_use(&views, &name, &hub))
             });
         });
-        look
+        view
     }
 }
 
-/// Somebody looks at it, or has not long ceased; else it is forgotten.
-fn is_watched(looks: &Mutex<BTreeMap<String, Looked>>, name: &str, hub: &Hub) -> bool {
-    let mut looks = looks.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(looked) = looks.get_mut(name) else { return true };
+/// Returns `true` if the view has viewers or had some recently; else closes the view.
+fn is_in_use(views: &Mutex<BTreeMap<String, OpenView>>, name: &str, hub: &Hub) -> bool {
+    let mut views = views.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(open_view) = views.get_mut(name) else { return true };
     if hub.has_viewers() {
-        looked.watched = Instant::now();
+        open_view.used_at = Instant::now();
     }
-    let goes_on = looked.watched.elapsed() < UNWATCHED_LIMIT;
-    if !goes_on {
-        looks.remove(name);
+    let in_use = open_view.used_at.elapsed() < UNUSED_TIMEOUT;
+    if !in_use {
+        views.remove(name);
     }
-    goes_on
+    in_use
 }
 
-impl Sight for Fleet {
-    fn look(&self, vehicle: Option<&str>) -> Result<Look, String> {
-        let name = vehicle.or(self.first.as_deref());
+impl VehicleDirectory for Fleet {
+    fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
+        let name = vehicle.or(self.default_vehicle.as_deref());
         if let Some(name) = name.filter(|name| !keys::is_vehicle_name(name)) {
-            return Err(format!("{name:?} is no name of a vehicle"));
+            return Err(format!("invalid vehicle name {name:?}"));
         }
         let key = name.unwrap_or_default();
-        let mut looks = self.looks.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(looked) = looks.get_mut(key) {
-            looked.watched = Instant::now();
-            return Ok(looked.look.clone());
+        let mut views = self.views.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(open_view) = views.get_mut(key) {
+            open_view.used_at = Instant::now();
+            return Ok(open_view.view.clone());
         }
-        // Whoever asks for names that nobody has takes no room from those who look.
-        let in_sight = |name: &str| {
+        // Unknown vehicle names must not occupy a view.
+        let is_known = |name: &str| {
             self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|line| line.vehicle == name)
         };
-        if let Some(name) = vehicle.filter(|name| self.first.as_deref() != Some(*name) && !in_sight(name)) {
-            return Err(format!("no vehicle {name} is in sight"));
+        if let Some(name) = vehicle.filter(|name| self.default_vehicle.as_deref() != Some(*name) && !is_known(name)) {
+            return Err(format!("unknown vehicle {name:?}"));
         }
-        if looks.len() >= MAX_LOOKS {
-            return Err(format!("{MAX_LOOKS} vehicles are looked at already; close a page"));
+        if views.len() >= MAX_VIEWS {
+            return Err(format!("{MAX_VIEWS} vehicles are already open; close a page"));
         }
-        let look = self.begin(name);
-        looks.insert(key.into(), Looked { look: look.clone(), watched: Instant::now() });
-        Ok(look)
+        let view = self.open_view(name);
+        views.insert(key.into(), OpenView { view: view.clone(), used_at: Instant::now() });
+        Ok(view)
     }
 }
 
-/// What the services of each vehicle said last.
-type Answers = Mutex<BTreeMap<String, Services>>;
+/// Last reports of the services of each vehicle.
+type ServiceReports = Mutex<BTreeMap<String, Services>>;
 
-/// Asks all vehicles, for as long as somebody wants to know.
-fn ask_all(link: &Link, answers: &Arc<Answers>) {
-    while Arc::strong_count(answers) > 1 {
-        let asked = Instant::now();
-        // Who does not answer has no stage in its line.
-        let come = link.query(&keys::key("*", keys::SERVICES), Vec::new(), ASK_LIMIT).unwrap_or_default();
-        let come = come.iter().filter_map(|(key, bytes)| {
+/// Queries the services of all vehicles while the reports are in use.
+fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
+    while Arc::strong_count(reports) > 1 {
+        let started = Instant::now();
+        // A vehicle that does not reply has no stage in its summary.
+        let replies = link.query(&keys::key("*", keys::SERVICES), Vec::new(), SERVICES_TIMEOUT).unwrap_or_default();
+        let replies = replies.iter().filter_map(|(key, bytes)| {
             let (name, _) = keys::parse(key)?;
             Some((name.to_owned(), Services::from_bytes(bytes).ok()?))
         });
-        *answers.lock().unwrap_or_else(PoisonError::into_inner) = come.collect();
-        thread::sleep(ASK_INTERVAL.saturating_sub(asked.elapsed()));
+        *reports.lock().unwrap_or_else(PoisonError::into_inner) = replies.collect();
+        thread::sleep(SERVICES_INTERVAL.saturating_sub(started.elapsed()));
     }
 }
 
-/// Keeps the lines of all vehicles, for as long as somebody wants to see them.
-fn look_around(streams: &[MessageStream; 2], signs: &MessageStream, services: &Answers, told: &Lines) {
+/// Updates the summaries of all vehicles while they are in use.
+fn receive_messages(streams: &[MessageStream; 2], liveliness: &MessageStream, services: &ServiceReports, shared_lines: &VehicleLines) {
     let (mut vehicles, mut before) = (Vehicles::new(), Instant::now());
-    while Arc::strong_count(told) > 1 {
-        while let Some(sign) = signs.next(Duration::ZERO) {
-            fleet::see(&mut vehicles, &sign);
+    while Arc::strong_count(shared_lines) > 1 {
+        while let Some(token) = liveliness.next(Duration::ZERO) {
+            fleet::update_liveliness(&mut vehicles, &token);
         }
         for stream in streams {
-            if let Some(message) = stream.next(TURN) {
-                // Without tables nothing can fail.
-                let _ = fleet::take(&mut vehicles, &message, None);
+            if let Some(message) = stream.next(RECEIVE_TIMEOUT) {
+                // Without tables recording cannot fail.
+                let _ = fleet::record_message(&mut vehicles, &message, None);
             }
         }
         if before.elapsed() >= LINES_INTERVAL {
             before = Instant::now();
-            let answers = services.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            let lines = vehicles.iter_mut().map(|(name, vehicle)| line(name, vehicle, answers.get(name)));
-            *told.lock().unwrap_or_else(PoisonError::into_inner) = lines.collect();
+            let reports = services.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            let lines = vehicles.iter_mut().map(|(name, vehicle)| line(name, vehicle, reports.get(name)));
+            *shared_lines.lock().unwrap_or_else(PoisonError::into_inner) = lines.collect();
         }
     }
 }
 
 fn line(name: &str, vehicle: &mut Vehicle, services: Option<&Services>) -> VehicleLine {
-    let said = |slot: &str| services.and_then(|all| all.services.iter().find(|one| one.service == slot));
+    let status = |slot: &str| services.and_then(|all| all.services.iter().find(|one| one.service == slot));
     VehicleLine {
         vehicle: name.into(),
-        lives: vehicle.lives,
+        lives: vehicle.is_alive,
         age_s: vehicle.attitude_at.map(|at| at.elapsed().as_secs_f64()),
         attitude: vehicle.attitude.map(|attitude| attitude_from_frame(vehicle.frame, attitude).to_proto()),
         lost_messages: vehicle.lost(),
-        lost_ticks: said("course").map(|status| status.lost),
-        stage: said("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
+        lost_ticks: status("course").map(|status| status.lost),
+        stage: status("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
         services: vehicle.services.iter().cloned().collect(),
     }
 }
 
-/// Where no vehicle is chosen.
-struct NoVehicle;
+/// Source without a selected vehicle.
+struct NoSource;
 
-impl Source for NoVehicle {
-    fn look(&mut self, _take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
+impl Source for NoSource {
+    fn poll(&mut self, _take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
         SourceState::Unselected
     }
 
@@ -212,10 +212,10 @@ impl Source for NoVehicle {
     }
 }
 
-/// Who answers where no vehicle is chosen: only who is in sight is known.
-struct Nobody(Lines);
+/// Command target without a selected vehicle. It only lists the reachable vehicles.
+struct NoTarget(VehicleLines);
 
-impl CommandTarget for Nobody {
+impl CommandTarget for NoTarget {
     fn description(&self) -> Result<SystemDescription, String> {
         Ok(SystemDescription::default())
     }
@@ -233,10 +233,10 @@ impl CommandTarget for Nobody {
     }
 
     fn swap(&self, _request: SwapRequest) -> Result<SwapReport, String> {
-        Err("no vehicle is chosen".into())
+        Err("no vehicle is selected".into())
     }
 
     fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
-        Err("no vehicle is chosen".into())
+        Err("no vehicle is selected".into())
     }
 }

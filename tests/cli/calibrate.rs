@@ -158,7 +158,7 @@ fn a_mounting_is_pasted_in_place_of_the_one_there_is() {
     let accel = written(&system, "accel.toml", &block(&["accel", &accel]));
     let report = calibrated(&["mounting", &poses, "--launch", &accel]);
     let names: Vec<_> = report["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
-    assert!(names.iter().any(|note| note.contains("\"x-forward-y-left\" is 0.")), "{names:?}");
+    assert!(names.iter().any(|note| note.contains("\"x-forward-y-left\", 0.")), "{names:?}");
     let pasted = written(&system, "pasted.toml", report["block"].as_str().unwrap());
     assert!(plumb(&["config", "check", &pasted]).output().unwrap().status.success());
 }
@@ -196,9 +196,9 @@ fn a_flight_is_calibrated_by_its_readings_and_not_by_what_was_made_of_them() {
 fn thin_coverage_is_refused_with_what_is_missing() {
     let system = System::new("");
     let five = written(&system, "five.csv", &resting(&SIX[..5]));
-    assert_refused(&["accel", &five], 1, &["83 %", "missing: no rest with x down; turn the unit"]);
-    assert_refused(&["mag", &five], 1, &["0 %", "there is no sample of one"]);
-    assert_refused(&["clock", &five], 1, &["there is no sample of one"]);
+    assert_refused(&["accel", &five], 1, &["83 %", "missing: 2 s of rest in each position: x down;"]);
+    assert_refused(&["mag", &five], 1, &["0 %", "a magnetometer sample"]);
+    assert_refused(&["clock", &five], 1, &["a magnetometer sample"]);
     let one = written(&system, "one.csv", &resting(&SIX[..1]));
     assert_refused(&["mounting", &one], 1, &["50 %", "a second pose"]);
     assert_refused(&["gyro", &one], 1, &["missing: ", "do not touch it"]);
@@ -278,7 +278,7 @@ fn a_running_system_is_calibrated_while_a_bar_shows_the_coverage() {
         let ended = ended.wait_with_output().unwrap();
         let people = String::from_utf8_lossy(&ended.stderr);
         assert_eq!(ended.status.code(), Some(1), "{people}");
-        assert!(people.contains("no rest with x up"), "{people}");
+        assert!(people.contains("2 s of rest in each position: x up"), "{people}");
         running.interrupt();
     });
     let run = running.wait();

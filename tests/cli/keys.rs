@@ -1,4 +1,4 @@
-//! `plumb keys` as people and scripts call it.
+//! `plumb keys` on the command line and in scripts.
 use std::{path::Path, process::Output};
 
 use crate::common::plumb;
@@ -14,7 +14,7 @@ fn json(output: &Output) -> Value {
 }
 
 #[test]
-fn what_was_written_and_where_it_goes_is_told() {
+fn keys_prints_written_files_and_destination() {
     let folder = tempfile::tempdir().unwrap();
     let init = keys(folder.path(), &["init", "--router", "10.0.0.1", "--router", "router.example.net"]);
     let said = String::from_utf8(init.stdout).unwrap();
@@ -37,7 +37,7 @@ fn what_was_written_and_where_it_goes_is_told() {
 }
 
 #[test]
-fn who_takes_the_ticks_of_whom_is_told_and_a_vehicle_that_is_not_there_is_refused() {
+fn keys_lists_imports_and_rejects_unknown_vehicles() {
     let folder = tempfile::tempdir().unwrap();
     for (arguments, code) in [
         (&["init"][..], 0),
@@ -52,7 +52,7 @@ fn who_takes_the_ticks_of_whom_is_told_and_a_vehicle_that_is_not_there_is_refuse
     let imports = || json(&keys(folder.path(), &["list", "--json"]))[2]["imports"].clone();
     assert_eq!(imports(), serde_json::json!(["vehicle.board"]));
     let said = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
-    assert!(said.contains("takes the ticks of vehicle.board"), "{said}");
+    assert!(said.contains("imports ticks of vehicle.board"), "{said}");
     // Made anew without it, it may no more.
     assert!(keys(folder.path(), &["vehicle", "base", "--force"]).status.success());
     assert_eq!(imports(), serde_json::json!([]));
@@ -105,11 +105,11 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
     assert_eq!(count(), before);
     for arguments in [&["vehicle", "alpha", "--host", "a b"][..], &["router", "--router", "a b", "--force"]] {
         let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
-        assert!(said.contains("the host `a b`: expected"), "{said}");
+        assert!(said.contains("invalid host `a b`"), "{said}");
     }
     for arguments in [&["vehicle", "alpha", "--host", "fd00::1"][..], &["router", "--router", "fd00::1", "--force"]] {
         let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
-        assert!(said.contains("give a DNS name that leads there, or an IPv4 address"), "{said}");
+        assert!(said.contains("use a DNS name or an IPv4 address"), "{said}");
     }
     let nowhere = keys(&folder.path().join("nowhere"), &["vehicle", "alpha"]);
     assert_eq!(nowhere.status.code(), Some(1));

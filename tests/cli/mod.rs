@@ -1,6 +1,7 @@
 //! The command line as people use it.
 
 mod calibrate;
+mod help;
 mod keys;
 mod means;
 mod output;

@@ -77,6 +77,6 @@ fn a_result_that_cannot_be_written_is_an_error() {
         let output = command.stdout(File::options().write(true).open("/dev/full").unwrap()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains("printing the result: No space left on device"), "{said}");
+        assert!(said.contains("cannot write to standard output: No space left on device"), "{said}");
     }
 }

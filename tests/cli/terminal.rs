@@ -46,8 +46,8 @@ fn top_shows_a_running_system_at_80_by_24_and_whatever_size_follows() {
         "1000 Hz",
         "gyro       running",
         "supervisor running",
-        "birth to attitude",
-        "q ends",
+        "end to end",
+        "q: quit",
     ]);
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
     // Braille dots: the horizon.
@@ -62,7 +62,7 @@ fn top_shows_a_running_system_at_80_by_24_and_whatever_size_follows() {
     terminal.resize(5, 30);
     terminal.shows(&["30×5 is too small"]);
     terminal.resize(24, 80);
-    terminal.shows(&["horizon", "birth to attitude"]);
+    terminal.shows(&["horizon", "end to end"]);
 
     terminal.press("q");
     assert_eq!(terminal.ends().code(), Some(0));
@@ -80,9 +80,9 @@ fn data_that_stop_are_stale_until_they_come_again() {
     // A supervisor that could would put another in the place of the service that stands still.
     let stopped = Stopped::at([running.pid(), running.service("course")]);
     terminal.shows_that("stale data", |text| text.lines().next().is_some_and(|bar| bar.contains("  stale ")));
-    terminal.shows(&["the supervisor does not answer"]);
+    terminal.shows(&["the supervisor does not respond"]);
     drop(stopped);
-    terminal.shows_that("live data", |text| text.contains("  live  ") && !text.contains("does not answer"));
+    terminal.shows_that("live data", |text| text.contains("  live  ") && !text.contains("does not respond"));
     terminal.press("q");
     assert_eq!(terminal.ends().code(), Some(0));
     running.interrupt();
@@ -138,7 +138,7 @@ fn lines_are_printed_where_they_are_asked_for_or_nothing_can_be_drawn() {
     for command in [asked, dumb] {
         let mut terminal = OnTerminal::start_as_it_is(command, (24, 80));
         assert_eq!(terminal.ends().code(), Some(0));
-        let text = terminal.shows(&["fuser      running", "birth to attitude"]);
+        let text = terminal.shows(&["fuser      running", "end to end"]);
         assert!(!text.contains("stage"), "what 80 columns have no room for: {text}");
         assert!(!terminal.was_taken_over(), "{}", terminal.text());
     }

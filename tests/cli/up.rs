@@ -238,7 +238,7 @@ fn the_launch_file_of_the_repository_is_valid() {
 fn wrong_usage_is_told_apart_from_a_wrong_file() {
     assert_refused(plumb(&["up", "--sped", "max"]), 2, &["unexpected argument '--sped'", "--speed"]);
     assert_refused(plumb(&["fly"]), 2, &["fly"]);
-    assert_refused(plumb(&["service", "gryo"]), 2, &["there is no such service"]);
+    assert_refused(plumb(&["service", "gryo"]), 2, &["unknown service"]);
     for speed in ["fast", "0", "-1", "nan", "inf"] {
         let said = ["--speed", "expected `max` or a number from 0.001 to 1000000"];
         assert_refused(plumb(&["up", &format!("--speed={speed}")]), 2, &said);

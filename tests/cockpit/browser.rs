@@ -1,4 +1,4 @@
-//! Chromium, driven from Rust through playwright-core, in a folder of its own: one for all tests.
+//! Chromium, controlled through playwright-core. One instance serves all tests.
 
 use std::{
     cell::OnceCell,
@@ -17,11 +17,11 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// The folder with the packages of npm, made once; says why where there is none.
+/// Folder with the npm packages, installed once. `None`, with a message, if it is not available.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
-        eprintln!("skipped: no browser to look with: {cause}");
+        eprintln!("skipped: no browser available: {cause}");
         None
     }
 });
@@ -44,55 +44,57 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
-/// Tests whose pages draw at a time: as many as there are processors, for they draw without a graphics card.
-static SEATS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+/// Number of tests with open pages. It is limited to the number of processors, because pages are
+/// rendered in software.
+static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// The seat of a test; it is free again when the test's thread has ended.
-struct Seat;
+/// Permission to open pages; released when the test's thread ends.
+struct BrowserSlot;
 
-impl Seat {
-    fn take() -> Self {
-        let (taken, freed) = &SEATS;
-        let most = thread::available_parallelism().map_or(1, usize::from);
-        *freed.wait_while(taken.lock().unwrap(), |taken| *taken >= most).unwrap() += 1;
+impl BrowserSlot {
+    fn acquire() -> Self {
+        let (used, freed) = &BROWSER_SLOTS;
+        let limit = thread::available_parallelism().map_or(1, usize::from);
+        *freed.wait_while(used.lock().unwrap(), |taken| *taken >= limit).unwrap() += 1;
         Self
     }
 }
 
-impl Drop for Seat {
+impl Drop for BrowserSlot {
     fn drop(&mut self) {
-        let (taken, freed) = &SEATS;
-        *taken.lock().unwrap() -= 1;
+        let (used, freed) = &BROWSER_SLOTS;
+        *used.lock().unwrap() -= 1;
         freed.notify_one();
     }
 }
 
-/// Waits until this test may have its pages.
-pub(crate) fn seated() {
-    thread_local!(static SEAT: OnceCell<Seat> = const { OnceCell::new() });
-    SEAT.with(|seat| _ = seat.get_or_init(Seat::take));
+/// Waits until this test may open pages.
+pub(crate) fn wait_for_browser_slot() {
+    thread_local!(static SEAT: OnceCell<BrowserSlot> = const { OnceCell::new() });
+    SEAT.with(|seat| _ = seat.get_or_init(BrowserSlot::acquire));
 }
 
-/// Runs a program to its end; what it said where it failed.
+/// Runs a program to completion and returns its output; the error is the output of a failed
+/// program.
 pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stdout) + &text(&output.stderr)) }
 }
 
-/// The browser of all tests: to begin one takes as long as many a test.
+/// Browser shared by all tests, because starting one takes as long as many tests.
 struct Browser {
     input: Mutex<ChildStdin>,
-    /// Who waits for the answer of a number.
-    asked: Arc<Mutex<HashMap<u64, SyncSender<Value>>>>,
+    /// Channels for the outstanding replies, by request number.
+    pending: Arc<Mutex<HashMap<u64, SyncSender<Value>>>>,
     next: AtomicU64,
 }
 
-/// It ends with its standard input, and so with the tests.
+/// The browser. It ends when its standard input is closed, together with the tests.
 static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
 
-/// An answer that takes longer does not come: the browser has shorter limits.
-const ANSWER_LIMIT: Duration = Duration::from_secs(200);
+/// Time limit for a reply. It exceeds the limits of the driver.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(200);
 
 impl Browser {
     fn start(folder: &Path) -> Self {
@@ -105,73 +107,73 @@ impl Browser {
         let waiting = asked.clone();
         thread::spawn(move || {
             for line in BufReader::new(output).lines().map_while(Result::ok) {
-                // The last line of one that is killed is cut.
-                let Ok(answer) = serde_json::from_str::<Value>(&line) else { continue };
-                let asker = answer["number"].as_u64().and_then(|number| waiting.lock().unwrap().remove(&number));
-                asker.map(|asker| asker.send(answer));
+                // The last line of a killed driver may be truncated.
+                let Ok(reply) = serde_json::from_str::<Value>(&line) else { continue };
+                let sender = reply["number"].as_u64().and_then(|number| waiting.lock().unwrap().remove(&number));
+                sender.map(|sender| sender.send(reply));
             }
-            // Nobody waits for a browser that has ended.
+            // Drops the channels, so that no test waits for a driver that has ended.
             waiting.lock().unwrap().clear();
             let _ = node.wait();
         });
-        Self { input: Mutex::new(input), asked, next: AtomicU64::new(0) }
+        Self { input: Mutex::new(input), pending: asked, next: AtomicU64::new(0) }
     }
 
     fn number(&self) -> u64 {
         self.next.fetch_add(1, Ordering::SeqCst)
     }
 
-    /// What it answers; `None` where it does not.
-    fn ask(&self, page: u64, mut asked: Value) -> Option<Value> {
+    /// Returns the reply to a request, or `None` if the driver does not reply in time.
+    fn request(&self, page: u64, mut request: Value) -> Option<Value> {
         let number = self.number();
-        (asked["number"], asked["page"]) = (number.into(), page.into());
-        let (asker, answer) = mpsc::sync_channel(1);
-        self.asked.lock().unwrap().insert(number, asker);
-        writeln!(self.input.lock().unwrap(), "{asked}").ok()?;
-        answer.recv_timeout(ANSWER_LIMIT).ok()
+        (request["number"], request["page"]) = (number.into(), page.into());
+        let (sender, reply) = mpsc::sync_channel(1);
+        self.pending.lock().unwrap().insert(number, sender);
+        writeln!(self.input.lock().unwrap(), "{request}").ok()?;
+        reply.recv_timeout(REPLY_TIMEOUT).ok()
     }
 }
 
-/// A page, which knows nothing of the others.
+/// Page with a browser context of its own.
 pub(crate) struct Page {
     browser: &'static Browser,
     number: u64,
 }
 
 impl Page {
-    /// Opens an address; `None` where there is no browser.
+    /// Opens a URL. Returns `None` if no browser is available.
     pub(crate) fn open(url: &str) -> Option<Self> {
-        let mut page = Self::start()?;
+        let mut page = Self::new()?;
         page.goto(url, (1280, 720), "light", true);
         Some(page)
     }
 
-    /// The same, which draws as often as a screen shows.
+    /// Opens a URL with the full frame rate.
     pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
-        let mut page = Self::start()?;
+        let mut page = Self::new()?;
         page.show(url, (1280, 720), "light", true, false);
         Some(page)
     }
 
-    /// A page without an address yet.
-    pub(crate) fn start() -> Option<Self> {
-        seated();
+    /// Creates a page without opening a URL.
+    pub(crate) fn new() -> Option<Self> {
+        wait_for_browser_slot();
         let browser = BROWSER.as_ref()?;
         Some(Self { browser, number: browser.number() })
     }
 
-    /// Opens an address, whose page draws six times a second; the headers of the answer.
+    /// Opens a URL with about six frames per second and returns the response headers.
     pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
         self.show(url, size, scheme, webgl, true)
     }
 
-    fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, seldom: bool) -> Value {
-        let look = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "seldom": seldom });
-        self.ask(&json!({ "do": "open", "url": url, "look": look }))
+    fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, low_rate: bool) -> Value {
+        let options = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate });
+        self.request(&json!({ "do": "open", "url": url, "options": options }))
     }
 
     pub(crate) fn eval(&mut self, code: &str) -> Value {
-        self.ask(&json!({ "do": "eval", "code": code }))
+        self.request(&json!({ "do": "eval", "code": code }))
     }
 
     pub(crate) fn number(&mut self, code: &str) -> f64 {
@@ -185,71 +187,71 @@ impl Page {
     }
 
     pub(crate) fn until(&mut self, code: &str) {
-        self.ask(&json!({ "do": "until", "code": code }));
+        self.request(&json!({ "do": "until", "code": code }));
     }
 
     pub(crate) fn key(&mut self, key: &str) {
-        self.ask(&json!({ "do": "key", "key": key }));
+        self.request(&json!({ "do": "key", "key": key }));
     }
 
     pub(crate) fn click(&mut self, at: &str) {
-        self.ask(&json!({ "do": "click", "at": at }));
+        self.request(&json!({ "do": "click", "at": at }));
     }
 
-    /// Keeps a picture of the page for eyes, below the target folder.
+    /// Saves a screenshot below the target folder, for visual inspection.
     pub(crate) fn shot(&mut self, name: &str) {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit-screens");
         std::fs::create_dir_all(&folder).unwrap();
-        self.ask(&json!({ "do": "shot", "file": folder.join(name) }));
+        self.request(&json!({ "do": "shot", "file": folder.join(name) }));
     }
 
-    /// All that is seen was drawn after this was asked.
-    pub(crate) fn drawn_anew(&mut self) {
-        self.eval("globalThis.written.length = 0; plumb.looked_at = plumb.frames()");
-        self.until("plumb.frames() > plumb.looked_at + 1");
+    /// Waits until all content has been redrawn.
+    pub(crate) fn wait_for_redraw(&mut self) {
+        self.eval("globalThis.written.length = 0; plumb.frames_before = plumb.frames()");
+        self.until("plumb.frames() > plumb.frames_before + 1");
     }
 
-    /// Every text stands out from what is behind it by a contrast ratio of 4.5.
+    /// Asserts that every text has a contrast ratio of at least 4.5 to its background.
     pub(crate) fn assert_readable(&mut self, view: &str) {
-        let seen = self.ask(&json!({ "do": "contrast" }));
-        assert!(seen["looked"].as_u64().unwrap() > 20, "{view}: {seen}");
-        assert_eq!(seen["found"], json!([]), "{view}: below a contrast ratio of 4.5");
+        let result = self.request(&json!({ "do": "contrast" }));
+        assert!(result["checked"].as_u64().unwrap() > 20, "{view}: {result}");
+        assert_eq!(result["found"], json!([]), "{view}: below a contrast ratio of 4.5");
     }
 
-    /// A figure of Chromium's own about the page.
+    /// Returns a performance metric of the page as counted by Chromium.
     pub(crate) fn metric(&mut self, name: &str) -> f64 {
-        self.ask(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
+        self.request(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
     }
 
-    /// What was copied last, in whichever page.
+    /// Returns the text copied last, by any page.
     pub(crate) fn clipboard(&mut self) -> String {
         self.text("navigator.clipboard.readText()")
     }
 
-    /// Bytes in use by the page's script after all that is not is gone.
+    /// Returns the heap size of the page's scripts after garbage collection, bytes.
     pub(crate) fn heap(&mut self) -> f64 {
-        self.ask(&json!({ "do": "heap" })).as_f64().unwrap()
+        self.request(&json!({ "do": "heap" })).as_f64().unwrap()
     }
 
-    /// No error was said, and nobody else was asked for anything.
+    /// Asserts that there were no errors and no requests to other hosts.
     pub(crate) fn assert_clean(&mut self) {
-        assert_eq!(self.troubles(), Vec::<String>::new());
+        assert_eq!(self.errors(), Vec::<String>::new());
     }
 
-    pub(crate) fn troubles(&mut self) -> Vec<String> {
-        serde_json::from_value(self.ask(&json!({ "do": "troubles" }))).unwrap()
+    pub(crate) fn errors(&mut self) -> Vec<String> {
+        serde_json::from_value(self.request(&json!({ "do": "errors" }))).unwrap()
     }
 
-    fn ask(&mut self, asked: &Value) -> Value {
-        let mut answer = self.browser.ask(self.number, asked.clone()).expect("the browser answers");
-        assert!(answer.get("error").is_none(), "{asked}: {answer}");
-        answer["ok"].take()
+    fn request(&mut self, request: &Value) -> Value {
+        let mut reply = self.browser.request(self.number, request.clone()).expect("the driver replies in time");
+        assert!(reply.get("error").is_none(), "{request}: {reply}");
+        reply["ok"].take()
     }
 }
 
 impl Drop for Page {
     fn drop(&mut self) {
-        // A browser that has ended has closed it.
-        let _ = self.browser.ask(self.number, json!({ "do": "close" }));
+        // If the browser has ended, the page is already closed.
+        let _ = self.browser.request(self.number, json!({ "do": "close" }));
     }
 }

@@ -1,4 +1,5 @@
-//! What the page costs the browser and the board; that a session does not grow. Figures are printed, and kept in docs/cockpit.md.
+//! Cost of the page for the browser and the board. The figures are printed and quoted in
+//! docs/cockpit.md.
 use std::{
     fs,
     io::{Read as _, Write as _},
@@ -10,22 +11,22 @@ use std::{
 
 use super::{
     browser::Page,
-    page::{address, looked_at, with_cockpit},
-    strangers::UPGRADE,
+    page::{address, with_cockpit_for_browser, with_cockpit},
+    access::UPGRADE,
 };
 use crate::common::until;
 use rustix::net::sockopt::set_socket_recv_buffer_size;
 
 /// More than the buffers of a connection hold at both ends, bytes.
-const KEPT_FOR_ONE: usize = 300_000;
+const MAX_BUFFERED_BYTES: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 
-/// How long each figure is looked at, s: a moment where the test runs, longer where the figures count.
-fn looked_s() -> u32 {
-    std::env::var("PLUMBLINE_LOOKED_S").map_or(1, |text| text.parse().unwrap())
+/// Returns the duration of each measurement, s: short by default, longer for figures to quote.
+fn measurement_s() -> u32 {
+    std::env::var("PLUMBLINE_MEASURE_S").map_or(1, |text| text.parse().unwrap())
 }
 
-/// Processor time of a process, s.
+/// Returns the CPU time of a process, s.
 fn processor_s(pid: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
     let fields: Vec<_> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
@@ -38,8 +39,8 @@ fn resident_kib(pid: u32) -> f64 {
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
-/// All that `/metrics` says.
-fn figures(port: u16) -> String {
+/// Returns the response of `/metrics`, with headers.
+fn metrics_text(port: u16) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     let request = format!("GET /metrics HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).unwrap();
@@ -53,35 +54,35 @@ fn median(mut figures: Vec<f64>) -> f64 {
     figures.get(figures.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Processor time of a process meanwhile, share of one core, %.
+/// Measures the CPU usage of a process, % of one core.
 fn core_percent(pid: u32) -> f64 {
-    let (before_s, began) = (processor_s(pid), Instant::now());
-    thread::sleep(looked_s() * SECOND);
-    100.0 * (processor_s(pid) - before_s) / began.elapsed().as_secs_f64()
+    let (before_s, started) = (processor_s(pid), Instant::now());
+    thread::sleep(measurement_s() * SECOND);
+    100.0 * (processor_s(pid) - before_s) / started.elapsed().as_secs_f64()
 }
 
 #[test]
-fn a_viewer_is_sent_little() {
-    let (system, port) = looked_at("");
+fn viewer_traffic_is_small() {
+    let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
     system.all_run();
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
-    // Where the figures count, the strips are as full as they get.
-    let filled_s = if looked_s() == 1 { 1 } else { 55 };
+    // For figures to quote, the strips must be full.
+    let filled_s = if measurement_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"
     ));
     for (key, view) in [("2", "method"), ("3", "sensors"), ("4", "system"), ("1", "fly")] {
         page.key(key);
         page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
-        let costs_ms = (0..looked_s()).map(|_| {
+        let costs_ms = (0..measurement_s()).map(|_| {
             let (script_s, frames) = (page.metric("ScriptDuration"), page.number("plumb.frames()"));
             thread::sleep(SECOND);
             1e3 * (page.metric("ScriptDuration") - script_s) / (page.number("plumb.frames()") - frames)
         });
-        println!("{view}: {:.1} ms of script for a frame, median of {} s", median(costs_ms.collect()), looked_s());
+        println!("{view}: {:.1} ms of script for a frame, median of {} s", median(costs_ms.collect()), measurement_s());
     }
     let (bytes, t_s) = (page.number("plumb.data.bytes"), page.number("plumb.data.frames.at(-1).t"));
     let with = core_percent(cockpit);
@@ -95,7 +96,7 @@ fn a_viewer_is_sent_little() {
 }
 
 #[test]
-fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
+fn ten_viewers_with_one_frozen_cost_no_tick() {
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
     system.all_run();
@@ -104,14 +105,14 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
     let p99_us = || {
         let figure = || {
             thread::sleep(SECOND);
-            let text = figures(port);
+            let text = metrics_text(port);
             let line =
                 text.lines().find(|line| line.starts_with("plumbline_attitude_latency_seconds{quantile=\"0.99\"}"));
             line.and_then(|line| line.rsplit_once(' ')?.1.parse::<f64>().ok()).map(|seconds| 1e6 * seconds)
         };
-        median((0..looked_s()).filter_map(|_| figure()).collect())
+        median((0..measurement_s()).filter_map(|_| figure()).collect())
     };
-    until("the figures", || figures(port).contains("plumbline_attitude_latency_seconds"));
+    until("the figures", || metrics_text(port).contains("plumbline_attitude_latency_seconds"));
     let without_us = p99_us();
     let viewers: Vec<_> = (0..10)
         .map(|_| {
@@ -120,12 +121,12 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
             stream
         })
         .collect();
-    // The tenth takes nothing.
+    // The tenth viewer reads nothing.
     set_socket_recv_buffer_size(&viewers[9], 4096).unwrap();
-    let (over, taken) = (AtomicBool::new(false), [const { AtomicUsize::new(0) }; 9]);
+    let (is_done, received) = (AtomicBool::new(false), [const { AtomicUsize::new(0) }; 9]);
     let with_us = thread::scope(|scope| {
-        for (mut viewer, taken) in viewers.iter().zip(&taken) {
-            let over = &over;
+        for (mut viewer, taken) in viewers.iter().zip(&received) {
+            let over = &is_done;
             scope.spawn(move || {
                 let mut bytes = vec![0; 65_536];
                 while !over.load(SeqCst) {
@@ -134,40 +135,41 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
             });
         }
         let with_us = p99_us();
-        until("more than is kept for one who takes nothing", || {
-            taken.iter().all(|bytes| bytes.load(SeqCst) > KEPT_FOR_ONE)
+        until("more data than the buffers of a stalled viewer hold", || {
+            received.iter().all(|bytes| bytes.load(SeqCst) > MAX_BUFFERED_BYTES)
         });
-        over.store(true, SeqCst);
+        is_done.store(true, SeqCst);
         with_us
     });
     println!(
-        "p99 from birth to attitude, median of {} s: {without_us:.0} µs without a viewer, {with_us:.0} µs with ten; taken {taken:?} bytes",
-        looked_s()
+        "end-to-end latency p99, median of {} s: {without_us:.0} µs without a viewer, {with_us:.0} µs with ten; received {received:?} bytes",
+        measurement_s()
     );
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-#[ignore = "long: a session, in a browser that draws without a GPU"]
-fn a_session_does_not_grow_in_the_browser_or_on_board() {
+#[ignore = "long: a session in a browser with software rendering"]
+fn session_memory_does_not_grow() {
     let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(30.0, |text| text.parse().unwrap());
-    let (system, port) = looked_at("");
+    let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
     system.all_run();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
-    // A short session keeps less of the past, so that it, too, begins with as much as it ends with.
+    // A short session uses a shorter history, so that it starts with a full one as well.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
     page.eval(&format!("plumb.data.kept_s = {kept_s}"));
     let t_s = |page: &mut Page| page.number("plumb.data.frames.at(-1).t");
-    let begun_s = t_s(&mut page);
+    let start_s = t_s(&mut page);
     let cockpit = running.service("cockpit");
-    let mut look = |at_s: f64| {
-        while t_s(&mut page) < begun_s + at_s {
+    let mut measure = |at_s: f64| {
+        while t_s(&mut page) < start_s + at_s {
             thread::sleep(SECOND);
         }
-        // A picture that is just being read is in use, too: the least of a few looks is what is kept.
+        // The heap may include a snapshot that is being decoded; the minimum of several
+        // measurements excludes it.
         let heaps = (0..5).map(|_| {
             thread::sleep(SECOND / 5);
             page.heap() / 1024.0
@@ -176,10 +178,10 @@ fn a_session_does_not_grow_in_the_browser_or_on_board() {
         println!("after {at_s:.0} s: {heap:.0} KiB of script in the browser, {resident:.0} KiB on board");
         (heap, resident)
     };
-    let first = look(kept_s + 5.0);
-    look((kept_s + 5.0 + session_s) / 2.0);
-    let last = look(session_s);
-    // A page that kept what it was sent would have grown by 3 KiB 30 times a second.
+    let first = measure(kept_s + 5.0);
+    measure((kept_s + 5.0 + session_s) / 2.0);
+    let last = measure(session_s);
+    // A page that kept everything would grow by 3 KiB 30 times a second.
     let sent = 90.0 * (session_s - kept_s - 5.0);
     assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
     assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");

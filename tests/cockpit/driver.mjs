@@ -1,35 +1,35 @@
-// A browser on strings: one JSON object a line in, one out, for any number of pages. `node driver.mjs FOLDER`, whose node_modules has playwright-core.
+// Driver of a browser for tests: reads requests and writes replies, one JSON object per line, for any number of pages. `node driver.mjs FOLDER`, whose node_modules contains playwright-core.
 import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
 
 const { chromium } = createRequire(`${process.argv[2]}/`)("playwright-core");
 const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--disable-accelerated-2d-canvas"];
-/** How long a browser may take to begin, and to show an empty page, and how often that is tried: on a busy machine one has been seen that never did. */
-const BEGIN_LIMIT_MS = 20_000;
-const BEGIN_TRIES = 3;
-const END_LIMIT_MS = 5_000;
-/** How long anything that is asked may take, a browser that begins three times included. */
-const LIMIT_MS = 180_000;
+/** Time limit for starting a browser and showing an empty page, and the number of attempts. On a busy machine a start has been observed to hang. */
+const START_TIMEOUT_MS = 20_000;
+const MAX_START_ATTEMPTS = 3;
+const CLOSE_TIMEOUT_MS = 5_000;
+/** Time limit of a request, including three attempts to start the browser. */
+const REQUEST_TIMEOUT_MS = 180_000;
 
-/** The browser of all pages, from the first one on; after one that has ended another one. */
+/** The browser of all pages, started on demand and replaced if it ends. */
 let browser;
-/** By number: the page, its context, its troubles (errors, and requests to others), and the session that counts, for each begins at 0. */
+/** By number: the page, its context, its errors (including requests to other hosts), and the session that collects its metrics. */
 const pages = new Map();
 
 const verbs = {
-  async open(own, { url, look: { width, height, scheme, webgl, seldom } }) {
+  async open(own, { url, options: { width, height, scheme, webgl, low_rate } }) {
     await own.context?.close();
-    const look = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
-    own.context = await (await (browser ??= begun())).newContext(look);
+    const settings = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
+    own.context = await (await (browser ??= startBrowser())).newContext(settings);
     const page = (own.page = await own.context.newPage());
-    // Whoever asked waits no more.
+    // The test has closed the page meanwhile.
     if (own.closed) return own.context.close();
-    own.counting = undefined;
-    page.on("console", (said) => ["error", "warning"].includes(said.type()) && own.troubles.push(said.text()));
-    page.on("pageerror", (error) => own.troubles.push(String(error)));
+    own.metricsSession = undefined;
+    page.on("console", (message) => ["error", "warning"].includes(message.type()) && own.errors.push(message.text()));
+    page.on("pageerror", (error) => own.errors.push(String(error)));
     page.on("request", (request) => {
-      const at = new URL(request.url());
-      if (at.hostname !== "127.0.0.1") own.troubles.push(`a request to ${at.host}`);
+      const target = new URL(request.url());
+      if (target.hostname !== "127.0.0.1") own.errors.push(`a request to ${target.host}`);
     });
     await page.addInitScript(() => {
       globalThis.written = [];
@@ -39,8 +39,8 @@ const verbs = {
         own.call(this, text, ...more);
       };
     });
-    // Without a graphics card pictures take most of the processor: six a second show what thirty would.
-    if (seldom) await page.addInitScript(() => {
+    // Without a graphics card, rendering takes most of the CPU. Six frames per second suffice.
+    if (low_rate) await page.addInitScript(() => {
       const own = globalThis.requestAnimationFrame;
       globalThis.requestAnimationFrame = (draw) => setTimeout(() => own(draw), 140);
     });
@@ -48,16 +48,16 @@ const verbs = {
       const own = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind === "webgl2" ? null : own.call(this, kind, ...more); };
     });
-    const answer = await page.goto(url);
-    return answer.headers();
+    const response = await page.goto(url);
+    return response.headers();
   },
   async eval({ page }, { code }) { return (await page.evaluate(code)) ?? null; },
-  // The page's policy forbids what waitForFunction does.
+  // waitForFunction is forbidden by the page's content security policy.
   async until({ page }, { code }) {
     for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
       if (await page.evaluate(code)) return null;
     }
-    throw new Error("waited in vain");
+    throw new Error(`condition not met within 60 s: ${code}`);
   },
   async key({ page }, { key }) { await page.keyboard.press(key); return null; },
   async click({ page }, { at }) { await page.click(at); return null; },
@@ -67,38 +67,38 @@ const verbs = {
     await session.send("HeapProfiler.collectGarbage");
     return (await session.send("Runtime.getHeapUsage")).usedSize;
   },
-  /** Texts that stand out too little from what is behind them: below a contrast ratio of 4.5 (WCAG 2.2, 1.4.3). */
-  async contrast({ page }) { return page.evaluate(tooPale); },
-  /** Script time since this was first asked, s, and what else Chromium counts; of the page's thread, not of the clock. */
+  /** Returns the texts whose contrast ratio to their background is below 4.5 (WCAG 2.2, 1.4.3). */
+  async contrast({ page }) { return page.evaluate(findLowContrast); },
+  /** Returns Chromium's metrics of the page's thread since the first call, such as the script time, s. */
   async metrics(own) {
-    if (!own.counting) {
-      own.counting = await own.context.newCDPSession(own.page);
-      await own.counting.send("Performance.enable", { timeDomain: "threadTicks" });
+    if (!own.metricsSession) {
+      own.metricsSession = await own.context.newCDPSession(own.page);
+      await own.metricsSession.send("Performance.enable", { timeDomain: "threadTicks" });
     }
-    const { metrics } = await own.counting.send("Performance.getMetrics");
+    const { metrics } = await own.metricsSession.send("Performance.getMetrics");
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   },
-  async troubles({ troubles }) { return troubles; },
-  async close(own, asked) {
-    pages.delete(asked.page);
+  async errors({ errors }) { return errors; },
+  async close(own, request) {
+    pages.delete(request.page);
     own.closed = true;
     await own.context?.close();
     return null;
   },
 };
 
-/** A browser that has shown an empty page. */
-async function begun() {
-  for (let tries = 1; ; tries += 1) {
-    let one;
+/** Starts a browser and verifies that it can show an empty page. */
+async function startBrowser() {
+  for (let attempt = 1; ; attempt += 1) {
+    let started;
     try {
-      one = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
-      await within(BEGIN_LIMIT_MS, one.newPage().then((page) => page.close()));
-      one.on("disconnected", () => { browser = undefined; });
-      return one;
+      started = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: START_TIMEOUT_MS });
+      await within(START_TIMEOUT_MS, started.newPage().then((page) => page.close()));
+      started.on("disconnected", () => { browser = undefined; });
+      return started;
     } catch (error) {
-      if (one) await within(END_LIMIT_MS, one.close()).catch(() => {});
-      if (tries === BEGIN_TRIES) {
+      if (started) await within(CLOSE_TIMEOUT_MS, started.close()).catch(() => {});
+      if (attempt === MAX_START_ATTEMPTS) {
         browser = undefined;
         throw error;
       }
@@ -106,26 +106,26 @@ async function begun() {
   }
 }
 
-/** The same, or an error when it takes longer. */
-function within(limit_ms, promise) {
+/** Returns the result of a promise, or fails after a time limit. */
+function within(timeout_ms, promise) {
   let timer;
-  const late = new Promise((_, reject) => { timer = setTimeout(() => reject(new Error(`not within ${limit_ms / 1000} s`)), limit_ms); });
+  const late = new Promise((_, reject) => { timer = setTimeout(() => reject(new Error(`not within ${timeout_ms / 1000} s`)), timeout_ms); });
   return Promise.race([promise, late]).finally(() => clearTimeout(timer));
 }
 
-/** Answers under the number of the question. */
-async function answer(asked) {
-  if (!pages.has(asked.page)) pages.set(asked.page, { troubles: [] });
-  const { number } = asked;
+/** Executes a request and writes its reply. */
+async function handle(request) {
+  if (!pages.has(request.page)) pages.set(request.page, { errors: [] });
+  const { number } = request;
   try {
-    console.log(JSON.stringify({ number, ok: await within(LIMIT_MS, verbs[asked.do](pages.get(asked.page), asked)) }));
+    console.log(JSON.stringify({ number, ok: await within(REQUEST_TIMEOUT_MS, verbs[request.do](pages.get(request.page), request)) }));
   } catch (error) {
     console.log(JSON.stringify({ number, error: String(error) }));
   }
 }
 
-/** Runs in the page: of its text, and of what its canvases were told to write since the last time. */
-function tooPale() {
+/** Runs in the page. Checks its visible texts and the texts drawn on canvases since the last call. */
+function findLowContrast() {
   const parts = (text) => (text.startsWith("#") ? [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)).concat(1) : [...text.matchAll(/[\d.]+/g)].map(Number).concat(1).slice(0, 4));
   const over = ([r, g, b, a], under) => [r, g, b].map((part, i) => a * part + (1 - a) * under[i]);
   const light = (rgb) => rgb.map((part) => part / 255).map((part) => (part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4)).reduce((sum, part, i) => sum + part * [0.2126, 0.7152, 0.0722][i], 0);
@@ -135,31 +135,31 @@ function tooPale() {
     for (let one = at; one; one = one.parentElement) layers.push(parts(getComputedStyle(one).backgroundColor));
     return layers.reverse().reduce((under, layer) => over(layer, under), [255, 255, 255]);
   };
-  // What is stale is shown without colour.
+  // Stale content is shown in greyscale.
   const shown = (colour, at) => {
     const grey = colour.reduce((sum, part, i) => sum + part * [0.2126, 0.7152, 0.0722][i], 0);
     return at.closest(".stale") && getComputedStyle(at.closest(".stale")).filter === "grayscale(1)" ? [grey, grey, grey] : colour;
   };
   const own = (name) => parts(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   const found = [];
-  let looked = 0;
-  const look = (what, colour, under, at) => { looked += 1; const seen = ratio(shown(over(colour, under), at), shown(under, at)); if (seen < 4.5) found.push(`${what}: ${seen.toFixed(2)}`); };
+  let checked = 0;
+  const check = (what, colour, under, at) => { checked += 1; const found_ratio = ratio(shown(over(colour, under), at), shown(under, at)); if (found_ratio < 4.5) found.push(`${what}: ${found_ratio.toFixed(2)}`); };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const at = walker.currentNode.parentElement;
     const text = walker.currentNode.textContent.trim();
-    if (text && at.checkVisibility({ visibilityProperty: true }) && !["SCRIPT", "STYLE"].includes(at.tagName)) look(text, parts(getComputedStyle(at).color), behind(at), at);
+    if (text && at.checkVisibility({ visibilityProperty: true }) && !["SCRIPT", "STYLE"].includes(at.tagName)) check(text, parts(getComputedStyle(at).color), behind(at), at);
   }
   for (const { canvas, text, style } of globalThis.written.splice(0)) {
     if (!canvas.isConnected) continue;
     const under = canvas.getAttribute("aria-label") === "Artificial horizon" ? [own("sky"), own("ground")] : [behind(canvas)];
-    under.forEach((one) => look(`${text}, on a canvas`, parts(style), one.slice(0, 3), canvas));
+    under.forEach((one) => check(`${text}, on a canvas`, parts(style), one.slice(0, 3), canvas));
   }
-  return { looked, found: [...new Set(found)] };
+  return { checked, found: [...new Set(found)] };
 }
 
-// The pages do not wait for each other.
-for await (const line of createInterface({ input: process.stdin })) answer(JSON.parse(line));
-// What has not ended by then ends with this process.
-await within(END_LIMIT_MS, Promise.resolve(browser).then((one) => one?.close())).catch(() => {});
+// Requests run concurrently, so that pages do not wait for each other.
+for await (const line of createInterface({ input: process.stdin })) handle(JSON.parse(line));
+// If the browser does not close in time, it is killed with this process.
+await within(CLOSE_TIMEOUT_MS, Promise.resolve(browser).then((started) => started?.close())).catch(() => {});
 process.exit(0);

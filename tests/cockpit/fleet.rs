@@ -1,4 +1,4 @@
-//! Vehicles elsewhere on one page.
+//! Page with remote vehicles.
 use super::{
     browser::Page,
     page::{View, row},
@@ -24,7 +24,7 @@ fn view(system: &System, arguments: &[&str]) -> View {
 }
 
 #[test]
-fn every_vehicle_in_sight_has_a_line_and_the_one_that_is_chosen_is_shown_in_our_frame() {
+fn all_vehicles_are_listed_and_selected_one_is_shown() {
     let (boat, drone) = (vehicle("boat", ""), vehicle("drone", "[output]\nframe = \"ned-frd\"\n"));
     let out = drone.path("out.csv");
     let (boat_runs, drone_runs) = (boat.start(&[]), drone.start(&["--out", out.to_str().unwrap()]));
@@ -43,9 +43,9 @@ fn every_vehicle_in_sight_has_a_line_and_the_one_that_is_chosen_is_shown_in_our_
     page.shot("fleet-chosen.png");
     page.key("4");
     page.until("plumb.drawn()?.services?.some(([service, state]) => service === 'fuser' && state === 'running')");
-    assert_eq!(page.eval("document.getElementById('swap').disabled"), true, "over a plain endpoint nobody commands");
+    assert_eq!(page.eval("document.getElementById('swap').disabled"), true, "a plain endpoint accepts no commands");
 
-    // One that ends stays in the list, and is told so.
+    // A vehicle that has ended stays in the list and is marked as old.
     boat_runs.interrupt();
     boat_runs.wait().assert_whole();
     page.key("5");
@@ -53,16 +53,16 @@ fn every_vehicle_in_sight_has_a_line_and_the_one_that_is_chosen_is_shown_in_our_
     page.until("plumb.drawn().vehicles.some(({ vehicle, old }) => vehicle === 'drone' && !old)");
     page.shot("fleet-gone.png");
     page.assert_clean();
-    view.end();
+    view.stop();
     drone_runs.interrupt();
     drone_runs.wait().assert_whole();
-    // North-east-down and forward-right-down: as the file has it, so has the page in ours.
+    // The file has north-east-down and forward-right-down; the page shows the native frame.
     let row = row(&out, tick);
     assert_eq!(drawn, [row[1], row[3], row[2], -row[4]], "tick {tick}");
 }
 
 #[test]
-fn the_page_begins_with_the_vehicle_that_is_named_and_finds_it_again() {
+fn named_vehicle_is_shown_and_found_after_restart() {
     let boat = vehicle("boat", "");
     let running = boat.start(&[]);
     let end = endpoint(&boat);
@@ -76,13 +76,13 @@ fn the_page_begins_with_the_vehicle_that_is_named_and_finds_it_again() {
     until("the gateway", || gateway(&boat).is_some());
     page.until("plumb.state().kind === 'live'");
     page.assert_clean();
-    view.end();
+    view.stop();
     again.interrupt();
     again.wait().assert_whole();
 }
 
 #[test]
-fn an_operator_swaps_a_stage_of_a_vehicle_elsewhere_by_a_click() {
+fn operator_swaps_stage_of_remote_vehicle() {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["operator", "ann"]]);
     let alpha = listening(&site, free_port());
     let running = alpha.start(&[]);
@@ -100,7 +100,7 @@ fn an_operator_swaps_a_stage_of_a_vehicle_elsewhere_by_a_click() {
     let outcome = page.text("document.getElementById('outcome').textContent");
     assert!(outcome.starts_with("committed: fuser: multiple-model → vqf from tick"), "{outcome}");
     page.assert_clean();
-    view.end();
+    view.stop();
     running.interrupt();
     running.wait().assert_whole();
 }

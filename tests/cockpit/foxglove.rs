@@ -1,4 +1,4 @@
-//! What a viewer of the Foxglove WebSocket protocol sees is the system; what strangers get is nothing.
+//! Clients of the Foxglove WebSocket protocol: received values, access control and limits.
 use std::{
     collections::BTreeMap,
     fs,
@@ -13,7 +13,7 @@ use std::{
 use super::{
     browser::{PACKAGES, run},
     page::{View, row, with_cockpit},
-    strangers::{UPGRADE, connected, get},
+    access::{UPGRADE, connect, get},
 };
 use crate::common::{System, beyond::free_port, data, plumb, python::python, signal, until};
 use rustix::process::Signal;
@@ -26,24 +26,24 @@ fn client(python: &Path, port: u16, protocol: &str, what: &str) -> Command {
     command
 }
 
-fn listens(port: u16) {
+fn wait_for_port(port: u16) {
     until("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
 }
 
-/// The same attitude in the frames of viewers, x y z w: q times a quarter turn about up.
+/// Returns the attitude in the frames of viewers, x y z w: q times a quarter rotation about up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
 }
 
 #[test]
-fn the_client_that_foxglove_publishes_sees_the_attitude_that_plumb_wrote() {
+fn official_client_receives_recorded_attitude() {
     let Some(packages) = &*PACKAGES else { return };
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
-    listens(port);
+    wait_for_port(port);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut client = Command::new("node");
     client.arg(root.join("tests/foreign/foxglove.mjs")).arg(packages).arg(root.join("services/cockpit/page"));
@@ -62,13 +62,13 @@ fn the_client_that_foxglove_publishes_sees_the_attitude_that_plumb_wrote() {
 }
 
 #[test]
-fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
+fn python_client_receives_60_attitudes_per_second() {
     let Some(python) = python() else { return };
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
-    listens(port);
+    wait_for_port(port);
     let mut child = client(python, port, "foxglove.sdk.v1", "6").spawn().unwrap();
     thread::sleep(Duration::from_secs(2));
     signal(running.service("accel"), Signal::KILL);
@@ -93,11 +93,11 @@ fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
     for topic in ["/tf", "/pose", "/attitude", "/fused", "/gyro", "/accel", "/imu", "/health"] {
         assert!(messages.get(topic) > Some(&100), "{topic}: {messages:?}");
     }
-    let most: BTreeMap<String, u64> = serde_json::from_value(seen["most_in_a_second"].clone()).unwrap();
-    println!("{messages:?}, at most {most:?}");
-    assert!(most.iter().all(|(topic, most)| *most <= 60 || topic == "/event"), "{most:?}");
+    let max_per_second: BTreeMap<String, u64> = serde_json::from_value(seen["most_in_a_second"].clone()).unwrap();
+    println!("{messages:?}, at most {max_per_second:?}");
+    assert!(max_per_second.iter().all(|(topic, max_per_second)| *max_per_second <= 60 || topic == "/event"), "{max_per_second:?}");
 
-    // What happened to the service is told whole.
+    // Events are complete; they are not limited to 60 per second.
     let events: Vec<u64> = serde_json::from_value(seen["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 
@@ -106,11 +106,11 @@ fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
     for [tick, quaternion @ .., x, y, z, w] in rows {
         let written = row(&out, tick as u64);
         assert_eq!(quaternion, written[1..5], "tick {tick}");
-        let off = for_viewers(quaternion).into_iter().zip([x, y, z, w]).map(|(own, told)| (own - told).abs());
+        let off = for_viewers(quaternion).into_iter().zip([x, y, z, w]).map(|(own, received)| (own - received).abs());
         assert!(off.fold(0.0, f64::max) < 1e-15, "tick {tick}");
     }
     assert_eq!(seen["poses_differ"], 0);
-    // The time of a message is that of its publication.
+    // Messages are stamped with the time of their publication.
     let [now, newest] = ["now_ns", "newest_ns"].map(|name| seen[name].as_f64().unwrap() * 1e-9);
     assert!(newest <= now && newest > now - 30.0, "{newest} s of {now} s");
     let narrow = &seen["narrow"];
@@ -119,13 +119,13 @@ fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
 }
 
 #[test]
-fn where_a_receiver_is_is_on_the_map_of_a_viewer() {
+fn receiver_position_is_published_as_location() {
     let (Some(python), Some(data)) = (python(), data()) else { return };
     let (system, port) = with_cockpit("");
     let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
     let running = system.start(&["--replay", recording.to_str().unwrap(), "--speed", "1"]);
     system.all_run();
-    listens(port);
+    wait_for_port(port);
     let mut child = client(python, port, "foxglove.sdk.v1", "4").spawn().unwrap();
     let seen: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
     assert!(child.wait().unwrap().success());
@@ -137,13 +137,13 @@ fn where_a_receiver_is_is_on_the_map_of_a_viewer() {
     let rows: Vec<Vec<f64>> =
         text.lines().skip(1).map(|row| row.split(',').map(|number| number.parse().unwrap()).collect()).collect();
     for place in places {
-        let is = |row: &Vec<f64>| row[4..7].iter().zip(place).all(|(own, told)| (own - told).abs() < 1e-9);
+        let is = |row: &Vec<f64>| row[4..7].iter().zip(place).all(|(own, received)| (own - received).abs() < 1e-9);
         assert!(rows.iter().any(is), "no receiver was at {place:?}");
     }
 }
 
 #[test]
-fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
+fn restarted_system_starts_new_session_for_clients() {
     let Some(python) = python() else { return };
     let system = System::new("");
     let running = system.start(&[]);
@@ -154,15 +154,15 @@ fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
     let view = View::start(command);
     let mut child = client(python, port, "foxglove.websocket.v1", "another-session").spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let mut said = || -> Value { serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap() };
-    let first = said()["sees"].clone();
-    assert!(said()["tick"].as_u64() > Some(1000));
+    let mut next_line = || -> Value { serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap() };
+    let first = next_line()["sees"].clone();
+    assert!(next_line()["tick"].as_u64() > Some(1000));
     running.interrupt();
     running.wait().assert_whole();
     let again = system.start(&[]);
-    let mut last = said();
+    let mut last = next_line();
     while last["infos"].is_null() {
-        last = said();
+        last = next_line();
     }
     assert!(child.wait().unwrap().success());
     let infos = last["infos"].as_array().unwrap();
@@ -170,7 +170,7 @@ fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
     assert!(infos[1]["op"] == "serverInfo" && infos[1]["sessionId"] != first, "{last}");
     let ticks: Vec<u64> = serde_json::from_value(last["ticks"].clone()).unwrap();
     assert!(ticks.len() >= 10 && ticks.windows(2).all(|pair| pair[0] < pair[1]), "{ticks:?}");
-    view.end();
+    view.stop();
     again.interrupt();
     again.wait().assert_whole();
 }
@@ -178,13 +178,13 @@ fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
 const PROTOCOL: &str = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
 
 #[test]
-fn pages_of_others_are_answered_where_the_launch_file_names_them_and_only_there() {
+fn pages_from_listed_origins_only_are_accepted() {
     let named = "https://app.foxglove.dev";
     for origins in [vec![], vec![named]] {
         let (system, port) = with_cockpit(&format!("cockpit.foxglove_origins = {origins:?}"));
         let running = system.start(&[]);
         system.all_run();
-        listens(port);
+        wait_for_port(port);
         let host = format!("Host: 127.0.0.1:{port}\r\n");
         let from =
             |path: &str, origin: &str| get(port, path, &format!("{host}Origin: {origin}\r\n{PROTOCOL}{UPGRADE}"));
@@ -206,35 +206,35 @@ fn pages_of_others_are_answered_where_the_launch_file_names_them_and_only_there(
     }
 }
 
-/// A text of a client, masked as clients do: by zeros.
-fn text(said: &str) -> Vec<u8> {
-    let length = u16::try_from(said.len()).unwrap();
+/// Encodes a text frame of a client, with a zero mask.
+fn text(content: &str) -> Vec<u8> {
+    let length = u16::try_from(content.len()).unwrap();
     let head = if length < 126 { vec![0x81, 0x80 | length as u8] } else { vec![0x81, 0x80 | 126] };
     let more = if length < 126 { vec![] } else { length.to_be_bytes().to_vec() };
-    [head, more, vec![0; 4], said.as_bytes().to_vec()].concat()
+    [head, more, vec![0; 4], content.as_bytes().to_vec()].concat()
 }
 
 #[test]
-fn many_clients_and_one_that_takes_nothing_cost_no_tick_and_more_are_refused() {
+fn clients_cost_no_tick_and_excess_is_rejected() {
     use std::io::{Read as _, Write as _};
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
     system.all_run();
-    listens(port);
+    wait_for_port(port);
     let request = format!("GET /foxglove HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{PROTOCOL}{UPGRADE}\r\n");
     let all: Vec<_> = (0..14).map(|id| format!("{{\"id\":{id},\"channelId\":{id}}}")).collect();
     let subscribe = text(&format!("{{\"op\":\"subscribe\",\"subscriptions\":[{}]}}", all.join(",")));
     let clients: Vec<_> = (0..8)
         .map(|_| {
-            let (mut stream, answer) = connected(port, &request);
+            let (mut stream, answer) = connect(port, &request);
             assert!(answer.starts_with("http/1.1 101"), "{answer}");
             stream.write_all(&subscribe).unwrap();
             stream
         })
         .collect();
-    let (_, ninth) = connected(port, &request);
+    let (_, ninth) = connect(port, &request);
     assert!(ninth.starts_with("http/1.1 503"), "{ninth}");
-    // Seven read some seconds of everything, the eighth nothing.
+    // Seven clients read several seconds of all channels, the eighth reads nothing.
     thread::scope(|scope| {
         for mut client in clients.iter().take(7) {
             scope.spawn(move || {
@@ -247,11 +247,11 @@ fn many_clients_and_one_that_takes_nothing_cost_no_tick_and_more_are_refused() {
             });
         }
     });
-    // Who says what is none is told so, and who says too much is dropped.
+    // A client whose message exceeds the size limit is disconnected.
     let mut client = &clients[0];
     client.write_all(&text(&"x".repeat(5000))).unwrap();
     let mut left = Vec::new();
-    // The end may come as one or as a break.
+    // The connection may be closed or reset.
     let _ = client.read_to_end(&mut left);
     drop(clients);
     running.interrupt();

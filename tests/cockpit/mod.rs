@@ -1,4 +1,4 @@
-//! The cockpit as a browser shows it: what is drawn is what was sent, and nobody else can do anything.
+//! Tests of the cockpit in a browser and with other clients: values, access control and cost.
 
 mod browser;
 mod cost;
@@ -9,5 +9,5 @@ mod metrics;
 mod page;
 mod recorded;
 mod sensors;
-mod strangers;
+mod access;
 mod tls;

@@ -1,4 +1,4 @@
-//! The page of a running system.
+//! Page of a running system.
 use std::{
     fs,
     io::{BufRead as _, BufReader},
@@ -6,7 +6,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use super::browser::{PACKAGES, Page, run, seated};
+use super::browser::{PACKAGES, Page, run, wait_for_browser_slot};
 use crate::common::{Running, System, beyond::free_port, plumb, signal, until};
 use attitude::frames::Frame;
 use rustix::process::Signal;
@@ -14,19 +14,20 @@ use serde_json::Value;
 
 const PAGE: &str = "services/cockpit/page";
 
-/// Beside browsers that draw without a graphics card a service may be late, and is not killed for it.
-const PATIENT: &str = "restart.silence_s = 10.0";
+/// Restart settings for tests with browsers: software rendering may delay a service, which must not
+/// be killed for it.
+const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
-/// A system with a cockpit at a port, and the address with the token.
+/// Returns a system with a cockpit and the port of its page.
 pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
     let port = free_port();
     let services = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"cockpit\"]";
     (System::new(&format!("{services}\ncockpit.listen = \"127.0.0.1:{port}\"\n{more}")), port)
 }
 
-/// The same, of a test that looks at it with a browser.
-pub(crate) fn looked_at(more: &str) -> (System, u16) {
-    seated();
+/// Returns a system with a cockpit once this test may open pages.
+pub(crate) fn with_cockpit_for_browser(more: &str) -> (System, u16) {
+    wait_for_browser_slot();
     with_cockpit(more)
 }
 
@@ -36,16 +37,16 @@ pub(crate) fn address(system: &System, port: u16) -> String {
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(token).unwrap().trim())
 }
 
-/// `plumb view`, which ends with the test.
+/// A `plumb view` process, killed when dropped.
 pub(crate) struct View {
     child: Child,
-    /// What it printed.
+    /// Printed address of the page.
     pub(crate) address: String,
 }
 
 impl View {
-    /// Of a system on this machine, whether it runs or not.
-    pub(crate) fn of(system: &System, listen: &str) -> Self {
+    /// Starts `plumb view` for a system on this machine, running or not.
+    pub(crate) fn of_system(system: &System, listen: &str) -> Self {
         let mut command = plumb(&["view", "--system", &system.name, "--listen", listen]);
         command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
         Self::start(command)
@@ -58,7 +59,7 @@ impl View {
         Self { child, address: address.trim().into() }
     }
 
-    pub(crate) fn end(mut self) {
+    pub(crate) fn stop(mut self) {
         signal(self.child.id(), Signal::INT);
         assert!(self.child.wait().unwrap().success());
     }
@@ -71,13 +72,13 @@ impl Drop for View {
     }
 }
 
-fn started(system: &System, arguments: &[&str]) -> Running {
+fn start_all(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
     system.all_run();
     running
 }
 
-/// The row of a tick in a file of attitudes.
+/// Returns the row of a tick in a file of attitudes.
 pub(crate) fn row(file: &Path, tick: u64) -> Vec<f64> {
     let text = fs::read_to_string(file).unwrap();
     let line = text.lines().nth(1 + tick as usize).unwrap();
@@ -85,12 +86,12 @@ pub(crate) fn row(file: &Path, tick: u64) -> Vec<f64> {
 }
 
 #[test]
-fn every_view_shows_what_was_sent() {
-    let (system, port) = looked_at("");
+fn every_view_shows_published_values() {
+    let (system, port) = with_cockpit_for_browser("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--out", out.to_str().unwrap()]);
-    let Some(mut page) = Page::start() else { return };
-    let mut seen = Vec::new();
+    let running = start_all(&system, &["--out", out.to_str().unwrap()]);
+    let Some(mut page) = Page::new() else { return };
+    let mut samples = Vec::new();
     for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark")] {
         let headers = page.goto(&address(&system, port), size, scheme, true);
         assert!(headers["content-security-policy"].as_str().unwrap().starts_with("default-src 'none'"), "{headers}");
@@ -98,12 +99,12 @@ fn every_view_shows_what_was_sent() {
         for (key, view) in ["fly", "method", "sensors", "system", "fleet"].iter().enumerate() {
             page.key(&(key + 1).to_string());
             page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
-            page.drawn_anew();
+            page.wait_for_redraw();
             page.assert_readable(view);
             page.shot(&format!("{view}-{}-{scheme}.png", size.0));
-            // The theme that the browser does not ask for.
+            // Toggles to the theme that the browser does not prefer.
             page.key("t");
-            page.drawn_anew();
+            page.wait_for_redraw();
             page.assert_readable(&format!("{view}, in the other theme than {scheme}"));
             page.key("t");
         }
@@ -119,10 +120,10 @@ fn every_view_shows_what_was_sent() {
         let w: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().w")).unwrap();
         let w_tick = page.number("plumb.data.shown().picture.fused.header.tick") as u64;
         let width = page.number("document.documentElement.scrollWidth");
-        assert!(width <= f64::from(size.0), "it scrolls sideways: {width}");
-        seen.push((tick, drawn, pitch_deg, w_tick, w));
+        assert!(width <= f64::from(size.0), "horizontal scrolling: {width} px");
+        samples.push((tick, drawn, pitch_deg, w_tick, w));
     }
-    let mut costs: Vec<f64> = serde_json::from_value(page.eval("plumb.costs")).unwrap();
+    let mut costs: Vec<f64> = serde_json::from_value(page.eval("plumb.frameCosts")).unwrap();
     costs.sort_by(f64::total_cmp);
     println!("script of a frame: median {:.1} ms, of {}", costs[costs.len() / 2], costs.len());
     page.assert_clean();
@@ -133,12 +134,13 @@ fn every_view_shows_what_was_sent() {
         let [qw, x, y, z] = [row[1], row[2], row[3], row[4]];
         (2.0 * (x * z - qw * y), 2.0 * (y * z + qw * x), 1.0 - 2.0 * (x * x + y * y))
     };
-    for (tick, drawn, pitch_deg, w_tick, w) in seen {
+    for (tick, drawn, pitch_deg, w_tick, w) in samples {
         let attitude = row(&out, tick);
         assert_eq!(drawn, attitude[1..5], "tick {tick}");
         let (_, b, _) = up(&attitude);
         assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
-        // The attitude comes a hop after the fused point: that of a picture is of a later tick.
+        // The attitude is published one hop after the fused point, so that a snapshot has them of
+        // different ticks.
         let fused = row(&out, w_tick);
         let (a, b, c) = up(&fused);
         assert!((w[0] - a / (1.0 + c)).abs() < 1e-9 && (w[1] - b / (1.0 + c)).abs() < 1e-9, "{w:?} {fused:?}");
@@ -146,14 +148,15 @@ fn every_view_shows_what_was_sent() {
 }
 
 #[test]
-fn without_webgl_it_is_drawn_flat_and_says_why() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
-    let Some(mut page) = Page::start() else { return };
+fn missing_webgl_falls_back_to_2d_with_reason() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::new() else { return };
     page.goto(&address(&system, port), (1280, 720), "light", false);
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
-    assert_eq!(page.text("plumb.why()"), "this browser has no WebGL 2: drawn flat");
-    // Something is on the canvas; between its middle and "up z", above the body, it is the axis, which stands upright.
+    assert_eq!(page.text("plumb.fallbackReason()"), "this browser does not support WebGL 2; using the 2-D fallback");
+    // Checks that something is drawn, and that the vertical axis is drawn between the middle and
+    // its label "up z".
     let code = "(() => {
         const c = document.querySelector('.panel canvas');
         const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
@@ -170,9 +173,9 @@ fn without_webgl_it_is_drawn_flat_and_says_why() {
 }
 
 #[test]
-fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
-    let (system, port) = looked_at(PATIENT);
-    let running = started(&system, &[]);
+fn swap_by_click_requires_token() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("4");
@@ -186,28 +189,28 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
     assert!(outcome.contains("lost 0, duplicated 0"), "{outcome}");
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
     assert_eq!(fuser["stage"], "vqf");
-    page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED')");
+    page.until("plumb.data.events.some((event) => event.kind === 'EVENT_KIND_SWAPPED')");
     page.until("plumb.drawn().services.some(([service, , stage]) => service === 'fuser' && stage === 'vqf')");
     page.shot("system-swapped.png");
     page.assert_clean();
 
-    // Another page, without the token.
+    // A second page without the token.
     let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
     stranger.until("plumb.state().kind === 'live'");
     stranger.key("4");
     stranger.until("document.getElementById('slot').value === 'fuser'");
     stranger.click("#swap");
     stranger.click("#yes");
-    let said = stranger.text("document.getElementById('outcome').textContent");
-    assert!(said.starts_with("commands need the token"), "{said}");
+    let outcome = stranger.text("document.getElementById('outcome').textContent");
+    assert!(outcome.starts_with("commands require a token"), "{outcome}");
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
-    let (system, port) = looked_at(PATIENT);
-    let running = started(&system, &[]);
+fn shadow_is_drawn_at_its_reported_difference() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.eval("plumb.drawn().shadow"), Value::Null);
@@ -222,20 +225,20 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     let drawn = page.eval("plumb.drawn()");
     let numbers = |name: &str| serde_json::from_value::<[f64; 4]>(drawn[name].clone()).unwrap();
     let along: f64 = numbers("quaternion").into_iter().zip(numbers("shadow")).map(|(own, shadow)| own * shadow).sum();
-    let (seen_deg, said_deg) = (2.0 * along.abs().min(1.0).acos().to_degrees(), drawn["apart_deg"].as_f64().unwrap());
-    assert!(said_deg > 0.0 && (seen_deg - said_deg).abs() < 1e-5, "{seen_deg}° of {said_deg}°");
-    let said = page.text("[...document.querySelectorAll('.legend .c-shadow')].find((one) => !one.hidden).textContent");
-    assert!(said.starts_with("shadow of fuser, ") && said.ends_with("° apart"), "{said}");
+    let (drawn_deg, reported_deg) = (2.0 * along.abs().min(1.0).acos().to_degrees(), drawn["shadow_difference_deg"].as_f64().unwrap());
+    assert!(reported_deg > 0.0 && (drawn_deg - reported_deg).abs() < 1e-5, "{drawn_deg}° of {reported_deg}°");
+    let label = page.text("[...document.querySelectorAll('.legend .c-shadow')].find((one) => !one.hidden).textContent");
+    assert!(label.starts_with("shadow of fuser, difference ") && label.ends_with('°'), "{label}");
     page.shot("fly-shadow.png");
     page.key("4");
     page.until("!document.getElementById('promote').disabled");
     page.shot("system-shadow.png");
     page.click("#promote");
     page.click("#yes");
-    page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED' && told.service === 'fuser' && told.stage === 'vqf')");
+    page.until("plumb.data.events.some((event) => event.kind === 'EVENT_KIND_SWAPPED' && event.service === 'fuser' && event.stage === 'vqf')");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
-    // Another one, which is ended; asked for by who has seen what fills the slot.
+    // Starts another shadow and cancels it. The page must know the new owner first.
     page.key("4");
     page.until("plumb.drawn()?.services?.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");
@@ -248,9 +251,9 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
     assert_eq!(fuser["stage"], "vqf");
-    // Who was asked to go has not failed.
+    // A cancelled shadow does not count as a fault.
     assert_eq!(
-        page.text("JSON.stringify(plumb.data.events.filter((told) => told.fault && told.service === 'fuser'))"),
+        page.text("JSON.stringify(plumb.data.events.filter((event) => event.fault && event.service === 'fuser'))"),
         "[]"
     );
     page.assert_clean();
@@ -259,9 +262,9 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
 }
 
 #[test]
-fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
+fn restarts_and_outages_are_shown_and_page_reconnects() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("4");
@@ -269,21 +272,22 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     signal(running.service("gyro"), Signal::KILL);
     page.until("document.querySelector('[data-service=gyro]')?.classList.contains('down')");
     page.shot("system-killed.png");
-    page.until("plumb.data.events.some((told) => told.fault && told.service === 'gyro')");
+    page.until("plumb.data.events.some((event) => event.fault && event.service === 'gyro')");
     page.until("document.querySelector('[data-service=gyro]') && !document.querySelector('[data-service=gyro]').classList.contains('down')");
     page.until("plumb.drawn().services.some(([service, , , restarts]) => service === 'gyro' && restarts === 1)");
 
-    // What has not come for half a second is old.
-    page.until("plumb.data.state(plumb.data.came + 200).kind === 'live'");
-    assert_eq!(page.eval("plumb.data.state(plumb.data.came + 500).kind"), "stale");
-    // What is old is grey, and says how old. The supervisor would start a source again that stands still.
+    // The page turns stale between 200 and 500 ms without an attitude.
+    page.until("plumb.data.state(plumb.data.received_ms + 200).kind === 'live'");
+    assert_eq!(page.eval("plumb.data.state(plumb.data.received_ms + 500).kind"), "stale");
+    // Stale content is grey and the state shows its age. The supervisor is stopped, too, because it
+    // would restart a stopped source.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
     for (key, view) in [("1", "fly"), ("4", "system")] {
         page.key(key);
         page.until("plumb.drawn()");
-        page.drawn_anew();
+        page.wait_for_redraw();
         page.assert_readable(&format!("{view}, stale"));
     }
     [ingest, running.pid()].iter().for_each(|pid| signal(*pid, Signal::CONT));
@@ -292,44 +296,44 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     running.interrupt();
     let run = running.wait();
     assert_eq!(run.code, Some(0), "{}", run.people);
-    page.until("plumb.state().kind === 'connecting' && !document.getElementById('why').hidden");
-    assert!(page.text("document.getElementById('why').textContent").contains("plumb up"));
-    let again = started(&system, &[]);
+    page.until("plumb.state().kind === 'connecting' && !document.getElementById('reason').hidden");
+    assert!(page.text("document.getElementById('reason').textContent").contains("plumb up"));
+    let again = start_all(&system, &[]);
     page.until("plumb.state().kind === 'live'");
     again.interrupt();
     again.wait().assert_whole();
-    // A connection that was refused meanwhile is said by the browser.
-    let others: Vec<_> = page.troubles().into_iter().filter(|said| !said.contains("ERR_CONNECTION")).collect();
+    // The browser itself logs the connection attempts that failed meanwhile.
+    let others: Vec<_> = page.errors().into_iter().filter(|error| !error.contains("ERR_CONNECTION")).collect();
     assert_eq!(others, Vec::<String>::new());
 }
 
 #[test]
-fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
+fn all_views_share_time_line_and_cursor() {
     let fault = "[[ingest.fault]]\nsensor = \"accel\"\nkind = \"stuck\"\nfrom_s = 4\nuntil_s = 6\n";
     let system = System::new(&format!("faults = true\n{fault}"));
-    // Who looks is there before the system, and misses nothing.
-    let view = View::of(&system, &format!("127.0.0.1:{}", free_port()));
+    // The page is opened before the system starts, so that it misses no event.
+    let view = View::of_system(&system, &format!("127.0.0.1:{}", free_port()));
     let Some(mut page) = Page::open(&view.address) else { return };
-    let running = started(&system, &[]);
-    // Flags are up from their first picture to their last, also where some were missed.
-    page.until("plumb.data.events.some(({ word, until }) => word === 'fault-injected' && until > 5.5)");
-    page.until("plumb.data.events.some(({ word }) => word === 'force-stuck')");
-    let code = "(told => [Math.min(...told.map(({ t }) => t)), Math.max(...told.map(({ until }) => until))])(plumb.data.events.filter(({ word }) => word === 'fault-injected'))";
+    let running = start_all(&system, &[]);
+    // Flag events cover the first to the last snapshot with the flag, including missed ones.
+    page.until("plumb.data.events.some(({ label, until }) => label === 'fault-injected' && until > 5.5)");
+    page.until("plumb.data.events.some(({ label }) => label === 'force-stuck')");
+    let code = "(events => [Math.min(...events.map(({ t }) => t)), Math.max(...events.map(({ until }) => until))])(plumb.data.events.filter(({ label }) => label === 'fault-injected'))";
     let [from_s, until_s]: [f64; 2] = serde_json::from_value(page.eval(code)).unwrap();
     assert!((3.9..5.0).contains(&from_s) && (5.5..7.0).contains(&until_s), "{from_s} s to {until_s} s");
     signal(running.service("accel"), Signal::KILL);
-    page.until("['accel ended', 'accel restarted'].every((word) => plumb.told().some((told) => told.word === word))");
-    page.eval("plumb.ended_s = plumb.told().find((told) => told.word === 'accel ended').t");
+    page.until("['accel ended', 'accel restarted'].every((label) => plumb.timeline().some((event) => event.label === label))");
+    page.eval("plumb.ended_s = plumb.timeline().find((event) => event.label === 'accel ended').t");
     page.key(" ");
     for view in ["1", "2", "3", "4"] {
         page.key(view);
-        page.until("plumb.told().some((told) => told.word === 'accel ended' && told.t === plumb.ended_s)");
+        page.until("plumb.timeline().some((event) => event.label === 'accel ended' && event.t === plumb.ended_s)");
     }
-    // To the event by key, in whichever view; the strips, the scene and the words are at its time.
+    // Moves the cursor to the event by key. Strips, scene and description show that time.
     let mut steps = 0;
     while page.eval("plumb.data.cursor === plumb.ended_s") != true {
         steps += 1;
-        assert!(steps < 50, "{}", page.eval("JSON.stringify(plumb.told())"));
+        assert!(steps < 50, "{}", page.eval("JSON.stringify(plumb.timeline())"));
         page.key("[");
     }
     page.until("document.querySelector('#timeline output').textContent.includes('accel ended')");
@@ -339,17 +343,17 @@ fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
     assert!(off_s < 0.2, "{off_s} s");
     page.shot("fly-event.png");
     page.assert_clean();
-    view.end();
+    view.stop();
     running.interrupt();
     running.wait();
 }
 
 #[test]
-fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
+fn values_and_quaternion_at_cursor_are_copied() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    // The services come one after the other: the first pictures have no angles yet.
+    // The services start one after the other, so that the first snapshots have no attitude.
     page.until(
         "plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.data.shown()?.picture.attitude",
     );
@@ -380,7 +384,7 @@ fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen(
     };
     assert_eq!(["qw", "qx", "qy", "qz"].map(column), ours);
     assert_eq!(column("pitch_rad"), page.number("plumb.data.shown().picture.attitude.pitch_rad"));
-    assert!(column("force_m_s2_least") <= column("force_m_s2_most"));
+    assert!(column("force_m_s2_min") <= column("force_m_s2_max"));
     assert_eq!(column("t_s"), page.number("plumb.data.shown().t"));
     page.assert_clean();
     running.interrupt();
@@ -388,11 +392,11 @@ fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen(
 }
 
 #[test]
-fn a_page_that_stays_open_does_not_grow() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
+fn open_page_does_not_grow() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    // A minute of pictures is kept; a source that goes faster brings it sooner.
+    // The history is limited to a minute. A faster source fills it sooner.
     page.until("plumb.data.frames.length > 300");
     page.eval("plumb.data.frames.splice(0, plumb.data.frames.length)");
     page.until("plumb.data.frames.length > 100");
@@ -400,16 +404,16 @@ fn a_page_that_stays_open_does_not_grow() {
     page.until("plumb.data.frames.length > 400");
     let (second, frames) = (page.heap(), page.number("plumb.data.frames.length"));
     let each = (second - first) / (frames - 100.0);
-    println!("{first} → {second} bytes, {each:.0} for a picture");
-    assert!(each < 60_000.0, "{each} bytes for each of at most 3000 pictures");
+    println!("{first} → {second} bytes, {each:.0} per snapshot");
+    assert!(each < 60_000.0, "{each} bytes for each of up to 3000 snapshots");
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
+fn cursor_pauses_and_unknown_vehicle_is_reported() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.drawn()?.quaternion");
     page.eval("plumb.data.zoom(0.04)");
@@ -417,32 +421,33 @@ fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
     page.until("document.getElementById('state').textContent === 'paused' && plumb.data.cursor !== null");
     page.key("l");
     page.until("document.getElementById('state').textContent === 'live' && plumb.data.cursor === null");
-    // What a service said last is not shown as how it is now. (In one call: the board's own pictures come in between.)
+    // The last output of a stopped service must not be shown as current. One call, because further
+    // snapshots arrive in between.
     let hidden = page.eval(
         "(() => {
             const { data } = plumb, { picture, number } = data.frames.at(-1), gyro = data.newest.gyro;
             data.newest.gyro = { ...gyro, header: { ...gyro.header, t_end_ns: 1 } };
-            data.take({ ...picture, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }, performance.now());
+            data.push({ ...picture, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }, performance.now());
             return data.frames.at(-1).picture.gyro === undefined;
         })()",
     );
     assert_eq!(hidden, Value::Bool(true));
     page.assert_clean();
     page.goto(&format!("http://127.0.0.1:{port}/?vehicle=no%23body"), (1280, 720), "dark", true);
-    page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('why').textContent.includes('body\" cannot be chosen here')");
+    page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('reason').textContent.includes('body\" is not available')");
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-fn what_stood_when_it_was_paused_stays_however_long_and_the_page_does_not_grow() {
-    let (system, port) = looked_at("");
-    let running = started(&system, &[]);
+fn paused_view_is_kept_and_page_does_not_grow() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.data.frames.length > 100");
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
-    // Ten minutes of pictures, as the board would have sent them, before the board's own come in between.
+    // Pushes ten minutes of snapshots in one call, before further ones arrive.
     let seen = page.eval(
         "(() => {
             const { data } = plumb, { number, picture } = data.frames.at(-1);
@@ -450,12 +455,12 @@ fn what_stood_when_it_was_paused_stays_however_long_and_the_page_does_not_grow()
             const [cursor, before] = [data.cursor, tick()];
             for (let i = 1; i <= 18000; i++) {
                 const header = { ...picture.attitude.header, t_end_ns: picture.attitude.header.t_end_ns + i * 33e6 };
-                data.take({ ...picture, number: number + i, attitude: { ...picture.attitude, header }, flags: 0, events: [], extremes: [] }, performance.now());
+                data.push({ ...picture, number: number + i, attitude: { ...picture.attitude, header }, flags: 0, events: [], extremes: [] }, performance.now());
             }
             const stays = data.cursor === cursor && tick() === before;
             data.step(-1, 0);
             const one_back = data.cursor < cursor;
-            // A picture may have come without an attitude of its own.
+            // A snapshot may have no attitude of its own.
             for (let i = 1; i < 30; i++) data.step(-1, 0);
             return { stays, goes_back: one_back && tick() < before, kept: data.frames.length };
         })()",
@@ -468,39 +473,39 @@ fn what_stood_when_it_was_paused_stays_however_long_and_the_page_does_not_grow()
 }
 
 #[test]
-fn plumb_view_shows_a_system_that_has_no_cockpit() {
+fn plumb_view_shows_system_without_cockpit() {
     let system = System::new("");
-    let running = started(&system, &[]);
+    let running = start_all(&system, &[]);
     let listen = format!("127.0.0.1:{}", free_port());
-    let view = View::of(&system, &listen);
+    let view = View::of_system(&system, &listen);
     assert!(view.address.starts_with(&format!("http://{listen}/#")), "{}", view.address);
     if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
         page.assert_clean();
     }
-    view.end();
+    view.stop();
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-fn the_mathematics_of_the_page_is_that_of_the_conventions() {
+fn page_mathematics_matches_conventions() {
     if PACKAGES.is_none() {
         return;
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/conventions.mjs");
-    let said = run(Command::new("node").arg(script).args([PAGE, "docs/conventions.json"])).unwrap();
-    println!("{said}");
-    let most: Value = serde_json::from_str(&said).unwrap();
-    assert_eq!(most["cases"], 14);
-    assert_eq!(most["names"], serde_json::json!(Frame::NAMES.map(|(name, _)| name)));
+    let output = run(Command::new("node").arg(script).args([PAGE, "docs/conventions.json"])).unwrap();
+    println!("{output}");
+    let largest: Value = serde_json::from_str(&output).unwrap();
+    assert_eq!(largest["cases"], 14);
+    assert_eq!(largest["names"], serde_json::json!(Frame::NAMES.map(|(name, _)| name)));
     for name in ["angles", "up", "attitude", "point", "frames"] {
-        assert!(most[name].as_f64().unwrap() < 1e-14, "{name}: {most}");
+        assert!(largest[name].as_f64().unwrap() < 1e-14, "{name}: {largest}");
     }
 }
 
 #[test]
-fn the_types_of_the_page_hold() {
+fn page_scripts_pass_type_check() {
     let Some(folder) = &*PACKAGES else { return };
     let tsc = folder.join("node_modules/typescript/bin/tsc");
     let options = ["--noEmit", "--allowJs", "--checkJs", "--strict", "--target", "es2022", "--module", "es2022"];

@@ -1,4 +1,4 @@
-//! A recorded flight as a page.
+//! Page with a recorded flight.
 use super::{
     browser::Page,
     page::{View, row},
@@ -6,7 +6,7 @@ use super::{
 use crate::common::{System, beyond::free_port, plumb};
 
 #[test]
-fn a_recording_is_scrubbed_to_a_known_second() {
+fn recording_seeks_to_known_second() {
     let system = System::new("");
     let (flights, out) = (system.path("flights"), system.path("out.csv"));
     let record = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap(), "--for", "4s"];
@@ -17,22 +17,22 @@ fn a_recording_is_scrubbed_to_a_known_second() {
     assert_eq!(view.address, format!("http://{listen}/"), "a recording takes no commands");
     if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.data.recording.length > 100");
-        // The picture of the third second, by its place on the bar.
+        // Seeks to the third second by snapshot number.
         let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
         page.eval(&format!("plumb.seek({place})"));
-        page.until(&format!("plumb.data.place === {} && plumb.drawn()?.quaternion", place.round()));
+        page.until(&format!("plumb.data.position === {} && plumb.drawn()?.quaternion", place.round()));
         page.until("Math.abs(plumb.data.shown().t - plumb.data.standing.t_first_ns * 1e-9 - 2) < 0.1");
         let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
         page.until("JSON.stringify(plumb.drawn().quaternion) === JSON.stringify(Object.values(plumb.data.shown().picture.attitude.quaternion))");
         let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
         assert_eq!(drawn, row(&out, tick)[1..5], "tick {tick}");
         page.shot("recording.png");
-        // A step by key, and playing to the end.
+        // Steps by key, then plays to the end.
         page.key("ArrowRight");
-        page.until(&format!("plumb.data.place === {}", place.round() + 1.0));
+        page.until(&format!("plumb.data.position === {}", place.round() + 1.0));
         page.key(" ");
-        page.until("plumb.data.place === plumb.data.recording.length - 1");
+        page.until("plumb.data.position === plumb.data.recording.length - 1");
         page.assert_clean();
     }
-    view.end();
+    view.stop();
 }

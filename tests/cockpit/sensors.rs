@@ -1,4 +1,4 @@
-//! Calibration and mounting check in the page, of a unit that is laid level and then nose down.
+//! Calibration and mounting check in the page, with a unit that is level and then nose down.
 use std::{
     io::Write as _,
     process::Stdio,
@@ -12,15 +12,17 @@ use std::{
 
 use super::{
     browser::Page,
-    page::{address, looked_at},
+    page::{address, with_cockpit_for_browser},
 };
 use crate::common::{Running, until};
 
 const RATE_RAD_S: f64 = 0.5;
-const DOWN_RAD: f64 = 0.7;
+const NOSE_DOWN_RAD: f64 = 0.7;
 
-/// A unit at rest on standard input, which is turned nose down once that is said, until the system ends.
-fn fed(running: &mut Running) -> Arc<AtomicBool> {
+/// Feeds samples of a unit at rest through standard input until the system ends.
+///
+/// The unit is rotated nose down once the returned flag is set.
+fn feed(running: &mut Running) -> Arc<AtomicBool> {
     let mut input = running.stdin();
     let down = Arc::new(AtomicBool::new(false));
     let is_down = down.clone();
@@ -30,13 +32,13 @@ fn fed(running: &mut Running) -> Arc<AtomicBool> {
             let mut lines = String::new();
             for _ in 0..2 {
                 tick += 1;
-                let rate_rad_s = if is_down.load(SeqCst) && pitch_rad > -DOWN_RAD { -RATE_RAD_S } else { 0.0 };
+                let rate_rad_s = if is_down.load(SeqCst) && pitch_rad > -NOSE_DOWN_RAD { -RATE_RAD_S } else { 0.0 };
                 pitch_rad += rate_rad_s * 0.01;
-                // No sensor says the same twice.
-                let tremble = 1e-3 * (f64::from(tick) * 1.7).sin();
+                // Real samples are never identical; constant values would be flagged as stuck.
+                let noise = 1e-3 * (f64::from(tick) * 1.7).sin();
                 let (t_s, sin, cos) = (f64::from(tick) * 0.01, pitch_rad.sin(), pitch_rad.cos());
-                let rate = format!("{:.5},{tremble:.5},{:.5}", rate_rad_s + tremble, -tremble);
-                lines += &format!("{t_s:.2},{rate},{tremble:.5},{:.5},{:.5}\n", 9.80665 * sin + tremble, 9.80665 * cos);
+                let rate = format!("{:.5},{noise:.5},{:.5}", rate_rad_s + noise, -noise);
+                lines += &format!("{t_s:.2},{rate},{noise:.5},{:.5},{:.5}\n", 9.80665 * sin + noise, 9.80665 * cos);
             }
             if input.write_all(lines.as_bytes()).is_err() {
                 return;
@@ -47,32 +49,32 @@ fn fed(running: &mut Running) -> Arc<AtomicBool> {
     down
 }
 
-fn begun(page: &mut Page, what: &str) {
-    page.eval(&format!("document.getElementById('calibrated').value = '{what}'"));
+fn start_calibration(page: &mut Page, what: &str) {
+    page.eval(&format!("document.getElementById('calibration-kind').value = '{what}'"));
     page.click("#calibrate");
     page.until(&format!("plumb.drawn()?.calibration?.what === '{what}'"));
 }
 
 #[test]
-fn calibration_shows_what_is_missing_and_the_mounting_is_checked_and_found() {
-    let (system, port) = looked_at("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100\n");
+fn calibration_reports_missing_data_and_finds_mounting() {
+    let (system, port) = with_cockpit_for_browser("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100\n");
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
     let mut running = Running::of(command);
-    let down = fed(&mut running);
+    let down = feed(&mut running);
     system.all_run();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("3");
 
-    // One side of six is up.
-    begun(&mut page, "accel");
+    // One of the six sides is up.
+    start_calibration(&mut page, "accel");
     page.until("plumb.drawn().calibration.covered === 4 && plumb.drawn().calibration.share > 0");
-    let said = page.text("document.getElementById('coverage').textContent");
-    assert!(said.contains("no rest with x up, nor with x down"), "{said}");
+    let message = page.text("document.getElementById('coverage').textContent");
+    assert!(message.contains("2 s of rest in each position: x up, x down"), "{message}");
     page.shot("sensors-coverage.png");
 
-    begun(&mut page, "mounting");
+    start_calibration(&mut page, "mounting");
     page.click("#mounting");
     page.until("plumb.drawn().mounting.step === 'nose down'");
     page.until(
@@ -81,33 +83,33 @@ fn calibration_shows_what_is_missing_and_the_mounting_is_checked_and_found() {
     down.store(true, SeqCst);
     page.until("plumb.drawn().mounting.step === 'done'");
     let verdict = page.text("plumb.drawn().mounting.verdict");
-    assert!(verdict.starts_with("The mounting is right: level within 0."), "{verdict}");
+    assert!(verdict.starts_with("Mounting correct: level within 0."), "{verdict}");
     page.until("plumb.drawn().calibration.report");
     let report = page.text("document.getElementById('report').textContent");
     assert!(report.contains("[ingest.mounting]\nquaternion = [1.0000000, "), "{report}");
     page.shot("sensors-found.png");
     page.assert_clean();
 
-    // Who has no token calibrates nothing.
+    // A calibration requires the token.
     let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
     stranger.until("plumb.state().kind === 'live'");
     stranger.key("3");
     stranger.click("#calibrate");
-    stranger.until("plumb.drawn()?.calibration.refused.startsWith('commands need the token')");
+    stranger.until("plumb.drawn()?.calibration.error.startsWith('commands require a token')");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
 }
 
 #[test]
-fn a_unit_that_sits_on_its_side_is_told_apart() {
-    // Forward of the body is the unit's right: nose down raises the body's side.
+fn mounting_check_detects_unit_on_its_side() {
+    // The launch file takes the unit's x axis for forward, so that nose down raises the right side.
     let mounting =
         "[ingest]\nsource = \"stdin\"\nstdin.rate_hz = 100\n[ingest.mounting]\naxes = \"x-forward-y-left\"\n";
-    let (system, port) = looked_at(mounting);
+    let (system, port) = with_cockpit_for_browser(mounting);
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
     let mut running = Running::of(command);
-    let down = fed(&mut running);
+    let down = feed(&mut running);
     system.all_run();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
@@ -118,15 +120,15 @@ fn a_unit_that_sits_on_its_side_is_told_apart() {
     down.store(true, SeqCst);
     page.until("plumb.drawn().mounting.step === 'done'");
     let verdict = page.text("plumb.drawn().mounting.verdict");
-    assert!(verdict.contains("nose down, its right rises, not its tail: the unit is turned by 90.0°"), "{verdict}");
+    assert!(verdict.contains("the right rises instead of the tail: the unit is rotated by 90.0°"), "{verdict}");
     page.assert_clean();
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
 }
 
 #[test]
-fn a_simulation_whose_readings_are_not_published_says_what_to_do() {
-    let (system, port) = looked_at("");
+fn calibration_without_readings_reports_remedy() {
+    let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
     system.all_run();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
@@ -134,7 +136,7 @@ fn a_simulation_whose_readings_are_not_published_says_what_to_do() {
     page.key("3");
     page.until("plumb.drawn()?.calibration");
     page.click("#calibrate");
-    page.until("plumb.drawn().calibration.refused.includes('plumb up --readings')");
+    page.until("plumb.drawn().calibration.error.includes('plumb up --readings')");
     running.interrupt();
     running.wait().assert_whole();
     until("the end", || system.remains().is_empty());

@@ -1,14 +1,15 @@
-//! The page by TLS: nothing without a token, a viewer looks, an operator commands.
+//! Page over TLS: access without a token, as a viewer and as an operator.
 use std::{
     fs,
     path::Path,
     process::{Command, Output},
 };
 
-use super::{browser::Page, page::looked_at};
+use super::{browser::Page, page::with_cockpit_for_browser};
 use crate::common::{System, beyond::free_port, plumb, site::Site, until};
 
-/// Asks by the standard library of Python, which believes the authority and nobody else: the status, or what was said against it.
+/// Sends a request with Python's standard library, which trusts only the site's authority. Returns
+/// the HTTP status or the error.
 fn status(site: &Site, url: &str, token: &str) -> String {
     let script = r#"
 import http.client, ssl, sys, urllib.error, urllib.request
@@ -28,11 +29,11 @@ except (OSError, http.client.HTTPException) as error:
     String::from_utf8(output.stdout).unwrap().trim().to_owned()
 }
 
-fn secured() -> (Site, System, u16) {
+fn with_tls_cockpit() -> (Site, System, u16) {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
     let folder = site.of("vehicle.alpha");
     let [cert, key] = ["cert.pem", "key.pem"].map(|file| folder.join(file));
-    let (system, port) = looked_at(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
+    let (system, port) = with_cockpit_for_browser(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
     (site, system, port)
 }
 
@@ -43,8 +44,8 @@ fn token(system: &System, file: &str) -> String {
 }
 
 #[test]
-fn by_tls_nothing_is_seen_without_a_token_a_viewer_looks_and_an_operator_commands() {
-    let (site, system, port) = secured();
+fn tls_requires_token_and_viewer_cannot_command() {
+    let (site, system, port) = with_tls_cockpit();
     let running = system.start(&[]);
     system.all_run();
     let (operator, viewer) = (token(&system, "cockpit.token"), token(&system, "cockpit.viewer.token"));
@@ -54,7 +55,7 @@ fn by_tls_nothing_is_seen_without_a_token_a_viewer_looks_and_an_operator_command
     for (token, expected) in [("", "401"), ("wrong", "401"), (&viewer, "200"), (&operator, "200")] {
         assert_eq!(status(&site, &at("metrics"), token), expected, "{token}");
     }
-    // Who does not believe the authority, or speaks no TLS, gets nothing.
+    // A client that does not trust the authority, or does not use TLS, is rejected.
     let other = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
     assert!(status(&other, &at(""), &viewer).contains("CERTIFICATE_VERIFY_FAILED"));
     assert!(!status(&site, &format!("http://127.0.0.1:{port}/"), &viewer).contains("200"));
@@ -62,22 +63,22 @@ fn by_tls_nothing_is_seen_without_a_token_a_viewer_looks_and_an_operator_command
     let Some(mut stranger) = Page::open(&at("")) else { return };
     stranger.until("document.getElementById('state').textContent === 'no token'");
     assert_eq!(stranger.eval("plumb.data.frames.length"), 0);
-    let mut looks = Page::open(&at(&format!("#{viewer}"))).unwrap();
-    looks.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
-    looks.key("4");
-    looks.until("document.getElementById('slot').value === 'fuser'");
-    swap(&mut looks);
-    let said = looks.text("document.getElementById('outcome').textContent");
-    assert!(said.contains("a viewer's token: it looks and does not command"), "{said}");
-    let mut commands = Page::open(&at(&format!("#{operator}"))).unwrap();
-    commands.until("plumb.state().kind === 'live'");
-    commands.key("4");
-    commands.until("document.getElementById('slot').value === 'fuser'");
-    swap(&mut commands);
-    let said = commands.text("document.getElementById('outcome').textContent");
-    assert!(said.starts_with("committed: fuser: multiple-model → vqf from tick"), "{said}");
-    looks.assert_clean();
-    commands.assert_clean();
+    let mut viewing = Page::open(&at(&format!("#{viewer}"))).unwrap();
+    viewing.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    viewing.key("4");
+    viewing.until("document.getElementById('slot').value === 'fuser'");
+    swap(&mut viewing);
+    let outcome = viewing.text("document.getElementById('outcome').textContent");
+    assert!(outcome.contains("a viewer's token cannot send commands"), "{outcome}");
+    let mut operating = Page::open(&at(&format!("#{operator}"))).unwrap();
+    operating.until("plumb.state().kind === 'live'");
+    operating.key("4");
+    operating.until("document.getElementById('slot').value === 'fuser'");
+    swap(&mut operating);
+    let outcome = operating.text("document.getElementById('outcome').textContent");
+    assert!(outcome.starts_with("committed: fuser: multiple-model → vqf from tick"), "{outcome}");
+    viewing.assert_clean();
+    operating.assert_clean();
     running.interrupt();
     running.wait().assert_whole();
 }
@@ -90,7 +91,7 @@ fn swap(page: &mut Page) {
 }
 
 #[test]
-fn beyond_the_loopback_it_listens_only_with_a_certificate_that_serves() {
+fn non_loopback_address_requires_valid_certificate() {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["vehicle", "beta"]]);
     let view = |more: &[&str]| -> Output {
         let listen = format!("0.0.0.0:{}", free_port());
@@ -98,31 +99,31 @@ fn beyond_the_loopback_it_listens_only_with_a_certificate_that_serves() {
         let mut command = plumb(&["view", "--seconds", "1", "--listen", &listen]);
         command.args(more).env("XDG_STATE_HOME", state).env_remove("STATE_DIRECTORY").output().unwrap()
     };
-    let said = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();
     let open = view(&[]);
     assert_eq!(open.status.code(), Some(2), "{open:?}");
-    assert!(said(&open).contains("--tls is needed") && said(&open).contains("ssh -L"), "{}", said(&open));
+    assert!(stderr(&open).contains("without --tls") && stderr(&open).contains("ssh -L"), "{}", stderr(&open));
     let folder = |party: &str| site.of(party).to_str().unwrap().to_owned();
     let served = view(&["--tls", &folder("vehicle.alpha")]);
-    assert!(served.status.success(), "{}", said(&served));
+    assert!(served.status.success(), "{}", stderr(&served));
     let printed = String::from_utf8(served.stdout).unwrap();
     assert!(printed.starts_with("https://") && !printed.contains("0.0.0.0"), "{printed}");
     let viewer = view(&["--tls", &folder("vehicle.alpha"), "--viewer"]);
     assert_ne!(token_of(&printed), token_of(&String::from_utf8(viewer.stdout).unwrap()));
 
     let nothing = view(&["--tls", &folder("nowhere")]);
-    assert!(said(&nothing).contains("nowhere/cert.pem"), "{}", said(&nothing));
-    // A key of somebody else's, and one that others can read.
+    assert!(stderr(&nothing).contains("nowhere/cert.pem"), "{}", stderr(&nothing));
+    // A key of another certificate, and a key that others can read.
     let mixed = site.of("mixed");
     fs::create_dir(&mixed).unwrap();
     copy(&site.of("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));
     copy(&site.of("vehicle.beta").join("key.pem"), &mixed.join("key.pem"));
     let mismatched = view(&["--tls", mixed.to_str().unwrap()]);
-    assert!(said(&mismatched).contains("plumb keys vehicle"), "{}", said(&mismatched));
+    assert!(stderr(&mismatched).contains("plumb keys vehicle"), "{}", stderr(&mismatched));
     use std::os::unix::fs::PermissionsExt as _;
     fs::set_permissions(mixed.join("key.pem"), fs::Permissions::from_mode(0o644)).unwrap();
     let readable = view(&["--tls", mixed.to_str().unwrap()]);
-    assert!(said(&readable).contains("others can read it"), "{}", said(&readable));
+    assert!(stderr(&readable).contains("readable by other users"), "{}", stderr(&readable));
 }
 
 fn token_of(address: &str) -> &str {

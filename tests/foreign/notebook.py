@@ -58,7 +58,7 @@ def main(path):
             assert told[name] is None and np.isnan(error) or abs(error - told[name]) < 1e-9, (fuser, name, error, told[name])
         ratios = table.normalised()["inclination"][table.scored]
         quantiles = told["normalised"]["inclination"]
-        for part, ratio in [(0.68, quantiles["part_68"]), (0.95, quantiles["part_95"])]:
+        for part, ratio in [(0.68, quantiles["quantile_68"]), (0.95, quantiles["quantile_95"])]:
             assert abs(np.quantile(ratios, part) / ratio - 1.0) < 0.011, (fuser, part)
     inclination = {fuser: error["inclination"] for fuser, error in errors.items()}
     assert 0.1 < inclination["wz-closed"] < inclination["wz-open"] < 0.25 and inclination["wz"] < 0.06, inclination

@@ -1,4 +1,7 @@
-"""Feeds the system NAME until standard input ends, and prints what it has sent: one line of JSON for each reading, numbers by their bits."""
+"""Publishes readings to a system until standard input ends, and prints each as one JSON line.
+
+The name of the system is the argument. Numbers are printed as their bits.
+"""
 
 import json
 import math
@@ -20,7 +23,7 @@ try:
 except FeedError as error:
     print(error)
     sys.exit(1)
-print(json.dumps({"capacity": sensor.capacity, "layouts": [Sensor.LAYOUT, Receiver.LAYOUT], "places": [Sensor.PLACE, Receiver.PLACE]}), flush=True)
+print(json.dumps({"capacity": sensor.capacity, "layouts": [Sensor.LAYOUT, Receiver.LAYOUT], "topic_indices": [Sensor.TOPIC_INDEX, Receiver.TOPIC_INDEX]}), flush=True)
 ended = threading.Event()
 threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
 count, failed = 0, 0
@@ -40,7 +43,7 @@ while not ended.is_set():
         print(json.dumps({"t": t_ns, "rate": bits(rate_rad_s), "force": bits(force_m_s2), "field": field, "velocity": velocity}), flush=True)
     except FeedError as error:
         failed += 1
-        # Where one has gone so has the other.
+        # Both connections belong to the same system.
         sensor.close()
         receiver.close()
         print(json.dumps({"gone": str(error)}), flush=True)

@@ -160,7 +160,7 @@ fn a_node_of_rmw_zenoh_gives_the_readings_of_a_system() {
     // All that came since the bridge was there: good ones taken, damaged ones counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
     let [readings, refused, unheard, fields] =
-        ["readings", "refused", "unheard", "fields"].map(|name| taken[name].as_f64().unwrap());
+        ["readings", "rejected", "undelivered", "fields"].map(|name| taken[name].as_f64().unwrap());
     assert_eq!(run.number("/ticks_in"), readings);
     assert!(unheard == 0.0 && readings <= imus && readings + refused <= messages, "{sent} {taken}");
     assert!((refused / readings - (messages - imus) / imus).abs() < 0.02 && fields > readings / 5.0, "{sent} {taken}");

@@ -86,17 +86,17 @@ fn at_a_vehicle_that_listens_itself_an_operator_commands_a_viewer_looks_and_nobo
         let vehicles = vehicles(port, keys, "2");
         assert_eq!(names(&vehicles), ["alpha"]);
         let attitude = topic(&vehicles[0], "attitude");
-        assert!(number(attitude, "samples") > 20 && vehicles[0]["lives"] == true, "{}", vehicles[0]);
+        assert!(number(attitude, "samples") > 20 && vehicles[0]["alive"] == true, "{}", vehicles[0]);
         assert_eq!((number(attitude, "lost_samples"), number(attitude, "dropped")), (0, 0), "{attitude}");
         let hz = answer(port, keys, &["topic", "hz", "attitude", "--count", "20", "--remote", "alpha"]);
-        assert_eq!((hz["messages"].as_u64(), hz["overwritten"].as_u64()), (Some(20), Some(0)), "{hz}");
+        assert_eq!((hz["messages"].as_u64(), hz["missed"].as_u64()), (Some(20), Some(0)), "{hz}");
     }
 
     let swap = ["swap", "fuser", "vqf", "--remote", "alpha"];
     let before = fuser(&ps(&system));
     let refused = with(port, &viewer, &swap);
     assert_eq!((refused.status.code(), refused.stdout.len()), (Some(1), 0), "{refused:?}");
-    assert!(said(&refused).contains("takes no command from here") && said(&refused).contains("--keys keys/operator"));
+    assert!(said(&refused).contains("takes no command from this client") && said(&refused).contains("--keys keys/operator"));
     assert_eq!(fuser(&ps(&system)), before);
     let report = answer(port, &operator, &swap);
     assert_eq!(report["outcome"], "committed", "{report}");
@@ -161,7 +161,7 @@ fn behind_a_router_a_station_sees_every_vehicle_and_none_speaks_for_another() {
     let seen = vehicles(port, &viewer, "3");
     for vehicle in &seen {
         let attitude = topic(vehicle, "attitude");
-        assert!(number(attitude, "samples") > 50 && vehicle["lives"] == true, "{vehicle}");
+        assert!(number(attitude, "samples") > 50 && vehicle["alive"] == true, "{vehicle}");
         // Two that spoke under one name would show as lives and repetitions.
         let counts = ["lost_samples", "repeated", "restarts"].map(|count| number(attitude, count));
         assert_eq!(counts, [0; 3], "{vehicle}");

@@ -69,7 +69,7 @@ const NO_EXAMPLES: [(&str, &str); 12] = [
     ("topics ─► gateway", "a drawing"),
     ("flight.ulg: ULog", "what a terminal shows"),
     ("RMSE, degrees", "what a terminal shows"),
-    ("gyro: at rest for", "what a terminal shows"),
+    ("gyro: 1 rest", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
     ("let mut sensor", "a part of examples/driver.rs, which is built with the tests"),
     ("scrape_configs:", "a piece of Prometheus' configuration; `cockpit` reads what it would"),

@@ -130,7 +130,7 @@ fn every_verb_shows_from_elsewhere_what_it_shows_on_board_and_says_what_it_canno
     println!("{hz}");
     assert!((500.0..1500.0).contains(&number(&hz, "/rate_hz")), "{hz}");
     assert_eq!(
-        (hz["measured_by"].as_str(), hz["lost"].as_u64(), hz["overwritten"].as_u64()),
+        (hz["measured_by"].as_str(), hz["lost"].as_u64(), hz["missed"].as_u64()),
         (Some("sent"), Some(0), Some(0))
     );
     assert_eq!((number(&hz, "/delivery/decimated"), number(&hz, "/delivery/dropped")), (0.0, 0.0), "{hz}");
@@ -143,7 +143,7 @@ fn every_verb_shows_from_elsewhere_what_it_shows_on_board_and_says_what_it_canno
     assert!((100.0..400.0).contains(&bytes), "{bw}");
     // Of each 20 ticks 19 stay on board, and none of them is missed.
     assert!((19.0 * 40.0..=19.0 * 80.0).contains(&number(&bw, "/delivery/decimated")), "{bw}");
-    assert_eq!((bw["lost"].as_u64(), bw["overwritten"].as_u64()), (Some(0), Some(0)), "{bw}");
+    assert_eq!((bw["lost"].as_u64(), bw["missed"].as_u64()), (Some(0), Some(0)), "{bw}");
     vehicle.end();
 }
 
@@ -170,7 +170,7 @@ fn an_unknown_vehicle_or_topic_is_said_with_the_remedy() {
         assert!(said(&unknown).contains("there are sensor, receiver, imu"), "{}", said(&unknown));
         let unsent = vehicle.ask(&["topic", verb, "imu"]);
         assert_eq!(unsent.status.code(), Some(1), "{}", said(&unsent));
-        assert!(said(&unsent).contains("does not send `imu`, but gnss, fused, attitude"), "{}", said(&unsent));
+        assert!(said(&unsent).contains("does not publish `imu`, only gnss, fused, attitude"), "{}", said(&unsent));
         assert!(said(&unsent).contains("[gateway.rates]"), "{}", said(&unsent));
     }
     // What is on board only does not quietly look at another system.
@@ -232,7 +232,7 @@ fn an_observation_ends_when_its_vehicle_stays_away() {
     assert!(lines.all(|line| line.is_ok()));
     let mut summary = String::new();
     echo.0.stderr.take().unwrap().read_to_string(&mut summary).unwrap();
-    assert!(summary.contains("the vehicle \"boat\" has been out of reach for 10 s"), "{summary}");
+    assert!(summary.contains("vehicle \"boat\" has been unreachable for 10 s"), "{summary}");
     assert_eq!(echo.0.wait().unwrap().code(), Some(0));
 }
 
@@ -255,16 +255,16 @@ fn a_station_shows_every_vehicle_on_a_terminal_of_80_columns_and_one_in_detail()
     let bar = |text: &str| text.lines().next().unwrap_or_default().to_owned();
     let text =
         terminal.shows_that("the boat in detail", |text| bar(text).starts_with("boat  live  lost 0  latency p50"));
-    for words in ["horizon", "attitude, enu-rfu", "last minute", "lost messages", "what arrives of boat", "course"] {
+    for words in ["horizon", "attitude, enu-rfu", "last minute", "lost messages", "topics of boat", "course"] {
         assert!(text.contains(words), "{words:?}: {text}");
     }
     // Arrow down, then up again.
     terminal.press("\u{1b}[B");
-    terminal.shows(&["what arrives of car"]);
+    terminal.shows(&["topics of car"]);
     terminal.press("\u{1b}[A");
-    terminal.shows(&["what arrives of boat"]);
+    terminal.shows(&["topics of boat"]);
     vehicle.end();
-    let text = terminal.shows(&["ended: its gateway is out of reach"]);
+    let text = terminal.shows(&["ended: its gateway is unreachable"]);
     assert!(line_of(&text, "car").ends_with("live"), "{text}");
     terminal.press("q");
     assert_eq!(terminal.ends().code(), Some(0));

@@ -30,7 +30,7 @@ fn assert_all_arrived(vehicle: &Value) {
             assert_eq!(number(topic, count), 0, "{topic}");
         }
     }
-    assert_eq!(number(vehicle, "refused"), 0, "{vehicle}");
+    assert_eq!(number(vehicle, "rejected"), 0, "{vehicle}");
 }
 
 fn end(running: Running) {
@@ -47,7 +47,7 @@ fn a_station_sees_a_vehicle_and_misses_nothing() {
     let report = seen(station(&[&endpoint], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
     println!("{report}");
     let vehicle = &report["vehicles"][0];
-    assert_eq!((vehicle["vehicle"].as_str(), vehicle["lives"].as_bool()), (Some(system.name.as_str()), Some(true)));
+    assert_eq!((vehicle["vehicle"].as_str(), vehicle["alive"].as_bool()), (Some(system.name.as_str()), Some(true)));
     assert_eq!(vehicle["services"].as_array().unwrap().len(), 6, "{vehicle}");
     assert_all_arrived(vehicle);
     let attitude = topic(vehicle, "attitude");

@@ -209,7 +209,7 @@ fn delay_loss_a_cut_and_a_reader_that_does_not_read_are_not_felt_on_board() {
     let report = station.end();
     println!("{report}");
     let vehicle = &report["vehicles"][0];
-    assert_eq!(number(vehicle, "refused"), 0, "{vehicle}");
+    assert_eq!(number(vehicle, "rejected"), 0, "{vehicle}");
     for name in ["imu", "gyro", "fused", "attitude"] {
         let topic = topic(vehicle, name);
         let ticks = ticks(&tables.join(format!("{name}.csv")));

@@ -123,7 +123,7 @@ fn a_stranger_looks_and_neither_speaks_as_the_vehicle_nor_commands_it() {
     let output = plumb(&["swap", "fuser", "vqf", "--remote", &system.name, "--connect", &endpoint]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    for word in [&endpoint, "one may look and not command", "`plumb swap fuser vqf`", "--keys keys/operator.NAME"] {
+    for word in [&endpoint, "which is read-only", "operator", "`plumb swap fuser vqf`", "--keys keys/operator.NAME"] {
         assert!(said.contains(word), "{said}");
     }
     assert_eq!(fuser(&system), before);
@@ -265,7 +265,7 @@ fn a_certificate_that_has_ended_is_named_with_the_remedy_before_anybody_is_calle
         let output = plumb(verb).args(["--connect", "quic/127.0.0.1:9", "--keys"]).arg(&keys).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{said}");
-        for word in ["operator.ann", "ended on 2025-02-01", "`plumb keys operator ann --force`"] {
+        for word in ["operator.ann", "expired on 2025-02-01", "`plumb keys operator ann --force`"] {
             assert!(said.contains(word), "{verb:?}: {said}");
         }
     }
@@ -276,5 +276,5 @@ fn a_certificate_that_has_ended_is_named_with_the_remedy_before_anybody_is_calle
     endpoint(&system);
     thread::sleep(Duration::from_secs(1));
     let run = end(running);
-    assert!(run.people.contains("ended on 2025-02-01"), "{}", run.people);
+    assert!(run.people.contains("expired on 2025-02-01"), "{}", run.people);
 }

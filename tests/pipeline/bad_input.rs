@@ -2,7 +2,7 @@
 use std::{fmt::Write, fs, sync::OnceLock};
 
 use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 const RATE_HZ: f64 = 200.0;
 const ROWS: u64 = 24_000;
@@ -36,7 +36,7 @@ struct Recording {
 
 impl Recording {
     fn clean() -> Self {
-        let mut sensors = Sensors::new(Motion::S1, Errors::S1, 11);
+        let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 11);
         let rows = (0..ROWS).map(|count| {
             let at_s = count as f64 / RATE_HZ;
             let reading = sensors.read(at_s);
@@ -254,13 +254,13 @@ fn an_accelerometer_that_is_stuck_for_3_s() {
 /// 0.01 g per step, and less noise than that: at rest the force repeats itself for as long as one likes.
 #[test]
 fn a_coarse_accelerometer_at_rest_is_believed() {
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 5);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 5);
     let mut bad = Recording::clean();
     let force_m_s2 = Motion::S1.at(0.0).force_m_s2.map(|x| (x / 0.1).round() * 0.1).into();
     for row in &mut bad.rows {
         let reading = sensors.read(0.0);
         let noise = (reading.force_m_s2 - reading.truth.force_m_s2) * 1e-3;
-        row.rate_rad_s = noise.add_scalar(Errors::S1.gyro_bias_rad_s).into();
+        row.rate_rad_s = noise.add_scalar(SensorErrors::S1.gyro_bias_rad_s).into();
         row.force_m_s2 = force_m_s2;
         row.at_s = 0.0;
     }

@@ -6,7 +6,7 @@ use attitude::{
 };
 use launch::Launch;
 use messages::{AttitudeOutput, Flags, FusedState};
-use pipeline::{Collector, OutFile};
+use pipeline::{Collector, AttitudeFile};
 use runtime::{
     Pace, ServiceConfig, Slot,
     frames::{attitude_to_frame, fused_to_frame},
@@ -212,13 +212,13 @@ fn the_attitude_that_is_published_is_in_our_conventions() {
 fn the_file_that_is_written_has_w_x_y_z() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.csv");
-    let mut collector = Collector::new(Some(&OutFile::new(&path))).unwrap();
+    let mut collector = Collector::new(Some(&AttitudeFile::new(&path))).unwrap();
     let vectors = vectors();
     for (tick, it) in (0..).zip(&vectors) {
         let mut output = published(it);
         output.header.tick = tick;
         output.header.t_end_ns = tick as i64 * 250_000_000;
-        collector.attitude(&output);
+        collector.record_attitude(&output);
     }
     collector.finish().unwrap();
     let text = std::fs::read_to_string(path).unwrap();

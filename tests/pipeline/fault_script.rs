@@ -84,7 +84,7 @@ fn fields_and_fixes_fail_too_and_the_attitude_stays_sound() {
         ("\"intermittent\"\nshare = 0.3", ""),
     ];
     for (sensor, scenario, kept) in [("mag", "s3", "field"), ("gnss", "cruise", "fix")] {
-        assert!(Scenario::named(scenario).is_ok());
+        assert!(Scenario::parse(scenario).is_ok());
         for (kind, flags) in kinds {
             let script = entry(sensor, kind, 30.0).replace("from_s = 20", "from_s = 2");
             let source = format!("[ingest.sim]\nscenario = {scenario:?}\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n");

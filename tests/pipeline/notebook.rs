@@ -69,17 +69,17 @@ fn a_damaged_table_is_refused_with_its_place_and_the_remedy() {
     };
     let third = whole.lines().nth(2).unwrap();
     for (damaged, said) in [
-        (whole.replace(",true_u,", ",true_x,"), "table.csv:1: no column true_u; write the table again by this version"),
-        (whole.replace(third, &third.replacen("upright", "upright,0", 1)), "table.csv:3: 45 values under 44 names"),
-        (whole[..whole.len() - 30].to_owned(), "names; was the file cut? Write it again"),
+        (whole.replace(",true_u,", ",true_x,"), "table.csv:1: no column true_u; write the table again with this version"),
+        (whole.replace(third, &third.replacen("upright", "upright,0", 1)), "table.csv:3: 45 values, expected 44"),
+        (whole[..whole.len() - 30].to_owned(), "the file may be truncated"),
         (whole.replacen("\n0.02", "\n0,02", 1), "table.csv:4: "),
-        (whole.replacen("\n0.02", "\n0.o2", 1), "table.csv:4: t_s is '0.o20000000', which is no number"),
+        (whole.replacen("\n0.02", "\n0.o2", 1), "table.csv:4: t_s is '0.o20000000', expected a number"),
         (String::new(), "table.csv:1: no column t_s, qw,"),
     ] {
         assert!(read(&damaged).contains(said), "no {said:?} in {}", read(&damaged));
     }
     let said = refusal(python, folder.path(), "p.read_table('none.csv')");
-    assert!(said.contains("none.csv") && said.contains("name a file that `plumb score --csv DIR` wrote"), "{said}");
+    assert!(said.contains("none.csv") && said.contains("expected a file written by `plumb score --csv DIR`"), "{said}");
 }
 
 #[test]
@@ -88,18 +88,18 @@ fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
     let folder = folder_with(&[]);
     let plumb = format!("{:?}", env!("CARGO_BIN_EXE_plumb"));
     for (read, said) in [
-        ("p.Table({'t_s': []})['roll']", "no column roll; there are t_s"),
-        ("p.read_scores('')", "no scores on the last line, but ''"),
-        ("p.read_scores('RMSE, degrees  fuser')", "read the standard output of `plumb score … --json`"),
+        ("p.Table({'t_s': []})['roll']", "no column roll; available: t_s"),
+        ("p.read_scores('')", "no scores on the last line, found ''"),
+        ("p.read_scores('RMSE, degrees  fuser')", "pass the standard output of `plumb score … --json`"),
         ("p.read_scores('{\"error\": \"no such file\"}')", "no such file"),
         ("p.run('no-plumb', ['sim:s1'])", "build it with `cargo build --release`"),
-        (&format!("p.run({plumb}, ['none.csv'])"), "ended with 3: opening the recording none.csv"),
-        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).table('wz')"), "give `run` a folder"),
-        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).stage('vqf')"), "no fuser vqf; this run has multiple-model"),
+        (&format!("p.run({plumb}, ['none.csv'])"), "exited with 3: opening the recording none.csv"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).table('wz')"), "pass `folder` to `run`"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).stage('vqf')"), "no fuser vqf in this run; available: multiple-model"),
         (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).curve('wz', 'fuser.x')"), "settings={'fuser.x': 'a..b'}"),
         (
             &format!("p.run({plumb}, ['sim:s1?seed=1..2&duration_s=1'], ['wz'], folder='two').table('wz')"),
-            "2 tables of wz, not one; name one of these: sim_s1_seed_1_duration_s_1, ",
+            "2 tables of wz, expected one; set `trial` to one of: sim_s1_seed_1_duration_s_1, ",
         ),
     ] {
         let refused = refusal(python, folder.path(), read);

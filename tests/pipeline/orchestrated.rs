@@ -10,7 +10,7 @@ use runtime::{
     service_config::CONTROL_BUFFER,
 };
 use rustix::process::Signal;
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 pub(crate) const RATE_HZ: f64 = 500.0;
 /// Half a minute at the rate: what is tested does not depend on how fast this machine is.
@@ -110,7 +110,7 @@ impl Bench {
     }
 }
 
-pub(crate) fn readings(motion: Motion, errors: Errors, count: u64) -> Vec<SensorReading> {
+pub(crate) fn readings(motion: Motion, errors: SensorErrors, count: u64) -> Vec<SensorReading> {
     let mut sensors = Sensors::new(motion, errors, 3);
     (0..count)
         .map(|count| {
@@ -144,7 +144,7 @@ fn assert_in_order(outputs: &[AttitudeOutput]) {
 
 fn s1_through_the_bus(fuser: &str, limit_deg: f64) {
     let bench = Bench::start(&format!("[fuser]\nstage = \"{fuser}\"\n"));
-    let outputs = bench.feed(&readings(Motion::S1, Errors::S1, 5000));
+    let outputs = bench.feed(&readings(Motion::S1, SensorErrors::S1, 5000));
     assert_in_order(&outputs);
     let errors = outputs[2500..].iter().map(|o| inclination_deg(o.quaternion, truth(Motion::S1, o.header.tick)));
     let rmse_deg = crate::common::rms(errors);
@@ -176,10 +176,10 @@ fn s1_through_the_bus_with_wz_open() {
 
 #[test]
 fn tumbling_through_the_bus_stays_exact_in_both_charts() {
-    let motion = Motion::named("tumble").unwrap();
+    let motion = Motion::from_name("tumble").unwrap();
     let bench = Bench::start("");
     let fused: Subscriber<FusedState> = bench.bus.subscriber(BUFFER).unwrap();
-    let outputs = bench.feed(&readings(motion, Errors::default(), 5000));
+    let outputs = bench.feed(&readings(motion, SensorErrors::default(), 5000));
     assert_in_order(&outputs);
     for output in &outputs {
         let error_deg = inclination_deg(output.quaternion, truth(motion, output.header.tick));
@@ -201,7 +201,7 @@ fn tumbling_through_the_bus_stays_exact_in_both_charts() {
 #[test]
 fn a_live_source_whose_ingest_is_killed_goes_on_after_a_gap_that_is_flagged() {
     let bench = Bench::start("");
-    let all = readings(Motion::S1, Errors::S1, 2000);
+    let all = readings(Motion::S1, SensorErrors::S1, 2000);
     bench.send(&all, |count| {
         if count == 700 {
             signal(bench.running.as_ref().unwrap().service("ingest"), Signal::KILL);
@@ -228,7 +228,7 @@ fn a_live_source_whose_ingest_is_killed_goes_on_after_a_gap_that_is_flagged() {
 #[test]
 fn garbage_through_the_bus_is_flagged_and_passes() {
     let bench = Bench::start("");
-    let mut readings = readings(Motion::S1, Errors::S1, 1500);
+    let mut readings = readings(Motion::S1, SensorErrors::S1, 1500);
     readings[400].rate_rad_s[1] = f64::NAN;
     readings[500].force_m_s2 = [f64::INFINITY; 3];
     readings[600].force_m_s2 = [0.0; 3];

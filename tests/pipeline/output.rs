@@ -112,7 +112,7 @@ fn a_flight_that_is_flown_again_writes_the_same_columns_and_the_frame_is_told_in
 #[test]
 fn columns_that_are_none_are_refused_with_those_there_are() {
     for (columns, said) in
-        [("angels", "did you mean \"angles\"?"), ("w", "there are uvz, angles, course, bias, sd, flags, all")]
+        [("angels", "did you mean \"angles\"?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
     {
         let output = plumb(&["up", "--in-process", "--out", "x.csv", "--columns", columns]).output().unwrap();
         assert_eq!(output.status.code(), Some(2));

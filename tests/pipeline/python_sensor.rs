@@ -1,4 +1,4 @@
-//! A sensor of one's own in Python: what it sends is what ingest takes, bit for bit.
+//! User-defined sensors in Python: ingest receives their readings bit for bit.
 use std::{
     fs,
     io::{BufRead, BufReader},
@@ -16,10 +16,11 @@ use serde_json::Value;
 
 const FROM_THE_BUS: &str = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n";
 
-/// The program that feeds a system until it is ended. Its lines are read as they come: a full pipe would hold it up.
+/// Program that publishes to a system until its standard input is closed. A thread reads its
+/// output, so that a full pipe does not block it.
 struct Feeder {
     child: Child,
-    said: mpsc::Receiver<String>,
+    lines: mpsc::Receiver<String>,
 }
 
 impl Feeder {
@@ -28,39 +29,39 @@ impl Feeder {
         let mut command = Command::new(python);
         command.arg(here.join("tests/foreign/sensor.py")).arg(system).env("PYTHONPATH", here.join("crates/sdk/python"));
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let (tell, said) = mpsc::channel();
-        thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| tell.send(line)));
-        Self { child, said }
+        let stdout_lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let (sender, receiver) = mpsc::channel();
+        thread::spawn(move || stdout_lines.map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        Self { child, lines: receiver }
     }
 
-    /// The next line; it ends the test where there is none.
+    /// Returns the next line of output.
     fn line(&self) -> String {
-        self.said.recv().unwrap()
+        self.lines.recv().unwrap()
     }
 
-    /// Ends it; what it has still said.
-    fn end(mut self) -> Vec<Value> {
+    /// Stops the program and returns the rest of its output.
+    fn stop(mut self) -> Vec<Value> {
         drop(self.child.stdin.take());
-        let lines = self.said.iter().map(|line| serde_json::from_str(&line).unwrap()).collect();
+        let lines = self.lines.iter().map(|line| serde_json::from_str(&line).unwrap()).collect();
         assert!(self.child.wait().unwrap().success());
         lines
     }
 }
 
-/// A feeder that has joined the system, and what it said of that.
-fn joined(python: &Path, system: &System) -> (Feeder, Value) {
-    let mut begun = None;
+/// Starts a feeder that joins the system, and returns it with its first line of output.
+fn join(python: &Path, system: &System) -> (Feeder, Value) {
+    let mut joined = None;
     until("the topic", || {
         let feeder = Feeder::start(python, &system.name);
         let line = feeder.line();
         match serde_json::from_str(&line) {
-            Ok(said) => begun = Some((feeder, said)),
+            Ok(start) => joined = Some((feeder, start)),
             Err(_) => assert!(line.contains(&system.name), "{line}"),
         }
-        begun.is_some()
+        joined.is_some()
     });
-    begun.unwrap()
+    joined.unwrap()
 }
 
 fn bits(value: &Value) -> Option<[u64; 3]> {
@@ -69,42 +70,42 @@ fn bits(value: &Value) -> Option<[u64; 3]> {
 }
 
 #[test]
-fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
+fn python_readings_reach_ingest_bit_for_bit() {
     let Some(python) = python() else { return };
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&["--readings"]);
-    let (feeder, said) = joined(python, &system);
-    assert_eq!(said["capacity"], 1200, "buffer_s is 6");
+    let (feeder, start) = join(python, &system);
+    assert_eq!(start["capacity"], 1200, "buffer_s is 6");
     let layouts = [SensorReading::layout(), ReceiverReading::layout()].map(|layout| layout.to_string());
-    assert_eq!(said["layouts"], serde_json::json!(layouts));
-    assert_eq!(said["places"], serde_json::json!([SensorReading::TOPIC.index, ReceiverReading::TOPIC.index]));
+    assert_eq!(start["layouts"], serde_json::json!(layouts));
+    assert_eq!(start["topic_indices"], serde_json::json!([SensorReading::TOPIC.index, ReceiverReading::TOPIC.index]));
     let bus = Bus::join(&SystemName::new(&system.name).unwrap(), "test").unwrap();
     let readings = bus.subscriber::<TakenReading>(1200).unwrap();
     bus.wake_all();
-    let mut taken: Vec<TakenReading> = Vec::new();
+    let mut received: Vec<TakenReading> = Vec::new();
     let mut sent: Vec<Value> = Vec::new();
     until("readings", || {
         sent.push(serde_json::from_str(&feeder.line()).unwrap());
         while let Some(reading) = readings.receive().unwrap() {
-            taken.push(reading);
+            received.push(reading);
         }
-        taken.len() > 400
+        received.len() > 400
     });
     drop((readings, bus));
-    sent.extend(feeder.end());
-    let first = sent.iter().position(|one| one["t"] == taken[0].t_sensor_ns).unwrap();
-    for (taken, sent) in taken.iter().zip(&sent[first..]) {
-        assert_eq!(sent["t"], taken.t_sensor_ns, "none is left out");
-        assert_eq!(bits(&sent["rate"]), Some(taken.rate_rad_s.map(f64::to_bits)));
-        assert_eq!(bits(&sent["force"]), Some(taken.force_m_s2.map(f64::to_bits)));
-        assert_eq!(bits(&sent["field"]), (taken.brings & 1 != 0).then(|| taken.field_ut.map(f64::to_bits)));
+    sent.extend(feeder.stop());
+    let first = sent.iter().position(|one| one["t"] == received[0].t_sensor_ns).unwrap();
+    for (received, sent) in received.iter().zip(&sent[first..]) {
+        assert_eq!(sent["t"], received.t_sensor_ns, "a reading is missing");
+        assert_eq!(bits(&sent["rate"]), Some(received.rate_rad_s.map(f64::to_bits)));
+        assert_eq!(bits(&sent["force"]), Some(received.force_m_s2.map(f64::to_bits)));
+        assert_eq!(bits(&sent["field"]), (received.brings & 1 != 0).then(|| received.field_ut.map(f64::to_bits)));
     }
-    // A fix goes with the reading that ingest takes next.
+    // Ingest combines a fix with the next reading.
     let is_with_fix = |reading: &&TakenReading| reading.brings & 2 != 0;
-    let fixes: Vec<_> = taken.iter().filter(is_with_fix).map(|fix| Some(fix.velocity_m_s.map(f64::to_bits))).collect();
+    let fixes: Vec<_> = received.iter().filter(is_with_fix).map(|fix| Some(fix.velocity_m_s.map(f64::to_bits))).collect();
     let velocities: Vec<_> = sent.iter().map(|one| bits(&one["velocity"])).filter(Option::is_some).collect();
     assert!(fixes.len() > 5 && fixes.iter().all(|fix| velocities.contains(fix)), "{fixes:?} of {velocities:?}");
-    let places = taken.iter().filter(is_with_fix).map(|fix| (fix.latitude_rad, fix.velocity_sd_m_s));
+    let places = received.iter().filter(is_with_fix).map(|fix| (fix.latitude_rad, fix.velocity_sd_m_s));
     assert!(places.clone().all(|place| place == (0.9, 0.3)));
     running.interrupt();
     let run = running.wait();
@@ -113,11 +114,11 @@ fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
 }
 
 #[test]
-fn the_program_goes_on_when_the_system_has_begun_anew() {
+fn python_sensor_follows_restarted_system() {
     let Some(python) = python() else { return };
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&[]);
-    let (feeder, _) = joined(python, &system);
+    let (feeder, _) = join(python, &system);
     let course_has = |ticks: u64| {
         until("ticks", || {
             let course = system.ps().into_iter().find(|one| one["service"] == "course");
@@ -134,25 +135,25 @@ fn the_program_goes_on_when_the_system_has_begun_anew() {
     running.interrupt();
     let run = running.wait();
     assert!(run.people.contains("restarting every service"), "{}", run.people);
-    // Of another run of the name it joins that one, once it has left the former.
-    feeder.said.try_iter().for_each(drop);
+    // The feeder leaves the ended run, then joins the next run of the same name.
+    feeder.lines.try_iter().for_each(drop);
     until("the end to be noticed", || feeder.line().contains("gone"));
     let again = system.start(&[]);
     course_has(50);
-    feeder.end();
+    feeder.stop();
     again.interrupt();
     assert_eq!(again.wait().number("/lost"), 0.0);
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 
-/// A program that has fed a system until attitudes came out.
-fn feeds(mut program: Command) {
+/// Runs a program as the sensor of a system until attitudes are published.
+fn assert_feeds_system(mut program: Command) {
     let system = System::new("[ingest]\nsource = \"bus\"\n");
     let running = system.start(&[]);
     program.arg(&system.name).stderr(Stdio::null());
     let mut child = program.spawn().unwrap();
     until("attitudes", || {
-        // Before ingest has opened the topic it says so, and ends.
+        // The program exits if ingest has not opened the topic yet.
         if child.try_wait().unwrap().is_some() {
             child = program.spawn().unwrap();
         }
@@ -167,25 +168,25 @@ fn feeds(mut program: Command) {
 }
 
 #[test]
-fn the_examples_are_sensors() {
-    feeds(Command::new(crate::common::example("driver")));
+fn example_sensors_feed_a_system() {
+    assert_feeds_system(Command::new(crate::common::example("driver")));
     let Some(python) = python() else { return };
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut program = Command::new(python);
     program.arg(here.join("examples/sensor.py")).env("PYTHONPATH", here.join("crates/sdk/python"));
-    feeds(program);
+    assert_feeds_system(program);
 }
 
 #[test]
-fn a_system_that_takes_no_readings_is_named_with_the_remedy() {
+fn unavailable_system_is_reported_with_remedy() {
     let Some(python) = python() else { return };
     let system = System::new("");
-    assert!(Feeder::start(python, &system.name).line().contains("it does not run; start it with `plumb up`"));
-    assert!(Feeder::start(python, "No Name").line().contains("use 1 to 32 of a-z"));
+    assert!(Feeder::start(python, &system.name).line().contains("it is not running; start it with `plumb up`"));
+    assert!(Feeder::start(python, "No Name").line().contains("use 1 to 32 characters of a-z"));
     let running = system.start(&[]);
     system.all_run();
-    let said = Feeder::start(python, &system.name).line();
-    assert!(said.contains("its topic \"sensor\" is not open; set source = \"bus\" in [ingest]"), "{said}");
+    let message = Feeder::start(python, &system.name).line();
+    assert!(message.contains("its topic \"sensor\" is not open; set source = \"bus\" in [ingest]"), "{message}");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
     assert_eq!(system.remains(), Vec::<String>::new());

@@ -88,7 +88,7 @@ fn a_reference_in_a_file_of_its_own_counts_as_one_in_the_recording() {
     assert_eq!(of_whole, apart);
     assert_ne!(of_whole, without);
     let refused = ["imu.csv", "whole.csv", "--reference", "truth.csv"];
-    assert_refused(folder.path(), &refused, 2, &["--reference is that of one recording"]);
+    assert_refused(folder.path(), &refused, 2, &["--reference belongs to a single recording"]);
     assert_refused(folder.path(), &["imu.csv", "--reference", "imu.csv"], 3, &["imu.csv", "gx"]);
 }
 
@@ -202,26 +202,26 @@ fn what_there_is_not_is_said_with_what_there_is() {
     fs::create_dir(folder.path().join("b")).unwrap();
     fs::copy(folder.path().join("a.csv"), folder.path().join("b/a.csv")).unwrap();
     let refused = |arguments: &[&str], code, said: &[&str]| assert_refused(folder.path(), arguments, code, said);
-    refused(&["a.csv", "--fuser", "wz-opne"], 2, &["there is no `wz-opne`", "did you mean `wz-open`?", "vqf"]);
-    refused(&["a.csv", "--fuser", "wz", "--fuser", "wz"], 2, &["`wz` is named twice"]);
+    refused(&["a.csv", "--fuser", "wz-opne"], 2, &["no fuser stage named `wz-opne`", "did you mean `wz-open`?", "vqf"]);
+    refused(&["a.csv", "--fuser", "wz", "--fuser", "wz"], 2, &["fuser `wz` is given twice"]);
     refused(&["a.csv", "--set", "declination=3"], 2, &["did you mean `declination_deg`?", "-180 to 180 °"]);
     refused(&["a.csv", "--set", "declination_deg=333"], 2, &["expected -180 to 180 °, found 333"]);
     refused(&["a.csv", "--set", "declination_deg"], 2, &["expected key=value"]);
     refused(
         &["a.csv", "--set", "bogus.beta=1"],
         2,
-        &["setting bogus.beta: no chosen stage has it", "fuser.hard_iron_sd_ut of multiple-model"],
+        &["no selected stage has a parameter `bogus.beta`", "fuser.hard_iron_sd_ut of multiple-model"],
     );
     let twice = ["a.csv", "--set", "declination_deg=1", "--set", "course.declination_deg=2"];
-    refused(&twice, 2, &["setting course.declination_deg: it is set twice; keep one"]);
+    refused(&twice, 2, &["course.declination_deg is set twice", "keep one"]);
     refused(&["sim:s1?seed=2&rate_hz=50&seed=3"], 2, &["`seed` is set twice"]);
-    refused(&["a.csv", "b/a.csv"], 2, &["two are called `a`"]);
-    refused(&["sim:s9"], 2, &["there is no scenario `s9`", "cruise"]);
-    refused(&["a.csv", "--out", "."], 2, &["that is the recording itself"]);
+    refused(&["a.csv", "b/a.csv"], 2, &["two trials are named `a`"]);
+    refused(&["sim:s9"], 2, &["unknown scenario `s9`", "cruise"]);
+    refused(&["a.csv", "--out", "."], 2, &["this is the recording itself"]);
     refused(&["a.csv", "none.csv"], 3, &["opening the recording none.csv", "check the path"]);
     refused(&["bad.csv"], 3, &["reading the recording bad.csv: line 1: found no column gy"]);
     refused(&["a.csv", "--gnss", "bad.csv"], 3, &["bad.csv: line 1, column 2: found \"gx\""]);
-    refused(&["a.csv", "sim:s1", "--gnss", "fixes.csv"], 2, &["fixes.csv belongs to one recording, there are 2"]);
+    refused(&["a.csv", "sim:s1", "--gnss", "fixes.csv"], 2, &["fixes.csv belongs to one recording", "2 trials"]);
     refused(&["a.csv", "--out", "a.csv"], 1, &["writing a.csv"]);
     refused(&[], 2, &["<FILE>"]);
     assert_eq!(fs::read_to_string(folder.path().join("a.csv")).unwrap(), at_rest(0.0, 0.0));
@@ -288,11 +288,11 @@ fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_
     let folder =
         folder_with(&[("right.csv", right.clone()), ("g.csv", in_g(right.clone())), ("twice.csv", doubled(right))]);
     let said = |file: &str| String::from_utf8(score(folder.path(), &[file]).stderr).unwrap();
-    assert!(said("sim:s1?duration_s=2").contains("nothing is scored: it ends before it counts"));
+    assert!(said("sim:s1?duration_s=2").contains("the simulation ends before scoring starts"));
     assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
     for (file, words) in [
         ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),
-        ("twice.csv", ["warning: twice: 400 readings refused", "stamps equal to the one before: 400", "twice: timestamps"]),
+        ("twice.csv", ["warning: twice: 400 readings rejected", "timestamps equal to the previous one: 400", "twice: timestamps"]),
     ] {
         words.iter().for_each(|words| assert!(said(file).contains(words), "no {words:?} in:\n{}", said(file)));
     }

@@ -63,7 +63,7 @@ fn a_table_without_a_truth_says_that_there_is_none() {
     let columns = columns(&folder.path().join("tables/plain.csv"));
     assert_eq!((columns["scored"].clone(), columns["roll_rad"].len()), (vec![0.0; 2], 2));
     assert!(columns.iter().filter(|(name, _)| name.starts_with("true_")).all(|(_, of)| of.iter().all(|x| x.is_nan())));
-    assert_refused(folder.path(), &["plain.csv", "--csv", "."], 2, &["that is the recording itself", "--csv"]);
+    assert_refused(folder.path(), &["plain.csv", "--csv", "."], 2, &["this is the recording itself", "--csv"]);
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn several_fusers_and_the_reference_are_in_one_picture_and_differ_in_colour_and_
     let text = |name: &str| fs::read_to_string(folder.path().join("figures").join(name)).unwrap();
     for (name, said) in [
         ("angles", &["wz", "vqf", "reference", "yaw ψ, °", "course H, °"][..]),
-        ("signed", &["wz", "vqf", "roll γ, °", "a yaw from nowhere"]),
+        ("signed", &["wz", "vqf", "roll γ, °", "arbitrary yaw"]),
         ("error", &["wz", "vqf", "inclination, °"]),
         ("bias", &["wz", "vqf", "reference", "ζ, °/s"]),
         ("bias-error", &["wz", "vqf", "ξ, °/s"]),
@@ -107,12 +107,12 @@ fn figures_have_the_window_size_and_format_that_are_asked_for() {
     let refused = |more: &[&str], said: &str| {
         assert_refused(folder.path(), &[&["sim:s1"], more].concat(), 2, &[said]);
     };
-    refused(&["--plot", "figures", "--from", "5", "--to", "5"], "--to is to be later than --from");
+    refused(&["--plot", "figures", "--from", "5", "--to", "5"], "--to must be later than --from");
     refused(&["--plot", "figures", "--size", "640"], "expected WIDTHxHEIGHT");
     refused(&["--plot", "figures", "--size", "300x200"], "from 480x320 to 8000x8000");
     refused(
         &["--plot", "figures", "--from", "500"],
-        "drawing sim:s1: there is no sample from 500 s on; it ends at 100.000 s",
+        "no sample of sim:s1 to draw from 500 s: the trial ends at 100.000 s",
     );
     refused(&["--from", "5"], "--plot");
 }

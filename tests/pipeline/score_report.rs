@@ -77,15 +77,15 @@ fn a_report_shows_every_stage_over_the_reference_with_the_errors_that_are_scored
     assert_eq!(texts(&document, "h2"), ["Errors", trial, "Settings"]);
     let titles = texts(&document, "h3");
     let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/inclination")));
-    assert_eq!(titles[0], format!("inclination error where it counts, RMS: wz {wz:.3}°, vqf {vqf:.3}°"));
+    assert_eq!(titles[0], format!("inclination error, RMS over scored samples: wz {wz:.3}°, vqf {vqf:.3}°"));
     assert_eq!(titles[1..], ["roll", "pitch", "yaw"], "heading and total mean nothing where no heading is known");
     let both = ["stage0", "stage1"].map(str::to_owned);
     let all = ["reference", "stage0", "stage1"].map(str::to_owned);
     let lines = lines_of(&document);
     assert!(lines[0] == both && lines[1..].iter().all(|lines| *lines == all), "{lines:?}");
     assert_eq!(lines.len(), 4);
-    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
-    assert!(advice.starts_with("choose fuser wz: inclination error"), "{advice}");
+    let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();
+    assert!(advice.starts_with("best by inclination error: wz"), "{advice}");
     assert!(texts(&document, "p").contains(&advice), "{page}");
 }
 
@@ -94,7 +94,7 @@ fn the_launch_file_of_the_advice_is_one() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["sim:s1?duration_s=20&rate_hz=100", "--fuser", "madgwick", "--tune", "beta_rad_s=0.005..0.5"];
     let scores = scores(folder.path(), &arguments);
-    let launch = scores.pointer("/choice/launch").and_then(Value::as_str).unwrap();
+    let launch = scores.pointer("/recommendation/launch").and_then(Value::as_str).unwrap();
     fs::write(folder.path().join("chosen.toml"), launch).unwrap();
     let again = super::score::scores(folder.path(), &[arguments[0], "--launch", "chosen.toml"]);
     assert_eq!(again.pointer("/stages/0/fuser").unwrap(), "madgwick");
@@ -118,7 +118,7 @@ fn without_a_reference_the_report_tells_how_far_the_stages_are_apart() {
     assert_eq!(lines[3], ["stage0", "stage1"]);
     let text = String::from_utf8(score(folder.path(), &arguments).stdout).unwrap();
     assert!(
-        text.contains("nothing tells which stage is right") && text.contains("wz and madgwick are apart"),
+        text.contains("no reference, so no ranking") && text.contains("madgwick differs from wz"),
         "{text}"
     );
     assert_refused(
@@ -143,12 +143,12 @@ fn a_real_recording_makes_a_page() {
     let titles = texts(&document, "h3");
     for (at, error) in ["inclination", "heading", "total"].into_iter().enumerate() {
         let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/{error}")));
-        assert_eq!(titles[at], format!("{error} error where it counts, RMS: wz {wz:.3}°, vqf {vqf:.3}°"));
+        assert_eq!(titles[at], format!("{error} error, RMS over scored samples: wz {wz:.3}°, vqf {vqf:.3}°"));
     }
     let both = ["stage0", "stage1"].map(str::to_owned);
     assert!(lines_of(&document)[..3].iter().all(|lines| *lines == both));
     // With a magnetometer the heading is known, and counts.
-    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
+    let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();
     assert!(advice.contains("total error"), "{advice}");
 }
 
@@ -160,7 +160,7 @@ fn a_page_is_put_in_the_place_of_a_link_and_never_in_that_of_a_recording() {
     assert_eq!(fs::read_to_string(folder.path().join("precious.txt")).unwrap(), "mine");
     assert!(!fs::symlink_metadata(folder.path().join("out.html")).unwrap().is_symlink());
     assert_self_contained(&page(&folder.path().join("out.html")));
-    let said = ["turned.csv", "that is the recording itself", "--report"];
+    let said = ["turned.csv", "this is the recording itself", "--report"];
     assert_refused(folder.path(), &["turned.csv", "--report", "turned.csv"], 2, &said);
     assert_eq!(fs::read_to_string(folder.path().join("turned.csv")).unwrap(), at_rest(30.0, 0.0));
     let nowhere = ["turned.csv", "--report", "nowhere/out.html"];
@@ -185,7 +185,7 @@ fn a_search_finds_the_value_that_no_other_score_beats() {
     let best = number(&tuned, "/tuned/0/best/value");
     let least = number(&tuned, "/tuned/0/best/error_deg");
     assert_eq!(tuned.pointer("/tuned/0/setting").unwrap(), "fuser.beta_rad_s");
-    assert_eq!(tuned.pointer("/tuned/0/at_end").unwrap(), false);
+    assert_eq!(tuned.pointer("/tuned/0/at_range_end").unwrap(), false);
     let of = |value: f64| {
         let scores = scores(folder.path(), &[&trial[..], &["--set", &format!("beta_rad_s={value}")]].concat());
         number(&scores, "/stages/0/mean/inclination")
@@ -214,8 +214,8 @@ fn a_search_says_when_the_best_is_beyond_its_range_and_what_it_cannot_search() {
         &[trial, "--fuser", "madgwick", "--set", "beta_rad_s=0.9", "--tune", "beta_rad_s=0.5..1"],
     );
     assert_eq!(number(&scores, "/tuned/0/best/value"), 0.5);
-    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
-    assert!(advice.contains("at the end of the range: look beyond it"), "{advice}");
+    let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();
+    assert!(advice.contains("at the end of the range: extend the range"), "{advice}");
     for (range, said) in [
         ("beta_rad_s=0..11", "expected 0 to 10 rad/s, found 11"),
         ("beta=0..1", "did you mean `beta_rad_s`?"),

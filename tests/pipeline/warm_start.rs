@@ -4,7 +4,7 @@ use std::{fs, os::unix::fs::symlink, path::PathBuf};
 use super::orchestrated::{BUFFER, Bench, LAUNCH, RATE_HZ, readings};
 use crate::common::{Run, System, until};
 use messages::{FusedState, HASH_START, SensorReading, hash};
-use scenario::{Errors, Motion};
+use scenario::{SensorErrors, Motion};
 use serde_json::{Value, json};
 
 /// As fast as the readings come: they say themselves when they were taken.
@@ -21,7 +21,7 @@ const COLD_DEG_S: f64 = 0.05;
 
 /// A body that never rests.
 fn moving(seconds: u64) -> Vec<SensorReading> {
-    readings(Motion::S1, Errors { gyro_bias_rad_s: BIAS_DEG_S.to_radians(), ..Errors::S1 }, seconds * RATE_HZ as u64)
+    readings(Motion::S1, SensorErrors { gyro_bias_rad_s: BIAS_DEG_S.to_radians(), ..SensorErrors::S1 }, seconds * RATE_HZ as u64)
 }
 
 /// A body at rest: its gyro's bias is soon known.

@@ -73,7 +73,7 @@ fn a_system_whose_files_are_removed_is_not_taken_for_dead_and_starts_anew_when_a
         let doctor = plumb(&[&["doctor", "--json", "--system", &system.name], fix].concat()).output().unwrap();
         let said = String::from_utf8(doctor.stdout).unwrap();
         assert_eq!(doctor.status.code(), Some(1), "{said}");
-        assert!(said.contains("somebody removed files of") && !said.contains("is not running"), "{said}");
+        assert!(said.contains("were removed while it runs") && !said.contains("is not running"), "{said}");
     }
     assert_eq!(system.ps().len(), 5, "the doctor has left it alone");
     let look = plumb(&["topic", "hz", "imu", "--count", "1", "--system", &system.name]).output().unwrap();

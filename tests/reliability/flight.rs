@@ -102,7 +102,7 @@ fn a_flight_has_every_tick_though_services_are_killed_and_a_stage_is_swapped() {
         (said["system"].as_str(), said["version"].as_str()),
         (Some(&*system.name), Some(env!("CARGO_PKG_VERSION")))
     );
-    assert_eq!(found["metadata"]["end"]["how"], "the system came to its end");
+    assert_eq!(found["metadata"]["end"]["reason"], "ended normally");
     let launch = fs::read_to_string(system.path("launch.toml")).unwrap();
     assert_eq!(found["attachments"]["launch.toml"].as_str(), Some(&*launch));
     let config: Value = serde_json::from_str(found["attachments"]["config.json"].as_str().unwrap()).unwrap();
@@ -115,7 +115,7 @@ fn a_flight_has_every_tick_though_services_are_killed_and_a_stage_is_swapped() {
     assert_eq!(report["ticks_out"], run.json["ticks_out"]);
 
     let (code, ours) = info(&flight);
-    assert_eq!((code, &ours["cut"], &ours["missed"]), (Some(0), &Value::Null, &serde_json::json!({})), "{ours}");
+    assert_eq!((code, &ours["incomplete"], &ours["missed"]), (Some(0), &Value::Null, &serde_json::json!({})), "{ours}");
     for topic in ours["topics"].as_array().unwrap() {
         let theirs = &found["topics"][topic["topic"].as_str().unwrap()]["messages"];
         assert_eq!(topic["messages"].as_u64(), Some(theirs.as_u64().unwrap_or(0)), "{topic}");
@@ -159,7 +159,7 @@ fn a_recorder_that_is_killed_leaves_a_file_that_opens_with_what_was_flown() {
     let found = read_by_others(python, &flight, None);
     assert_eq!((&found["whole"], &found["whole_records"]), (&false.into(), &true.into()), "{found}");
     let (code, ours) = info(&flight);
-    assert_eq!((code, ours["cut"].as_str()), (Some(1), Some("it ends before its time")), "{ours}");
+    assert_eq!((code, ours["incomplete"].as_str()), (Some(1), Some("the file ends early")), "{ours}");
     let attitudes = ours["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "/attitude").unwrap();
     assert_eq!(attitudes["messages"], found["topics"]["/attitude"]["messages"]);
     assert_eq!(ours["metadata"]["plumbline"]["system"].as_str(), Some(&*system.name));
@@ -190,7 +190,7 @@ fn a_disk_that_fills_ends_the_flight_with_a_whole_chunk_and_costs_no_tick() {
     assert_eq!((run.number("/ticks_out"), run.number("/lost")), (4000.0, 0.0), "{}", run.json);
     assert_eq!(run.code, Some(1), "{}", run.people);
     let error = run.json["error"].as_str().unwrap();
-    assert!(error.contains("No space left on device") && error.contains("with a whole chunk"), "{error}");
+    assert!(error.contains("No space left on device") && error.contains("with a complete chunk"), "{error}");
     assert_eq!(run.people.matches(error).count(), 2, "once while it runs, once at the end: {}", run.people);
     let found = read_by_others(python, &result, None);
     assert_eq!((&found["whole"], &found["whole_records"]), (&false.into(), &true.into()), "{found}");
@@ -227,7 +227,7 @@ fn a_recorder_beside_a_system_ends_when_it_is_asked_to_and_says_what_it_has() {
     let before = fs::read(&flight).unwrap();
     let (code, summary, _) = record(&["--for", "1s"]);
     assert_eq!(code, Some(2), "{summary}");
-    assert!(summary["error"].as_str().unwrap().contains("something of that name already"), "{summary}");
+    assert!(summary["error"].as_str().unwrap().contains("already exists"), "{summary}");
     assert!(fs::read(&flight).unwrap() == before, "what was there has changed");
 
     let whole = system.path("whole.mcap");
@@ -241,7 +241,7 @@ fn a_recorder_beside_a_system_ends_when_it_is_asked_to_and_says_what_it_has() {
     running.wait().assert_whole();
     let summary = recorder.wait();
     assert_eq!((summary.code, &summary.json["missed"]), (Some(0), &0.into()), "{}", summary.people);
-    assert_eq!(info(&whole).1["end"], "the system has ended");
+    assert_eq!(info(&whole).1["end_reason"], "the system ended");
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 

@@ -43,7 +43,7 @@ impl Flown {
     /// messages, and swaps are taken back.
     fn is_certain(&self) -> bool {
         let again = self.again(&[]);
-        let doubts = again.people.contains("may be another than in flight");
+        let doubts = again.people.contains("may differ from the flight");
         let whole = self.run.code == Some(0) && !doubts;
         if !whole {
             println!("{}{}", self.run.people, again.people);
@@ -183,6 +183,6 @@ fn of_a_flight_in_which_a_slot_was_nobodys_it_is_told_from_which_tick_on_it_may_
     let report = system.swap(&["course", "track"]);
     assert_eq!(report["outcome"], "committed", "{report}");
     let again = Flown::end(&system, running, &flights).again(&[]);
-    let told = "the attitude may be another than in flight: nobody had the slot `course`";
+    let told = "the replayed attitude may differ from the flight: the slot `course` had no owner";
     assert!(again.people.contains(told), "{}", again.people);
 }

@@ -12,7 +12,7 @@ use crate::common::{Running, System, until};
 use bus::{Bus, SystemName};
 use messages::SensorReading;
 use runtime::clock::{monotonic_ns, sleep_until_ns};
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 const RATE_HZ: f64 = 500.0;
 /// Two seconds, as a launch file has it unless told otherwise.
@@ -47,7 +47,7 @@ fn the_watchdog_is_fed_while_ticks_arrive_and_starves_when_the_source_stands_sti
 
     let bus = Bus::join(&SystemName::new(&system.name).unwrap(), "test").unwrap();
     let sensor = bus.publisher::<SensorReading>(BUFFER).unwrap();
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 3);
     let mut count = 0.0;
     for _ in 0..2 {
         // Fed while the sensor speaks, at whatever speed this machine has.

@@ -1,4 +1,5 @@
-//! Stages of the user's own, as `plumb stage new` writes them: swapped in and out of a running system, killed, frozen, judged.
+//! User-defined stages, as `plumb stage new` writes them: swapped in and out, killed, frozen and
+//! tested.
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -14,21 +15,21 @@ const SIM: &str = "[ingest.sim]\nrate_hz = 200\n";
 const SLOTS: [(&str, &str); 4] =
     [("gyro", "mobius"), ("accel", "projector"), ("fuser", "multiple-model"), ("course", "angles")];
 
-fn written(name: &str, language: &str, folder: &Path, arguments: &[&str]) {
+fn write_stage(name: &str, language: &str, folder: &Path, arguments: &[&str]) {
     let mut command = plumb(&["stage", "new", name, "--lang", language, "--dir"]);
     let output = command.arg(folder).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Writes a stage and, where it must be, compiles it: its command.
-fn made(system: &System, name: &str, compiler: &str, slot: &str) -> String {
+/// Writes a stage and compiles it if necessary. Returns its command for the launch file.
+fn build_stage(system: &System, name: &str, compiler: &str, slot: &str) -> String {
     let folder = system.path(name);
     let module = name.replace('-', "_");
     if compiler == "python3" {
-        written(name, "python", &folder, &["--slot", slot]);
+        write_stage(name, "python", &folder, &["--slot", slot]);
         return format!("[\"python3\", \"{name}/{module}.py\"]");
     }
-    written(name, "c", &folder, &["--slot", slot]);
+    write_stage(name, "c", &folder, &["--slot", slot]);
     let (language, standard) = if compiler == "cc" { ("c", "-std=c99") } else { ("c++", "-std=c++11") };
     let warnings = ["-Wall", "-Wextra", "-Werror", "-pedantic"];
     let mut command = Command::new(compiler);
@@ -43,24 +44,24 @@ fn made(system: &System, name: &str, compiler: &str, slot: &str) -> String {
     format!("[\"{name}/{name}\"]")
 }
 
-/// A system with a fuser of one's own beside its launch file.
+/// Creates a system with a user-defined fuser next to its launch file.
 fn system_with_stage(compiler: &str, rest: &str) -> System {
     let system = System::new("");
-    let command = made(&system, "my-fuser", compiler, "fuser");
+    let command = build_stage(&system, "my-fuser", compiler, "fuser");
     system.add(&format!("{rest}\n[stages.my-fuser]\nslot = \"fuser\"\ncommand = {command}\n"));
     system
 }
 
-fn ask(system: &System, arguments: &[&str]) -> Value {
+fn query(system: &System, arguments: &[&str]) -> Value {
     let output = plumb(arguments).args(["--json", "--system", &system.name]).output().unwrap();
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Swaps what fills a slot. Where the machine is too slow for the change of hands it is taken back with nothing lost, and asked for
-/// again.
-fn swapped(system: &System, slot: &str, to: &str) -> Value {
+/// Swaps the stage of a slot. Retries a swap that was aborted because the machine was too slow;
+/// such a swap loses nothing.
+fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
-        let report = ask(system, &["swap", slot, to]);
+        let report = query(system, &["swap", slot, to]);
         println!("{report}");
         assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
         if report["outcome"] == "committed" {
@@ -68,11 +69,11 @@ fn swapped(system: &System, slot: &str, to: &str) -> Value {
             return report;
         }
     }
-    panic!("{to} never took over");
+    panic!("{to} did not take over");
 }
 
 fn service(system: &System, name: &str) -> Value {
-    let services = ask(system, &["ps"]);
+    let services = query(system, &["ps"]);
     services.as_array().and_then(|all| all.iter().find(|one| one["service"] == name).cloned()).unwrap_or_default()
 }
 
@@ -80,13 +81,13 @@ fn pid(system: &System, slot: &str) -> u32 {
     service(system, slot)["pid"].as_u64().unwrap_or(0) as u32
 }
 
-fn started(system: &System, arguments: &[&str]) -> Running {
+fn start_system(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
     system.all_run();
     running
 }
 
-/// Ticks of 5 ms, each once and in order.
+/// Checks that the ticks are 5 ms apart, complete and in order. Returns their number.
 fn assert_in_order(path: &Path) -> usize {
     let attitudes = attitudes(path);
     crate::common::assert_sound(&attitudes);
@@ -97,37 +98,37 @@ fn assert_in_order(path: &Path) -> usize {
 }
 
 #[test]
-fn a_stage_of_any_language_is_swapped_in_and_out_and_nothing_is_lost() {
+fn stage_in_any_language_swaps_without_loss() {
     for compiler in ["python3", "cc", "c++"] {
         let system = system_with_stage(compiler, SIM);
         let out = system.path("out.csv");
-        let running = started(&system, &["--out", out.to_str().unwrap()]);
+        let running = start_system(&system, &["--out", out.to_str().unwrap()]);
         for (from, to) in
             [("multiple-model", "my-fuser"), ("my-fuser", "vqf"), ("vqf", "my-fuser"), ("my-fuser", "multiple-model")]
         {
-            let report = swapped(&system, "fuser", to);
+            let report = swap_stage(&system, "fuser", to);
             assert_eq!(report["from"], from, "{report}");
             assert!((0.0..5.0).contains(&report["jump_deg"].as_f64().unwrap()), "{report}");
         }
         for wrong in ["gain=3", "time_constant_s=0"] {
-            let wrong = ask(&system, &["swap", "fuser", "my-fuser", "--set", wrong]);
+            let wrong = query(&system, &["swap", "fuser", "my-fuser", "--set", wrong]);
             assert_eq!(wrong["outcome"], "aborted", "{wrong}");
         }
         running.interrupt();
         let run = running.wait();
         run.assert_whole();
-        for said in
+        for text in
             ["unknown parameter; available: time_constant_s", "time_constant_s: expected 0.01 to 1000 s, found 0"]
         {
-            assert!(run.people.contains(said), "{said}: {}", run.people);
+            assert!(run.people.contains(text), "{text}: {}", run.people);
         }
         assert_eq!(assert_in_order(&out) as f64, run.number("/ticks_out"));
         assert_eq!(system.remains(), Vec::<String>::new());
     }
 }
 
-/// The bytes that come out of 4800 ticks with the stage, and what people were told.
-fn bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (Vec<u8>, String) {
+/// Returns the output of 4800 ticks with the stage, and the messages on standard error.
+fn output_bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (Vec<u8>, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");
     let running = system.start(&[&["--for", "24s", "--out", out.to_str().unwrap()], arguments].concat());
@@ -140,17 +141,17 @@ fn bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (
 }
 
 #[test]
-fn a_stage_whose_program_or_service_is_killed_or_frozen_changes_no_byte() {
+fn killed_or_frozen_stage_changes_no_byte() {
     thread::scope(|scope| {
         for compiler in ["python3", "cc"] {
-            scope.spawn(move || disturbed_as_undisturbed(compiler));
+            scope.spawn(move || assert_output_unaffected_by_faults(compiler));
         }
     });
 }
 
-fn disturbed_as_undisturbed(compiler: &str) {
-    let (undisturbed, _) = bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
-    let (disturbed, people) = bytes(compiler, &[], |system| {
+fn assert_output_unaffected_by_faults(compiler: &str) {
+    let (undisturbed, _) = output_bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
+    let (disturbed, people) = output_bytes(compiler, &[], |system| {
         system.all_run();
         for (program, how) in [(false, Signal::KILL), (true, Signal::KILL), (false, Signal::STOP), (true, Signal::STOP)]
         {
@@ -161,12 +162,12 @@ fn disturbed_as_undisturbed(compiler: &str) {
                 now["state"] == "running" && now["pid"] != fuser
             });
         }
-        // A machine with too much to do may have cost another.
+        // A busy machine may have caused more restarts.
         assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
-        assert_eq!(swapped(system, "fuser", "my-fuser")["jump_deg"], 0.0);
+        assert_eq!(swap_stage(system, "fuser", "my-fuser")["jump_deg"], 0.0);
     });
-    for said in ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"] {
-        assert!(people.contains(said), "{said}: {people}");
+    for text in ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"] {
+        assert!(people.contains(text), "{text}: {people}");
     }
     let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
     let differing = lines(&undisturbed).into_iter().zip(lines(&disturbed)).find(|(one, other)| one != other);
@@ -174,9 +175,9 @@ fn disturbed_as_undisturbed(compiler: &str) {
 }
 
 #[test]
-fn a_program_ends_with_its_service_however_that_ends() {
+fn program_ends_with_its_service() {
     let system = system_with_stage("cc", &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     let mut programs = Vec::new();
     for how in [Signal::KILL, Signal::TERM] {
         let fuser = pid(&system, "fuser");
@@ -193,22 +194,22 @@ fn a_program_ends_with_its_service_however_that_ends() {
 }
 
 #[test]
-fn a_stage_of_ones_own_tells_its_difference_as_a_shadow() {
-    // Slow enough for a stage in Python beside all that else goes on.
+fn external_stage_reports_difference_as_shadow() {
+    // A low rate, so that a stage in Python keeps up on a busy machine.
     let system = system_with_stage("python3", "[ingest.sim]\nrate_hz = 50\n");
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     let shadowed = |seconds: &str| -> Value {
         let arguments = ["shadow", "fuser", "my-fuser", "--json", "--for", seconds, "--system", &system.name];
         let output = plumb(&arguments).output().unwrap();
-        let said = String::from_utf8(output.stdout).unwrap();
-        let last: Value = said.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default();
+        let text = String::from_utf8(output.stdout).unwrap();
+        let last: Value = text.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default();
         println!("{last}");
-        // One that ends by itself says why, and has cost nothing.
+        // A shadow that ends by itself reports the reason and has cost nothing.
         let ended = (&last["outcome"], &last["lost"], &last["duplicated"]) == (&"aborted".into(), &0.into(), &0.into());
-        assert!(output.status.success() || ended, "{said}{}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() || ended, "{text}{}", String::from_utf8_lossy(&output.stderr));
         last
     };
-    // How long a program takes to start depends on what else the machine does.
+    // The start of a program takes longer on a busy machine.
     let mut shadows = ["3", "10", "30"].into_iter().map(shadowed);
     let difference = shadows.find(|difference| difference["ticks"].as_u64() > Some(50)).unwrap();
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
@@ -218,11 +219,11 @@ fn a_stage_of_ones_own_tells_its_difference_as_a_shadow() {
 }
 
 #[test]
-fn a_watch_promotes_a_stage_of_ones_own() {
+fn watch_promotes_external_stage() {
     let near = "promote_below_deg = 20\npromote_after_s = 0.5\nrollback_above_deg = 20.1\nrollback_after_s = 60";
     let watch = format!("[[watch]]\nslot = \"fuser\"\nstage = \"my-fuser\"\nmeasure = \"angle\"\n{near}\n");
     let system = system_with_stage("cc", &format!("{SIM}{watch}"));
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     until("the promotion", || service(&system, "fuser")["stage"] == "my-fuser");
     running.interrupt();
     let run = running.wait();
@@ -230,8 +231,8 @@ fn a_watch_promotes_a_stage_of_ones_own() {
     assert!(run.people.contains("watch fuser: promoting my-fuser"), "{}", run.people);
 }
 
-/// The inclination error of each fuser asked for, degrees.
-fn scored(system: &System, arguments: &[&str]) -> Vec<f64> {
+/// Returns the inclination error of each requested fuser, degrees.
+fn inclination_errors_deg(system: &System, arguments: &[&str]) -> Vec<f64> {
     let launch = system.path("launch.toml");
     let mut command = plumb(&["score", "sim:s1?duration_s=30", "--json", "--launch", launch.to_str().unwrap()]);
     let output = command.args(arguments).output().unwrap();
@@ -242,22 +243,22 @@ fn scored(system: &System, arguments: &[&str]) -> Vec<f64> {
 }
 
 #[test]
-fn templates_of_every_language_give_the_same_score_and_take_parameters() {
+fn templates_in_all_languages_score_equally() {
     let [python, c] = ["python3", "cc"].map(|compiler| system_with_stage(compiler, SIM));
     let arguments = ["--fuser", "wz", "--fuser", "my-fuser", "--set", "my-fuser.time_constant_s=3"];
-    let (of_python, of_c) = (scored(&python, &arguments), scored(&c, &arguments));
+    let (of_python, of_c) = (inclination_errors_deg(&python, &arguments), inclination_errors_deg(&c, &arguments));
     assert!((of_python[1] - of_c[1]).abs() < 1e-9 && of_python[0] == of_c[0], "{of_python:?} {of_c:?}");
-    assert_ne!(scored(&c, &["--fuser", "my-fuser"])[0], of_c[1]);
+    assert_ne!(inclination_errors_deg(&c, &["--fuser", "my-fuser"])[0], of_c[1]);
     let list = plumb(&["stage", "list", "--launch"]).arg(c.path("launch.toml")).output().unwrap();
     let list = String::from_utf8(list.stdout).unwrap();
-    assert!(list.contains("  my-fuser\n    time_constant_s: 0.01 to 1000 s, default 1. What is faster"), "{list}");
+    assert!(list.contains("  my-fuser\n    time_constant_s: 0.01 to 1000 s, default 1. Time constant"), "{list}");
 }
 
-/// `plumb stage test` of a stage beside its own launch file: whether it passes, and the checks that failed.
-fn judged(name: &str, launch: &Path) -> (bool, Vec<String>) {
+/// Runs `plumb stage test`. Returns whether the stage passed, and the names of the failed checks.
+fn test_stage(name: &str, launch: &Path) -> (bool, Vec<String>) {
     let output = plumb(&["stage", "test", name, "--json", "--launch"]).arg(launch).output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
-    let reports: Value = serde_json::from_str(said.lines().last().unwrap_or_default())
+    let text = String::from_utf8(output.stdout).unwrap();
+    let reports: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     let checks = reports[0]["checks"].as_array().unwrap();
     println!("{name}: {} checks", checks.len());
@@ -266,44 +267,45 @@ fn judged(name: &str, launch: &Path) -> (bool, Vec<String>) {
 }
 
 #[test]
-#[ignore = "long: the whole kit four times, each tick to another process and back"]
-fn a_new_stage_in_c_is_judged_sound_in_every_slot() {
+#[ignore = "long: all conformance checks four times, each tick in another process"]
+fn new_c_stage_conforms_in_every_slot() {
     let system = System::new("");
     for (slot, _) in SLOTS {
         let name = format!("my-{slot}");
-        let command = made(&system, &name, "cc", slot);
+        let command = build_stage(&system, &name, "cc", slot);
         system.add(&format!("[stages.{name}]\nslot = \"{slot}\"\ncommand = {command}\n"));
     }
     for (slot, _) in SLOTS {
-        let judged = judged(&format!("my-{slot}"), &system.path("launch.toml"));
-        assert_eq!(judged, (true, Vec::new()), "{slot}");
+        let result = test_stage(&format!("my-{slot}"), &system.path("launch.toml"));
+        assert_eq!(result, (true, Vec::new()), "{slot}");
     }
 }
 
 #[test]
-fn a_new_stage_in_python_passes_its_own_tests_in_every_slot() {
+fn new_python_stage_passes_its_tests_in_every_slot() {
     let parent = tempfile::tempdir().unwrap();
     for (slot, _) in SLOTS {
         let (name, folder) = (format!("my-{slot}"), parent.path().join(slot));
-        written(&name, "python", &folder, &["--slot", slot]);
+        write_stage(&name, "python", &folder, &["--slot", slot]);
         let output = Command::new("python3").args(["-m", "unittest"]).current_dir(&folder).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success() && said.contains("OK"), "{said}");
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success() && text.contains("OK"), "{text}");
         let mut again = plumb(&["stage", "new", &name, "--lang", "python", "--dir"]);
-        assert_eq!(again.arg(&folder).output().unwrap().status.code(), Some(2), "what is there is left as it is");
+        assert_eq!(again.arg(&folder).output().unwrap().status.code(), Some(2), "existing folder is not overwritten");
     }
 }
 
 #[test]
-fn a_bad_stage_fails_the_checks_that_are_made_for_its_mistakes() {
+fn stage_with_defects_fails_their_checks() {
     let system = system_with_stage("cc", "");
     let path = system.path("my-fuser/my_fuser.c");
     let mut text = fs::read_to_string(&path).unwrap();
-    // It keeps something beside its state, and divides nothing by nothing without an inclination.
+    // The first change keeps a value outside the state. The second yields NaN without an
+    // inclination.
     for (from, to) in [
         (
-            "state.attitude = plumbline_turned(",
-            "static double ticks; state.attitude.z_rad += 1e-9 * ticks++; state.attitude = plumbline_turned(",
+            "state.attitude = plumbline_rotated(",
+            "static double ticks; state.attitude.z_rad += 1e-9 * ticks++; state.attitude = plumbline_rotated(",
         ),
         (
             "output->attitude = state.attitude;",
@@ -316,28 +318,28 @@ fn a_bad_stage_fails_the_checks_that_are_made_for_its_mistakes() {
     fs::write(&path, text).unwrap();
     let compile = ["-O2", "-o", "my-fuser", "my_fuser.c", "-lm"];
     assert!(Command::new("cc").args(compile).current_dir(system.path("my-fuser")).status().unwrap().success());
-    let (passed, failed) = judged("my-fuser", &system.path("launch.toml"));
+    let (passed, failed) = test_stage("my-fuser", &system.path("launch.toml"));
     assert!(!passed);
     for check in
-        ["a run goes on from a snapshot bit for bit", "outputs are finite and rotations under no accelerometer"]
+        ["a restored run is bit-identical", "outputs are valid under accelerometer outage"]
     {
         assert!(failed.iter().any(|failed| failed == check), "{check} passed; failed: {failed:?}");
     }
 }
 
-/// A system whose course is a hosted program with this fault.
-fn hosted(fault: &str, rest: &str) -> System {
+/// Creates a system whose course stage is an external program with this fault.
+fn system_with_fault(fault: &str, rest: &str) -> System {
     let own = format!("[stages.own]\nslot = \"course\"\ncommand = [{:?}, \"hosted\", {fault:?}]\n", faulty());
     System::new(&format!("{SIM}[course]\nstage = \"own\"\n{own}{rest}"))
 }
 
 #[test]
-fn a_program_that_talks_without_end_is_not_held_up_and_its_last_words_are_shown() {
-    let system = hosted("talks", "");
+fn endless_output_is_drained_and_its_end_shown() {
+    let system = system_with_fault("talks", "");
     let out = system.path("out.csv");
-    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let course = || service(&system, "course");
-    // More than any pipe holds: 1 MiB at once, and 4 KiB with each tick.
+    // More than a pipe holds: 1 MiB at one step and 4 KiB at every other step.
     until("400 ticks", || course()["ticks"].as_u64() > Some(400));
     let first = course();
     assert_eq!(first["restarts"], 0, "{first}");
@@ -351,29 +353,29 @@ fn a_program_that_talks_without_end_is_not_held_up_and_its_last_words_are_shown(
 }
 
 #[test]
-fn an_output_that_is_none_begins_the_stage_anew_once_and_is_flagged() {
-    let run = hosted("gives-nan", "").run(&["--for", "2s"]);
+fn invalid_output_resets_stage_and_is_flagged() {
+    let run = system_with_fault("gives-nan", "").run(&["--for", "2s"]);
     run.assert_whole();
     assert!(run.line("flags").contains("reset"), "{}", run.people);
 }
 
 #[test]
-fn a_program_that_gives_no_output_any_more_ends_the_system_with_the_reason_where_that_is_configured() {
-    // One that dies is given the time to say why.
+fn permanent_failure_stops_system_if_configured() {
+    // A program that exits has time to report the reason.
     let rule = "[restart]\nsilence_s = 2\nmin_uptime_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";
-    for (fault, said) in [
+    for (fault, text) in [
         ("gives-nan-always", "`own` returned a course outside [0, 2π), also after a reset"),
         ("dies", "on the request to step"),
         ("hangs", "has not responded to the request to step for"),
     ] {
-        let run = hosted(fault, rule).run(&["--for", "60s"]);
+        let run = system_with_fault(fault, rule).run(&["--for", "60s"]);
         assert_eq!(run.code, Some(1), "{fault}: {}", run.people);
-        assert!(run.people.contains(said) && run.people.contains("the system was stopped"), "{fault}: {}", run.people);
+        assert!(run.people.contains(text) && run.people.contains("the system was stopped"), "{fault}: {}", run.people);
     }
 }
 
 #[test]
-fn what_no_program_can_do_is_said() {
+fn program_errors_are_reported() {
     let launch = format!("{SIM}[fuser]\nstage = \"mine\"\n[stages.mine]\nslot = \"fuser\"\n");
     let with =
         |command: &str| System::new(&format!("{launch}command = {command}\n[restart]\nlimit = 1\nbackoff_s = 0\n"));
@@ -386,11 +388,11 @@ fn what_no_program_can_do_is_said() {
             "ended with exit status: 3 on the request to describe itself",
         ),
     ];
-    for (command, code, said) in cases {
+    for (command, code, text) in cases {
         for arguments in [&["--in-process"][..], &[]] {
             let run = with(command).run(arguments);
             assert_eq!(run.code, Some(code), "{command}: {}", run.people);
-            assert!(run.people.contains(said), "{command}: {}", run.people);
+            assert!(run.people.contains(text), "{command}: {}", run.people);
         }
     }
     let other = format!("[{:?}, \"hosted\", \"none\"]", faulty());
@@ -400,8 +402,8 @@ fn what_no_program_can_do_is_said() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// How a stage is built here: its mathematics is optimised, what judges it a little, all else is built sooner without.
-const QUICK: [&str; 5] = [
+/// Build options: the mathematics is optimised fully, the checks a little, everything else not.
+const BUILD_OPTIONS: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",
     "profile.release.package.libm.opt-level=3",
@@ -411,38 +413,38 @@ const QUICK: [&str; 5] = [
 
 #[test]
 #[ignore = "long: builds four programs and what they need"]
-fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot() {
+fn new_rust_stage_conforms_and_swaps_in_every_slot() {
     let stage = |slot: &str| format!("[stages.my-{slot}]\nslot = \"{slot}\"\ncommand = [\"./my-{slot}-program\"]\n");
     let system = System::new(&SLOTS.map(|(slot, _)| stage(slot)).concat());
     let source = env!("CARGO_MANIFEST_DIR");
-    // What was built for this test is not built again, as far as it is the same.
+    // The target folder of this test run is reused.
     let target: PathBuf = Path::new(env!("CARGO_BIN_EXE_plumb")).parent().unwrap().parent().unwrap().into();
     let build = |slot: &str| {
         let name = format!("my-{slot}");
         let folder = system.path(&name);
-        written(&name, "rust", &folder, &["--slot", slot, "--source", source]);
+        write_stage(&name, "rust", &folder, &["--slot", slot, "--source", source]);
         fs::copy(Path::new(source).join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
         for verb in ["test", "build"] {
             let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-            command.args([verb, "--release", "--offline"]).args(QUICK.iter().flat_map(|option| ["--config", option]));
+            command.args([verb, "--release", "--offline"]).args(BUILD_OPTIONS.iter().flat_map(|option| ["--config", option]));
             command.current_dir(&folder).env("CARGO_TARGET_DIR", &target);
             let output = command.output().unwrap();
-            let said = [output.stdout, output.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
-            assert!(output.status.success() && !said.contains("warning"), "{said}");
+            let text = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+            assert!(output.status.success() && !text.contains("warning"), "{text}");
         }
         copied(&target.join("release").join(&name), &system.path(&format!("{name}-program")));
     };
-    // Cargo builds one after the other; one is tested while another is built.
+    // Cargo builds one stage at a time. One is tested while the next is built.
     thread::scope(|scope| {
         for (slot, _) in SLOTS {
             let build = &build;
             scope.spawn(move || build(slot));
         }
     });
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     for (slot, ours) in SLOTS {
-        swapped(&system, slot, &format!("my-{slot}"));
-        swapped(&system, slot, ours);
+        swap_stage(&system, slot, &format!("my-{slot}"));
+        swap_stage(&system, slot, ours);
     }
     running.interrupt();
     running.wait().assert_whole();

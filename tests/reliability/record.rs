@@ -39,7 +39,7 @@ fn what_a_frozen_supervisor_misses_is_counted_apart_from_what_is_lost() {
     let seen = json(&["topic", "hz", "attitude", "--seconds", "4"], &system);
     signal(running.pid(), Signal::CONT);
     assert!(seen["messages"].as_u64() > Some(3000), "{seen}");
-    assert_eq!((seen["lost"].as_u64(), seen["overwritten"].as_u64()), (Some(0), Some(0)), "on the bus: {seen}");
+    assert_eq!((seen["lost"].as_u64(), seen["missed"].as_u64()), (Some(0), Some(0)), "on the bus: {seen}");
     system.all_run();
     until("the supervisor to notice", || record(&system)["result"] == "warning");
     running.interrupt();

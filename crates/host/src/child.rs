@@ -17,7 +17,7 @@ use rustix::{
         sockopt::{Timeout, set_socket_timeout},
     },
 };
-use sdk::frame::{MAX_FRAME_BYTES, FrameError, Head, Kind};
+use sdk::frame::{MAX_FRAME_BYTES, FrameError, FrameHeader, RequestKind};
 
 /// Timeout for each response during the start of a program.
 pub const START_TIMEOUT: Duration = Duration::from_secs(10);
@@ -118,9 +118,9 @@ impl Child {
 
     /// Sends a request and returns the payload of its response, or `None` if the program rejects
     /// it.
-    pub(crate) fn request(&mut self, kind: Kind, write: impl FnOnce(&mut Vec<u8>)) -> Result<Option<&[u8]>, HostError> {
+    pub(crate) fn request(&mut self, kind: RequestKind, write: impl FnOnce(&mut Vec<u8>)) -> Result<Option<&[u8]>, HostError> {
         self.number += 1;
-        Head { kind, refused: false, number: self.number }.begin(&mut self.frame);
+        FrameHeader { kind, rejected: false, request_number: self.number }.start_frame(&mut self.frame);
         write(&mut self.frame);
         if send(&self.socket, &self.frame, SendFlags::NOSIGNAL).is_err() {
             return Err(self.ended(kind));
@@ -132,21 +132,21 @@ impl Child {
             cause: cause.to_string(),
         };
         let (head, payload) =
-            Head::of(self.response.get(..len).unwrap_or_default()).map_err(|e| invalid(&self.program, e))?;
-        if (head.kind, head.number) != (kind, self.number) {
-            let mismatch = FrameError::Other { found: head.number, kind: head.kind, expected: self.number };
+            FrameHeader::parse(self.response.get(..len).unwrap_or_default()).map_err(|e| invalid(&self.program, e))?;
+        if (head.kind, head.request_number) != (kind, self.number) {
+            let mismatch = FrameError::RequestMismatch { found: head.request_number, kind: head.kind, expected: self.number };
             return Err(invalid(&self.program, mismatch));
         }
-        Ok((!head.refused).then_some(payload))
+        Ok((!head.rejected).then_some(payload))
     }
 
     /// Builds the error for an invalid response to a request.
-    pub(crate) fn invalid_response(&self, kind: Kind, cause: &dyn std::fmt::Display) -> HostError {
+    pub(crate) fn invalid_response(&self, kind: RequestKind, cause: &dyn std::fmt::Display) -> HostError {
         HostError::InvalidResponse { program: self.program.clone(), request: request_name(kind), cause: cause.to_string() }
     }
 
     /// Receives the next packet and returns its length.
-    fn receive(&mut self, kind: Kind) -> Result<usize, HostError> {
+    fn receive(&mut self, kind: RequestKind) -> Result<usize, HostError> {
         let started = Instant::now();
         loop {
             match recv(&self.socket, &mut self.response[..], RecvFlags::empty()) {
@@ -163,7 +163,7 @@ impl Child {
     }
 
     /// Builds the error for a closed connection. The exit status may follow a moment later.
-    fn ended(&mut self, kind: Kind) -> HostError {
+    fn ended(&mut self, kind: RequestKind) -> HostError {
         let started = Instant::now();
         let status: Option<ExitStatus> = loop {
             match self.process.try_wait() {
@@ -186,16 +186,16 @@ impl Drop for Child {
 }
 
 /// Describes a request, for error messages.
-fn request_name(kind: Kind) -> &'static str {
+fn request_name(kind: RequestKind) -> &'static str {
     match kind {
-        Kind::Describe => "describe itself",
-        Kind::Set => "set a parameter",
-        Kind::Step => "step",
-        Kind::Snapshot => "report its state",
-        Kind::Restore => "restore a state",
-        Kind::Common => "report its common state",
-        Kind::Adopt => "adopt a common state",
-        Kind::Align => "align",
-        Kind::Realign => "realign",
+        RequestKind::Describe => "describe itself",
+        RequestKind::Set => "set a parameter",
+        RequestKind::Step => "step",
+        RequestKind::Snapshot => "report its state",
+        RequestKind::Restore => "restore a state",
+        RequestKind::Common => "report its common state",
+        RequestKind::Adopt => "adopt a common state",
+        RequestKind::Align => "align",
+        RequestKind::Realign => "realign",
     }
 }

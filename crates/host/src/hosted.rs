@@ -18,7 +18,7 @@ use attitude::{
 use launch::ExternalStage;
 use sdk::{
     Description,
-    frame::{self, FrameError, Kind},
+    frame::{self, FrameError, RequestKind},
 };
 
 use crate::{
@@ -59,23 +59,23 @@ impl<B: HostableStage> HostedStage<B> {
     /// state values.
     pub fn start(name: &str, program: &ExternalStage, timeout: Duration) -> Result<Self, HostError> {
         let mut child = Child::start(program.command())?;
-        let response = child.request(Kind::Describe, |_| {})?.map(Description::read);
+        let response = child.request(RequestKind::Describe, |_| {})?.map(Description::parse);
         let description = match response {
             Some(Ok(description)) => description,
-            Some(Err(error)) => return Err(child.invalid_response(Kind::Describe, &error)),
-            None => return Err(child.invalid_response(Kind::Describe, &"the request was rejected")),
+            Some(Err(error)) => return Err(child.invalid_response(RequestKind::Describe, &error)),
+            None => return Err(child.invalid_response(RequestKind::Describe, &"the request was rejected")),
         };
         if description.slot != program.slot.name() {
             let other = format!("it is a stage of the slot {}, not of {}", description.slot, program.slot);
-            return Err(child.invalid_response(Kind::Describe, &other));
+            return Err(child.invalid_response(RequestKind::Describe, &other));
         }
         let interned_texts = interned::text(name).zip(interned::parameters(&description));
         let (name, parameters) = interned_texts
-            .ok_or_else(|| child.invalid_response(Kind::Describe, &"too many different descriptions"))?;
-        let state_len = child.request(Kind::Snapshot, |_| {})?.map_or(usize::MAX, <[u8]>::len) / 8;
+            .ok_or_else(|| child.invalid_response(RequestKind::Describe, &"too many different descriptions"))?;
+        let state_len = child.request(RequestKind::Snapshot, |_| {})?.map_or(usize::MAX, <[u8]>::len) / 8;
         if state_len > MAX_STATE_VALUES {
             let cause = format!("the state has more than {MAX_STATE_VALUES} numbers");
-            return Err(child.invalid_response(Kind::Snapshot, &cause));
+            return Err(child.invalid_response(RequestKind::Snapshot, &cause));
         }
         child.set_timeout(timeout)?;
         Ok(Self {
@@ -95,7 +95,7 @@ impl<B: HostableStage> HostedStage<B> {
     /// a failure.
     fn request<T>(
         &self,
-        kind: Kind,
+        kind: RequestKind,
         write: impl FnOnce(&mut Vec<u8>),
         parse: impl FnOnce(&[u8]) -> Result<T, FrameError>,
     ) -> Option<Response<T>> {
@@ -120,7 +120,7 @@ impl<B: HostableStage> HostedStage<B> {
     }
 
     /// Sends a request that the program either accepts or rejects.
-    fn request_ack(&self, kind: Kind, write: impl FnOnce(&mut Vec<u8>)) -> Result<(), RestoreError> {
+    fn request_ack(&self, kind: RequestKind, write: impl FnOnce(&mut Vec<u8>)) -> Result<(), RestoreError> {
         match self.request(kind, write, empty_payload) {
             Some(Response::Accepted(())) => Ok(()),
             Some(Response::Rejected) => Err(RestoreError::Invalid { reason: "the program rejects the values" }),
@@ -153,7 +153,7 @@ impl<T> Response<T> {
 
 /// Parses a response without a payload.
 fn empty_payload(payload: &[u8]) -> Result<(), FrameError> {
-    if payload.is_empty() { Ok(()) } else { Err(FrameError::Length { found: payload.len(), expected: 0 }) }
+    if payload.is_empty() { Ok(()) } else { Err(FrameError::PayloadLength { found: payload.len(), expected: 0 }) }
 }
 
 /// Returns a value of NaN numbers, the output of a failed stage.
@@ -182,8 +182,8 @@ impl<B: HostableStage> Stage for HostedStage<B> {
         let parameter = self.parameters.get(index).ok_or(unknown)?;
         let in_range = (parameter.min..=parameter.max).contains(&value);
         // A value that the program rejects is reported as out of range, too.
-        let write = |frame: &mut Vec<u8>| [index as f64, value].into_iter().for_each(|number| frame::put(frame, number));
-        if !in_range || self.request_ack(Kind::Set, write).is_err() {
+        let write = |frame: &mut Vec<u8>| [index as f64, value].into_iter().for_each(|number| frame::write_value(frame, number));
+        if !in_range || self.request_ack(RequestKind::Set, write).is_err() {
             return Err(ParameterError::OutOfRange { parameter, value });
         }
         self.settings.push((index, value));
@@ -192,7 +192,7 @@ impl<B: HostableStage> Stage for HostedStage<B> {
 
     fn step(&mut self, input: &B::Input) -> B::Output {
         let input = input.finite();
-        let output = self.request(Kind::Step, |frame| frame::put(frame, input), frame::value).and_then(Response::accepted);
+        let output = self.request(RequestKind::Step, |frame| frame::write_value(frame, input), frame::read_value).and_then(Response::accepted);
         output.unwrap_or_else(nan_value)
     }
 
@@ -201,12 +201,12 @@ impl<B: HostableStage> Stage for HostedStage<B> {
     fn visit_state(&mut self, _visit: &mut dyn FnMut(&mut f64)) {}
 
     fn common(&self) -> B::Common {
-        let common = self.request(Kind::Common, |_| {}, frame::value).and_then(Response::accepted);
+        let common = self.request(RequestKind::Common, |_| {}, frame::read_value).and_then(Response::accepted);
         common.unwrap_or_else(nan_value)
     }
 
     fn adopt(&mut self, common: &B::Common) -> Result<(), RestoreError> {
-        self.request_ack(Kind::Adopt, |frame| frame::put(frame, *common))
+        self.request_ack(RequestKind::Adopt, |frame| frame::write_value(frame, *common))
     }
 
     fn failure(&self) -> Option<&dyn std::error::Error> {
@@ -217,11 +217,11 @@ impl<B: HostableStage> Stage for HostedStage<B> {
         let mut record = Snapshot { stage: self.name, values: [0.0; MAX_STATE_VALUES], len: self.state_len, checksum: 0 };
         let values = &mut record.values[..self.state_len];
         self.request(
-            Kind::Snapshot,
+            RequestKind::Snapshot,
             |_| {},
             |payload| {
-                let numbers = frame::numbers(payload).filter(|_| payload.len() == 8 * values.len());
-                let length = FrameError::Length { found: payload.len(), expected: 8 * values.len() };
+                let numbers = frame::read_numbers(payload).filter(|_| payload.len() == 8 * values.len());
+                let length = FrameError::PayloadLength { found: payload.len(), expected: 8 * values.len() };
                 values.iter_mut().zip(numbers.ok_or(length)?).for_each(|(value, number)| *value = number);
                 Ok(())
             },
@@ -232,21 +232,21 @@ impl<B: HostableStage> Stage for HostedStage<B> {
 
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError> {
         record.validate(self.name, self.state_len)?;
-        self.request_ack(Kind::Restore, |frame| {
-            record.values[..record.len].iter().for_each(|number| frame::put(frame, *number))
+        self.request_ack(RequestKind::Restore, |frame| {
+            record.values[..record.len].iter().for_each(|number| frame::write_value(frame, *number))
         })
     }
 }
 
 impl GyroStage for HostedStage<Gyro> {
     fn align(&mut self, attitude: Attitude) {
-        self.request(Kind::Align, |frame| frame::put(frame, attitude), empty_payload);
+        self.request(RequestKind::Align, |frame| frame::write_value(frame, attitude), empty_payload);
     }
 }
 
 impl FuserStage for HostedStage<Fuser> {
     fn realign(&mut self) {
-        self.request(Kind::Realign, |_| {}, empty_payload);
+        self.request(RequestKind::Realign, |_| {}, empty_payload);
     }
 }
 

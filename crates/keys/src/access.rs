@@ -1,25 +1,27 @@
-//! Who may do what on which keys: the access list of a Zenoh router.
+//! Access list of a Zenoh router or gateway.
 //!
-//! Everything is refused but what is named here. Zenoh looks whether a rule's key *includes* that of a message, and a query reaches
-//! whatever its key *intersects*: a query for `plumbline/v1/alpha/**` arrives at the commands of alpha. Queries are therefore allowed on
-//! keys only that cannot meet a command's, and commands on those of one vehicle each.
+//! Everything not listed is denied. Zenoh checks whether a rule's key *includes* the key of a
+//! message, but delivers a query to every key that it *intersects*: a query for
+//! `plumbline/v1/alpha/**` reaches the commands of alpha. Queries are therefore allowed only on
+//! keys that cannot intersect a command's key, and commands only on the keys of one vehicle each.
 
 use serde::Serialize;
 
 use crate::{Party, Role};
 
-/// What may be subscribed to: everything that vehicles put. Commands are queries, so none is heard.
-const TELEMETRY: &str = "plumbline/v1/**";
-/// What may be asked for: last values and schemas.
-const ANSWERS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
-/// Who is alive. `**` alone does not match a chunk that begins with `@`.
-const LIVE: &str = "plumbline/v1/*/@live/**";
-/// The ticks of split systems.
-const CARRY: &str = "plumbline/v1/*/@carry";
-/// Those who come without a certificate.
-const PLAIN: &str = "plain";
-/// Everything that a rule can be about.
-const MESSAGES: [&str; 9] = [
+/// Keys that may be subscribed to: everything that vehicles put. Commands are queries and therefore
+/// not included.
+const TELEMETRY_KEYS: &str = "plumbline/v1/**";
+/// Keys that may be queried: last values and schemas.
+const QUERYABLE_KEYS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
+/// Keys of liveliness tokens. `**` alone does not match a chunk that starts with `@`.
+const LIVELINESS_KEYS: &str = "plumbline/v1/*/@live/**";
+/// Keys of the ticks of split systems.
+const CARRY_KEYS: &str = "plumbline/v1/*/@carry";
+/// Subject of clients without a certificate.
+const ANONYMOUS: &str = "plain";
+/// All message kinds to which a rule can apply.
+const ALL_MESSAGE_KINDS: [&str; 9] = [
     "put",
     "delete",
     "declare_subscriber",
@@ -31,16 +33,16 @@ const MESSAGES: [&str; 9] = [
     "declare_liveliness_subscriber",
 ];
 
-/// Ticks of a split system that go from one of its hosts to another.
+/// Permission of one vehicle to import the ticks of another, as hosts of a split system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Import {
-    /// The vehicle that makes them.
-    pub from: Party,
-    /// The vehicle that takes them.
-    pub by: Party,
+    /// Vehicle that publishes the ticks.
+    pub exporter: Party,
+    /// Vehicle that receives the ticks.
+    pub importer: Party,
 }
 
-/// The access list, as Zenoh's configuration has it under `access_control`.
+/// Access list in the form of Zenoh's `access_control` configuration.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AccessList {
     enabled: bool,
@@ -54,7 +56,7 @@ pub struct AccessList {
 struct Rule {
     id: String,
     permission: &'static str,
-    /// Seen from the router: `ingress` is what the party sends.
+    /// Direction as seen by the router: `ingress` is what the party sends.
     flows: [&'static str; 1],
     messages: Vec<&'static str>,
     key_exprs: Vec<String>,
@@ -63,7 +65,7 @@ struct Rule {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Subject {
     id: String,
-    /// Whatever is shown, where there are none.
+    /// Common names of the certificates; empty for any client.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cert_common_names: Vec<String>,
     link_protocols: [&'static str; 1],
@@ -76,123 +78,129 @@ struct Policy {
 }
 
 impl AccessList {
-    /// The list for these parties and nobody else; an import of a party that is not among them is none.
+    /// Creates the access list of a router for these parties. All others are denied. An import is
+    /// ignored unless both of its parties are listed.
     pub fn new(parties: &[Party], imports: &[Import]) -> Self {
         let of = |role| parties.iter().filter(move |party| party.role() == role);
-        let mut list = Self::closed();
+        let mut list = Self::deny_all();
         let mut commands = Vec::new();
         for vehicle in of(Role::Vehicle) {
             commands.push(format!("plumbline/v1/{}/command/*", vehicle.name()));
             let imports =
-                imports.iter().filter(|import| [&import.from, &import.by].iter().all(|it| parties.contains(it)));
-            list.add(&vehicle.to_string(), [vehicle], [vehicle_rules(vehicle), carry_rules(vehicle, imports)].concat());
+                imports.iter().filter(|import| [&import.exporter, &import.importer].iter().all(|it| parties.contains(it)));
+            list.add_parties(&vehicle.to_string(), [vehicle], [vehicle_rules(vehicle), carry_rules(vehicle, imports)].concat());
         }
-        list.add("viewers", of(Role::Viewer), reader_rules("viewers"));
-        list.add("operators", of(Role::Operator), [reader_rules("operators"), command_rules(&commands)].concat());
+        list.add_parties("viewers", of(Role::Viewer), reader_rules("viewers"));
+        list.add_parties("operators", of(Role::Operator), [reader_rules("operators"), command_rules(&commands)].concat());
         list
     }
 
-    /// What a gateway lets those do who come without a certificate: look at what it sends and ask for it. They put nothing, answer
-    /// nothing, are nobody and command nobody. `exports`: they may take its ticks as another host of one system. `certified`: who comes
-    /// with a certificate may do everything, as whoever the gateway calls keeps a list.
-    pub fn of_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
-        let mut list = Self::closed();
-        let mut rules = reader_rules(PLAIN);
-        // Between peers a question goes to those only who have said what they answer.
-        rules.push(allow(format!("{PLAIN} know what to ask"), "egress", &["declare_queryable"], ANSWERS));
+    /// Creates the access list of a gateway.
+    ///
+    /// Clients without a certificate may subscribe and query; they may not put, reply, declare
+    /// liveliness or send commands. With `exports` they may also receive the vehicle's ticks as
+    /// another host of its system. With `certified` clients with a certificate may do everything,
+    /// because the router they come through keeps its own list.
+    pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
+        let mut list = Self::deny_all();
+        let mut rules = reader_rules(ANONYMOUS);
+        // Between peers a query is sent only to those that have declared a queryable.
+        rules.push(allow(format!("{ANONYMOUS} see queryables"), "egress", &["declare_queryable"], QUERYABLE_KEYS));
         if exports {
             let carry = [format!("plumbline/v1/{vehicle}/@carry")];
-            rules.push(allow(format!("{PLAIN} follow"), "ingress", &["declare_subscriber", "query"], &carry));
-            rules.push(allow(format!("{PLAIN} are brought"), "egress", &["put", "reply", "declare_queryable"], &carry));
+            rules.push(allow(format!("{ANONYMOUS} request ticks"), "ingress", &["declare_subscriber", "query"], &carry));
+            rules.push(allow(format!("{ANONYMOUS} receive ticks"), "egress", &["put", "reply", "declare_queryable"], &carry));
         }
-        list.bind(PLAIN, vec![], "tcp", rules);
+        list.add_subject(ANONYMOUS, vec![], "tcp", rules);
         if certified {
-            let keys = [TELEMETRY, LIVE, CARRY];
-            let rules = ["ingress", "egress"].map(|flow| allow(format!("certified {flow}"), flow, &MESSAGES, keys));
-            list.bind("certified", vec![], "quic", rules.into());
+            let keys = [TELEMETRY_KEYS, LIVELINESS_KEYS, CARRY_KEYS];
+            let rules = ["ingress", "egress"].map(|flow| allow(format!("certified {flow}"), flow, &ALL_MESSAGE_KINDS, keys));
+            list.add_subject("certified", vec![], "quic", rules.into());
         }
         list
     }
 
-    fn closed() -> Self {
+    fn deny_all() -> Self {
         Self { enabled: true, default_permission: "deny", rules: vec![], subjects: vec![], policies: vec![] }
     }
 
-    fn add<'a>(&mut self, id: &str, parties: impl IntoIterator<Item = &'a Party>, rules: Vec<Rule>) {
+    fn add_parties<'a>(&mut self, id: &str, parties: impl IntoIterator<Item = &'a Party>, rules: Vec<Rule>) {
         let cert_common_names: Vec<_> = parties.into_iter().map(Party::to_string).collect();
         if !cert_common_names.is_empty() {
-            // Only a link with TLS tells a common name that was proved, and every QUIC link has it.
-            self.bind(id, cert_common_names, "quic", rules);
+            // A common name is proven only on a TLS link, and every QUIC link uses TLS.
+            self.add_subject(id, cert_common_names, "quic", rules);
         }
     }
 
-    fn bind(&mut self, id: &str, cert_common_names: Vec<String>, protocol: &'static str, rules: Vec<Rule>) {
+    fn add_subject(&mut self, id: &str, cert_common_names: Vec<String>, protocol: &'static str, rules: Vec<Rule>) {
         let ids = rules.iter().map(|rule| rule.id.clone()).collect();
         self.rules.extend(rules);
         self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: [protocol] });
         self.policies.push(Policy { rules: ids, subjects: vec![id.into()] });
     }
 
-    /// As text for the configuration; JSON is JSON5.
-    pub fn text(&self) -> String {
-        // Strings and lists always have a JSON form.
+    /// Returns the access list as JSON, which is also valid JSON5.
+    pub fn to_json(&self) -> String {
+        // Strings and lists always serialise.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 }
 
-/// It publishes and answers below its own name, and is asked for what concerns it.
+/// Returns the rules of a vehicle: it publishes and replies below its own name, and receives
+/// queries for its own data and commands.
 fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     let own = format!("plumbline/v1/{}", vehicle.name());
     let id = |what: &str| format!("{vehicle} {what}");
     let (all, live, commands) = (format!("{own}/**"), format!("{own}/@live/**"), format!("{own}/command/*"));
     vec![
         allow(id("publishes"), "ingress", &["put", "declare_queryable", "reply"], [all]),
-        allow(id("is alive"), "ingress", &["liveliness_token"], [live]),
-        // Without it the vehicle does not know that anybody listens, and sends nothing.
-        allow(id("has listeners"), "egress", &["declare_subscriber"], [TELEMETRY]),
-        allow(id("is asked"), "egress", &["query"], ANSWERS),
-        allow(id("is commanded"), "egress", &["query"], [commands]),
+        allow(id("declares liveliness"), "ingress", &["liveliness_token"], [live]),
+        // Without this rule the vehicle sees no subscriber and publishes nothing.
+        allow(id("sees subscribers"), "egress", &["declare_subscriber"], [TELEMETRY_KEYS]),
+        allow(id("receives queries"), "egress", &["query"], QUERYABLE_KEYS),
+        allow(id("receives commands"), "egress", &["query"], [commands]),
     ]
 }
 
-/// Its ticks go to who may import them, and it follows those that it may import.
+/// Returns the rules for ticks of a split system: those the vehicle exports and those it imports.
 fn carry_rules<'a>(vehicle: &Party, imports: impl Iterator<Item = &'a Import> + Clone) -> Vec<Rule> {
     let carry = |party: &Party| format!("plumbline/v1/{}/@carry", party.name());
     let id = |what: &str| format!("{vehicle} {what}");
-    let sources: Vec<_> = imports.clone().filter(|import| import.by == *vehicle).map(|it| carry(&it.from)).collect();
+    let sources: Vec<_> = imports.clone().filter(|import| import.importer == *vehicle).map(|it| carry(&it.exporter)).collect();
     let mut rules = Vec::new();
-    if imports.clone().any(|import| import.from == *vehicle) {
+    if imports.clone().any(|import| import.exporter == *vehicle) {
         let own = [carry(vehicle)];
-        rules.push(allow(id("carries"), "ingress", &["put", "declare_queryable", "reply"], &own));
-        rules.push(allow(id("is followed"), "egress", &["declare_subscriber", "query"], &own));
+        rules.push(allow(id("exports ticks"), "ingress", &["put", "declare_queryable", "reply"], &own));
+        rules.push(allow(id("sees importers"), "egress", &["declare_subscriber", "query"], &own));
     }
     if !sources.is_empty() {
-        rules.push(allow(id("follows"), "ingress", &["declare_subscriber", "query"], &sources));
-        rules.push(allow(id("is brought"), "egress", &["put", "reply", "declare_queryable"], &sources));
+        rules.push(allow(id("requests ticks"), "ingress", &["declare_subscriber", "query"], &sources));
+        rules.push(allow(id("receives ticks"), "egress", &["put", "reply", "declare_queryable"], &sources));
     }
     rules
 }
 
-fn reader_rules(who: &str) -> Vec<Rule> {
-    let id = |what: &str| format!("{who} {what}");
+fn reader_rules(subject: &str) -> Vec<Rule> {
+    let id = |what: &str| format!("{subject} {what}");
     vec![
-        allow(id("subscribe"), "ingress", &["declare_subscriber"], [TELEMETRY]),
-        allow(id("hear"), "egress", &["put"], [TELEMETRY]),
-        allow(id("ask"), "ingress", &["query"], ANSWERS),
-        allow(id("are answered"), "egress", &["reply"], ANSWERS),
-        allow(id("ask who is alive"), "ingress", &["liveliness_query", "declare_liveliness_subscriber"], [LIVE]),
-        allow(id("hear who is alive"), "egress", &["liveliness_token"], [LIVE]),
+        allow(id("subscribe"), "ingress", &["declare_subscriber"], [TELEMETRY_KEYS]),
+        allow(id("receive samples"), "egress", &["put"], [TELEMETRY_KEYS]),
+        allow(id("query"), "ingress", &["query"], QUERYABLE_KEYS),
+        allow(id("receive replies"), "egress", &["reply"], QUERYABLE_KEYS),
+        allow(id("query liveliness"), "ingress", &["liveliness_query", "declare_liveliness_subscriber"], [LIVELINESS_KEYS]),
+        allow(id("receive liveliness"), "egress", &["liveliness_token"], [LIVELINESS_KEYS]),
     ]
 }
 
-/// A command names its vehicle: one query cannot command a fleet.
+/// Returns the rules for commands. Each key names one vehicle, so that one query cannot command a
+/// fleet.
 fn command_rules(commands: &[String]) -> Vec<Rule> {
     if commands.is_empty() {
         return vec![];
     }
     vec![
         allow("operators command".into(), "ingress", &["query"], commands),
-        allow("operators hear what came of it".into(), "egress", &["reply"], commands),
+        allow("operators receive results".into(), "egress", &["reply"], commands),
     ]
 }
 
@@ -215,14 +223,14 @@ mod tests {
     }
 
     #[test]
-    fn nobody_on_the_list_means_nobody_may_do_anything() {
+    fn list_without_parties_denies_everything() {
         let list = AccessList::new(&[], &[]);
         assert_eq!((list.enabled, list.default_permission), (true, "deny"));
         assert!(list.rules.is_empty() && list.subjects.is_empty() && list.policies.is_empty());
     }
 
     #[test]
-    fn every_policy_names_rules_and_subjects_that_are_there_and_only_allows() {
+    fn policies_refer_to_existing_rules_and_only_allow() {
         let list = AccessList::new(&["vehicle.a", "vehicle.b", "operator.o", "viewer.v"].map(party), &[]);
         for policy in &list.policies {
             assert!(!policy.rules.is_empty() && !policy.subjects.is_empty());
@@ -233,16 +241,16 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_carried_by_whom_they_are_made_to_whom_they_are_for() {
+    fn ticks_are_allowed_from_exporter_to_importer_only() {
         let [board, base, other] = ["vehicle.board", "vehicle.base", "vehicle.other"].map(party);
-        let import = Import { from: board.clone(), by: base.clone() };
+        let import = Import { exporter: board.clone(), importer: base.clone() };
         let carrying = |parties: &[Party], imports: &[Import]| {
             let list = AccessList::new(parties, imports);
             let rules = list.rules.into_iter().filter(|rule| rule.key_exprs.iter().any(|key| key.contains("@carry")));
             rules.map(|rule| (rule.id, rule.key_exprs)).collect::<Vec<_>>()
         };
         let key = vec!["plumbline/v1/board/@carry".to_owned()];
-        let ids = ["board carries", "board is followed", "base follows", "base is brought"];
+        let ids = ["board exports ticks", "board sees importers", "base requests ticks", "base receives ticks"];
         let expected = ids.map(|id| (format!("vehicle.{id}"), key.clone()));
         assert_eq!(carrying(&[board.clone(), base.clone(), other], std::slice::from_ref(&import)), expected);
         assert_eq!(carrying(&[board, base.clone()], &[]), []);
@@ -250,9 +258,9 @@ mod tests {
     }
 
     #[test]
-    fn without_a_certificate_one_looks_and_no_more() {
+    fn client_without_certificate_can_only_read() {
         let texts = |exports| {
-            let list = AccessList::of_gateway("boat", exports, false);
+            let list = AccessList::for_gateway("boat", exports, false);
             assert_eq!((list.default_permission, list.subjects.len()), ("deny", 1));
             assert_eq!(list.subjects[0].link_protocols, ["tcp"]);
             let ingress = list.rules.into_iter().filter(|rule| rule.flows == ["ingress"]);
@@ -269,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn only_operators_send_queries_to_commands() {
+    fn only_operators_may_query_commands() {
         let list = AccessList::new(&["vehicle.a", "operator.o", "viewer.v"].map(party), &[]);
         let commanding =
             |rule: &&Rule| rule.flows == ["ingress"] && rule.key_exprs.iter().any(|key| key.contains("command"));

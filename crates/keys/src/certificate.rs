@@ -1,7 +1,8 @@
-//! The authority, and what it signs.
+//! Certificate authority and the certificates it issues.
 //!
-//! Keys are ECDSA on P-256. A certificate serves at the hosts it names and nowhere else; one that names none is for connecting only, so
-//! nobody who holds one can pose as the router. Certificates begin a day early, for clocks that are behind.
+//! Keys are ECDSA on P-256. A certificate is valid as a server certificate only for the hosts it
+//! names. A certificate without hosts is for clients only, so its holder cannot impersonate the
+//! router. Validity starts one day in the past, for clocks that are behind.
 
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
@@ -12,64 +13,81 @@ use x509_parser::{certificate::X509Certificate, extensions::GeneralName, pem::pa
 
 use crate::{Host, KeysError, Party};
 
-/// How long the authority lives, days.
+/// Validity of the authority's certificate, days.
 pub const AUTHORITY_DAYS: u32 = 3650;
-/// How long a certificate lives unless told otherwise, days.
-pub const DAYS: u32 = 365;
-/// How far a clock may be behind.
-const CLOCK_BEHIND: Duration = Duration::DAY;
+/// Default validity of a certificate, days.
+pub const DEFAULT_DAYS: u32 = 365;
+/// Time by which the start of validity is set back, for clocks that are behind.
+const BACKDATING: Duration = Duration::DAY;
 
-/// A certificate and its private key, as PEM.
+/// Certificate and its private key, as PEM.
 #[derive(Clone)]
-pub struct Issued {
-    /// The certificate.
+pub struct IssuedCertificate {
+    /// Certificate.
     pub certificate: String,
-    /// The private key (PKCS #8).
+    /// Private key (PKCS #8).
     pub key: String,
 }
 
-/// Who signs.
+/// Certificate authority.
 pub struct Authority {
     issuer: Issuer<'static, KeyPair>,
-    /// Its certificate, as PEM: what everybody trusts.
+    /// Certificate of the authority as PEM, which every party trusts.
     certificate: String,
 }
 
 impl Authority {
-    /// A new authority, and what to keep of it.
-    pub fn new() -> Result<(Self, Issued), KeysError> {
-        Self::make().map_err(|cause| KeysError::Certificate { subject: "the authority".into(), cause })
+    /// Creates an authority and returns it with its certificate and private key.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::CreateCertificate`] if the library fails to create it.
+    pub fn new() -> Result<(Self, IssuedCertificate), KeysError> {
+        Self::generate().map_err(|cause| KeysError::CreateCertificate { subject: "the authority".into(), cause })
     }
 
-    fn make() -> Result<(Self, Issued), rcgen::Error> {
-        let mut params = valid_for("plumbline authority", AUTHORITY_DAYS);
+    fn generate() -> Result<(Self, IssuedCertificate), rcgen::Error> {
+        let mut params = params_valid_for("plumbline authority", AUTHORITY_DAYS);
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         let pair = KeyPair::generate()?;
         let certificate = params.self_signed(&pair)?.pem();
-        let issued = Issued { certificate: certificate.clone(), key: pair.serialize_pem() };
+        let issued = IssuedCertificate { certificate: certificate.clone(), key: pair.serialize_pem() };
         Ok((Self { issuer: Issuer::new(params, pair), certificate }, issued))
     }
 
-    /// The authority that was kept.
-    pub fn from_pem(kept: &Issued) -> Result<Self, rcgen::Error> {
-        let pair = KeyPair::from_pem(&kept.key)?;
-        let issuer = Issuer::from_ca_cert_pem(&kept.certificate, pair)?;
-        Ok(Self { issuer, certificate: kept.certificate.clone() })
+    /// Restores an authority from its certificate and private key.
+    ///
+    /// # Errors
+    ///
+    /// Returns the library's error if a PEM text is malformed or has the wrong type.
+    pub fn from_pem(issued: &IssuedCertificate) -> Result<Self, rcgen::Error> {
+        let pair = KeyPair::from_pem(&issued.key)?;
+        let issuer = Issuer::from_ca_cert_pem(&issued.certificate, pair)?;
+        Ok(Self { issuer, certificate: issued.certificate.clone() })
     }
 
-    /// Its certificate, as PEM.
+    /// Returns the authority's certificate as PEM.
     pub fn certificate(&self) -> &str {
         &self.certificate
     }
 
-    /// A certificate with which a party connects, and listens at `hosts` if there are any.
-    pub fn party(&self, party: &Party, hosts: &[Host], days: u32) -> Result<Issued, KeysError> {
+    /// Issues a client certificate to a party. With `hosts` it is also a server certificate for
+    /// them.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::InvalidValidity`] if `days` is 0 or longer than the authority is valid.
+    pub fn issue_party(&self, party: &Party, hosts: &[Host], days: u32) -> Result<IssuedCertificate, KeysError> {
         self.issue(&party.to_string(), Some(ExtendedKeyUsagePurpose::ClientAuth), hosts, days)
     }
 
-    /// The certificate with which the router is found at `hosts`.
-    pub fn router(&self, hosts: &[Host], days: u32) -> Result<Issued, KeysError> {
+    /// Issues the router's server certificate for `hosts`.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::InvalidValidity`] if `days` is 0 or longer than the authority is valid.
+    pub fn issue_router(&self, hosts: &[Host], days: u32) -> Result<IssuedCertificate, KeysError> {
         self.issue("router", None, hosts, days)
     }
 
@@ -79,12 +97,12 @@ impl Authority {
         usage: Option<ExtendedKeyUsagePurpose>,
         hosts: &[Host],
         days: u32,
-    ) -> Result<Issued, KeysError> {
+    ) -> Result<IssuedCertificate, KeysError> {
         if !(1..=AUTHORITY_DAYS).contains(&days) {
-            return Err(KeysError::Validity { days, max: AUTHORITY_DAYS });
+            return Err(KeysError::InvalidValidity { days, max: AUTHORITY_DAYS });
         }
-        let failed = |cause| KeysError::Certificate { subject: common_name.into(), cause };
-        let mut params = valid_for(common_name, days);
+        let failed = |cause| KeysError::CreateCertificate { subject: common_name.into(), cause };
+        let mut params = params_valid_for(common_name, days);
         let serves = Some(ExtendedKeyUsagePurpose::ServerAuth).filter(|_| !hosts.is_empty());
         params.extended_key_usages = usage.into_iter().chain(serves).collect();
         let names: Vec<String> = hosts.iter().map(|host| host.as_str().into()).collect();
@@ -92,38 +110,43 @@ impl Authority {
         self.sign(params).map_err(failed)
     }
 
-    fn sign(&self, mut params: CertificateParams) -> Result<Issued, rcgen::Error> {
+    fn sign(&self, mut params: CertificateParams) -> Result<IssuedCertificate, rcgen::Error> {
         params.use_authority_key_identifier_extension = true;
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         let pair = KeyPair::generate()?;
         let certificate = params.signed_by(&pair, &self.issuer)?.pem();
-        Ok(Issued { certificate, key: pair.serialize_pem() })
+        Ok(IssuedCertificate { certificate, key: pair.serialize_pem() })
     }
 }
 
-/// What a certificate says.
+/// Parsed contents of a certificate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Contents {
-    /// Whose it is.
+    /// Common name of the subject.
     pub common_name: String,
-    /// The begin of its validity.
-    pub from: OffsetDateTime,
-    /// The end of its validity.
-    pub until: OffsetDateTime,
-    /// Where it may serve.
+    /// Start of validity.
+    pub not_before: OffsetDateTime,
+    /// End of validity.
+    pub not_after: OffsetDateTime,
+    /// Hosts for which it is valid as a server certificate.
     pub hosts: Vec<Host>,
 }
 
 impl Contents {
-    /// Reads a certificate in PEM; what is wrong with it otherwise.
-    pub fn read(pem: &str) -> Result<Self, String> {
+    /// Parses a certificate in PEM.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the text is not a certificate, or has no common name or an invalid
+    /// host.
+    pub fn from_pem(pem: &str) -> Result<Self, String> {
         let (_, pem) = parse_x509_pem(pem.as_bytes()).map_err(|cause| cause.to_string())?;
         let certificate = pem.parse_x509().map_err(|cause| cause.to_string())?;
         let common_name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
         Ok(Self {
-            common_name: common_name.ok_or("it names nobody")?.into(),
-            from: certificate.validity().not_before.to_datetime(),
-            until: certificate.validity().not_after.to_datetime(),
+            common_name: common_name.ok_or("the certificate has no common name")?.into(),
+            not_before: certificate.validity().not_before.to_datetime(),
+            not_after: certificate.validity().not_after.to_datetime(),
             hosts: hosts(&certificate)?,
         })
     }
@@ -142,12 +165,12 @@ fn hosts(certificate: &X509Certificate<'_>) -> Result<Vec<Host>, String> {
     names.iter().filter_map(host).map(|name| name.parse().map_err(|cause: KeysError| cause.to_string())).collect()
 }
 
-fn valid_for(common_name: &str, days: u32) -> CertificateParams {
+fn params_valid_for(common_name: &str, days: u32) -> CertificateParams {
     let mut params = CertificateParams::default();
     let now = OffsetDateTime::now_utc();
     params.distinguished_name = DistinguishedName::new();
     params.distinguished_name.push(DnType::CommonName, common_name);
-    params.not_before = now - CLOCK_BEHIND;
+    params.not_before = now - BACKDATING;
     params.not_after = now + Duration::days(i64::from(days));
     params
 }
@@ -158,35 +181,35 @@ mod tests {
     use crate::Role;
 
     #[test]
-    fn a_certificate_tells_whose_it_is_how_long_and_where() {
-        let (authority, kept) = Authority::new().unwrap();
+    fn certificate_contains_name_validity_and_hosts() {
+        let (authority, issued) = Authority::new().unwrap();
         let party = Party::new(Role::Vehicle, "alpha").unwrap();
-        let contents = Contents::read(&authority.party(&party, &[], 10).unwrap().certificate).unwrap();
+        let contents = Contents::from_pem(&authority.issue_party(&party, &[], 10).unwrap().certificate).unwrap();
         assert_eq!(contents.common_name, "vehicle.alpha");
-        assert_eq!((contents.until - OffsetDateTime::now_utc()).whole_hours(), 239);
+        assert_eq!((contents.not_after - OffsetDateTime::now_utc()).whole_hours(), 239);
         assert_eq!(contents.hosts, []);
 
         let hosts: Vec<Host> = ["127.0.0.1", "10.0.0.1", "router.example.net"].map(|host| host.parse().unwrap()).into();
-        let again = Authority::from_pem(&kept).unwrap();
-        let contents = Contents::read(&again.router(&hosts, 10).unwrap().certificate).unwrap();
+        let reloaded = Authority::from_pem(&issued).unwrap();
+        let contents = Contents::from_pem(&reloaded.issue_router(&hosts, 10).unwrap().certificate).unwrap();
         assert_eq!((contents.common_name.as_str(), contents.hosts), ("router", hosts));
     }
 
     #[test]
-    fn a_certificate_that_ends_at_once_or_outlives_its_authority_is_refused() {
+    fn validity_of_zero_or_beyond_authority_is_rejected() {
         let (authority, _) = Authority::new().unwrap();
         let party = Party::new(Role::Viewer, "a").unwrap();
         for days in [0, AUTHORITY_DAYS + 1, u32::MAX] {
-            assert!(matches!(authority.party(&party, &[], days), Err(KeysError::Validity { .. })), "{days}");
+            assert!(matches!(authority.issue_party(&party, &[], days), Err(KeysError::InvalidValidity { .. })), "{days}");
         }
     }
 
     #[test]
-    fn what_is_no_certificate_is_refused() {
-        let (_, kept) = Authority::new().unwrap();
-        for text in ["", "no PEM", &kept.key, &kept.certificate[..100]] {
-            assert!(Contents::read(text).is_err(), "{text}");
+    fn malformed_pem_is_rejected() {
+        let (_, issued) = Authority::new().unwrap();
+        for text in ["", "no PEM", &issued.key, &issued.certificate[..100]] {
+            assert!(Contents::from_pem(text).is_err(), "{text}");
         }
-        assert!(Authority::from_pem(&Issued { key: kept.certificate.clone(), ..kept }).is_err());
+        assert!(Authority::from_pem(&IssuedCertificate { key: issued.certificate.clone(), ..issued }).is_err());
     }
 }

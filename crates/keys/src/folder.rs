@@ -1,15 +1,16 @@
-//! All of it as files.
+//! Folder of keys on disk.
 //!
 //! ```text
 //! DIR/authority.pem, authority.key    the authority; its key stays here
 //! DIR/router/                         ca.pem, cert.pem, key.pem, router.json5
-//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; one that listens itself: access.json5; one that takes
-//!                                     ticks of others: imports, with a party on each line
+//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; access.json5 if the
+//!                                     vehicle listens; imports, one party per line, if it imports
+//!                                     ticks of other vehicles
 //! DIR/operator.NAME/, viewer.NAME/    ca.pem, cert.pem, key.pem, ground.json5
-//! DIR/revoked/                        folders of the parties that may do nothing any more
+//! DIR/revoked/                        folders of revoked parties
 //! ```
 //!
-//! The access list is that of the folders that are there.
+//! The access list contains the parties whose folders exist.
 
 use std::{
     fs::{self, DirBuilder, OpenOptions},
@@ -23,7 +24,7 @@ use serde::Serialize;
 use crate::{
     Host, KeysError, Party, Role,
     access::{AccessList, Import},
-    certificate::{Authority, Contents, Issued},
+    certificate::{Authority, Contents, IssuedCertificate},
     configuration,
 };
 
@@ -33,58 +34,68 @@ const ROUTER: &str = "router";
 const REVOKED: &str = "revoked";
 const IMPORTS: &str = "imports";
 
-/// For the owner only.
+/// Mode of private keys: accessible to the owner only.
 const PRIVATE: u32 = 0o600;
 const PUBLIC: u32 = 0o644;
 const PRIVATE_FOLDER: u32 = 0o700;
 
-/// A folder of keys with its authority.
+/// Folder of keys with its authority.
 pub struct Keys {
     folder: PathBuf,
     authority: Authority,
 }
 
-/// What was written.
+/// Files written for one certificate.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Written {
-    /// Whose it is, as its certificate says.
+pub struct WrittenFolder {
+    /// Common name of the certificate; `authority` for the authority.
     pub name: String,
-    /// The last day of the certificate, `YYYY-MM-DD`, UTC.
+    /// Last day of validity, `YYYY-MM-DD`, UTC.
     pub until: String,
-    /// The folder.
+    /// Folder of the files.
     pub folder: PathBuf,
-    /// The files.
+    /// Written files.
     pub files: Vec<PathBuf>,
-    /// Where the folder is to be copied to; nothing for what stays here.
+    /// Path to which the folder is to be copied; `None` for the authority, which stays here.
     pub copy_to: Option<&'static str>,
 }
 
-/// Somebody who has a certificate of this authority.
+/// Holder of a certificate of this authority.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Holder {
-    /// As the certificate says.
+    /// Common name of the certificate.
     pub name: String,
-    /// The last day, `YYYY-MM-DD`, UTC.
+    /// Last day of validity, `YYYY-MM-DD`, UTC.
     pub until: String,
-    /// Whole days until the certificate ends; negative after it.
+    /// Whole days until the certificate expires; negative after expiry.
     pub days_left: i64,
-    /// It was revoked.
+    /// Whether the party is revoked.
     pub revoked: bool,
-    /// The vehicles whose ticks it may take.
+    /// Vehicles whose ticks the party may import.
     pub imports: Vec<Party>,
 }
 
 impl Keys {
-    /// A new authority in `folder`, and a router at `hosts`. To replace one makes everything void that it signed, so that is removed.
-    pub fn init(folder: &Path, hosts: &[Host], days: u32, force: bool) -> Result<(Self, [Written; 2]), KeysError> {
+    /// Creates an authority in `folder` and a router certificate for `hosts`, each valid as
+    /// documented in [`certificate`](crate::certificate).
+    ///
+    /// With `force` an existing authority is replaced. Its certificates become invalid and their
+    /// folders are removed.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::Exists`] if there is an authority and `force` is not set,
+    /// [`KeysError::InvalidValidity`] if `days` is out of range, and [`KeysError::Io`] if a file
+    /// cannot be written.
+    pub fn init(folder: &Path, hosts: &[Host], days: u32, force: bool) -> Result<(Self, [WrittenFolder; 2]), KeysError> {
         let paths = [AUTHORITY_CERTIFICATE, AUTHORITY_KEY].map(|file| folder.join(file));
         if let Some(path) = paths.iter().find(|path| path.exists() && !force) {
-            let consequence = ", and everything that it signed is void";
+            let consequence = ", which invalidates every certificate it signed";
             return Err(KeysError::Exists { path: path.clone(), consequence });
         }
         let (authority, issued) = Authority::new()?;
-        let router = authority.router(hosts, days)?;
-        make_folder(folder)?;
+        let router = authority.issue_router(hosts, days)?;
+        create_folder(folder)?;
         let keys = Self { folder: folder.into(), authority };
         for void in keys.parties()?.iter().map(Party::to_string).chain([ROUTER.into(), REVOKED.into()]) {
             remove(&folder.join(void))?;
@@ -92,39 +103,56 @@ impl Keys {
         let [certificate, key] = &paths;
         write(key, &issued.key, PRIVATE)?;
         write(certificate, &issued.certificate, PUBLIC)?;
-        let until = keys.read(certificate)?.until.date().to_string();
+        let until = keys.read(certificate)?.not_after.date().to_string();
         let own =
-            Written { name: "authority".into(), until, folder: folder.into(), files: paths.to_vec(), copy_to: None };
-        let router = keys.write(ROUTER, &router, "router.json5", configuration::ROUTER)?;
-        keys.write_list()?;
+            WrittenFolder { name: "authority".into(), until, folder: folder.into(), files: paths.to_vec(), copy_to: None };
+        let router = keys.write_folder(ROUTER, &router, "router.json5", configuration::ROUTER)?;
+        keys.write_access_lists()?;
         Ok((keys, [own, router]))
     }
 
-    /// The keys in `folder`.
+    /// Opens an existing folder of keys.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::NoAuthority`] if there is no authority, and [`KeysError::InvalidFile`]
+    /// if it is malformed.
     pub fn open(folder: &Path) -> Result<Self, KeysError> {
         let [certificate, key] = [AUTHORITY_CERTIFICATE, AUTHORITY_KEY].map(|file| folder.join(file));
         if !certificate.exists() {
             return Err(KeysError::NoAuthority { path: certificate });
         }
-        let kept = Issued { certificate: read(&certificate)?, key: read(&key)? };
+        let kept = IssuedCertificate { certificate: read(&certificate)?, key: read(&key)? };
         let authority = Authority::from_pem(&kept)
-            .map_err(|cause| KeysError::Damaged { path: certificate, why: cause.to_string() })?;
+            .map_err(|cause| KeysError::InvalidFile { path: certificate, why: cause.to_string() })?;
         Ok(Self { folder: folder.into(), authority })
     }
 
-    /// A certificate for the router, reached at `hosts`. Its configuration stays as it is.
-    pub fn router(&self, hosts: &[Host], days: u32, force: bool) -> Result<Written, KeysError> {
-        self.refuse_existing(ROUTER, force)?;
-        let issued = self.authority.router(hosts, days)?;
+    /// Issues a router certificate for `hosts`. An existing router configuration is kept.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::Exists`] if there is a router certificate and `force` is not set.
+    pub fn router(&self, hosts: &[Host], days: u32, force: bool) -> Result<WrittenFolder, KeysError> {
+        self.check_absent(ROUTER, force)?;
+        let issued = self.authority.issue_router(hosts, days)?;
         let configuration = self.folder.join(ROUTER).join("router.json5");
         let text = if configuration.exists() { read(&configuration)? } else { configuration::ROUTER.into() };
-        let written = self.write(ROUTER, &issued, "router.json5", &text)?;
-        self.write_list()?;
+        let written = self.write_folder(ROUTER, &issued, "router.json5", &text)?;
+        self.write_access_lists()?;
         Ok(written)
     }
 
-    /// A certificate for a party, whom the router then knows; with `hosts` it is also good to listen there. A vehicle may take the ticks of
-    /// the vehicles that it `imports` from.
+    /// Issues a certificate to a party and adds the party to the access list.
+    ///
+    /// With `hosts` the certificate is also valid for listening there. A vehicle may import the
+    /// ticks of the vehicles in `imports`.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::Revoked`] if the name was revoked, [`KeysError::Exists`] if the party
+    /// exists and `force` is not set, and [`KeysError::UnknownParty`] if an import has no
+    /// certificate.
     pub fn issue(
         &self,
         party: &Party,
@@ -132,24 +160,24 @@ impl Keys {
         imports: &[Party],
         days: u32,
         force: bool,
-    ) -> Result<Written, KeysError> {
+    ) -> Result<WrittenFolder, KeysError> {
         let name = party.to_string();
         let revoked = self.folder.join(REVOKED).join(&name).join("cert.pem");
         if revoked.exists() {
-            let until = self.read(&revoked)?.until.date().to_string();
+            let until = self.read(&revoked)?.not_after.date().to_string();
             return Err(KeysError::Revoked { party: party.clone(), until });
         }
-        self.refuse_existing(&name, force)?;
+        self.check_absent(&name, force)?;
         let known = self.parties()?;
         if let Some(unknown) = imports.iter().find(|import| !known.contains(import)) {
-            return Err(KeysError::NoParty { party: unknown.clone(), folder: self.folder.clone() });
+            return Err(KeysError::UnknownParty { party: unknown.clone(), folder: self.folder.clone() });
         }
         let router = self.read(&self.folder.join(ROUTER).join("cert.pem"))?.hosts;
-        let issued = self.authority.party(party, hosts, days)?;
+        let issued = self.authority.issue_party(party, hosts, days)?;
         let mut written = match party.role() {
-            Role::Vehicle => self.write(&name, &issued, "vehicle.json5", &configuration::vehicle(&router)),
+            Role::Vehicle => self.write_folder(&name, &issued, "vehicle.json5", &configuration::vehicle(&router)),
             Role::Operator | Role::Viewer => {
-                self.write(&name, &issued, "ground.json5", &configuration::ground(&router))
+                self.write_folder(&name, &issued, "ground.json5", &configuration::ground(&router))
             }
         }?;
         let file = self.folder.join(&name).join(IMPORTS);
@@ -159,24 +187,35 @@ impl Keys {
             write(&file, &imports.iter().map(|import| format!("{import}\n")).collect::<String>(), PUBLIC)?;
             written.files.push(file);
         }
-        self.write_list()?;
+        self.write_access_lists()?;
         Ok(written)
     }
 
-    /// Takes a party from the access list for ever: its name is not given again, because its certificate would be good for it.
+    /// Revokes a party: removes it from the access list permanently.
+    ///
+    /// Its name cannot be issued again, because the revoked certificate would then be accepted.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::UnknownParty`] if the folder contains no such party.
     pub fn revoke(&self, party: &Party) -> Result<(), KeysError> {
         let folder = self.folder.join(party.to_string());
         if !folder.exists() {
-            return Err(KeysError::NoParty { party: party.clone(), folder: self.folder.clone() });
+            return Err(KeysError::UnknownParty { party: party.clone(), folder: self.folder.clone() });
         }
         let revoked = self.folder.join(REVOKED);
-        make_folder(&revoked)?;
+        create_folder(&revoked)?;
         let to = revoked.join(party.to_string());
-        fs::rename(&folder, to).map_err(|cause| KeysError::File { doing: "moving", path: folder, cause })?;
-        self.write_list()
+        fs::rename(&folder, to).map_err(|cause| KeysError::Io { action: "move", path: folder, cause })?;
+        self.write_access_lists()
     }
 
-    /// Everybody who has a certificate, the authority and the router first.
+    /// Returns all certificate holders, the authority and the router first and revoked parties
+    /// last.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::Io`] or [`KeysError::InvalidFile`] if a certificate cannot be read.
     pub fn holders(&self) -> Result<Vec<Holder>, KeysError> {
         let of = |parties: Vec<Party>, folder: &Path| {
             parties.iter().map(|party| folder.join(party.to_string()).join("cert.pem")).collect::<Vec<_>>()
@@ -185,11 +224,11 @@ impl Keys {
         let valid = [first.to_vec(), of(self.parties()?, &self.folder)].concat();
         let revoked = self.folder.join(REVOKED);
         let revoked = of(parties(&revoked)?, &revoked);
-        let (now, imports) = (time::OffsetDateTime::now_utc(), self.imports(&self.parties()?)?);
+        let (now, imports) = (time::OffsetDateTime::now_utc(), self.read_imports(&self.parties()?)?);
         let holder = |path: &PathBuf, revoked| {
-            let Contents { common_name: name, until, .. } = self.read(path)?;
+            let Contents { common_name: name, not_after: until, .. } = self.read(path)?;
             let imports =
-                imports.iter().filter(|import| import.by.to_string() == name).map(|it| it.from.clone()).collect();
+                imports.iter().filter(|import| import.importer.to_string() == name).map(|it| it.exporter.clone()).collect();
             Ok(Holder {
                 name,
                 until: until.date().to_string(),
@@ -202,75 +241,80 @@ impl Keys {
         valid.chain(revoked.iter().map(|path| holder(path, true))).collect()
     }
 
-    /// The parties that may do something.
+    /// Returns the parties on the access list, in order.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::Io`] if the folder cannot be read.
     pub fn parties(&self) -> Result<Vec<Party>, KeysError> {
         parties(&self.folder)
     }
 
-    fn refuse_existing(&self, name: &str, force: bool) -> Result<(), KeysError> {
+    fn check_absent(&self, name: &str, force: bool) -> Result<(), KeysError> {
         let path = self.folder.join(name);
         if path.exists() && !force {
-            let consequence = " by new ones; the old certificate stays good until it ends";
+            let consequence = "; the old certificate stays valid until it expires";
             return Err(KeysError::Exists { path, consequence });
         }
         Ok(())
     }
 
-    fn write(&self, name: &str, issued: &Issued, file: &str, text: &str) -> Result<Written, KeysError> {
+    fn write_folder(&self, name: &str, issued: &IssuedCertificate, file: &str, text: &str) -> Result<WrittenFolder, KeysError> {
         let folder = self.folder.join(name);
-        make_folder(&folder)?;
+        create_folder(&folder)?;
         let files = ["key.pem", "cert.pem", "ca.pem", file].map(|file| folder.join(file));
         let [key, certificate, authority, configuration] = &files;
         write(key, &issued.key, PRIVATE)?;
         write(certificate, &issued.certificate, PUBLIC)?;
         write(authority, self.authority.certificate(), PUBLIC)?;
         write(configuration, text, PUBLIC)?;
-        let until = self.read(certificate)?.until.date().to_string();
+        let until = self.read(certificate)?.not_after.date().to_string();
         let (name, files) = (name.to_owned(), files.to_vec());
-        Ok(Written { name, until, folder, files, copy_to: Some(configuration::INSTALLED_AT) })
+        Ok(WrittenFolder { name, until, folder, files, copy_to: Some(configuration::INSTALL_DIR) })
     }
 
-    /// Writes the access list into the router's configuration, and beside the certificates of vehicles that listen themselves.
-    fn write_list(&self) -> Result<(), KeysError> {
+    /// Writes the access list to the router's configuration and to the folders of vehicles that
+    /// listen.
+    fn write_access_lists(&self) -> Result<(), KeysError> {
         let parties = self.parties()?;
-        let list = AccessList::new(&parties, &self.imports(&parties)?);
+        let list = AccessList::new(&parties, &self.read_imports(&parties)?);
         for folder in parties.iter().map(|party| self.folder.join(party.to_string())) {
             if !self.read(&folder.join("cert.pem"))?.hosts.is_empty() {
-                write(&folder.join("access.json5"), &list.text(), PUBLIC)?;
+                write(&folder.join("access.json5"), &list.to_json(), PUBLIC)?;
             }
         }
         let path = self.folder.join(ROUTER).join("router.json5");
-        match configuration::with_list(&read(&path)?, &list) {
+        match configuration::replace_access_list(&read(&path)?, &list) {
             Some(text) => write(&path, &text, PUBLIC),
-            None => Err(KeysError::NoPlaceForList { path }),
+            None => Err(KeysError::MissingListMarkers { path }),
         }
     }
 
-    /// Which ticks go from one party to another.
-    fn imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
+    /// Reads which vehicles import ticks from which others.
+    fn read_imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
         let mut imports = Vec::new();
-        for by in parties {
-            let path = self.folder.join(by.to_string()).join(IMPORTS);
+        for importer in parties {
+            let path = self.folder.join(importer.to_string()).join(IMPORTS);
             let text = if path.exists() { read(&path)? } else { String::new() };
             for line in text.lines() {
-                let damaged = |error: KeysError| KeysError::Damaged { path: path.clone(), why: error.to_string() };
-                imports.push(Import { from: line.parse().map_err(damaged)?, by: by.clone() });
+                let damaged = |error: KeysError| KeysError::InvalidFile { path: path.clone(), why: error.to_string() };
+                imports.push(Import { exporter: line.parse().map_err(damaged)?, importer: importer.clone() });
             }
         }
         Ok(imports)
     }
 
     fn read(&self, certificate: &Path) -> Result<Contents, KeysError> {
-        Contents::read(&read(certificate)?).map_err(|why| KeysError::Damaged { path: certificate.into(), why })
+        Contents::from_pem(&read(certificate)?).map_err(|why| KeysError::InvalidFile { path: certificate.into(), why })
     }
 }
 
-/// Whose folders are in `folder`, in order.
+/// Returns the parties that have a folder in `folder`, in order.
 fn parties(folder: &Path) -> Result<Vec<Party>, KeysError> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(vec![]),
-        Err(cause) => return Err(KeysError::File { doing: "reading", path: folder.into(), cause }),
+        Err(cause) => return Err(KeysError::Io { action: "read", path: folder.into(), cause }),
     };
     let named = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     let mut parties: Vec<Party> = named.collect();
@@ -279,31 +323,31 @@ fn parties(folder: &Path) -> Result<Vec<Party>, KeysError> {
 }
 
 fn read(path: &Path) -> Result<String, KeysError> {
-    fs::read_to_string(path).map_err(|cause| KeysError::File { doing: "reading", path: path.into(), cause })
+    fs::read_to_string(path).map_err(|cause| KeysError::Io { action: "read", path: path.into(), cause })
 }
 
-/// Writes beside and then puts in place, so that nobody ever finds half a file; a key is never readable for others.
+/// Replaces a file atomically. A private key is never readable by other users.
 fn write(path: &Path, text: &str, mode: u32) -> Result<(), KeysError> {
-    let failed = |cause| KeysError::File { doing: "writing", path: path.into(), cause };
-    let beside = path.with_extension("new");
-    // What an interrupted writer left may have another mode.
-    remove(&beside)?;
-    let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(&beside).map_err(failed)?;
+    let failed = |cause| KeysError::Io { action: "write", path: path.into(), cause };
+    let temporary = path.with_extension("new");
+    // A file left by an interrupted write may have another mode.
+    remove(&temporary)?;
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(&temporary).map_err(failed)?;
     file.set_permissions(fs::Permissions::from_mode(mode)).map_err(failed)?;
     file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
-    fs::rename(&beside, path).map_err(failed)
+    fs::rename(&temporary, path).map_err(failed)
 }
 
-fn make_folder(path: &Path) -> Result<(), KeysError> {
+fn create_folder(path: &Path) -> Result<(), KeysError> {
     let made = DirBuilder::new().recursive(true).mode(PRIVATE_FOLDER).create(path);
-    made.map_err(|cause| KeysError::File { doing: "making", path: path.into(), cause })
+    made.map_err(|cause| KeysError::Io { action: "create", path: path.into(), cause })
 }
 
 fn remove(path: &Path) -> Result<(), KeysError> {
     let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
     match removed {
         Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
-            Err(KeysError::File { doing: "removing", path: path.into(), cause })
+            Err(KeysError::Io { action: "remove", path: path.into(), cause })
         }
         _ => Ok(()),
     }

@@ -1,16 +1,20 @@
-//! Who may do what beyond the board: an authority of one's own, certificates, and the router's access list.
+//! Certificates and access lists for vehicles, operators and viewers on a network.
 //!
-//! Input: names. Output: a folder per party, complete with certificate, private key and Zenoh configuration, to be copied to where the
-//! party runs. Time: the clock, for the validity of certificates. Failure: nothing that exists is replaced unless asked to.
+//! Input: names of parties. Output: one folder per party with its certificate, private key and
+//! Zenoh configuration, to be copied to the party's machine.
 //!
-//! | module | what it holds |
+//! Time: the wall clock, for the validity of certificates.
+//!
+//! Failure: existing files are replaced only on request.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`party`] | roles and names |
-//! | [`certificate`] | the authority, and what it signs |
-//! | [`access`] | who may do what on which keys |
+//! | [`party`] | roles, names and hosts |
+//! | [`certificate`] | the authority and the certificates it issues |
+//! | [`access`] | the access list of a router or gateway |
 //! | [`configuration`] | the Zenoh configurations of router, vehicle and ground |
-//! | [`validity`] | whether a certificate serves now |
-//! | [`folder`] | all of it as files |
+//! | [`validity`] | check whether a certificate is valid now |
+//! | [`folder`] | the folder of keys on disk |
 #![forbid(unsafe_code)]
 
 pub mod access;
@@ -22,146 +26,150 @@ pub mod validity;
 
 use std::{io, path::PathBuf};
 
-pub use folder::{Holder, Keys, Written};
+pub use folder::{Holder, Keys, WrittenFolder};
 pub use party::{Host, Party, Role};
 
-/// Why keys could not be made or read.
+/// Error while creating or reading keys.
 #[derive(Debug, thiserror::Error)]
 pub enum KeysError {
-    /// A name that no key expression and no folder can have.
-    #[error("the name `{name}`: expected 1 to 32 of a-z, 0-9, - and _")]
-    Name {
-        /// What was given.
+    /// The name is not usable in a key expression and as a folder name.
+    #[error("invalid name `{name}`: expected 1 to 32 characters of a-z, 0-9, - and _")]
+    InvalidName {
+        /// The rejected name.
         name: String,
     },
-    /// A party that is written otherwise than `role.name`.
-    #[error("the party `{text}`: expected vehicle.NAME, operator.NAME or viewer.NAME")]
-    Party {
-        /// What was given.
+    /// The text is not of the form `role.name`.
+    #[error("invalid party `{text}`: expected vehicle.NAME, operator.NAME or viewer.NAME")]
+    InvalidParty {
+        /// The rejected text.
         text: String,
     },
-    /// A host that no certificate can name.
-    #[error("the host `{text}`: expected an IPv4 address or a host name")]
-    Host {
-        /// What was given.
+    /// The text is neither an IPv4 address nor a host name.
+    #[error("invalid host `{text}`: expected an IPv4 address or a host name")]
+    InvalidHost {
+        /// The rejected text.
         text: String,
     },
-    /// An address to which nobody could connect.
+    /// The host is an IPv6 address, which Zenoh does not support over QUIC.
     #[error(
-        "the host `{text}`: over QUIC, Zenoh connects to no IPv6 address; give a DNS name that leads there, or an IPv4 address"
+        "unsupported host `{text}`: Zenoh cannot connect to an IPv6 address over QUIC; use a DNS name or an IPv4 address"
     )]
-    Ipv6 {
-        /// What was given.
+    Ipv6Host {
+        /// The rejected address.
         text: String,
     },
-    /// A validity that is none.
-    #[error("a validity of {days} days: expected 1 to {max}")]
-    Validity {
-        /// What was given.
+    /// The validity period is out of range.
+    #[error("invalid validity of {days} days: expected 1 to {max}")]
+    InvalidValidity {
+        /// The requested validity, days.
         days: u32,
-        /// The longest.
+        /// Maximum validity, days.
         max: u32,
     },
-    /// It is there already.
-    #[error("making {path}: it exists; --force replaces it{consequence}")]
+    /// The target file or folder exists and replacing it was not requested.
+    #[error("{path} already exists; use --force to replace it{consequence}")]
     Exists {
-        /// The folder or file.
+        /// The existing file or folder.
         path: PathBuf,
-        /// What replacing it would mean.
+        /// Consequence of replacing it, appended to the message.
         consequence: &'static str,
     },
-    /// There is no authority here.
-    #[error("reading {path}: there is no authority; `plumb keys init` makes one")]
+    /// The folder contains no authority.
+    #[error("no authority at {path}; create one with `plumb keys init`")]
     NoAuthority {
-        /// Where it was looked for.
+        /// Expected path of the authority's certificate.
         path: PathBuf,
     },
-    /// The name belonged to a party that was revoked, whose certificate may still be valid.
-    #[error("the name {party} was revoked until its certificate ends on {until}; choose another")]
+    /// The name belongs to a revoked party, whose certificate may still be valid.
+    #[error("{party} was revoked and its certificate is valid until {until}; choose another name")]
     Revoked {
-        /// The party.
+        /// The revoked party.
         party: Party,
-        /// The last day of the revoked certificate.
+        /// Last day of the revoked certificate, `YYYY-MM-DD`, UTC.
         until: String,
     },
-    /// There is no such party.
-    #[error("there is no {party} in {folder}; `plumb keys list` tells who there is")]
-    NoParty {
-        /// The party.
+    /// The folder contains no such party.
+    #[error("no {party} in {folder}; list the parties with `plumb keys list`")]
+    UnknownParty {
+        /// The missing party.
         party: Party,
-        /// Where it was looked for.
+        /// The searched folder.
         folder: PathBuf,
     },
-    /// The router's configuration has no place for the list any more.
-    #[error("writing the access list into {path}: the lines `// {begin}` and `// {end}` are missing; put them back", begin = configuration::LIST_BEGIN, end = configuration::LIST_END)]
-    NoPlaceForList {
-        /// The configuration.
+    /// The router's configuration lacks the lines that enclose the access list.
+    #[error("cannot write the access list to {path}: the lines `// {begin}` and `// {end}` are missing; restore them", begin = configuration::LIST_START, end = configuration::LIST_END)]
+    MissingListMarkers {
+        /// The router's configuration.
         path: PathBuf,
     },
-    /// A file is no certificate, or no key.
-    #[error("reading {path}: {why}")]
-    Damaged {
-        /// The file.
+    /// The file is not a valid certificate, key or list of imports.
+    #[error("cannot read {path}: {why}")]
+    InvalidFile {
+        /// The invalid file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         why: String,
     },
-    /// A certificate is no longer good.
+    /// The certificate has expired.
     #[error(
-        "the certificate of {name}, {path}, ended on {until} (today is {today} here): `{remedy}`, where the authority is, makes another; repeat what else it was made with, and copy the folder again"
+        "the certificate of {name}, {path}, expired on {until} (today is {today} on this machine); on the machine of the authority run `{remedy}` with the options it was created with, then copy the folder again"
     )]
-    Ended {
-        /// Whose.
+    Expired {
+        /// Common name of the certificate.
         name: String,
-        /// The file.
+        /// The certificate file.
         path: PathBuf,
-        /// Its last day.
+        /// Last day of validity, `YYYY-MM-DD`, UTC.
         until: String,
-        /// What the clock says.
+        /// Today's date by the machine's clock, UTC.
         today: String,
-        /// The command that makes another.
+        /// Command that creates a new certificate.
         remedy: String,
     },
-    /// A certificate is not good yet.
+    /// The certificate is not valid yet.
     #[error(
-        "the certificate of {name}, {path}, begins on {from} and today is {today} here: is this machine's clock right? set the clock, for example by timedatectl"
+        "the certificate of {name}, {path}, is valid from {from}, but today is {today} on this machine; set the clock, for example with timedatectl"
     )]
-    NotBegun {
-        /// Whose.
+    NotYetValid {
+        /// Common name of the certificate.
         name: String,
-        /// The file.
+        /// The certificate file.
         path: PathBuf,
-        /// Its first day.
+        /// First day of validity, `YYYY-MM-DD`, UTC.
         from: String,
-        /// What the clock says.
+        /// Today's date by the machine's clock, UTC.
         today: String,
     },
-    /// A certificate could not be made.
-    #[error("making the certificate of {subject}: {cause}")]
-    Certificate {
-        /// Whose.
+    /// Creating a certificate failed.
+    #[error("cannot create the certificate of {subject}: {cause}")]
+    CreateCertificate {
+        /// Common name of the certificate.
         subject: String,
-        /// What the library says.
+        /// Error of the certificate library.
         cause: rcgen::Error,
     },
-    /// A file could not be read or written.
-    #[error("{doing} {path}: {cause}")]
-    File {
-        /// What was being done.
-        doing: &'static str,
-        /// The file.
+    /// A file operation failed.
+    #[error("cannot {action} {path}: {cause}")]
+    Io {
+        /// Verb of the operation: read, write, create, move or remove.
+        action: &'static str,
+        /// The file or folder.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
 impl KeysError {
-    /// The exit code of `plumb`: 2 when the command line is wrong, 3 when a file is, else 1.
+    /// Returns the exit code of `plumb`: 2 for a usage error, 3 for an invalid file, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Name { .. } | Self::Party { .. } | Self::Host { .. } | Self::Ipv6 { .. } | Self::Validity { .. } => 2,
-            Self::NoPlaceForList { .. } | Self::Damaged { .. } => 3,
+            Self::InvalidName { .. }
+            | Self::InvalidParty { .. }
+            | Self::InvalidHost { .. }
+            | Self::Ipv6Host { .. }
+            | Self::InvalidValidity { .. } => 2,
+            Self::MissingListMarkers { .. } | Self::InvalidFile { .. } => 3,
             _ => 1,
         }
     }

@@ -1,4 +1,4 @@
-//! Roles and names.
+//! Roles, names and hosts of parties.
 
 use std::{fmt, net::Ipv6Addr, str::FromStr};
 
@@ -6,27 +6,27 @@ use serde::Serialize;
 
 use crate::KeysError;
 
-/// Longest name.
+/// Maximum length of a party name, bytes.
 const MAX_NAME: usize = 32;
-/// Longest name of a host (RFC 1035, 2.3.4).
+/// Maximum length of a host name, bytes (RFC 1035, 2.3.4).
 const MAX_HOST: usize = 253;
 
-/// What a party is there for.
+/// Role of a party, which determines its permissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
-    /// Publishes below its own name and takes commands there.
+    /// Publishes below its own name and accepts commands there.
     Vehicle,
-    /// Reads everything and commands.
+    /// Reads everything and sends commands.
     Operator,
     /// Reads everything.
     Viewer,
 }
 
 impl Role {
-    /// Every role.
+    /// All roles.
     pub const ALL: [Self; 3] = [Self::Vehicle, Self::Operator, Self::Viewer];
 
-    /// As it is written in names.
+    /// Returns the role as written in party names: `vehicle`, `operator` or `viewer`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Vehicle => "vehicle",
@@ -36,7 +36,9 @@ impl Role {
     }
 }
 
-/// Somebody with a certificate. Written as `vehicle.alpha`, which is also the common name of the certificate and the folder's name.
+/// Holder of a certificate: a role and a name.
+///
+/// Written as `vehicle.alpha`, which is also the certificate's common name and the folder's name.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Party {
     role: Role,
@@ -44,21 +46,26 @@ pub struct Party {
 }
 
 impl Party {
-    /// A party whose name is 1 to 32 of a-z, 0-9, - and _: a chunk of a key expression that means nothing else.
+    /// Creates a party.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`KeysError::InvalidName`] unless the name is 1 to 32 characters of a-z, 0-9, - and
+    /// _. Such a name is one chunk of a key expression without special meaning.
     pub fn new(role: Role, name: &str) -> Result<Self, KeysError> {
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
         if !(1..=MAX_NAME).contains(&name.len()) || !name.chars().all(legal) {
-            return Err(KeysError::Name { name: name.into() });
+            return Err(KeysError::InvalidName { name: name.into() });
         }
         Ok(Self { role, name: name.into() })
     }
 
-    /// What it is there for.
+    /// Returns the role.
     pub fn role(&self) -> Role {
         self.role
     }
 
-    /// Its name, without the role.
+    /// Returns the name without the role.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -78,7 +85,7 @@ impl FromStr for Party {
         let role = parts.and_then(|(role, _)| Role::ALL.into_iter().find(|it| it.name() == role));
         match (role, parts) {
             (Some(role), Some((_, name))) => Self::new(role, name),
-            _ => Err(KeysError::Party { text: text.into() }),
+            _ => Err(KeysError::InvalidParty { text: text.into() }),
         }
     }
 }
@@ -89,17 +96,19 @@ impl Serialize for Party {
     }
 }
 
-/// An IPv4 address or a name at which a router or a vehicle is reached; its certificate is good for no other.
+/// IPv4 address or DNS name at which a router or vehicle is reached.
+///
+/// A server certificate is valid only for the hosts it names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Host(String);
 
 impl Host {
-    /// As it is written in an endpoint: `quic/HOST:PORT`.
+    /// Returns the Zenoh endpoint `quic/HOST:PORT`.
     pub fn endpoint(&self, port: u16) -> String {
         format!("quic/{}:{port}", self.0)
     }
 
-    /// The address or name.
+    /// Returns the address or name as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -113,13 +122,13 @@ impl FromStr for Host {
             !label.is_empty() && !label.starts_with('-') && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
         };
         let is_name = text.len() <= MAX_HOST && text.split('.').all(label);
-        // An IPv4 address has the form of a name.
+        // An IPv4 address also has the form of a name.
         if is_name {
             Ok(Self(text.into()))
         } else if text.parse::<Ipv6Addr>().is_ok() {
-            Err(KeysError::Ipv6 { text: text.into() })
+            Err(KeysError::Ipv6Host { text: text.into() })
         } else {
-            Err(KeysError::Host { text: text.into() })
+            Err(KeysError::InvalidHost { text: text.into() })
         }
     }
 }
@@ -129,17 +138,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_party_is_read_as_it_is_written() {
+    fn party_text_round_trips() {
         for text in ["vehicle.alpha", "operator.a", "viewer.wall-display_2"] {
             assert_eq!(text.parse::<Party>().unwrap().to_string(), text);
         }
     }
 
     #[test]
-    fn what_could_be_taken_for_another_key_or_folder_is_no_name() {
+    fn party_names_with_special_characters_are_rejected() {
         let long = "a".repeat(33);
         for name in ["", "*", "**", "a/b", "..", "@live", "a b", "Alpha", "a$*", "a#", "é", "a.b", &long] {
-            assert!(matches!(Party::new(Role::Vehicle, name), Err(KeysError::Name { .. })), "{name}");
+            assert!(matches!(Party::new(Role::Vehicle, name), Err(KeysError::InvalidName { .. })), "{name}");
         }
         for text in ["alpha", "router.alpha", "vehicle", "vehicle.", ".alpha", "Vehicle.alpha"] {
             assert!(text.parse::<Party>().is_err(), "{text}");
@@ -147,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_is_an_address_or_a_name() {
+    fn host_accepts_ipv4_and_names_and_rejects_ipv6() {
         for (text, endpoint) in
             [("127.0.0.1", "quic/127.0.0.1:7447"), ("router.example.net", "quic/router.example.net:7447")]
         {
@@ -157,7 +166,7 @@ mod tests {
             assert!(text.parse::<Host>().is_err(), "{text}");
         }
         for text in ["fd00::1", "::1", "::ffff:10.0.0.1"] {
-            assert!(matches!(text.parse::<Host>(), Err(KeysError::Ipv6 { .. })), "{text}");
+            assert!(matches!(text.parse::<Host>(), Err(KeysError::Ipv6Host { .. })), "{text}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Whether a certificate serves now, and how it is made anew.
+//! Checks whether a certificate is valid now and names the command that renews it.
 
 use std::{fs, path::Path};
 
@@ -6,24 +6,30 @@ use time::OffsetDateTime;
 
 use crate::{KeysError, certificate::Contents};
 
-/// What keeps the certificate of a file from serving now: it is not there, is none, has ended or has not begun, each with the remedy.
+/// Checks that the file holds a certificate that is valid now.
+///
+/// # Errors
+///
+/// Returns [`KeysError::Io`] or [`KeysError::InvalidFile`] if the file cannot be read, and
+/// [`KeysError::Expired`] or [`KeysError::NotYetValid`], each with a remedy, if the certificate is
+/// not valid now.
 pub fn check(path: &Path) -> Result<(), KeysError> {
     let text =
-        fs::read_to_string(path).map_err(|cause| KeysError::File { doing: "reading", path: path.into(), cause })?;
-    let contents = Contents::read(&text).map_err(|why| KeysError::Damaged { path: path.into(), why })?;
+        fs::read_to_string(path).map_err(|cause| KeysError::Io { action: "read", path: path.into(), cause })?;
+    let contents = Contents::from_pem(&text).map_err(|why| KeysError::InvalidFile { path: path.into(), why })?;
     let now = OffsetDateTime::now_utc();
     let (name, path, today) = (contents.common_name.clone(), path.into(), now.date().to_string());
-    if contents.until < now {
-        let (until, remedy) = (contents.until.date().to_string(), remedy(&contents));
-        return Err(KeysError::Ended { name, path, until, today, remedy });
+    if contents.not_after < now {
+        let (until, remedy) = (contents.not_after.date().to_string(), remedy(&contents));
+        return Err(KeysError::Expired { name, path, until, today, remedy });
     }
-    if contents.from > now {
-        return Err(KeysError::NotBegun { name, path, from: contents.from.date().to_string(), today });
+    if contents.not_before > now {
+        return Err(KeysError::NotYetValid { name, path, from: contents.not_before.date().to_string(), today });
     }
     Ok(())
 }
 
-/// The command that makes another.
+/// Returns the command that issues a new certificate.
 fn remedy(contents: &Contents) -> String {
     let options =
         |option: &str| contents.hosts.iter().map(|host| format!(" {option} {}", host.as_str())).collect::<String>();
@@ -44,7 +50,7 @@ mod tests {
 
     use super::*;
 
-    /// A file with the certificate of `name`, valid for these hours from now.
+    /// Writes a certificate of `name`, valid between these hours from now, and returns its path.
     fn file(folder: &Path, name: &str, hosts: &[&str], hours: [i64; 2]) -> PathBuf {
         let mut params = CertificateParams::new(hosts.iter().map(|host| (*host).into()).collect::<Vec<_>>()).unwrap();
         params.distinguished_name.push(DnType::CommonName, name);
@@ -55,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn a_certificate_that_does_not_serve_is_named_with_its_day_and_the_command_for_another() {
+    fn expired_certificate_error_names_date_and_command() {
         let folder = tempfile::tempdir().unwrap();
         for (name, hosts, command) in [
             ("operator.ann", &[][..], "`plumb keys operator ann --force`"),
@@ -66,7 +72,7 @@ mod tests {
             let path = file(folder.path(), name, hosts, [-72, -48]);
             let error = check(&path).unwrap_err().to_string();
             let day = (OffsetDateTime::now_utc() - Duration::hours(48)).date().to_string();
-            for word in [name, path.to_str().unwrap(), &format!("ended on {day}"), command] {
+            for word in [name, path.to_str().unwrap(), &format!("expired on {day}"), command] {
                 assert!(error.contains(word), "{word}: {error}");
             }
         }

@@ -1,4 +1,4 @@
-//! Keys as files.
+//! Folder of keys on disk: modes, replacement, access list, revocation.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{
@@ -31,7 +31,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn private_keys_are_for_their_owner_only_and_nothing_is_left_beside() {
+fn private_keys_are_owner_only_and_no_temporary_file_remains() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     for name in ["vehicle.alpha", "operator.ann", "viewer.wall"] {
@@ -49,7 +49,7 @@ fn private_keys_are_for_their_owner_only_and_nothing_is_left_beside() {
 }
 
 #[test]
-fn nothing_is_replaced_without_force() {
+fn existing_files_are_replaced_only_with_force() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     keys.issue(&party("vehicle.alpha"), &[], &[], 30, false).unwrap();
@@ -62,11 +62,11 @@ fn nothing_is_replaced_without_force() {
     keys.issue(&party("vehicle.alpha"), &[], &[], 30, true).unwrap();
     assert_ne!(contents(), before);
     Keys::init(folder.path(), &hosts(), 30, true).unwrap();
-    assert!(!folder.path().join("vehicle.alpha").exists(), "a certificate of an authority that is no more");
+    assert!(!folder.path().join("vehicle.alpha").exists(), "certificate of the replaced authority");
 }
 
 #[test]
-fn the_routers_list_follows_the_parties_and_keeps_what_people_changed() {
+fn router_list_follows_parties_and_keeps_manual_edits() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     let path = folder.path().join("router/router.json5");
@@ -80,15 +80,15 @@ fn the_routers_list_follows_the_parties_and_keeps_what_people_changed() {
     keys.revoke(&party("vehicle.alpha")).unwrap();
     assert!(!names("vehicle.alpha") && names("10.0.0.1:7447"));
     fs::write(&path, "{}").unwrap();
-    assert!(matches!(keys.issue(&party("vehicle.beta"), &[], &[], 30, false), Err(KeysError::NoPlaceForList { .. })));
+    assert!(matches!(keys.issue(&party("vehicle.beta"), &[], &[], 30, false), Err(KeysError::MissingListMarkers { .. })));
 }
 
 #[test]
-fn the_name_of_a_revoked_party_is_not_given_again() {
+fn revoked_name_is_not_issued_again() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     let alpha = party("vehicle.alpha");
-    assert!(matches!(keys.revoke(&alpha), Err(KeysError::NoParty { .. })));
+    assert!(matches!(keys.revoke(&alpha), Err(KeysError::UnknownParty { .. })));
     keys.issue(&alpha, &[], &[], 30, false).unwrap();
     keys.revoke(&alpha).unwrap();
     for force in [false, true] {
@@ -99,7 +99,7 @@ fn the_name_of_a_revoked_party_is_not_given_again() {
 }
 
 #[test]
-fn the_list_of_holders_tells_until_when() {
+fn holders_report_days_until_expiry() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     keys.issue(&party("viewer.wall"), &[], &[], 5, false).unwrap();
@@ -111,10 +111,10 @@ fn the_list_of_holders_tells_until_when() {
 }
 
 #[test]
-fn a_folder_without_an_authority_or_with_a_damaged_one_is_refused() {
+fn missing_or_damaged_authority_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(Keys::open(folder.path()), Err(KeysError::NoAuthority { .. })));
     init(folder.path());
     fs::write(folder.path().join("authority.key"), "not a key").unwrap();
-    assert!(matches!(Keys::open(folder.path()), Err(KeysError::Damaged { .. })));
+    assert!(matches!(Keys::open(folder.path()), Err(KeysError::InvalidFile { .. })));
 }

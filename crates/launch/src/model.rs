@@ -196,14 +196,14 @@ impl Sim {
     ///
     /// Returns an error if the scenario or a parameter is unknown or not allowed.
     pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
-        let mut scenario = Scenario::named(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
+        let mut scenario = Scenario::parse(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
         self.set.iter().try_for_each(|(name, value)| scenario.set(name, *value))?;
         Ok(scenario)
     }
 
     /// Returns the meaning of the scenario's rate samples within their intervals.
     pub fn gyro_samples(&self) -> GyroSamples {
-        match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
+        match Scenario::parse(&self.scenario).map(|scenario| scenario.rate_kind) {
             Ok(RateKind::Mean) => GyroSamples::Means,
             _ => GyroSamples::Instants,
         }

@@ -218,9 +218,9 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.choice("scenario", Motion::NAMES.map(named_value), &mut out.sim.scenario);
         section.number("rate_hz", RATE_RANGE_HZ, &mut out.sim.rate_hz);
         section.unsigned("seed", &mut out.sim.seed);
-        for Parameter { name, least, most, .. } in &PARAMETERS {
+        for Parameter { name, min, max, .. } in &PARAMETERS {
             let mut value = 0.0;
-            if section.has(name) && section.number(name, *least..=*most, &mut value) {
+            if section.has(name) && section.number(name, *min..=*max, &mut value) {
                 out.sim.set.insert((*name).into(), value);
             } else {
                 section.allow(name);
@@ -228,7 +228,7 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         }
         let error = out.sim.scenario().err();
         if let Some((error, key)) = error.and_then(|error| match &error {
-            ScenarioError::Lacks { key, .. } => Some((error.to_string(), *key)),
+            ScenarioError::NotApplicable { key, .. } => Some((error.to_string(), *key)),
             _ => None,
         }) {
             section.report(Problem::new(section.span(key).unwrap_or_default(), error, "not in this scenario"));
@@ -317,7 +317,7 @@ mod tests {
         let launch = Launch::default();
         assert!(system_name(&launch.name).is_some());
         assert!(launch.lateness_s < launch.buffer_s);
-        assert!(Motion::named(&launch.ingest.sim.scenario).is_some());
+        assert!(Motion::from_name(&launch.ingest.sim.scenario).is_some());
         assert!(Gyro::NAMES.contains(&launch.gyro.stage.as_str()));
         assert!(Accelerometer::NAMES.contains(&launch.accel.stage.as_str()));
         assert!(Fuser::NAMES.contains(&launch.fuser.stage.as_str()));

@@ -70,13 +70,13 @@ mod tests {
     fn with_file(text: &str) -> Result<Option<Value>, LinkError> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        access_control(Some(file.path()), Some(&AccessList::of_gateway("boat", false, false)))
+        access_control(Some(file.path()), Some(&AccessList::for_gateway("boat", false, false)))
     }
 
     #[test]
     fn lists_of_file_and_gateway_are_merged() {
         let parties = ["vehicle.boat", "operator.ann"].map(|party| party.parse().unwrap());
-        let list = with_file(&AccessList::new(&parties, &[]).text()).unwrap().unwrap();
+        let list = with_file(&AccessList::new(&parties, &[]).to_json()).unwrap().unwrap();
         let ids =
             |part: &str| list[part].as_array().unwrap().iter().map(|one| one["id"].to_string()).collect::<Vec<_>>();
         assert_eq!(ids("subjects"), ["\"vehicle.boat\"", "\"operators\"", "\"plain\""]);

@@ -26,7 +26,7 @@ pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
 pub const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const VELOCITY_UP: [&str; 3] = ["ve", "vn", "vu"];
 const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
-/// Targets of the position. Each is optional by itself.
+/// Targets of the position. Each is optional.
 pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
@@ -96,7 +96,7 @@ pub enum MappingError {
     UnknownTarget {
         /// Text found.
         found: String,
-        /// Target with the most similar name. `None` if there is no similar one.
+        /// Target with the most similar name; `None` if all differ too much.
         suggestion: Option<&'static str>,
     },
     /// The target is mapped twice.
@@ -118,7 +118,7 @@ pub enum MappingError {
     UnknownUnit {
         /// Text found.
         found: String,
-        /// Unit with the most similar name. `None` if there is no similar one.
+        /// Unit with the most similar name; `None` if all differ too much.
         suggestion: Option<&'static str>,
     },
     /// Two units of the same quantity are given.

@@ -1,4 +1,5 @@
-//! What becomes of the attitude: its order, its accuracy against the truth, its latency, and the file it is written to.
+//! Evaluates the attitudes of a run: order, accuracy against the reference, latency; and writes
+//! them to a file.
 
 use std::{collections::VecDeque, io, path::PathBuf};
 
@@ -10,41 +11,41 @@ use hdrhistogram::{CreationError, Histogram};
 use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
-use crate::{columns::OutFile, lines::Lines};
+use crate::{columns::AttitudeFile, attitude_lines::AttitudeLines};
 
-/// References kept for attitudes that are still on the way: twice what a topic holds.
+/// Maximum number of references that wait for their attitudes: twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
-/// What is later than this is counted as this late, ns.
+/// Largest latency recorded, ns. Larger ones are counted as this value.
 const MAX_LATENCY_NS: u64 = 3_600_000_000_000;
 
-/// Why attitudes are not collected, or their file is not whole.
+/// Error of evaluating or writing attitudes.
 #[derive(Debug, thiserror::Error)]
 pub enum CollectorError {
-    /// There can be no histogram of the latency.
-    #[error("counting latencies: {0}")]
+    /// The latency histogram could not be created.
+    #[error("creating the latency histogram: {0}")]
     Histogram(#[from] CreationError),
-    /// The file cannot be made.
+    /// The file could not be created.
     #[error("writing {path}: {cause}")]
     Create {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file can be written no more.
+    /// The file can no longer be written.
     #[error(
-        "writing {path}: {cause}; the file ends before its time, with a whole line, and nothing else does: make room, or give --out another place"
+        "writing {path}: {cause}; the file ends early with a complete line and the run continues: free disk space or set --out to another path"
     )]
-    Ends {
-        /// The file.
+    Write {
+        /// Path of the file.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
-/// Takes the attitudes of a run.
+/// Collector of the attitudes of a run.
 pub struct Collector {
     sequence: Sequence,
     pending: VecDeque<Reference>,
@@ -53,21 +54,25 @@ pub struct Collector {
     digest: u64,
     flags: Flags,
     last: Option<AttitudeOutput>,
-    /// Since it was asked for last: the longest time between two publications.
+    /// Longest interval between two publications since the last query, ns.
     gap_ns: u64,
-    /// The last tick at which a stage was swapped for another kind, and by how much the attitude jumped there, rad.
-    swapped: Option<(u64, f64)>,
+    /// Tick of the last swap to another kind of stage, and the attitude jump there, rad.
+    last_swap: Option<(u64, f64)>,
     not_recorded: u64,
-    out: Option<Lines>,
-    /// Lines of the file without their fused state, once it has ended.
-    without_fused: u64,
-    /// Why nothing more is written to it.
-    out_ended: Option<CollectorError>,
+    lines: Option<AttitudeLines>,
+    /// Number of lines without a fused state, once the file is finished.
+    lines_without_fused: u64,
+    /// Error that ended the file.
+    file_error: Option<CollectorError>,
 }
 
 impl Collector {
-    /// Writes to `out`, if there is one.
-    pub fn new(out: Option<&OutFile>) -> Result<Self, CollectorError> {
+    /// Creates a collector that writes to `file`, if given.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be created.
+    pub fn new(file: Option<&AttitudeFile>) -> Result<Self, CollectorError> {
         Ok(Self {
             sequence: Sequence::default(),
             pending: VecDeque::new(),
@@ -77,28 +82,29 @@ impl Collector {
             flags: Flags::NONE,
             last: None,
             gap_ns: 0,
-            swapped: None,
+            last_swap: None,
             not_recorded: 0,
-            out: out.map(Lines::create).transpose()?,
-            without_fused: 0,
-            out_ended: None,
+            lines: file.map(AttitudeLines::create).transpose()?,
+            lines_without_fused: 0,
+            file_error: None,
         })
     }
 
-    /// Takes the truth at a tick; before the attitude of that tick.
-    pub fn reference(&mut self, reference: Reference) {
+    /// Records the reference of a tick. Call it before the attitude of that tick is recorded.
+    pub fn record_reference(&mut self, reference: Reference) {
         if self.pending.len() < MAX_PENDING {
             self.pending.push_back(reference);
         }
     }
 
-    /// Neither the truth at this tick nor that at a later one has been taken.
-    pub fn lacks_reference(&self, tick: u64) -> bool {
+    /// Returns `true` if no reference of this tick or a later one has been recorded.
+    pub fn awaits_reference(&self, tick: u64) -> bool {
         self.pending.back().is_none_or(|newest| newest.tick < tick)
     }
 
-    /// Takes the attitude at a tick. A file that cannot be written any more costs nothing but the file.
-    pub fn attitude(&mut self, output: &AttitudeOutput) {
+    /// Records the attitude of a tick. A failure of the file ends the file only; see
+    /// [`Collector::file_error`].
+    pub fn record_attitude(&mut self, output: &AttitudeOutput) {
         let header = output.header;
         let Some(missing) = self.sequence.admit(&header) else { return };
         let lost_before = self.last.map_or(0, |last| last.header.lost_upstream);
@@ -113,102 +119,108 @@ impl Collector {
         if let Some(reference) = reference.filter(|reference| reference.scored != 0) {
             self.accuracy.add(AttitudeError::between(quaternion(output.quaternion), quaternion(reference.quaternion)));
         }
-        if let Some(before) = self.last {
-            self.gap_ns = self.gap_ns.max(header.t_sent_ns.saturating_sub(before.header.t_sent_ns));
+        if let Some(previous) = self.last {
+            self.gap_ns = self.gap_ns.max(header.t_sent_ns.saturating_sub(previous.header.t_sent_ns));
             if header.flags.any(Flags::SWAPPED) {
-                let jumped = (output.reset_counter, output.jump) != (before.reset_counter, before.jump);
+                let has_jump = (output.reset_counter, output.jump) != (previous.reset_counter, previous.jump);
                 let angle_rad = 2.0 * output.jump[0].abs().min(1.0).acos();
-                self.swapped = Some((header.tick, if jumped { angle_rad } else { 0.0 }));
+                self.last_swap = Some((header.tick, if has_jump { angle_rad } else { 0.0 }));
             }
         }
         self.last = Some(*output);
-        self.write(|out| out.attitude(output));
+        self.write(|lines| lines.push_attitude(output));
     }
 
-    /// Takes the fused state at a tick, for a file that has it.
-    pub fn fused(&mut self, state: &FusedState) {
-        self.write(|out| out.fused(state));
+    /// Records the fused state of a tick, for a file that includes its columns.
+    pub fn record_fused(&mut self, state: &FusedState) {
+        self.write(|lines| lines.push_fused(state));
     }
 
-    fn write(&mut self, write: impl FnOnce(&mut Lines) -> Result<(), CollectorError>) {
-        if let Some(Err(error)) = self.out.as_mut().map(write) {
-            (self.out, self.out_ended) = (None, Some(error));
+    fn write(&mut self, write: impl FnOnce(&mut AttitudeLines) -> Result<(), CollectorError>) {
+        if let Some(Err(error)) = self.lines.as_mut().map(write) {
+            (self.lines, self.file_error) = (None, Some(error));
         }
     }
 
-    /// The run is at its end: the file has every attitude that was taken, or the error says why not.
+    /// Finishes the file.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if not all recorded attitudes could be written.
     pub fn finish(&mut self) -> Result<(), CollectorError> {
-        let (without_fused, written) = self.out.take().map_or((0, Ok(())), Lines::finish);
-        self.without_fused = without_fused;
-        self.out_ended.take().map_or(written, Err)
+        let (without_fused, written) = self.lines.take().map_or((0, Ok(())), AttitudeLines::finish);
+        self.lines_without_fused = without_fused;
+        self.file_error.take().map_or(written, Err)
     }
 
-    /// Lines of the file that lack their fused state: it was not taken while its topic held it.
-    pub fn without_fused(&self) -> u64 {
-        self.out.as_ref().map_or(self.without_fused, Lines::without_fused)
+    /// Returns the number of lines without a fused state, which the subscriber missed on its topic.
+    pub fn lines_without_fused(&self) -> u64 {
+        self.lines.as_ref().map_or(self.lines_without_fused, AttitudeLines::lines_without_fused)
     }
 
-    /// Why nothing more is written to the file.
-    pub fn out_ended(&self) -> Option<&CollectorError> {
-        self.out_ended.as_ref()
+    /// Returns the error that ended the file, if any.
+    pub fn file_error(&self) -> Option<&CollectorError> {
+        self.file_error.as_ref()
     }
 
-    /// Attitudes taken.
+    /// Returns the number of attitudes recorded.
     pub fn ticks(&self) -> u64 {
         self.sequence.ticks
     }
 
-    /// The tick that comes next when nothing is lost.
+    /// Returns the next expected tick.
     pub fn next_tick(&self) -> u64 {
         self.sequence.next_tick
     }
 
-    /// Ticks before it that have no attitude.
+    /// Returns the number of earlier ticks for which no attitude was published.
     pub fn lost(&self) -> u64 {
         self.sequence.lost - self.not_recorded
     }
 
-    /// Ticks before it whose attitudes were published and not taken while the topic held them.
+    /// Returns the number of attitudes that were published but not received in time.
     pub fn not_recorded(&self) -> u64 {
         self.not_recorded
     }
 
-    /// Attitudes that came again.
+    /// Returns the number of attitudes received more than once.
     pub fn duplicated(&self) -> u64 {
         self.sequence.duplicated
     }
 
-    /// From birth at ingest to publication of the attitude, ns.
+    /// Returns the latency from birth at ingest to publication of the attitude, ns.
     pub fn latency_ns(&self) -> &Histogram<u64> {
         &self.latency_ns
     }
 
-    /// Accuracy against the truth.
+    /// Returns the accuracy against the reference attitude.
     pub fn accuracy(&self) -> &Accuracy {
         &self.accuracy
     }
 
-    /// A number that two runs share when every attitude was the same to the last bit.
+    /// Returns a hash of all attitudes. Two runs have the same hash if their attitudes are
+    /// bit-identical.
     pub fn digest(&self) -> u64 {
         self.digest
     }
 
-    /// Every flag of any attitude.
+    /// Returns the union of the flags of all attitudes.
     pub fn flags(&self) -> Flags {
         self.flags
     }
 
-    /// The longest time between two publications since this was asked last, ns.
+    /// Returns and resets the longest interval between two publications, ns.
     pub fn take_gap_ns(&mut self) -> u64 {
         std::mem::take(&mut self.gap_ns)
     }
 
-    /// The last tick at which a stage of another kind took over, and by how much the attitude jumped there, rad.
-    pub fn swapped(&self) -> Option<(u64, f64)> {
-        self.swapped
+    /// Returns the tick of the last swap to another kind of stage, and the attitude jump there,
+    /// rad.
+    pub fn last_swap(&self) -> Option<(u64, f64)> {
+        self.last_swap
     }
 
-    /// The newest attitude.
+    /// Returns the newest attitude.
     pub fn last(&self) -> Option<&AttitudeOutput> {
         self.last.as_ref()
     }
@@ -226,14 +238,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn references_wait_for_their_attitudes_up_to_a_limit() {
+    fn pending_references_are_bounded() {
         let mut collector = Collector::new(None).unwrap();
-        assert!(collector.lacks_reference(0));
+        assert!(collector.awaits_reference(0));
         for tick in 0..MAX_PENDING as u64 + 10 {
-            collector.reference(Reference { tick, ..Reference::zeroed() });
+            collector.record_reference(Reference { tick, ..Reference::zeroed() });
         }
         assert_eq!(collector.pending.len(), MAX_PENDING);
         let newest = MAX_PENDING as u64 - 1;
-        assert_eq!([newest, newest + 1].map(|tick| collector.lacks_reference(tick)), [false, true]);
+        assert_eq!([newest, newest + 1].map(|tick| collector.awaits_reference(tick)), [false, true]);
     }
 }

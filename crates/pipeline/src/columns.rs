@@ -1,7 +1,12 @@
-//! What a line of the file of attitudes has.
+//! Formats the lines of the attitude file.
 //!
-//! Input: the attitude of a tick and, where its columns are wanted, the fused state. Output: the line, in the frame of the file. Time: the source's.
-//! Failure: none; what a fused state that did not come would have told is `nan`, and its chart empty.
+//! Input: the attitude of a tick and, if its columns are selected, the fused state.
+//!
+//! Output: a CSV line in the frame of the file.
+//!
+//! Time: the source's clock.
+//!
+//! Failure: the values of a missing fused state are `nan`, and its chart is empty.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -9,36 +14,36 @@ use launch::Output;
 use messages::{AttitudeOutput, FusedState};
 use runtime::frames::{attitude_to_frame, fused_to_frame};
 
-/// The file of attitudes that is asked for.
+/// Attitude file requested by the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutFile {
-    /// The file.
+pub struct AttitudeFile {
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its frame, and the order of its quaternions.
+    /// Frame of the attitudes and order of the quaternion components.
     pub output: Output,
-    /// What a line has after time and quaternion.
+    /// Columns after time and quaternion.
     pub columns: Vec<Column>,
 }
 
-/// Columns beside time and quaternion.
+/// Optional group of columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Column {
-    /// Chart, u, v, z of the fused state.
+    /// Chart, u, v and z of the fused state.
     Uvz,
-    /// Yaw, pitch, roll.
+    /// Yaw, pitch and roll, rad.
     Angles,
-    /// The course, and from what it is counted.
+    /// Course, rad, and its reference.
     Course,
-    /// The gyro's bias on each axis.
+    /// Gyro bias on each axis, rad/s.
     Bias,
-    /// Standard deviations of inclination and course.
+    /// Standard deviations of inclination and course, rad.
     Sd,
-    /// The flags by their names, with spaces between them.
+    /// Names of the flags, separated by spaces.
     Flags,
 }
 
 impl Column {
-    /// Every one with its name, in the order of `all`.
+    /// All groups with their names, in the order of `all`.
     pub const NAMES: [(&str, Self); 6] = [
         ("uvz", Self::Uvz),
         ("angles", Self::Angles),
@@ -48,7 +53,7 @@ impl Column {
         ("flags", Self::Flags),
     ];
 
-    fn head(self) -> &'static str {
+    fn header(self) -> &'static str {
         match self {
             Self::Uvz => "chart,u,v,z_rad",
             Self::Angles => "yaw_rad,pitch_rad,roll_rad",
@@ -59,43 +64,43 @@ impl Column {
         }
     }
 
-    fn is_of_fused(self) -> bool {
+    fn needs_fused(self) -> bool {
         matches!(self, Self::Uvz | Self::Bias)
     }
 }
 
-impl OutFile {
-    /// A file of time and quaternion, in our frame.
+impl AttitudeFile {
+    /// Creates a file with time and quaternion only, in the native frame.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into(), output: Output::default(), columns: Vec::new() }
     }
 
-    /// A line needs the fused state of its tick.
+    /// Returns `true` if a line needs the fused state of its tick.
     pub fn needs_fused(&self) -> bool {
-        self.columns.iter().any(|column| column.is_of_fused())
+        self.columns.iter().any(|column| column.needs_fused())
     }
 
-    /// The names of the columns, as a line.
-    pub fn head(&self) -> String {
+    /// Returns the header line.
+    pub fn header(&self) -> String {
         let quaternion = self.output.quaternion.ordered(["qw", "qx", "qy", "qz"]).join(",");
-        let more = self.columns.iter().map(|column| format!(",{}", column.head()));
-        format!("t_s,{quaternion}{}\n", more.collect::<String>())
+        let extra = self.columns.iter().map(|column| format!(",{}", column.header()));
+        format!("t_s,{quaternion}{}\n", extra.collect::<String>())
     }
 
-    /// Adds the line of a tick.
-    pub fn line(&self, output: &AttitudeOutput, fused: Option<&FusedState>, lines: &mut String) {
+    /// Appends the line of a tick to `text`.
+    pub fn append_line(&self, output: &AttitudeOutput, fused: Option<&FusedState>, text: &mut String) {
         let Output { frame, quaternion } = self.output;
         let (output, fused) = (attitude_to_frame(frame, *output), fused.map(|state| fused_to_frame(frame, *state)));
         let t_ns = output.header.t_end_ns;
         let sign = if t_ns < 0 { "-" } else { "" };
         let (s, ns) = (t_ns.unsigned_abs() / 1_000_000_000, t_ns.unsigned_abs() % 1_000_000_000);
         let [a, b, c, d] = quaternion.ordered(output.quaternion);
-        // A text in memory takes whatever is written to it.
-        let _ = write!(lines, "{sign}{s}.{ns:09},{a},{b},{c},{d}");
+        // Writing to a `String` does not fail.
+        let _ = write!(text, "{sign}{s}.{ns:09},{a},{b},{c},{d}");
         for column in &self.columns {
-            let _ = column.write(&output, fused.as_ref(), lines);
+            let _ = column.write(&output, fused.as_ref(), text);
         }
-        lines.push('\n');
+        text.push('\n');
     }
 }
 

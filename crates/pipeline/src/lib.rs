@@ -1,29 +1,35 @@
-//! From a sample to an attitude in one process, without the bus, and what becomes of the attitudes.
+//! Computes attitudes from samples in one process, without the bus, and evaluates and writes them.
 //!
-//! Input: checked samples. Output: attitudes; their accuracy, latency and order; the file. Time: none but the stamps of the messages.
-//! Failure: a stage that cannot go on ends the path; a file that cannot be written ends with a whole line and nothing else does.
+//! Input: checked samples.
 //!
-//! | module | what it holds |
+//! Output: attitudes, their accuracy, latency and order, and a CSV file.
+//!
+//! Time: the stamps of the messages only.
+//!
+//! Failure: a failed stage ends the run. A file that can no longer be written ends with a complete
+//! line, and the run continues without it.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`path`] | the slots of the path, one after the other |
-//! | [`schedule`] | which stage has which slot from which tick on, of a flight |
-//! | `seat` | a slot with the stages that it has one after the other |
-//! | [`columns`] | what a line of the file of attitudes has |
-//! | `lines` | its lines, each of an attitude and a fused state |
-//! | [`collector`] | what becomes of the attitude: accuracy, latency, order |
-//! | `out` | the file of attitudes |
+//! | [`path`] | the slots of the data path in sequence |
+//! | [`schedule`] | stages of each slot and their ticks, as recorded in a flight |
+//! | `slot_runner` | a slot with its stages in sequence |
+//! | [`columns`] | columns of the attitude file |
+//! | `attitude_lines` | lines of the file, each joined from an attitude and a fused state |
+//! | [`collector`] | accuracy, latency and order of the attitudes |
+//! | `attitude_csv` | writer thread of the attitude file |
 #![forbid(unsafe_code)]
 
 pub mod collector;
 pub mod columns;
-mod lines;
-mod out;
+mod attitude_lines;
+mod attitude_csv;
 pub mod path;
 pub mod schedule;
-mod seat;
+mod slot_runner;
 
 pub use collector::{Collector, CollectorError};
-pub use columns::{Column, OutFile};
-pub use out::is_same_file;
+pub use columns::{Column, AttitudeFile};
+pub use attitude_csv::is_same_file;
 pub use path::Path;
-pub use schedule::{Doubt, Schedule};
+pub use schedule::{ReplayWarning, Schedule};

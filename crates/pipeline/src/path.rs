@@ -1,67 +1,86 @@
-//! The slots of the path in one process: the same slots, the same join, the same hand-over from stage to stage, the same bytes.
+//! Runs the slots of the data path in one process.
+//!
+//! Slots, join and hand-over between stages are those of the services, so the output is
+//! bit-identical.
 
 use ingest::conditioner::Sample;
 use launch::Service;
 use messages::{AttitudeOutput, FusedState};
 use runtime::{RuntimeError, ServiceConfig};
 
-use crate::{schedule::Schedule, seat::Seat};
+use crate::{schedule::Schedule, slot_runner::SlotRunner};
 
-/// The path from a sample to an attitude.
+/// Data path from sample to attitude.
 pub struct Path {
-    gyro: Seat<runtime::SingleInputSlot<gyro::GyroProcessor>>,
-    accel: Seat<runtime::SingleInputSlot<accel::AccelProcessor>>,
-    fuser: Seat<fuser::FuserSlot>,
-    course: Seat<course::CourseSlot>,
+    gyro: SlotRunner<runtime::SingleInputSlot<gyro::GyroProcessor>>,
+    accel: SlotRunner<runtime::SingleInputSlot<accel::AccelProcessor>>,
+    fuser: SlotRunner<fuser::FuserSlot>,
+    course: SlotRunner<course::CourseSlot>,
 }
 
 impl Path {
-    /// The slots with the stages that `config` names.
+    /// Creates the path with the stages that `config` names.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a stage cannot be built.
     pub fn new(config: &ServiceConfig) -> Result<Self, RuntimeError> {
-        Self::with_swaps(config, &Schedule::default())
+        Self::with_schedule(config, &Schedule::default())
     }
 
-    /// The slots with the stages that `config` names, and those that have them later.
-    pub fn with_swaps(config: &ServiceConfig, schedule: &Schedule) -> Result<Self, RuntimeError> {
+    /// Creates the path with the stages that `config` names and those that replace them later.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a stage cannot be built.
+    pub fn with_schedule(config: &ServiceConfig, schedule: &Schedule) -> Result<Self, RuntimeError> {
         Ok(Self {
-            gyro: Seat::new(Service::Gyro, gyro::slot, config, schedule)?,
-            accel: Seat::new(Service::Accel, accel::slot, config, schedule)?,
-            fuser: Seat::new(Service::Fuser, fuser::slot, config, schedule)?,
-            course: Seat::new(Service::Course, course::slot, config, schedule)?,
+            gyro: SlotRunner::new(Service::Gyro, gyro::slot, config, schedule)?,
+            accel: SlotRunner::new(Service::Accel, accel::slot, config, schedule)?,
+            fuser: SlotRunner::new(Service::Fuser, fuser::slot, config, schedule)?,
+            course: SlotRunner::new(Service::Course, course::slot, config, schedule)?,
         })
     }
 
-    /// Hands every attitude that follows from `sample` to `publish`.
+    /// Processes a sample and passes each resulting attitude to `publish`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a stage has failed.
     pub fn offer(&mut self, sample: Sample, publish: &mut dyn FnMut(AttitudeOutput)) -> Result<(), RuntimeError> {
-        self.offer_seen(sample, &mut |_| {}, publish)
+        self.offer_observed(sample, &mut |_| {}, publish)
     }
 
-    /// The same, and every fused state on the way to `see`.
-    pub fn offer_seen(
+    /// Processes a sample as [`Path::offer`] does and also passes each fused state to `on_fused`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a stage has failed.
+    pub fn offer_observed(
         &mut self,
         sample: Sample,
-        see: &mut dyn FnMut(&FusedState),
+        on_fused: &mut dyn FnMut(&FusedState),
         publish: &mut dyn FnMut(AttitudeOutput),
     ) -> Result<(), RuntimeError> {
         let Self { gyro, accel, fuser, course } = self;
         let Sample { imu, mag, gnss, .. } = sample;
-        course.before(imu.header.tick, publish)?;
+        course.advance_to(imu.header.tick, publish)?;
         if let Some(fix) = gnss {
             course.offer(fix.into(), publish);
         }
         let mut fused = |state: FusedState| {
-            see(&state);
+            on_fused(&state);
             course.offer(state.into(), publish);
         };
-        fuser.before(imu.header.tick, &mut fused)?;
+        fuser.advance_to(imu.header.tick, &mut fused)?;
         if let Some(field) = mag {
             fuser.offer(field.into(), &mut fused);
         }
         if let Some(fix) = gnss {
             fuser.offer(fix.into(), &mut fused);
         }
-        accel.before(imu.header.tick, &mut |point| fuser.offer(point.into(), &mut fused))?;
-        gyro.before(imu.header.tick, &mut |step| fuser.offer(step.into(), &mut fused))?;
+        accel.advance_to(imu.header.tick, &mut |point| fuser.offer(point.into(), &mut fused))?;
+        gyro.advance_to(imu.header.tick, &mut |step| fuser.offer(step.into(), &mut fused))?;
         accel.offer(imu, &mut |point| fuser.offer(point.into(), &mut fused));
         gyro.offer(imu, &mut |step| fuser.offer(step.into(), &mut fused));
         let failures = [
@@ -70,7 +89,7 @@ impl Path {
             (Service::Fuser, fuser.failure()),
             (Service::Course, course.failure()),
         ];
-        let failed = failures.into_iter().find_map(|(slot, why)| Some(RuntimeError::StageFailed { slot, cause: why? }));
-        failed.map_or(Ok(()), Err)
+        let failure = failures.into_iter().find_map(|(slot, cause)| Some((slot, cause?)));
+        failure.map_or(Ok(()), |(slot, cause)| Err(RuntimeError::StageFailed { slot, cause }))
     }
 }

@@ -1,164 +1,176 @@
-//! Which stage has which slot from which tick on, as the topic `event` of a flight tells it.
+//! Reconstructs from the topic `event` of a flight which stage owned each slot from which tick on.
 //!
-//! Input: events in the order in which they were told. Output: the schedule by which [`Path`](crate::Path) changes stages. Time: ticks. Failure: what
-//! the events of a flight do not determine is a [`Doubt`]: from its tick on the attitude may be another than in flight.
+//! Input: events in the order in which they were published.
+//!
+//! Output: the schedule by which [`Path`](crate::Path) changes stages.
+//!
+//! Time: ticks.
+//!
+//! Failure: whatever the events leave undetermined gives a [`ReplayWarning`]. From its tick on, the
+//! replayed attitude may differ from that of the flight.
 
 use std::collections::BTreeMap;
 
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 
-/// The swaps of a flight.
+/// Stage changes of a flight.
 #[derive(Debug, Clone, Default)]
 pub struct Schedule {
     slots: BTreeMap<u32, SlotSchedule>,
-    doubts: Vec<Doubt>,
+    warnings: Vec<ReplayWarning>,
     end_tick: Option<u64>,
 }
 
-/// The swaps of one slot.
+/// Stage changes of one slot.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SlotSchedule {
-    /// The stages beside that of the launch file, by their numbers.
-    pub(crate) fillings: BTreeMap<u32, Filling>,
-    /// In the order of ticks.
-    pub(crate) turns: Vec<Turn>,
+    /// Stages other than that of the launch file, by instance number.
+    pub(crate) activations: BTreeMap<u32, StageActivation>,
+    /// Changes of the owner, in tick order.
+    pub(crate) owner_changes: Vec<OwnerChange>,
 }
 
-/// A stage, and where it begins.
+/// Stage with its initial state.
 #[derive(Debug, Clone)]
-pub(crate) struct Filling {
+pub(crate) struct StageActivation {
     pub(crate) stage: StageConfig,
-    /// It goes on with the state before this tick; anew where there is none.
+    /// Tick of the checkpoint it starts from; `None` for a fresh start.
     pub(crate) adopted_tick: Option<u64>,
-    /// Of the stage with this number.
-    pub(crate) adopted_filling: u32,
-    /// It began in the place of one that had ended.
-    pub(crate) alone: bool,
+    /// Instance that wrote the checkpoint.
+    pub(crate) source_instance: u32,
+    /// `true` if the stage started as owner, because the previous owner had ended.
+    pub(crate) replaces_ended: bool,
 }
 
-/// From a tick on the slot is that of a stage.
+/// Change of a slot's owner to another stage instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Turn {
+pub(crate) struct OwnerChange {
     pub(crate) from_tick: u64,
-    pub(crate) filling: u32,
+    pub(crate) instance: u32,
 }
 
-/// Something that a replay may do otherwise than the flight did.
+/// Cause for which a replay may differ from the flight.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Doubt {
-    /// From this tick on.
+pub struct ReplayWarning {
+    /// First tick that may differ.
     pub tick: u64,
-    /// Why, for people.
-    pub why: String,
+    /// Cause, as a text for the user.
+    pub cause: String,
 }
 
-impl std::fmt::Display for Doubt {
+impl std::fmt::Display for ReplayWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "from tick {} on the attitude may be another than in flight: {}", self.tick, self.why)
+        write!(f, "from tick {} on the replayed attitude may differ from the flight: {}", self.tick, self.cause)
     }
 }
 
 impl Schedule {
-    /// The schedule of a flight's events.
-    pub fn new<'a>(events: impl IntoIterator<Item = &'a SystemEvent>) -> Self {
+    /// Builds the schedule from the events of a flight.
+    pub fn from_events<'a>(events: impl IntoIterator<Item = &'a SystemEvent>) -> Self {
         let mut schedule = Self::default();
-        events.into_iter().for_each(|event| schedule.take(event));
+        events.into_iter().for_each(|event| schedule.handle(event));
         schedule
     }
 
-    /// What the events do not determine.
-    pub fn doubts(&self) -> &[Doubt] {
-        &self.doubts
+    /// Returns the warnings about everything that the events do not determine.
+    pub fn warnings(&self) -> &[ReplayWarning] {
+        &self.warnings
     }
 
-    /// The tick before which the flight ended, where it did so in order.
+    /// Returns the tick at which the flight ended, exclusive; `None` if its end was not recorded.
     pub fn end_tick(&self) -> Option<u64> {
         self.end_tick
     }
 
-    /// Turns of all slots.
-    pub fn turns(&self) -> usize {
-        self.slots.values().map(|slot| slot.turns.len()).sum()
+    /// Returns the number of owner changes in all slots.
+    pub fn change_count(&self) -> usize {
+        self.slots.values().map(|slot| slot.owner_changes.len()).sum()
     }
 
-    /// The swaps of a slot.
-    pub(crate) fn of(&self, slot: Service) -> Option<&SlotSchedule> {
-        self.slots.get(&(slot as u32)).filter(|slot| !slot.turns.is_empty())
+    /// Returns the stage changes of a slot, or `None` if it kept its stage.
+    pub(crate) fn slot(&self, slot: Service) -> Option<&SlotSchedule> {
+        self.slots.get(&(slot as u32)).filter(|slot| !slot.owner_changes.is_empty())
     }
 
-    fn take(&mut self, event: &SystemEvent) {
+    fn handle(&mut self, event: &SystemEvent) {
         let slot = Service::from_index(event.service);
         match (event.kind, slot) {
             (EventKind::OWNER, Some(slot)) => self.on_owner(slot, event),
             (EventKind::RESTARTED, Some(slot)) if slot.is_slot() => self.on_restarted(slot, event),
-            (EventKind::LOST, _) => self.doubt(event.tick.saturating_sub(event.ticks), "ticks were lost"),
+            (EventKind::LOST, _) => self.add_warning(event.tick.saturating_sub(event.ticks), "ticks were lost"),
             (EventKind::NOT_RECORDED, _) => {
-                self.doubt(event.tick.saturating_sub(event.ticks), "the supervisor did not take some of the attitudes");
+                let tick = event.tick.saturating_sub(event.ticks);
+                self.add_warning(tick, "the supervisor did not record some of the attitudes");
             }
             (EventKind::FINISHED, _) => self.end_tick = Some(event.tick),
             _ => {}
         }
     }
 
-    /// A decision counts in the place of all that are about its ticks.
+    /// Records an owner change, which replaces all earlier decisions about its tick and later ones.
     fn on_owner(&mut self, slot: Service, event: &SystemEvent) {
         if event.filling == SystemEvent::NONE_U32 {
-            return self.doubt(event.tick, &format!("nobody had the slot `{slot}`"));
+            return self.add_warning(event.tick, &format!("the slot `{slot}` had no owner"));
         }
-        let last_tick = self.of(slot).and_then(|own| own.turns.last()).map(|turn| turn.from_tick);
+        let last_tick = self.slot(slot).and_then(|own| own.owner_changes.last()).map(|change| change.from_tick);
         if last_tick.is_some_and(|last_tick| last_tick >= event.tick) {
-            let why = format!("a swap of the slot `{slot}` was taken back after its first tick was told");
-            self.doubt(event.tick, &why);
+            let cause = format!("a swap of the slot `{slot}` was reverted after its first tick had been announced");
+            self.add_warning(event.tick, &cause);
         }
-        let own = self.slots.entry(slot as u32).or_default();
-        own.turns.retain(|turn| turn.from_tick < event.tick);
-        own.turns.push(Turn { from_tick: event.tick, filling: event.filling });
+        let schedule = self.slots.entry(slot as u32).or_default();
+        schedule.owner_changes.retain(|change| change.from_tick < event.tick);
+        schedule.owner_changes.push(OwnerChange { from_tick: event.tick, instance: event.filling });
         if event.filling == 0 {
             return;
         }
-        let Some(set) = event.settings() else {
-            return self.doubt(event.tick, &format!("the settings of `{}` are not all recorded", event.stage()));
+        let Some(settings) = event.settings() else {
+            let cause = format!("the settings of `{}` are recorded incompletely", event.stage());
+            return self.add_warning(event.tick, &cause);
         };
-        let set = set.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let set = settings.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         let adopted_tick = Some(event.adopted_tick).filter(|tick| *tick != SystemEvent::NONE);
-        let filling = Filling {
+        let activation = StageActivation {
             stage: StageConfig { stage: event.stage().into(), set },
             adopted_tick,
-            adopted_filling: event.adopted_filling,
-            alone: event.alone != 0,
+            source_instance: event.adopted_filling,
+            replaces_ended: event.alone != 0,
         };
-        own.fillings.insert(event.filling, filling);
+        schedule.activations.insert(event.filling, activation);
         if adopted_tick.is_none() {
-            self.doubt(event.tick, &format!("`{}` began anew in the slot `{slot}`", event.stage()));
+            let cause = format!("`{}` started in the slot `{slot}` without the state of another stage", event.stage());
+            self.add_warning(event.tick, &cause);
         }
     }
 
-    /// A restart changes nothing where it goes on from a state of its own.
+    /// Records a restart. A restart from a checkpoint of the same instance does not affect the
+    /// attitude.
     fn on_restarted(&mut self, slot: Service, event: &SystemEvent) {
-        let anew = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
-        if anew || event.adopted_filling != event.filling {
-            let from_tick = self.of(slot).and_then(|own| own.turns.last()).map_or(0, |turn| turn.from_tick);
-            let tick = if anew { from_tick } else { event.adopted_tick };
-            self.doubt(tick, &format!("the slot `{slot}` was restarted without a state of its own"));
+        let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
+        if is_fresh || event.adopted_filling != event.filling {
+            let from_tick = self.slot(slot).and_then(|own| own.owner_changes.last()).map_or(0, |change| change.from_tick);
+            let tick = if is_fresh { from_tick } else { event.adopted_tick };
+            self.add_warning(tick, &format!("the slot `{slot}` was restarted without a checkpoint of its own"));
         }
     }
 
-    /// Notes something else that the events do not determine.
-    pub fn doubt(&mut self, tick: u64, why: &str) {
-        self.doubts.push(Doubt { tick, why: why.into() });
+    /// Adds a warning about a difference that the events do not show.
+    pub fn add_warning(&mut self, tick: u64, cause: &str) {
+        self.warnings.push(ReplayWarning { tick, cause: cause.into() });
     }
 }
 
 impl SlotSchedule {
-    /// Before this tick the stage with this number has to be there.
-    pub(crate) fn needed_until(&self, filling: u32) -> u64 {
-        let ends = self.turns.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);
-        let owns = self.turns.iter().zip(ends).filter(|(turn, _)| turn.filling == filling).map(|(_, end)| end);
-        let first = self.turns.first().filter(|_| filling == 0).map(|turn| turn.from_tick);
-        let adopts = self.fillings.values().filter(|other| other.adopted_filling == filling);
-        let handed_on = adopts.map(|other| other.adopted_tick.unwrap_or(0).saturating_add(1));
-        owns.chain(first).chain(handed_on).max().unwrap_or(0)
+    /// Returns the tick before which the stage instance is needed, as owner or as source of a
+    /// checkpoint.
+    pub(crate) fn needed_until(&self, instance: u32) -> u64 {
+        let ends = self.owner_changes.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);
+        let owned = self.owner_changes.iter().zip(ends).filter(|(change, _)| change.instance == instance);
+        let ownership_ends = owned.map(|(_, end)| end);
+        let first = self.owner_changes.first().filter(|_| instance == 0).map(|change| change.from_tick);
+        let adoptions = self.activations.values().filter(|other| other.source_instance == instance);
+        let adoption_ends = adoptions.map(|other| other.adopted_tick.unwrap_or(0).saturating_add(1));
+        ownership_ends.chain(first).chain(adoption_ends).max().unwrap_or(0)
     }
 }
 
@@ -173,27 +185,28 @@ mod tests {
     }
 
     #[test]
-    fn a_decision_takes_the_place_of_those_about_later_ticks() {
-        // The first candidate is given up before it has the slot, the second has it, and a third after that.
+    fn decision_replaces_those_about_later_ticks() {
+        // The first candidate is abandoned before it owns the slot. The second owns it, then a
+        // third.
         let events = [owner(90, 1, (50, 0)), owner(90, 0, (0, 0)), owner(140, 2, (100, 0)), owner(300, 3, (250, 2))];
-        let schedule = Schedule::new(&events);
-        let fuser = schedule.of(Service::Fuser).unwrap();
-        let turns: Vec<_> = fuser.turns.iter().map(|turn| (turn.from_tick, turn.filling)).collect();
-        assert_eq!(turns, [(90, 0), (140, 2), (300, 3)]);
-        assert_eq!([0, 2, 3].map(|filling| fuser.needed_until(filling)), [140, 300, u64::MAX]);
-        assert_eq!(fuser.fillings[&2].stage.set.iter().collect::<Vec<_>>().len(), 2);
-        let doubts: Vec<_> = schedule.doubts().iter().map(|doubt| doubt.tick).collect();
-        assert_eq!((doubts, schedule.of(Service::Gyro).is_none()), (vec![90], true), "who read the first is not known");
+        let schedule = Schedule::from_events(&events);
+        let fuser = schedule.slot(Service::Fuser).unwrap();
+        let changes: Vec<_> = fuser.owner_changes.iter().map(|change| (change.from_tick, change.instance)).collect();
+        assert_eq!(changes, [(90, 0), (140, 2), (300, 3)]);
+        assert_eq!([0, 2, 3].map(|instance| fuser.needed_until(instance)), [140, 300, u64::MAX]);
+        assert_eq!(fuser.activations[&2].stage.set.iter().collect::<Vec<_>>().len(), 2);
+        let warnings: Vec<_> = schedule.warnings().iter().map(|warning| warning.tick).collect();
+        assert_eq!((warnings, schedule.slot(Service::Gyro).is_none()), (vec![90], true), "the subscribers of the first decision are unknown");
     }
 
     #[test]
-    fn what_the_events_do_not_determine_is_told_with_its_tick() {
+    fn undetermined_events_give_warnings_with_tick() {
         let lost = SystemEvent { tick: 70, ticks: 3, ..SystemEvent::new(EventKind::LOST) };
-        let mut cut = owner(90, 1, (50, 0)).with_stage("vqf", [("a".repeat(600).as_str(), 1.0)]);
-        cut.tick = 91;
+        let mut truncated = owner(90, 1, (50, 0)).with_stage("vqf", [("a".repeat(600).as_str(), 1.0)]);
+        truncated.tick = 91;
         let mut restarted = SystemEvent { service: Service::Fuser as u32, ..SystemEvent::new(EventKind::RESTARTED) };
         (restarted.filling, restarted.adopted_filling, restarted.adopted_tick) = (1, 0, 40);
-        let schedule = Schedule::new(&[lost, cut, restarted]);
-        assert_eq!(schedule.doubts().iter().map(|doubt| doubt.tick).collect::<Vec<_>>(), [67, 91, 40]);
+        let schedule = Schedule::from_events(&[lost, truncated, restarted]);
+        assert_eq!(schedule.warnings().iter().map(|warning| warning.tick).collect::<Vec<_>>(), [67, 91, 40]);
     }
 }

@@ -125,7 +125,7 @@ pub enum ParseError {
     UnknownColumn {
         /// Unknown name.
         found: String,
-        /// Known name that is most similar. `None` if there is no similar name.
+        /// Most similar known name; `None` if all differ too much.
         suggestion: Option<&'static str>,
         /// All known names.
         known: &'static [&'static str],

@@ -32,7 +32,7 @@ pub struct Row {
 pub struct Reference {
     /// Unit quaternion w, x, y, z, sensor axes to ENU, dimensionless.
     pub quaternion: [f64; 4],
-    /// Whether errors count at this sample: `mov` is 1, or there is no such column.
+    /// `true` if errors count at this sample: `mov` is 1, or the column is missing.
     pub scored: bool,
 }
 

@@ -13,7 +13,7 @@ pub struct Survey {
     pub rows: u64,
     /// Sampling rate, Hz: the inverse of the median of the first 100,000 positive intervals.
     pub rate_hz: f64,
-    /// Whether any row has a reference attitude.
+    /// `true` if any row has a reference attitude.
     pub has_reference: bool,
 }
 

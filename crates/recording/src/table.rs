@@ -13,7 +13,7 @@ use crate::{
     input::{Lines, unquoted},
 };
 
-/// CSV file whose header has been mapped to columns `C`. Reading ends after the first error.
+/// CSV file with its columns mapped to `C`. Reading ends after the first error.
 pub(crate) struct Table<C> {
     path: PathBuf,
     lines: Lines,
@@ -25,7 +25,7 @@ pub(crate) struct Table<C> {
 }
 
 impl<C> Table<C> {
-    /// Opens a file and parses its header, whose names must be in `known`.
+    /// Opens a file and parses its header. All names must be in `known`.
     pub(crate) fn open(
         path: &Path,
         known: &'static [&'static str],

@@ -1,22 +1,25 @@
-//! Classical coning: an axis of the body describes a cone while the body does not turn about it.
+//! Classical coning: a body axis describes a cone while the body does not turn about that axis.
 //!
-//! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), so that, exactly,
-//! ω = (−Ω sin α sin Ωt, Ω sin α cos Ωt, −Ω (1 − cos α)). The rate never rests on one axis: an integrator that takes the mean rate of
-//! an interval for a rotation vector drifts about ζ by about ½ Ω α² (1 − sin Ωh/Ωh), h the interval.
+//! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), which exactly gives ω = (−Ω sin α sin Ωt, Ω
+//! sin α cos Ωt, −Ω (1 − cos α)).
+//!
+//! The axis of rotation changes continuously. An integrator that takes the mean rate of an interval
+//! of length h for a rotation vector therefore drifts about ζ by about ½ Ω α² (1 − sin Ωh/Ωh).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 
-/// How wide and how fast the cone is.
+/// Parameters of the cone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coning {
-    /// α, rad.
+    /// Half angle α of the cone, rad.
     pub half_angle_rad: f64,
-    /// Ω/2π, Hz.
+    /// Coning frequency Ω/2π, Hz.
     pub frequency_hz: f64,
 }
 
 impl Default for Coning {
-    /// 5° at 5 Hz: at 100 Hz a drift of 0.11 °/s where coning is left out.
+    /// Returns a cone of 5° at 5 Hz. At 100 Hz it causes a drift of 0.11 °/s without coning
+    /// correction.
     fn default() -> Self {
         Self { half_angle_rad: 5f64.to_radians(), frequency_hz: 5.0 }
     }
@@ -27,7 +30,7 @@ impl Coning {
         core::f64::consts::TAU * self.frequency_hz
     }
 
-    /// Attitude and body rate, rad/s, at `t_s`.
+    /// Returns the attitude and the body rate, rad/s, at `t_s`.
     pub(crate) fn at(self, t_s: f64) -> (Attitude, Vector3<f64>) {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);
@@ -38,7 +41,9 @@ impl Coning {
         (Attitude::from_quaternion(Quaternion::new(cos_half, sin_half * cos, sin_half * sin, 0.0)), rate_rad_s)
     }
 
-    /// The integral of the body rate, rad, from any time on: differences of it are what an integrating gyro reads.
+    /// Returns the integral of the body rate, rad, up to a constant.
+    ///
+    /// The difference between two times is the reading of an integrating gyro.
     pub(crate) fn rotation_rad(self, t_s: f64) -> Vector3<f64> {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);

@@ -1,9 +1,12 @@
-//! An aircraft in cruise: turns of 2 to 3 °/s for 20 to 60 s with 60 to 180 s between them, at about 50 m/s.
+//! Aircraft in cruise at about 50 m/s: turns of 2 to 3 °/s for 20 to 60 s, 60 to 180 s apart.
 //!
-//! V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s; roll = atan(V H'/g) + 1° sin(2πt/7.3), the bank of a coordinated turn;
-//! pitch = 2° + 3° sin(2πt/55) + 0.7° sin(2πt/5.1); level flight, f = A (a + g). Phases, turns and their signs are of the seed.
-//! Rates and accelerations are central differences of the attitude and of the velocity. The hard flight has wind, gusts and side
-//! slip besides: the air moves, and the velocity over ground with it.
+//! Airspeed V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s. Roll = atan(V H'/g) + 1° sin(2πt/7.3),
+//! where the first term is the bank of a coordinated turn. Pitch = 2° + 3° sin(2πt/55) + 0.7°
+//! sin(2πt/5.1). The flight is level, f = A (a + g). The seed determines the phases and the turns
+//! with their signs.
+//!
+//! Rates and accelerations are central differences of the attitude and of the velocity. The hard
+//! flight adds wind, gusts and side slip, which change the velocity over ground.
 
 use core::f64::consts::TAU;
 
@@ -11,30 +14,30 @@ use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, state::Attitude, rotation:
 
 use crate::{
     Truth,
-    noise::{Noise, Use},
+    random::{RandomStream, StreamId},
 };
 
-/// Time constant of the logistic edges of a turn, s.
-const EDGE_S: f64 = 1.5;
+/// Time constant of the logistic start and end of a turn, s.
+const EDGE_TIME_CONSTANT_S: f64 = 1.5;
 /// Half the step of the central differences, s.
 const HALF_STEP_S: f64 = 1e-3;
-/// Wind of the hard flight, m/s.
+/// Wind speed of the hard flight, m/s.
 const WIND_M_S: f64 = 10.0;
 /// Gusts of the hard flight on each horizontal axis, m/s rms.
-const GUST_M_S: f64 = 1.5;
-/// Periods of the gusts, s; each has the same share of their power.
+const GUST_RMS_M_S: f64 = 1.5;
+/// Periods of the gusts, s. Each contributes the same power.
 const GUST_PERIODS_S: [f64; 4] = [7.0, 17.0, 41.0, 97.0];
-/// Amplitude of the hard flight's side slip, rad: 3°.
+/// Amplitude of the side slip in the hard flight, rad: 3°.
 const SLIP_RAD: f64 = 3.0 * core::f64::consts::PI / 180.0;
-/// Its period, s.
+/// Period of the side slip, s.
 const SLIP_PERIOD_S: f64 = 31.0;
 
-/// Which flight.
+/// Parameters of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Flight {
-    /// Of its phases and turns.
+    /// Seed of the phases, the turns, the wind and the gusts.
     pub seed: u64,
-    /// With wind, gusts and side slip.
+    /// `true` for a flight with wind, gusts and side slip.
     pub hard: bool,
 }
 
@@ -42,13 +45,13 @@ pub struct Flight {
 struct Turn {
     start_s: f64,
     end_s: f64,
-    /// Clockwise positive.
+    /// Rate of the course, rad/s, clockwise positive.
     rate_rad_s: f64,
-    /// The course at its beginning.
+    /// Course before the turn, rad, clockwise from north.
     course_rad: f64,
 }
 
-/// Where the flight is along its plan.
+/// Course and airspeed at a given time.
 struct FlightState {
     t_s: f64,
     course_rad: f64,
@@ -63,18 +66,18 @@ struct AirMotion {
     slip_phase: f64,
 }
 
-/// A flight with the turns that were worked out.
+/// Flight with the turns generated so far.
 #[derive(Debug, Clone)]
 pub(crate) struct FlightPlan {
     turns: Vec<Turn>,
-    rng: Noise,
+    rng: RandomStream,
     phases: [f64; 5],
     air: Option<AirMotion>,
 }
 
 impl FlightPlan {
     pub(crate) fn new(flight: Flight) -> Self {
-        let mut rng = Noise::new(flight.seed, Use::Flight);
+        let mut rng = RandomStream::new(flight.seed, StreamId::Flight);
         let phases = [(); 5].map(|()| rng.phase());
         let course_rad = rng.phase();
         let before = Turn { start_s: 0.0, end_s: 0.0, rate_rad_s: 0.0, course_rad };
@@ -96,7 +99,7 @@ impl FlightPlan {
         Truth { attitude, rate_rad_s, force_m_s2 }
     }
 
-    /// Velocity over ground, m/s, east, north, up.
+    /// Returns the velocity over ground, m/s, east, north, up.
     pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
         let state = self.state(t_s);
         self.ground_velocity_m_s(&state)
@@ -131,44 +134,44 @@ impl FlightPlan {
         50.0 + 8.0 * libm::sin(TAU * t_s / 240.0 + self.phases[0]) + 2.0 * libm::sin(TAU * t_s / 37.0 + self.phases[1])
     }
 
-    /// Course and its rate, rad and rad/s, clockwise.
+    /// Returns the course, rad, and its rate, rad/s, both clockwise positive.
     fn course(&mut self, t_s: f64) -> (f64, f64) {
-        // An edge is over, to the last digit, after forty of its time constants.
-        let edge_duration_s = 40.0 * EDGE_S;
+        // Beyond 40 time constants the logistic function equals its limit in double precision.
+        let edge_duration_s = 40.0 * EDGE_TIME_CONSTANT_S;
         self.extend_to(t_s + edge_duration_s);
         let first = self.turns.partition_point(|turn| turn.end_s + edge_duration_s < t_s).min(self.turns.len() - 1);
         let started = self.turns[first..].iter().take_while(|turn| turn.start_s - edge_duration_s < t_s);
         started.fold((self.turns[first].course_rad, 0.0), |(course_rad, rate_rad_s), turn| {
-            let (since, until) = ((t_s - turn.start_s) / EDGE_S, (t_s - turn.end_s) / EDGE_S);
-            let ((since, turned_since), (until, turned_until)) = (logistic(since), logistic(until));
-            let (share, turned_s) = (since - until, EDGE_S * (turned_since - turned_until));
+            let [start, end] = [turn.start_s, turn.end_s].map(|edge_s| logistic((t_s - edge_s) / EDGE_TIME_CONSTANT_S));
+            let ((start_share, start_integral), (end_share, end_integral)) = (start, end);
+            let (share, turned_s) = (start_share - end_share, EDGE_TIME_CONSTANT_S * (start_integral - end_integral));
             (course_rad + turn.rate_rad_s * turned_s, rate_rad_s + turn.rate_rad_s * share)
         })
     }
 
-    /// Draws turns until one ends after `t_s`.
+    /// Generates turns until one ends after `t_s`.
     fn extend_to(&mut self, t_s: f64) {
         while let Some(last) = self.turns.last().copied().filter(|last| last.end_s <= t_s) {
-            let from_s = last.end_s + self.rng.between(60.0, 180.0);
-            let to_s = from_s + self.rng.between(20.0, 60.0);
-            let rate_rad_s = self.rng.sign() * self.rng.between(2.0, 3.0).to_radians();
+            let start_s = last.end_s + self.rng.uniform(60.0, 180.0);
+            let end_s = start_s + self.rng.uniform(20.0, 60.0);
+            let rate_rad_s = self.rng.sign() * self.rng.uniform(2.0, 3.0).to_radians();
             let course_rad = last.course_rad + last.rate_rad_s * (last.end_s - last.start_s);
-            self.turns.push(Turn { start_s: from_s, end_s: to_s, rate_rad_s, course_rad });
+            self.turns.push(Turn { start_s, end_s, rate_rad_s, course_rad });
         }
     }
 }
 
 impl AirMotion {
     fn new(seed: u64) -> Self {
-        let mut noise = Noise::new(seed, Use::Air);
+        let mut noise = RandomStream::new(seed, StreamId::Air);
         let (sin, cos) = libm::sincos(noise.phase());
         let gust_phases = [(); GUST_PERIODS_S.len()].map(|()| [noise.phase(), noise.phase()]);
         Self { wind_m_s: Vector3::new(sin, cos, 0.0) * WIND_M_S, gust_phases, slip_phase: noise.phase() }
     }
 
     fn velocity_m_s(&self, t_s: f64) -> Vector3<f64> {
-        // A sine of amplitude a has a power of a²/2.
-        let amplitude_m_s = GUST_M_S * libm::sqrt(2.0 / GUST_PERIODS_S.len() as f64);
+        // A sine of amplitude a has the power a²/2.
+        let amplitude_m_s = GUST_RMS_M_S * libm::sqrt(2.0 / GUST_PERIODS_S.len() as f64);
         GUST_PERIODS_S.iter().zip(self.gust_phases).fold(self.wind_m_s, |sum, (period_s, [east, north])| {
             let gust = |phase: f64| amplitude_m_s * libm::sin(TAU * t_s / period_s + phase);
             sum + Vector3::new(gust(east), gust(north), 0.0)
@@ -180,13 +183,13 @@ impl AirMotion {
     }
 }
 
-/// The logistic function and its integral, ln(1 + eˣ).
+/// Returns the logistic function and its integral, ln(1 + eˣ).
 fn logistic(x: f64) -> (f64, f64) {
-    // From here on both are 1 and x to the last digit.
+    // For larger x they equal 1 and x in double precision.
     if x > 40.0 {
         return (1.0, x);
     }
-    let small = libm::exp(-libm::fabs(x));
-    let other = if x < 0.0 { libm::exp(-x) } else { small };
-    (1.0 / (1.0 + other), x.max(0.0) + libm::log1p(small))
+    let decaying = libm::exp(-libm::fabs(x));
+    let exponential = if x < 0.0 { libm::exp(-x) } else { decaying };
+    (1.0 / (1.0 + exponential), x.max(0.0) + libm::log1p(decaying))
 }

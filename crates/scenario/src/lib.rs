@@ -1,24 +1,30 @@
-//! Simulated motions: what a body does, and what imperfect sensors on it would read.
+//! Simulated motions and imperfect sensors.
 //!
-//! Input: the name of a scenario, or a motion, the sensors' errors and a seed. Output: the true attitude and the readings at any
-//! time. Time: given, never read. Failure: a name that does not exist is refused. The same seed gives the same readings on every
-//! machine.
+//! Input: the name of a scenario, or a motion, sensor errors and a seed.
 //!
-//! | scenario | what the body does |
+//! Output: the true attitude and the sensor readings at any time. The same seed gives the same
+//! readings on every machine.
+//!
+//! Time: passed in by the caller.
+//!
+//! Failure: an unknown name, key or value is rejected with the accepted ones.
+//!
+//! | scenario | motion |
 //! | --- | --- |
 //! | [`s1`] | pitch 25° and roll 30° at 0.05 Hz, yaw 1 °/s: the reference scenario of Matveev 2025 |
 //! | [`tumble`] | 500 °/s about an axis oblique to all three, through the inverted attitude |
-//! | [`s3`] | one full turn about each axis in turn, with a magnetic field |
-//! | [`coning`] | classical coning, no errors |
-//! | [`cruise`] | half an hour of flight with turns, satellite velocity; `cruise-hard` with all that makes it hard |
+//! | [`s3`] | one full turn about each axis in sequence, with a magnetic field |
+//! | [`coning`] | classical coning, without sensor errors |
+//! | [`cruise`] | half an hour of flight with turns and satellite velocity; `cruise-hard` adds wind, gusts, side slip and larger sensor errors |
 //!
-//! [`sensors`] reads them, [`scenario`] gives a motion the rate, duration and errors that belong to its name.
+//! [`sensors`] simulates the readings. [`scenario`] combines a motion with its rate, duration and
+//! sensor errors.
 #![forbid(unsafe_code)]
 
 pub mod coning;
 pub mod cruise;
 mod motion;
-mod noise;
+mod random;
 pub mod s1;
 pub mod s3;
 pub mod scenario;
@@ -29,5 +35,5 @@ pub use motion::{Motion, Truth};
 pub use scenario::{PARAMETERS, Parameter, Scenario, ScenarioError};
 pub use sensors::{
     Reading, Sensors,
-    errors::{Coverage, Errors, Field, Receiver},
+    errors::{Coverage, SensorErrors, Magnetometer, Receiver},
 };

@@ -1,4 +1,4 @@
-//! How a body moves, and the truth at one time.
+//! Motions of a body and the true state at a given time.
 
 use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, rotation::Rotation};
 
@@ -9,41 +9,43 @@ use crate::{
     s3, tumble,
 };
 
-/// How a body moves.
+/// Motion of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
-    /// Yaw 1 °/s, pitch and roll at 0.05 Hz.
+    /// Yaw at 1 °/s, with pitch and roll oscillating at 0.05 Hz.
     Swing(Swing),
-    /// A constant rate about an axis fixed in the body, rad/s, from level.
+    /// Constant rate about a body-fixed axis, rad/s, from level.
     Tumble(Vector3<f64>),
-    /// One full turn about each axis in turn.
+    /// One full turn about each axis in sequence.
     S3,
     /// Classical coning.
     Coning(Coning),
-    /// An aircraft in cruise.
+    /// Aircraft in cruise.
     Cruise(Flight),
 }
 
-/// The truth at one time.
+/// True state of the body at a given time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
-    /// Attitude.
+    /// True attitude.
     pub attitude: Attitude,
     /// Body rate, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Specific force, m/s², body axes; where the body does not fly, it turns in place.
+    /// Specific force, m/s², body axes. A body that does not fly rotates in place.
     pub force_m_s2: Vector3<f64>,
 }
 
 impl Motion {
-    /// The reference scenario of Matveev 2025: yaw 1 °/s, pitch 25° and roll 30° at 0.05 Hz.
+    /// Reference scenario of Matveev 2025: yaw 1 °/s, pitch 25° and roll 30° at 0.05 Hz.
     pub const S1: Self = Self::Swing(Swing::S1);
 
-    /// The motions that have a name, with the name.
+    /// Names that [`Motion::from_name`] accepts.
     pub const NAMES: [&'static str; 6] = ["s1", "tumble", "s3", "coning", "cruise", "cruise-hard"];
 
-    /// The motion of that name; `tumble` turns at 500 °/s about an axis oblique to all three, the flights are those of seed 1.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Returns the motion with the given name, or `None` for an unknown name.
+    ///
+    /// `tumble` has a rate of 500 °/s about an axis oblique to all three. The flights have seed 1.
+    pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "s1" => Some(Self::S1),
             "tumble" => Some(Self::Tumble(tumble::rate_rad_s())),
@@ -55,25 +57,28 @@ impl Motion {
         }
     }
 
-    /// The truth at `t_s` seconds.
+    /// Returns the true state at `t_s`.
     pub fn at(self, t_s: f64) -> Truth {
         Body::new(self).at(t_s)
     }
 
-    /// The turn of the body from one time to another, exactly.
-    pub fn turn(self, from_s: f64, to_s: f64) -> Rotation {
+    /// Returns the exact rotation of the body from one time to another.
+    pub fn rotation_between(self, from_s: f64, to_s: f64) -> Rotation {
         let mut body = Body::new(self);
         Rotation::between(body.at(from_s).attitude, body.at(to_s).attitude)
     }
 
-    /// The mean body rate from one time to another, rad/s: what an integrating gyro reads. Where the rate changes its direction
-    /// on the way this is not the rate of the [`turn`](Self::turn). The halves of an interval are asked for one by one.
+    /// Returns the mean body rate from one time to another, rad/s: the reading of an integrating
+    /// gyro.
+    ///
+    /// If the axis of rotation changes within the interval, the mean rate differs from the rate of
+    /// [`rotation_between`](Self::rotation_between).
     pub fn mean_rate_rad_s(self, from_s: f64, to_s: f64) -> Vector3<f64> {
         Body::new(self).mean_rate_rad_s(from_s, to_s)
     }
 }
 
-/// A motion with what was worked out about it.
+/// Motion with the flight plan generated so far.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     motion: Motion,
@@ -97,26 +102,27 @@ impl Body {
         Truth { attitude, rate_rad_s, force_m_s2: attitude.up.direction() * GRAVITY_M_S2 }
     }
 
-    /// Velocity over ground, m/s, east, north, up.
+    /// Returns the velocity over ground, m/s, east, north, up.
     pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
         self.plan.as_mut().map_or(Vector3::zeros(), |plan| plan.velocity_m_s(t_s))
     }
 
     pub(crate) fn mean_rate_rad_s(&mut self, from_s: f64, to_s: f64) -> Vector3<f64> {
-        let length_s = to_s - from_s;
-        if length_s == 0.0 {
+        let interval_s = to_s - from_s;
+        if interval_s == 0.0 {
             return self.at(to_s).rate_rad_s;
         }
         match self.motion {
             Motion::Tumble(rate_rad_s) => rate_rad_s,
-            Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / length_s,
-            Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / length_s,
-            // Gauss and Legendre's rule of three points: exact to the sixth order of the interval, and these motions are slow.
+            Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / interval_s,
+            Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / interval_s,
+            // Gauss-Legendre quadrature with three points: exact for polynomials up to degree 5.
+            // These motions are slow enough.
             Motion::Swing(_) | Motion::Cruise(_) => {
                 let middle_s = 0.5 * (from_s + to_s);
-                let off_s = 0.5 * length_s * libm::sqrt(0.6);
+                let offset_s = 0.5 * interval_s * libm::sqrt(0.6);
                 let mut rate = |t_s: f64| self.at(t_s).rate_rad_s;
-                (rate(middle_s - off_s) * 5.0 + rate(middle_s) * 8.0 + rate(middle_s + off_s) * 5.0) / 18.0
+                (rate(middle_s - offset_s) * 5.0 + rate(middle_s) * 8.0 + rate(middle_s + offset_s) * 5.0) / 18.0
             }
         }
     }

@@ -1,32 +1,34 @@
-//! The reference scenario of Matveev 2025: ψ = 1°/s t, ϑ = 25° cos(2π 0.05 t), γ = 30° sin(2π 0.05 t).
+//! Reference scenario of Matveev 2025: ψ = 1°/s t, ϑ = 25° cos(2π 0.05 t), γ = 30° sin(2π 0.05 t).
 
 use attitude::{Vector3, angles::Angles, state::Attitude};
 
 const DEGREE_RAD: f64 = core::f64::consts::PI / 180.0;
 
-/// How far the body swings.
+/// Amplitudes of an oscillation in pitch and roll.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Swing {
-    /// Of pitch, rad.
-    pub pitch_rad: f64,
-    /// Of roll, rad.
-    pub roll_rad: f64,
+    /// Amplitude of the pitch, rad.
+    pub pitch_amplitude_rad: f64,
+    /// Amplitude of the roll, rad.
+    pub roll_amplitude_rad: f64,
 }
 
 impl Swing {
-    /// That of the article.
-    pub const S1: Self = Self { pitch_rad: 25.0 * DEGREE_RAD, roll_rad: 30.0 * DEGREE_RAD };
+    /// Amplitudes of Matveev 2025: pitch 25°, roll 30°.
+    pub const S1: Self = Self { pitch_amplitude_rad: 25.0 * DEGREE_RAD, roll_amplitude_rad: 30.0 * DEGREE_RAD };
 
-    /// The same with another amplitude of roll, and pitch in proportion.
+    /// Returns the oscillation scaled to a roll amplitude in rad, with the pitch in proportion.
     #[must_use]
-    pub fn scaled_to(self, roll_rad: f64) -> Self {
-        Self { pitch_rad: self.pitch_rad * roll_rad / self.roll_rad, roll_rad }
+    pub fn with_roll_amplitude(self, roll_amplitude_rad: f64) -> Self {
+        let pitch_amplitude_rad = self.pitch_amplitude_rad * roll_amplitude_rad / self.roll_amplitude_rad;
+        Self { pitch_amplitude_rad, roll_amplitude_rad }
     }
 }
 
-/// Attitude and body rate, rad/s, at `t_s`; the body rates of a motion given in angles.
+/// Returns the attitude and the body rate, rad/s, at `t_s`. The rate follows from the derivatives
+/// of the angles.
 pub(crate) fn at(swing: Swing, t_s: f64) -> (Attitude, Vector3<f64>) {
-    let Swing { pitch_rad: pitch_amplitude, roll_rad: roll_amplitude } = swing;
+    let Swing { pitch_amplitude_rad: pitch_amplitude, roll_amplitude_rad: roll_amplitude } = swing;
     let frequency_rad_s = core::f64::consts::TAU * 0.05;
     let (sin, cos) = libm::sincos(frequency_rad_s * t_s);
     let (yaw_dot, pitch_dot, roll_dot) =

@@ -1,147 +1,151 @@
-//! Scenarios: a motion with the rate, duration, scoring and errors that belong to its name.
+//! Scenarios: a motion with its sampling rate, duration, scored part and sensor errors.
 //!
-//! Input: a name, with a query where something is to be otherwise: `cruise?seed=3&gnss=gaps`. Output: the scenario and its readings.
-//! Failure: a name, key or value that does not exist is refused with what does.
+//! Input: a name, optionally with a query that overrides parameters, such as
+//! `cruise?seed=3&gnss=gaps`.
+//!
+//! Output: the scenario and its readings.
+//!
+//! Failure: an unknown name, key or value is rejected with the accepted ones.
 
 use core::fmt;
 
 use attitude::{GRAVITY_M_S2, gyro::RateKind};
 
-use crate::{Coverage, Errors, Motion, Reading, Receiver, Sensors, s3};
+use crate::{Coverage, SensorErrors, Motion, Reading, Receiver, Sensors, s3};
 
-/// A motion and all that belongs to it.
+/// Motion with its sampling rate, duration and sensor errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scenario {
-    /// Its name, one of [`Scenario::NAMES`].
+    /// Name, one of [`Scenario::NAMES`].
     pub name: &'static str,
-    /// What the body does.
+    /// Motion of the body.
     pub motion: Motion,
-    /// Readings per second.
+    /// Sampling rate of the readings, Hz.
     pub rate_hz: f64,
-    /// Length, s.
+    /// Duration, s.
     pub duration_s: f64,
-    /// Time from which errors count, s.
+    /// Time from which attitude errors are scored, s. The estimators converge before that.
     pub scored_from_s: f64,
-    /// Of everything random in it.
+    /// Seed of all random values.
     pub seed: u64,
-    /// What is wrong with the sensors, at `rate_hz`.
-    pub errors: Errors,
-    /// What its rate samples mean.
+    /// Errors of the sensors at the sampling rate `rate_hz`.
+    pub errors: SensorErrors,
+    /// Kind of the rate samples: instantaneous or mean.
     pub rate_kind: RateKind,
 }
 
-/// The keys of a query that are no [`PARAMETERS`].
+/// Keys of a query in addition to the [`PARAMETERS`].
 const KEYS: [&str; 4] = ["seed", "rate_hz", "duration_s", "gnss"];
 
-/// A number by which a scenario can be set.
+/// Numeric parameter of a scenario.
 #[derive(Debug, Clone, Copy)]
 pub struct Parameter {
-    /// Its name, with the unit.
+    /// Name, ending in the unit if the parameter has one.
     pub name: &'static str,
-    /// The least that it may be.
-    pub least: f64,
-    /// The most.
-    pub most: f64,
-    /// What it is.
-    pub about: &'static str,
-    /// Sets it; a scenario that has nothing of the kind says what it lacks.
+    /// Minimum value.
+    pub min: f64,
+    /// Maximum value.
+    pub max: f64,
+    /// Short description with the unit.
+    pub description: &'static str,
+    /// Sets the parameter. The error names the part that the scenario lacks.
     set: fn(&mut Scenario, f64) -> Result<(), &'static str>,
 }
 
-/// Every number by which scenarios can be set; errors are those at the scenario's rate.
+/// Numeric parameters of scenarios. Sensor errors apply at the sampling rate of the scenario.
 pub const PARAMETERS: [Parameter; 12] = [
     Parameter {
         name: "gyro_bias_deg_s",
-        least: 0.0,
-        most: 100.0,
-        about: "constant gyro bias on each axis, °/s",
-        set: |scenario, value| give(&mut scenario.errors.gyro_bias_rad_s, value.to_radians()),
+        min: 0.0,
+        max: 100.0,
+        description: "constant gyro bias on each axis, °/s",
+        set: |scenario, value| assign(&mut scenario.errors.gyro_bias_rad_s, value.to_radians()),
     },
     Parameter {
         name: "gyro_noise_deg_s",
-        least: 0.0,
-        most: 100.0,
-        about: "white noise of the gyro on each axis and sample, °/s",
-        set: |scenario, value| give(&mut scenario.errors.gyro_noise_rad_s, value.to_radians()),
+        min: 0.0,
+        max: 100.0,
+        description: "white noise of the gyro on each axis and sample, °/s",
+        set: |scenario, value| assign(&mut scenario.errors.gyro_noise_rad_s, value.to_radians()),
     },
     Parameter {
         name: "gyro_scale",
-        least: 0.0,
-        most: 0.5,
-        about: "scale error of the gyro on each axis",
-        set: |scenario, value| give(&mut scenario.errors.gyro_scale, value),
+        min: 0.0,
+        max: 0.5,
+        description: "scale error of the gyro on each axis",
+        set: |scenario, value| assign(&mut scenario.errors.gyro_scale, value),
     },
     Parameter {
         name: "accel_bias_g",
-        least: 0.0,
-        most: 10.0,
-        about: "constant bias of the accelerometer on each axis, g",
-        set: |scenario, value| give(&mut scenario.errors.accel_bias_m_s2, value * GRAVITY_M_S2),
+        min: 0.0,
+        max: 10.0,
+        description: "constant bias of the accelerometer on each axis, g",
+        set: |scenario, value| assign(&mut scenario.errors.accel_bias_m_s2, value * GRAVITY_M_S2),
     },
     Parameter {
         name: "accel_noise_g",
-        least: 0.0,
-        most: 10.0,
-        about: "white noise of the accelerometer on each axis and sample, g",
-        set: |scenario, value| give(&mut scenario.errors.accel_noise_m_s2, value * GRAVITY_M_S2),
+        min: 0.0,
+        max: 10.0,
+        description: "white noise of the accelerometer on each axis and sample, g",
+        set: |scenario, value| assign(&mut scenario.errors.accel_noise_m_s2, value * GRAVITY_M_S2),
     },
     Parameter {
         name: "field_noise_ut",
-        least: 0.0,
-        most: 1000.0,
-        about: "white noise of the magnetometer on each axis and sample, µT",
-        set: |scenario, value| give(&mut scenario.errors.field.as_mut().ok_or("magnetometer")?.noise_ut, value),
+        min: 0.0,
+        max: 1000.0,
+        description: "white noise of the magnetometer on each axis and sample, µT",
+        set: |scenario, value| assign(&mut scenario.errors.magnetometer.as_mut().ok_or("magnetometer")?.noise_ut, value),
     },
     Parameter {
         name: "gnss_noise_m_s",
-        least: 0.0,
-        most: 100.0,
-        about: "white noise of the satellite velocity on each axis and fix, m/s",
-        set: |scenario, value| give(&mut receiver(scenario)?.noise_m_s, value),
+        min: 0.0,
+        max: 100.0,
+        description: "white noise of the satellite velocity on each axis and fix, m/s",
+        set: |scenario, value| assign(&mut receiver(scenario)?.noise_m_s, value),
     },
     Parameter {
         name: "gnss_latency_s",
-        least: 0.0,
-        most: 2.0,
-        about: "how late fixes arrive, s",
-        set: |scenario, value| give(&mut receiver(scenario)?.latency_s, value),
+        min: 0.0,
+        max: 2.0,
+        description: "latency of the fixes, s",
+        set: |scenario, value| assign(&mut receiver(scenario)?.latency_s, value),
     },
     Parameter {
         name: "antenna_right_m",
-        least: -100.0,
-        most: 100.0,
-        about: "place of the receiver's antenna from the sensors, to the right, m",
-        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.x, value),
+        min: -100.0,
+        max: 100.0,
+        description: "position of the receiver's antenna from the sensors, to the right, m",
+        set: |scenario, value| assign(&mut receiver(scenario)?.antenna_m.x, value),
     },
     Parameter {
         name: "antenna_forward_m",
-        least: -100.0,
-        most: 100.0,
-        about: "the same, forward, m",
-        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.y, value),
+        min: -100.0,
+        max: 100.0,
+        description: "position of the receiver's antenna from the sensors, forward, m",
+        set: |scenario, value| assign(&mut receiver(scenario)?.antenna_m.y, value),
     },
     Parameter {
         name: "antenna_up_m",
-        least: -100.0,
-        most: 100.0,
-        about: "the same, up, m",
-        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.z, value),
+        min: -100.0,
+        max: 100.0,
+        description: "position of the receiver's antenna from the sensors, upward, m",
+        set: |scenario, value| assign(&mut receiver(scenario)?.antenna_m.z, value),
     },
     Parameter {
         name: "amplitude_deg",
-        least: 0.0,
-        most: 89.0,
-        about: "how far the body swings, °: of s1 the roll, with its pitch in proportion; of coning half the cone",
+        min: 0.0,
+        max: 89.0,
+        description: "amplitude, °: of s1 the roll, with the pitch in proportion; of coning the half angle of the cone",
         set: |scenario, value| match &mut scenario.motion {
-            Motion::Swing(swing) => give(swing, swing.scaled_to(value.to_radians())),
-            Motion::Coning(coning) => give(&mut coning.half_angle_rad, value.to_radians()),
+            Motion::Swing(swing) => assign(swing, swing.with_roll_amplitude(value.to_radians())),
+            Motion::Coning(coning) => assign(&mut coning.half_angle_rad, value.to_radians()),
             Motion::Tumble(_) | Motion::S3 | Motion::Cruise(_) => Err("amplitude"),
         },
     },
 ];
 
-fn give<T>(place: &mut T, value: T) -> Result<(), &'static str> {
-    *place = value;
+fn assign<T>(target: &mut T, value: T) -> Result<(), &'static str> {
+    *target = value;
     Ok(())
 }
 
@@ -150,40 +154,50 @@ fn receiver(scenario: &mut Scenario) -> Result<&mut Receiver, &'static str> {
 }
 
 impl Scenario {
-    /// The scenarios.
+    /// Names of the scenarios.
     pub const NAMES: [&'static str; 6] = Motion::NAMES;
 
-    /// The scenario of that name as it usually is; a query after `?` changes its `seed`, `rate_hz`, `duration_s`, `gnss` or one of the
-    /// [`PARAMETERS`].
-    pub fn named(text: &str) -> Result<Self, ScenarioError> {
+    /// Parses the name of a scenario with an optional query after `?`.
+    ///
+    /// The query overrides `seed`, `rate_hz`, `duration_s`, `gnss` or any of the [`PARAMETERS`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error for an unknown name or key, a key given twice, a value out of range, or a
+    /// key that does not apply to the scenario.
+    pub fn parse(text: &str) -> Result<Self, ScenarioError> {
         let (name, query) = text.split_once('?').unwrap_or((text, ""));
-        let mut scenario = Self::usual(name).ok_or_else(|| ScenarioError::Name { found: name.into() })?;
+        let mut scenario = Self::default_for(name).ok_or_else(|| ScenarioError::UnknownName { found: name.into() })?;
         let pairs = query.split('&').filter(|pair| !pair.is_empty());
         let pairs: Vec<_> = pairs.map(|pair| pair.split_once('=').unwrap_or((pair, ""))).collect();
         if let Some((key, _)) =
             (1..).zip(&pairs).find_map(|(next, pair)| pairs[next..].iter().find(|it| it.0 == pair.0))
         {
-            return Err(ScenarioError::Twice { found: (*key).into() });
+            return Err(ScenarioError::DuplicateKey { found: (*key).into() });
         }
-        // Another rate changes the noise that is not set.
+        // A change of the sampling rate scales the noise, so noise parameters are set afterwards.
         let (others, numbers): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| KEYS.contains(key));
-        others.into_iter().try_for_each(|(key, value)| scenario.change(key, value))?;
+        others.into_iter().try_for_each(|(key, value)| scenario.set_key(key, value))?;
         for (key, value) in numbers {
             let parameter = PARAMETERS.iter().find(|parameter| parameter.name == key);
-            let Parameter { least, most, .. } = parameter.ok_or_else(|| ScenarioError::Key { found: key.into() })?;
-            scenario.set(key, number(key, value, *least, *most)?)?;
+            let parameter = parameter.ok_or_else(|| ScenarioError::UnknownKey { found: key.into() })?;
+            scenario.set(key, parse_number(key, value, parameter.min, parameter.max)?)?;
         }
         Ok(scenario)
     }
 
-    /// Sets one of the [`PARAMETERS`], whose range is not looked at.
+    /// Sets one of the [`PARAMETERS`] without checking its range.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such parameter or the scenario lacks the part it belongs to.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), ScenarioError> {
         let parameter = PARAMETERS.iter().find(|parameter| parameter.name == name);
-        let Parameter { name, set, .. } = parameter.ok_or_else(|| ScenarioError::Key { found: name.into() })?;
-        set(self, value).map_err(|lacks| ScenarioError::Lacks { scenario: self.name, key: name, lacks })
+        let Parameter { name, set, .. } = parameter.ok_or_else(|| ScenarioError::UnknownKey { found: name.into() })?;
+        set(self, value).map_err(|missing| ScenarioError::NotApplicable { scenario: self.name, key: name, missing })
     }
 
-    /// The same scenario with everything random in it drawn from another seed.
+    /// Returns the scenario with another seed for all random values.
     #[must_use]
     pub fn with_seed(mut self, seed: u64) -> Self {
         self.seed = seed;
@@ -193,7 +207,9 @@ impl Scenario {
         self
     }
 
-    /// The same scenario with another rate; the errors of a flight are those of a sensor that averages.
+    /// Returns the scenario with another sampling rate.
+    ///
+    /// The noise of a flight is scaled with the rate, as that of a sensor that averages.
     #[must_use]
     pub fn with_rate_hz(mut self, rate_hz: f64) -> Self {
         if let Motion::Cruise(_) = self.motion {
@@ -203,118 +219,118 @@ impl Scenario {
         self
     }
 
-    /// Its sensors.
+    /// Returns the sensors of the scenario.
     pub fn sensors(&self) -> Sensors {
         let sensors = Sensors::new(self.motion, self.errors, self.seed);
-        if self.rate_kind == RateKind::Mean { sensors.integrating() } else { sensors }
+        if self.rate_kind == RateKind::Mean { sensors.with_integrating_gyro() } else { sensors }
     }
 
-    /// Its readings, from time 0 to the end, each with its time, s.
+    /// Returns the readings from time 0 to the end, each with its time, s.
     pub fn readings(&self) -> impl Iterator<Item = (f64, Reading)> + use<> {
         let (mut sensors, rate_hz) = (self.sensors(), self.rate_hz);
         let count = libm::round(self.duration_s * rate_hz) as u64;
         (0..=count).map(move |k| k as f64 / rate_hz).map(move |t_s| (t_s, sensors.read(t_s)))
     }
 
-    fn usual(name: &str) -> Option<Self> {
-        let motion = Motion::named(name)?;
+    fn default_for(name: &str) -> Option<Self> {
+        let motion = Motion::from_name(name)?;
         let name = Self::NAMES.into_iter().find(|known| *known == name)?;
         let (duration_s, scored_from_s, errors, rate_kind) = match motion {
-            Motion::Swing(_) => (100.0, 5.0, Errors::S1, RateKind::Instant),
-            Motion::Tumble(_) => (100.0, 5.0, Errors::S1, RateKind::Instant),
-            Motion::S3 => (s3::DURATION_S, 0.0, Errors::s3(), RateKind::Mean),
-            Motion::Coning(_) => (60.0, 0.0, Errors::NONE, RateKind::Mean),
+            Motion::Swing(_) => (100.0, 5.0, SensorErrors::S1, RateKind::Instant),
+            Motion::Tumble(_) => (100.0, 5.0, SensorErrors::S1, RateKind::Instant),
+            Motion::S3 => (s3::DURATION_S, 0.0, SensorErrors::s3(), RateKind::Mean),
+            Motion::Coning(_) => (60.0, 0.0, SensorErrors::NONE, RateKind::Mean),
             Motion::Cruise(flight) => {
-                (1800.0, 120.0, if flight.hard { Errors::CRUISE_HARD } else { Errors::CRUISE }, RateKind::Instant)
+                (1800.0, 120.0, if flight.hard { SensorErrors::CRUISE_HARD } else { SensorErrors::CRUISE }, RateKind::Instant)
             }
         };
         Some(Self { name, motion, rate_hz: 100.0, duration_s, scored_from_s, seed: 1, errors, rate_kind })
     }
 
-    fn change(&mut self, key: &str, value: &str) -> Result<(), ScenarioError> {
-        let refused = |expected: String| ScenarioError::Value { key: key.into(), found: value.into(), expected };
+    fn set_key(&mut self, key: &str, value: &str) -> Result<(), ScenarioError> {
+        let invalid = |expected: String| ScenarioError::InvalidValue { key: key.into(), found: value.into(), expected };
         match key {
-            "seed" => *self = self.with_seed(value.parse().map_err(|_| refused("a natural number".into()))?),
-            "rate_hz" => *self = self.with_rate_hz(number(key, value, 1.0, 10_000.0)?),
-            "duration_s" => self.duration_s = number(key, value, 0.0, 1e7)?,
+            "seed" => *self = self.with_seed(value.parse().map_err(|_| invalid("a natural number".into()))?),
+            "rate_hz" => *self = self.with_rate_hz(parse_number(key, value, 1.0, 10_000.0)?),
+            "duration_s" => self.duration_s = parse_number(key, value, 0.0, 1e7)?,
             "gnss" => {
-                let coverage = Coverage::NAMED.into_iter().find(|(name, _)| *name == value);
-                let names = Coverage::NAMED.map(|(name, _)| name).join(", ");
-                let (_, coverage) = coverage.ok_or_else(|| refused(format!("one of {names}")))?;
+                let coverage = Coverage::BY_NAME.into_iter().find(|(name, _)| *name == value);
+                let names = Coverage::BY_NAME.map(|(name, _)| name).join(", ");
+                let (_, coverage) = coverage.ok_or_else(|| invalid(format!("one of {names}")))?;
                 let scenario = self.name;
-                let lacks = |lacks| ScenarioError::Lacks { scenario, key: "gnss", lacks };
-                receiver(self).map_err(lacks)?.coverage = coverage;
+                let not_applicable = |missing| ScenarioError::NotApplicable { scenario, key: "gnss", missing };
+                receiver(self).map_err(not_applicable)?.coverage = coverage;
             }
-            _ => return Err(ScenarioError::Key { found: key.into() }),
+            _ => return Err(ScenarioError::UnknownKey { found: key.into() }),
         }
         Ok(())
     }
 }
 
-fn number(key: &str, value: &str, least: f64, most: f64) -> Result<f64, ScenarioError> {
-    let parsed = value.parse::<f64>().ok().filter(|x| (least..=most).contains(x));
-    let expected = || format!("a number from {least} to {most}");
-    parsed.ok_or_else(|| ScenarioError::Value { key: key.into(), found: value.into(), expected: expected() })
+fn parse_number(key: &str, value: &str, min: f64, max: f64) -> Result<f64, ScenarioError> {
+    let parsed = value.parse::<f64>().ok().filter(|x| (min..=max).contains(x));
+    let expected = || format!("a number from {min} to {max}");
+    parsed.ok_or_else(|| ScenarioError::InvalidValue { key: key.into(), found: value.into(), expected: expected() })
 }
 
-/// Why a scenario was refused.
+/// Error in the text of a scenario.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ScenarioError {
-    /// There is no such scenario.
-    Name {
-        /// What was asked for.
+    /// The scenario does not exist.
+    UnknownName {
+        /// Name found.
         found: String,
     },
-    /// The query has a key twice.
-    Twice {
-        /// The key.
+    /// The query has the same key twice.
+    DuplicateKey {
+        /// Repeated key.
         found: String,
     },
-    /// The query has no such key.
-    Key {
-        /// What was asked for.
+    /// The key does not exist.
+    UnknownKey {
+        /// Key found.
         found: String,
     },
-    /// The key does not take this value.
-    Value {
-        /// The key.
+    /// The value is malformed or out of range.
+    InvalidValue {
+        /// Key of the value.
         key: String,
-        /// The value.
+        /// Value found.
         found: String,
-        /// What it takes.
+        /// Accepted values.
         expected: String,
     },
-    /// The scenario has nothing that the key could set.
-    Lacks {
-        /// The scenario.
+    /// The key does not apply to the scenario.
+    NotApplicable {
+        /// Name of the scenario.
         scenario: &'static str,
-        /// The key.
+        /// Key that does not apply.
         key: &'static str,
-        /// What it has not.
-        lacks: &'static str,
+        /// Missing part of the scenario, such as a magnetometer.
+        missing: &'static str,
     },
 }
 
 impl fmt::Display for ScenarioError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Name { found } => {
-                write!(f, "there is no scenario `{found}`; there are {}", Scenario::NAMES.join(", "))
+            Self::UnknownName { found } => {
+                write!(f, "unknown scenario `{found}`; expected one of {}", Scenario::NAMES.join(", "))
             }
-            Self::Twice { found } => write!(f, "`{found}` is set twice; keep one"),
-            Self::Key { found } => {
+            Self::DuplicateKey { found } => write!(f, "scenario parameter `{found}` is set twice; remove one"),
+            Self::UnknownKey { found } => {
                 let keys: Vec<_> = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name)).collect();
                 write!(
                     f,
-                    "a scenario has no `{found}`; {} can be set, as in `cruise?seed=3&gnss=gaps`",
+                    "unknown scenario parameter `{found}`; expected one of {}, as in `cruise?seed=3&gnss=gaps`",
                     keys.join(", ")
                 )
             }
-            Self::Value { key, found, expected } => {
-                write!(f, "a scenario's {key}: expected {expected}, found `{found}`")
+            Self::InvalidValue { key, found, expected } => {
+                write!(f, "invalid scenario parameter {key}: found `{found}`, expected {expected}")
             }
-            Self::Lacks { scenario, key, lacks } => {
-                write!(f, "the scenario `{scenario}` has no {lacks}; leave out `{key}`")
+            Self::NotApplicable { scenario, key, missing } => {
+                write!(f, "scenario `{scenario}` has no {missing}; remove `{key}`")
             }
         }
     }

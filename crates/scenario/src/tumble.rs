@@ -1,13 +1,15 @@
-//! A constant rate about an axis fixed in the body, from level, through the inverted attitude.
+//! Tumbling: a constant rate about a body-fixed axis, from level, through the inverted attitude.
 
 use attitude::{Vector3, state::Attitude, rotation::Rotation};
 
-/// The rate of the scenario of that name, rad/s: 500 °/s about (3, −2, 1), 75° off the vertical: the body leans by 149°.
+/// Returns the body rate of the scenario `tumble`, rad/s: 500 °/s about (3, −2, 1).
+///
+/// The axis is 75° from the vertical, so the inclination reaches 149°.
 pub fn rate_rad_s() -> Vector3<f64> {
     Vector3::new(3.0, -2.0, 1.0).normalize() * 500f64.to_radians()
 }
 
-/// Attitude at `t_s`.
+/// Returns the attitude at `t_s`.
 pub(crate) fn at(rate_rad_s: Vector3<f64>, t_s: f64) -> Attitude {
     Attitude::default().rotated(Rotation::from_rotation_vector(rate_rad_s * t_s)).attitude
 }

@@ -1,9 +1,14 @@
 /*
- * A stage for Plumbline in C or C++: one file that includes this one.
+ * Library for a Plumbline stage in C or C++, which is one file that includes this header.
  *
- * A stage is a state of numbers and a few functions; its main returns plumbline_run_fuser(&stage), or that of its slot. It is started by Plumbline
- * and answers requests on standard input; what it prints is for people. Every structure here is made of double alone, in the order in
- * which the numbers are sent: a truth is 0 or 1. Numbers that a stage is given are finite. C99 or C++11, Linux, -lm.
+ * A stage consists of a state of numbers and a few functions. Its main function returns
+ * plumbline_run_fuser(&stage), or the same function of another slot. Plumbline starts the program
+ * and sends requests on standard input. Printed output is shown to the user.
+ *
+ * The structures of inputs, outputs and states consist of double only, in the order of
+ * transmission. A boolean is 0 or 1. Numbers in the input of a stage are finite.
+ *
+ * Requires C99 or C++11, Linux and -lm.
  */
 #ifndef PLUMBLINE_H
 #define PLUMBLINE_H
@@ -17,41 +22,44 @@
 #include <sys/socket.h>
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
-#error "frames are little-endian, and so must be the machine"
+#error "frames are little-endian; big-endian machines are not supported"
 #endif
 
 #define PLUMBLINE_VERSION 2
-#define PLUMBLINE_STATE_MAX 1536
-#define PLUMBLINE_FRAME_MAX 16384
+#define PLUMBLINE_MAX_STATE_VALUES 1536
+#define PLUMBLINE_MAX_FRAME_BYTES 16384
 #define PLUMBLINE_PI 3.14159265358979323846
 
-/* What a heading or a course is counted from. */
+/* Reference directions of a heading or course: initial direction, magnetic north, true north. */
 enum { PLUMBLINE_ARBITRARY = 0, PLUMBLINE_MAGNETIC = 1, PLUMBLINE_TRUE = 2 };
 
-/* ---- What stages work on: Matveev 2025. Body axes are right, forward, up. ---- */
+/* ---- Quantities of Matveev 2025. Body axes are right, forward, up. ---- */
 
-/* A unit vector of the body frame: w = u + j v, projected from -zeta or, inverted, from +zeta. */
+/* Unit vector in body axes: w = u + j v is projected from -zeta or, if inverted, from +zeta. */
 typedef struct { double inverted, u, v; } plumbline_point;
-/* First a turn z about the vertical, then the shortest turn that tilts it to w. */
+/* Attitude: a rotation z about the vertical, then the shortest rotation that tilts it to w. */
 typedef struct { plumbline_point up; double z_rad; } plumbline_attitude;
-/* A rotation of the body in its own axes: the unit quaternion d0 + d1 i + d2 j + d3 k, p = d0 + j d3, s = d1 + j d2. */
-typedef struct { double p_re, p_im, s_re, s_im; } plumbline_turn;
+/* Rotation of the body in its own axes: the unit quaternion d0 + d1 i + d2 j + d3 k with
+   p = d0 + j d3 and s = d1 + j d2. */
+typedef struct { double p_re, p_im, s_re, s_im; } plumbline_rotation;
 
-/* ---- What a stage of each slot is given, and gives. ---- */
+/* ---- Inputs, outputs and common states of the slots. ---- */
 
-/* gyro: given. `instant`: the rate is the value at the interval's end, not its mean. */
+/* Input of gyro. `instant`: the rate is the value at the end of the interval, not the mean. */
 typedef struct { double rate_rad_s[3], dt_s, instant; } plumbline_rate_sample;
-/* gyro: gives. The attitude is open loop, the rate the mean over the interval. */
-typedef struct { plumbline_attitude attitude; plumbline_turn turn; double rate_rad_s[3], dt_s; } plumbline_motion;
-/* accel: given, m/s^2. */
+/* Output of gyro: the open-loop attitude, the rotation and the mean rate over the interval. */
+typedef struct { plumbline_attitude attitude; plumbline_rotation rotation; double rate_rad_s[3], dt_s; } plumbline_motion;
+/* Input of accel: the specific force, m/s^2. */
 typedef struct { double m_s2[3]; } plumbline_force;
-/* accel: gives. Trust is 1 at |f| = g, 0 where the point is not from this sample. */
+/* Output of accel. `trust`: 1 at |f| = g, 0 if `up` is not from this force. */
 typedef struct { plumbline_point up; double force_m_s2[3], norm_m_s2, trust; } plumbline_inclination;
-/* A satellite receiver's velocity, east, north, up; each of the others where its `has_` is 1. */
+/* Fix of a satellite receiver. The velocity is over ground, east, north, up. A value is valid if
+   its `has_` is 1. */
 typedef struct {
     double velocity_m_s[3], has_sd, sd_m_s, has_age, age_s, has_latitude, latitude_rad;
 } plumbline_fix;
-/* fuser: given; each part where its `has_` is 1. Credible: what is still is at rest; the motion is what the body did. */
+/* Input of fuser. A part is valid if its `has_` is 1. `rest_credible`: the sensors are working, so
+   constant readings mean rest. `rate_credible`: the motion is that of the body. */
 typedef struct {
     double has_motion; plumbline_motion motion;
     double has_inclination; plumbline_inclination inclination;
@@ -59,55 +67,57 @@ typedef struct {
     double has_fix; plumbline_fix fix;
     double rest_credible, rate_credible;
 } plumbline_fuser_input;
-/* fuser: gives. Standard deviation of a heading of which nothing is known: pi. The last seven say what the tick was corrected by, or what
-   was found; `aligned`: the attitude was set anew and jumps. */
+/* Output of fuser. The standard deviation of an unknown heading is pi. The last seven fields are
+   the corrections and states of the tick. `aligned`: the attitude was re-initialised and jumps. */
 typedef struct {
     plumbline_attitude attitude;
     double rate_rad_s[3], bias_rad_s[3], innovation_rad, inclination_sd_rad, heading_sd_rad, reference;
     double tilt, bias, magnetic, velocity, disturbed, rest, aligned;
 } plumbline_fused;
-/* fuser: what every one can hand over to every other. A standard deviation is infinite where nobody estimated what it is of. */
+/* Common state of fuser. Infinite standard deviations mean "unknown". */
 typedef struct {
     plumbline_attitude attitude;
     double reference, bias_rad_s[3], inclination_sd_rad, heading_sd_rad, bias_sd_rad_s;
-    /* By which part of itself the rate about each axis is read too large. */
+    /* Relative scale error of the rate about each axis. */
     double gyro_scale[3], gyro_scale_sd[3];
     double hard_iron_ut[3], hard_iron_sd_ut;
-    /* V by which the level leans, east and north of the attitude's reference frame: V' = h - V/T, h the horizontal specific force, T 1.5 to
-       3 s. 0 and an infinite deviation where there is none. */
+    /* V of a levelling loop, east and north of the attitude's reference frame: V' = h - V/T, with
+       the horizontal specific force h and T = 1.5 to 3 s. If unknown: 0, infinite deviation. */
     double leaky_velocity_m_s[2], leaky_velocity_sd_m_s;
 } plumbline_estimate;
-/* course: given. */
+/* Input of course. */
 typedef struct {
     plumbline_attitude attitude;
     double reference, heading_sd_rad, has_fix; plumbline_fix fix;
     double dt_s;
 } plumbline_course_input;
-/* course: gives. The course is clockwise, [0, 2 pi); the declination is what made it true; the quaternion, i j k w, takes body to reference. */
+/* Output of course. The course is clockwise from above, [0, 2 pi). The declination is that added to
+   a magnetic heading. The quaternion is body to reference, in the order i, j, k, w. */
 typedef struct {
     double yaw_rad, pitch_rad, roll_rad, course_rad, reference, course_sd_rad, declination_rad, quaternion_xyzw[4];
     double near_gimbal, aligned;
-} plumbline_reading;
-/* course: what every one can hand over to every other. */
+} plumbline_course_reading;
+/* Common state of course. */
 typedef struct { double quaternion_xyzw[4], has_course, course_rad, reference, sd_rad; } plumbline_last_reading;
 
-/* ---- What a stage is. ---- */
+/* ---- Stages. ---- */
 
-/* A number by which it can be set; its name ends in its unit. */
-typedef struct { const char *name, *unit; double least, most, initial; const char *meaning; } plumbline_parameter;
+/* Adjustable parameter. The unit is the suffix of its name. */
+typedef struct { const char *name, *unit; double min, max, default_value; const char *description; } plumbline_parameter;
 
-/* What stages of all slots have. `settings` has the value of each parameter, in order; `state`, all that the next output depends on; `check`
-   tells what is wrong with numbers that are to be the state, NULL for nothing. */
+/* Members of a stage of any slot. `settings` holds the values of the parameters, in their order,
+   and `state` all numbers that the next output depends on. `validation_error` returns why a state
+   is invalid, or NULL. */
 typedef struct {
     const plumbline_parameter *parameters;
     int parameter_count;
     double *settings;
     double *state;
     int state_count;
-    const char *(*check)(const void *state);
+    const char *(*validation_error)(const void *state);
 } plumbline_stage;
 
-/* Of a structure of double alone, how many there are. */
+/* Number of values in a structure that consists of double only. */
 #define PLUMBLINE_COUNT(structure) ((int)(sizeof(structure) / sizeof(double)))
 
 enum {
@@ -115,75 +125,85 @@ enum {
     PLUMBLINE_COMMON, PLUMBLINE_ADOPT, PLUMBLINE_ALIGN, PLUMBLINE_REALIGN
 };
 
-typedef struct { uint16_t version, kind; uint32_t refused; uint64_t number; } plumbline_head;
-/* Answers what only stages of one slot are asked: bytes of the answer, or -1, refused. */
-typedef int (*plumbline_of_slot)(const void *stage, int kind, const double *given, int count, double *answer);
+typedef struct { uint16_t version, kind; uint32_t rejected; uint64_t number; } plumbline_frame_header;
+/* Handles a request that depends on the slot. Returns the bytes of the response; -1 rejects. */
+typedef int (*plumbline_slot_handler)(const void *stage, int kind, const double *payload, int count, double *response);
 
-/* A stage's slot and parameters, a line for each, its parts between tabs. */
+/* Writes slot and parameters of a stage as tab-separated lines. Returns the length. */
 static inline int plumbline_describe(const plumbline_stage *stage, const char *slot, char *text, size_t room)
 {
     int length = snprintf(text, room, "slot\t%s\n", slot);
     for (int i = 0; i < stage->parameter_count && length > 0 && (size_t)length < room; i++) {
-        const plumbline_parameter *it = &stage->parameters[i];
-        length += snprintf(text + length, room - (size_t)length, "parameter\t%s\t%s\t%.17g\t%.17g\t%.17g\t%s\n", it->name, it->unit,
-                           it->initial, it->least, it->most, it->meaning);
+        const plumbline_parameter *parameter = &stage->parameters[i];
+        length += snprintf(text + length, room - (size_t)length, "parameter\t%s\t%s\t%.17g\t%.17g\t%.17g\t%s\n", parameter->name,
+                           parameter->unit, parameter->default_value, parameter->min, parameter->max, parameter->description);
     }
     return length;
 }
 
-/* Bytes of the answer, or -1, refused. */
-static inline int plumbline_answer(const plumbline_stage *stage, const char *slot, plumbline_of_slot of_slot, const void *whole, int kind,
-                                   const double *given, int count, double *answer)
+/* Handles a request. Returns the bytes of the response; -1 rejects. */
+static inline int plumbline_handle(const plumbline_stage *stage, const char *slot, plumbline_slot_handler handle_slot_request,
+                                   const void *slot_stage, int kind, const double *payload, int count, double *response)
 {
     const int bytes = stage->state_count * (int)sizeof(double);
     switch (kind) {
     case PLUMBLINE_DESCRIBE:
-        return plumbline_describe(stage, slot, (char *)answer, PLUMBLINE_FRAME_MAX - sizeof(plumbline_head));
+        return plumbline_describe(stage, slot, (char *)response, PLUMBLINE_MAX_FRAME_BYTES - sizeof(plumbline_frame_header));
     case PLUMBLINE_SET: {
-        const int place = count == 2 ? (int)given[0] : -1;
-        if (place < 0 || place >= stage->parameter_count) return -1;
-        const plumbline_parameter *it = &stage->parameters[place];
-        if (!(it->least <= given[1] && given[1] <= it->most)) return -1;
-        stage->settings[place] = given[1];
+        const int index = count == 2 ? (int)payload[0] : -1;
+        if (index < 0 || index >= stage->parameter_count) return -1;
+        const plumbline_parameter *parameter = &stage->parameters[index];
+        if (!(parameter->min <= payload[1] && payload[1] <= parameter->max)) return -1;
+        stage->settings[index] = payload[1];
         return 0;
     }
     case PLUMBLINE_SNAPSHOT:
-        memcpy(answer, stage->state, (size_t)bytes);
+        memcpy(response, stage->state, (size_t)bytes);
         return bytes;
     case PLUMBLINE_RESTORE:
-        if (count != stage->state_count || stage->check(given) != NULL) return -1;
-        memcpy(stage->state, given, (size_t)bytes);
+        if (count != stage->state_count || stage->validation_error(payload) != NULL) return -1;
+        memcpy(stage->state, payload, (size_t)bytes);
         return 0;
     default:
-        return of_slot(whole, kind, given, count, answer);
+        return handle_slot_request(slot_stage, kind, payload, count, response);
     }
 }
 
-/* Answers until there are no more requests; then, 0. */
-static inline int plumbline_run(const plumbline_stage *stage, const char *slot, plumbline_of_slot of_slot, const void *whole)
+/* Handles requests until the service closes the socket. Returns the exit code. */
+static inline int plumbline_run(const plumbline_stage *stage, const char *slot, plumbline_slot_handler handle_slot_request,
+                                const void *slot_stage)
 {
-    static struct { plumbline_head head; double numbers[(PLUMBLINE_FRAME_MAX - sizeof(plumbline_head)) / sizeof(double)]; } in, out;
-    /* It ends with whoever asks, also in a step that never ends. */
+    static struct {
+        plumbline_frame_header header;
+        double numbers[(PLUMBLINE_MAX_FRAME_BYTES - sizeof(plumbline_frame_header)) / sizeof(double)];
+    } in, out;
+    /* The program ends with the service, even during an endless step. */
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    for (int i = 0; i < stage->parameter_count; i++) stage->settings[i] = stage->parameters[i].initial;
-    if (stage->state_count > PLUMBLINE_STATE_MAX) return fprintf(stderr, "a state of more than 1536 numbers\n"), 1;
+    for (int i = 0; i < stage->parameter_count; i++) stage->settings[i] = stage->parameters[i].default_value;
+    if (stage->state_count > PLUMBLINE_MAX_STATE_VALUES) {
+        return fprintf(stderr, "the state has %d numbers, at most %d are allowed\n", stage->state_count, PLUMBLINE_MAX_STATE_VALUES), 1;
+    }
     for (;;) {
         const ssize_t received = recv(0, &in, sizeof in, 0);
         if (received == 0) return 0;
-        if (received < (ssize_t)sizeof in.head) return perror("a stage is started by Plumbline, not by hand: standard input"), 1;
-        if (in.head.version != PLUMBLINE_VERSION) {
-            return fprintf(stderr, "frames of version %d, plumbline.h speaks %d\n", in.head.version, PLUMBLINE_VERSION), 1;
+        if (received < (ssize_t)sizeof in.header) {
+            return perror("Plumbline starts the stage, try `plumb stage test`; socket on standard input"), 1;
         }
-        const int count = (int)(((size_t)received - sizeof in.head) / sizeof(double));
-        const int bytes = plumbline_answer(stage, slot, of_slot, whole, in.head.kind, in.numbers, count, out.numbers);
-        out.head = in.head;
-        out.head.refused = bytes < 0;
-        if (send(0, &out, sizeof out.head + (size_t)(bytes < 0 ? 0 : bytes), MSG_NOSIGNAL) < 0) return perror("answering"), 1;
+        if (in.header.version != PLUMBLINE_VERSION) {
+            return fprintf(stderr, "the frame has version %d, expected %d; update plumbline.h with `plumb stage new`\n", in.header.version,
+                           PLUMBLINE_VERSION), 1;
+        }
+        const int count = (int)(((size_t)received - sizeof in.header) / sizeof(double));
+        const int bytes = plumbline_handle(stage, slot, handle_slot_request, slot_stage, in.header.kind, in.numbers, count, out.numbers);
+        out.header = in.header;
+        out.header.rejected = bytes < 0;
+        if (send(0, &out, sizeof out.header + (size_t)(bytes < 0 ? 0 : bytes), MSG_NOSIGNAL) < 0) return perror("sending a response"), 1;
     }
 }
 
-/* A stage of a slot: what all stages have, and what is asked of it. `step` gives one tick's output, `common` what others can go on with; `adopt`
-   goes on from there and returns 0, or anything else to refuse. */
+/* Declares the stage of a slot and its run function. `step` processes one tick, `common` writes the
+   state that another stage can adopt. `adopt` continues from such a state and returns 0, or another
+   value to reject it. */
 #define PLUMBLINE_SLOT(NAME, INPUT, OUTPUT, COMMON, FIELD, CASE)                                                                           \
     typedef struct {                                                                                                                       \
         plumbline_stage stage;                                                                                                             \
@@ -192,42 +212,43 @@ static inline int plumbline_run(const plumbline_stage *stage, const char *slot, 
         int (*adopt)(const COMMON *common);                                                                                                \
         FIELD                                                                                                                              \
     } plumbline_##NAME;                                                                                                                    \
-    static inline int plumbline_of_##NAME(const void *whole, int kind, const double *given, int count, double *answer)                     \
+    static inline int plumbline_handle_##NAME(const void *slot_stage, int kind, const double *payload, int count, double *response)        \
     {                                                                                                                                      \
-        const plumbline_##NAME *stage = (const plumbline_##NAME *)whole;                                                                   \
+        const plumbline_##NAME *stage = (const plumbline_##NAME *)slot_stage;                                                              \
         switch (kind) {                                                                                                                    \
         case PLUMBLINE_STEP:                                                                                                               \
             if (count != PLUMBLINE_COUNT(INPUT)) return -1;                                                                                \
-            memset(answer, 0, sizeof(OUTPUT));                                                                                             \
-            stage->step((const INPUT *)(const void *)given, (OUTPUT *)(void *)answer);                                                     \
+            memset(response, 0, sizeof(OUTPUT));                                                                                           \
+            stage->step((const INPUT *)(const void *)payload, (OUTPUT *)(void *)response);                                                 \
             return (int)sizeof(OUTPUT);                                                                                                    \
         case PLUMBLINE_COMMON:                                                                                                             \
-            memset(answer, 0, sizeof(COMMON));                                                                                             \
-            stage->common((COMMON *)(void *)answer);                                                                                       \
+            memset(response, 0, sizeof(COMMON));                                                                                           \
+            stage->common((COMMON *)(void *)response);                                                                                     \
             return (int)sizeof(COMMON);                                                                                                    \
         case PLUMBLINE_ADOPT:                                                                                                              \
-            return count == PLUMBLINE_COUNT(COMMON) && stage->adopt((const COMMON *)(const void *)given) == 0 ? 0 : -1;                    \
+            return count == PLUMBLINE_COUNT(COMMON) && stage->adopt((const COMMON *)(const void *)payload) == 0 ? 0 : -1;                  \
             CASE                                                                                                                           \
         default: return -1;                                                                                                                \
         }                                                                                                                                  \
     }                                                                                                                                      \
     static inline int plumbline_run_##NAME(const plumbline_##NAME *stage)                                                                  \
     {                                                                                                                                      \
-        return plumbline_run(&stage->stage, #NAME, plumbline_of_##NAME, stage);                                                            \
+        return plumbline_run(&stage->stage, #NAME, plumbline_handle_##NAME, stage);                                                        \
     }
 
-/* A gyro also aligns: from this attitude on it integrates. A fuser also realigns: the next inclination sets the level anew. */
+/* Functions of single slots: `align` sets the attitude that a gyro integrates from; `realign` makes
+   a fuser re-initialise the level from the next inclination. */
 PLUMBLINE_SLOT(gyro, plumbline_rate_sample, plumbline_motion, plumbline_attitude, void (*align)(const plumbline_attitude *attitude);,
                case PLUMBLINE_ALIGN:
                    if (count != PLUMBLINE_COUNT(plumbline_attitude)) return -1;
-                   stage->align((const plumbline_attitude *)(const void *)given);
+                   stage->align((const plumbline_attitude *)(const void *)payload);
                    return 0;)
 PLUMBLINE_SLOT(accel, plumbline_force, plumbline_inclination, plumbline_point, , )
 PLUMBLINE_SLOT(fuser, plumbline_fuser_input, plumbline_fused, plumbline_estimate, void (*realign)(void);,
                case PLUMBLINE_REALIGN: stage->realign(); return 0;)
-PLUMBLINE_SLOT(course, plumbline_course_input, plumbline_reading, plumbline_last_reading, , )
+PLUMBLINE_SLOT(course, plumbline_course_input, plumbline_course_reading, plumbline_last_reading, , )
 
-/* ---- Points, attitudes, turns. ---- */
+/* ---- Points, attitudes, rotations. ---- */
 
 static inline double plumbline_sign(const plumbline_point *up) { return up->inverted != 0.0 ? -1.0 : 1.0; }
 
@@ -237,7 +258,7 @@ static inline double plumbline_wrapped_rad(double angle_rad)
     return wrapped <= -PLUMBLINE_PI ? PLUMBLINE_PI : wrapped;
 }
 
-/* The unit vector of a point, body axes. */
+/* Writes the unit vector of a point, body axes. */
 static inline void plumbline_direction(const plumbline_point *up, double direction[3])
 {
     const double rho = up->u * up->u + up->v * up->v, scale = 1.0 / (1.0 + rho), sign = plumbline_sign(up);
@@ -246,8 +267,8 @@ static inline void plumbline_direction(const plumbline_point *up, double directi
     direction[2] = sign * (1.0 - rho) * scale;
 }
 
-/* The point of a vector, where |w| <= 1; returns 0 for one that has no direction. */
-static inline int plumbline_point_of(const double v[3], plumbline_point *up)
+/* Projects a vector into the chart where |w| <= 1. Returns 0 if it is zero or not finite. */
+static inline int plumbline_point_from_direction(const double v[3], plumbline_point *up)
 {
     const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), sign = v[2] >= 0.0 ? 1.0 : -1.0;
     if (!(norm > 0.0 && norm <= 1.7e308)) return 0;
@@ -258,15 +279,15 @@ static inline int plumbline_point_of(const double v[3], plumbline_point *up)
     return 1;
 }
 
-/* The turn exp(phi / 2) of a rotation vector, rad. */
-static inline plumbline_turn plumbline_turn_of(double x, double y, double z)
+/* Creates the rotation exp(phi / 2) from a rotation vector phi, rad, body axes. */
+static inline plumbline_rotation plumbline_rotation_from_vector(double x, double y, double z)
 {
     const double angle = sqrt(x * x + y * y + z * z), half = angle > 1e-12 ? sin(0.5 * angle) / angle : 0.5;
-    const plumbline_turn turn = {cos(0.5 * angle), half * z, half * x, half * y};
-    return turn;
+    const plumbline_rotation rotation = {cos(0.5 * angle), half * z, half * x, half * y};
+    return rotation;
 }
 
-/* The image of a Moebius map, numerator over m, in the chart where it is far from the pole. */
+/* Returns the image numerator / m of a Moebius map, in the chart where it is far from the pole. */
 static inline plumbline_attitude plumbline_mapped(const plumbline_attitude *from, double n_re, double n_im, double m_re, double m_im)
 {
     const double n2 = n_re * n_re + n_im * n_im, m2 = m_re * m_re + m_im * m_im;
@@ -284,22 +305,23 @@ static inline plumbline_attitude plumbline_mapped(const plumbline_attitude *from
     return to;
 }
 
-/* The attitude after a turn of the body: (conj(p) w + j s) / m, m = p + j conj(s) w. */
-static inline plumbline_attitude plumbline_turned(const plumbline_attitude *from, const plumbline_turn *turn)
+/* Returns the attitude after a rotation of the body: (conj(p) w + j s) / m, m = p + j conj(s) w. */
+static inline plumbline_attitude plumbline_rotated(const plumbline_attitude *from, const plumbline_rotation *rotation)
 {
     const double sign = plumbline_sign(&from->up), u = from->up.u, v = from->up.v;
-    const double a = turn->p_re, b = sign * turn->p_im, c = turn->s_re, d = sign * turn->s_im;
+    const double a = rotation->p_re, b = sign * rotation->p_im, c = rotation->s_re, d = sign * rotation->s_im;
     return plumbline_mapped(from, a * u + b * v - d, a * v - b * u + c, a + d * u - c * v, b + c * u + d * v);
 }
 
-/* The attitude after a turn about a horizontal axis: (w + l) / (1 - conj(w) l). */
-static inline plumbline_attitude plumbline_leaned(const plumbline_attitude *from, double l_re, double l_im)
+/* Returns the attitude after a tilt of its level frame, a rotation about a horizontal axis:
+   (w + l) / (1 - conj(w) l). */
+static inline plumbline_attitude plumbline_tilted(const plumbline_attitude *from, double l_re, double l_im)
 {
     const double u = from->up.u, v = from->up.v;
     return plumbline_mapped(from, u + l_re, v + l_im, 1.0 - (u * l_re + v * l_im), v * l_re - u * l_im);
 }
 
-/* Horizontal part of a body vector in the level frame: xi + j eta. */
+/* Writes the horizontal part xi + j eta of a body vector in the level frame. */
 static inline void plumbline_horizontal(const plumbline_attitude *attitude, const double body[3], double *re, double *im)
 {
     const double sign = plumbline_sign(&attitude->up), u = attitude->up.u, v = attitude->up.v, y = sign * body[1];
@@ -308,19 +330,19 @@ static inline void plumbline_horizontal(const plumbline_attitude *attitude, cons
     *im = y - v * along;
 }
 
-/* The attitude after the shortest turn of its level that brings `up` up; heading does not follow. */
+/* Returns the attitude after the shortest tilt that makes `up` the up vector. Keeps the heading. */
 static inline plumbline_attitude plumbline_realigned(const plumbline_attitude *from, const plumbline_point *up)
 {
-    double seen[3], own[3], re, im;
-    plumbline_direction(up, seen);
+    double direction[3], own[3], re, im;
+    plumbline_direction(up, direction);
     plumbline_direction(&from->up, own);
-    const double vertical = 1.0 + seen[0] * own[0] + seen[1] * own[1] + seen[2] * own[2];
-    if (!(vertical > 1e-9)) return plumbline_leaned(from, 1e9, 0.0);
-    plumbline_horizontal(from, seen, &re, &im);
-    return plumbline_leaned(from, re / vertical, im / vertical);
+    const double vertical = 1.0 + direction[0] * own[0] + direction[1] * own[1] + direction[2] * own[2];
+    if (!(vertical > 1e-9)) return plumbline_tilted(from, 1e9, 0.0);
+    plumbline_horizontal(from, direction, &re, &im);
+    return plumbline_tilted(from, re / vertical, im / vertical);
 }
 
-/* Body to reference, unit: i, j, k, w. */
+/* Writes the unit quaternion i, j, k, w, body to reference. */
 static inline void plumbline_quaternion(const plumbline_attitude *attitude, double xyzw[4])
 {
     const double u = attitude->up.u, v = attitude->up.v, scale = 1.0 / sqrt(1.0 + u * u + v * v);
@@ -333,14 +355,14 @@ static inline void plumbline_quaternion(const plumbline_attitude *attitude, doub
     xyzw[3] = inverted ? second_re : re;
 }
 
-/* Yaw counter-clockwise from above, pitch nose up, roll right side down. */
+/* Writes yaw (counter-clockwise from above), pitch (nose up) and roll (right side down), rad. */
 static inline void plumbline_angles(const plumbline_attitude *attitude, double *yaw_rad, double *pitch_rad, double *roll_rad)
 {
     const double u = attitude->up.u, v = attitude->up.v, rho = u * u + v * v, sign = plumbline_sign(&attitude->up);
     const double sine = sin(attitude->z_rad), cosine = cos(attitude->z_rad), level = hypot(2.0 * u, 1.0 - rho);
     *pitch_rad = atan2(sign * 2.0 * v, level);
     if (level < 1e-8 * (1.0 + rho)) {
-        /* Of the turns that make up yaw and roll only one is left: all of it is yaw. */
+        /* Only the sum or difference of yaw and roll is defined. All of it is yaw. */
         const double across = 1.0 - u * u + v * v, north = 2.0 * u * v;
         *yaw_rad = atan2(across * sine - north * cosine, across * cosine + north * sine);
         *roll_rad = 0.0;
@@ -351,28 +373,28 @@ static inline void plumbline_angles(const plumbline_attitude *attitude, double *
     *roll_rad = atan2(-2.0 * u, sign * (1.0 - rho));
 }
 
-/* What is wrong with an attitude, NULL for nothing; a number that is none is in no chart. */
-static inline const char *plumbline_check_attitude(const plumbline_attitude *attitude)
+/* Returns why an attitude is invalid (outside its chart or not a number), or NULL. */
+static inline const char *plumbline_attitude_validation_error(const plumbline_attitude *attitude)
 {
     const double rho = attitude->up.u * attitude->up.u + attitude->up.v * attitude->up.v;
     return rho <= 2.0 && fabs(attitude->z_rad) <= 4.0 ? NULL : "an attitude outside its chart";
 }
 
-/* What is wrong with an estimate, NULL for nothing. */
-static inline const char *plumbline_check_estimate(const plumbline_estimate *it)
+/* Returns why an estimate is invalid, or NULL. */
+static inline const char *plumbline_estimate_validation_error(const plumbline_estimate *estimate)
 {
     for (int i = 0; i < 3; i++) {
-        if (!(fabs(it->bias_rad_s[i]) <= 10.0)) return "a gyro bias above 10 rad/s";
-        if (!(fabs(it->gyro_scale[i]) <= 0.1)) return "a gyro scale error above 0.1";
-        if (!(it->gyro_scale_sd[i] >= 0.0)) return "a standard deviation below zero";
-        if (!(fabs(it->hard_iron_ut[i]) <= 1e4)) return "a hard iron above 10,000 µT";
+        if (!(fabs(estimate->bias_rad_s[i]) <= 10.0)) return "a gyro bias above 10 rad/s";
+        if (!(fabs(estimate->gyro_scale[i]) <= 0.1)) return "a gyro scale error above 0.1";
+        if (!(estimate->gyro_scale_sd[i] >= 0.0)) return "a negative standard deviation";
+        if (!(fabs(estimate->hard_iron_ut[i]) <= 1e4)) return "a hard iron above 10,000 µT";
     }
-    if (!(hypot(it->leaky_velocity_m_s[0], it->leaky_velocity_m_s[1]) <= 100.0)) return "a leaky velocity above 100 m/s";
-    if (!(it->inclination_sd_rad >= 0.0 && it->heading_sd_rad >= 0.0 && it->bias_sd_rad_s >= 0.0 && it->hard_iron_sd_ut >= 0.0 &&
-          it->leaky_velocity_sd_m_s >= 0.0)) {
-        return "a standard deviation below zero";
+    if (!(hypot(estimate->leaky_velocity_m_s[0], estimate->leaky_velocity_m_s[1]) <= 100.0)) return "a leaky velocity above 100 m/s";
+    if (!(estimate->inclination_sd_rad >= 0.0 && estimate->heading_sd_rad >= 0.0 && estimate->bias_sd_rad_s >= 0.0 &&
+          estimate->hard_iron_sd_ut >= 0.0 && estimate->leaky_velocity_sd_m_s >= 0.0)) {
+        return "a negative standard deviation";
     }
-    return plumbline_check_attitude(&it->attitude);
+    return plumbline_attitude_validation_error(&estimate->attitude);
 }
 
 #endif

@@ -1,81 +1,89 @@
-//! What a stage says of itself: its slot, and the numbers by which it can be set.
+//! Description of a stage as text: its slot and its parameters.
 //!
-//! Input, output: text of one line for each thing, its parts between tabs: `slot NAME`, `parameter NAME UNIT DEFAULT LEAST MOST MEANING`. Time:
-//! none. Failure: what is not such a line is refused with the line.
+//! Input, output: one tab-separated line per item, `slot NAME` and `parameter NAME UNIT DEFAULT MIN
+//! MAX DESCRIPTION`.
+//!
+//! Failure: an invalid line is rejected and quoted in the error.
 
 use std::fmt::Write as _;
 
 use attitude::parameters::Parameter;
 
-/// Parameters of a stage at most.
+/// Maximum number of parameters of a stage.
 const MAX_PARAMETERS: usize = 64;
 
-/// What a stage says of itself.
+/// Slot and parameters of an external stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
-    /// The slot that it fills.
+    /// Name of the slot that the stage fills.
     pub slot: String,
-    /// The numbers by which it can be set.
-    pub parameters: Vec<Described>,
+    /// Adjustable parameters, in the order in which
+    /// [`RequestKind::Set`](crate::frame::RequestKind::Set) counts them.
+    pub parameters: Vec<ParameterDescription>,
 }
 
-/// A number by which a stage can be set: a [`Parameter`] that was told.
+/// Description of an adjustable parameter: a [`Parameter`] with owned text.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Described {
-    /// Its name, unit last.
+pub struct ParameterDescription {
+    /// Name, with the unit as its suffix.
     pub name: String,
-    /// Its unit; empty for a pure number.
+    /// Unit; empty for a dimensionless number.
     pub unit: String,
-    /// Its value where nothing is said.
+    /// Default value.
     pub default: f64,
-    /// The least allowed.
-    pub least: f64,
-    /// The most allowed.
-    pub most: f64,
-    /// What it means.
-    pub about: String,
+    /// Minimum allowed value.
+    pub min: f64,
+    /// Maximum allowed value.
+    pub max: f64,
+    /// Meaning in one sentence.
+    pub description: String,
 }
 
-/// A line that says nothing of a stage.
+/// Invalid line of a description, at most 80 characters of it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} does not describe a stage")]
+#[error("invalid line in the stage description: {0:?}")]
 pub struct DescriptionError(String);
 
-/// A stage as text.
-pub(crate) fn text(slot: &str, parameters: &[Parameter]) -> String {
+/// Formats a description.
+pub(crate) fn to_text(slot: &str, parameters: &[Parameter]) -> String {
     let mut text = format!("slot\t{slot}\n");
-    for Parameter { name, unit, default, min: least, max: most, description: about } in parameters {
-        // A string takes every line.
-        let _ = writeln!(text, "parameter\t{name}\t{unit}\t{default}\t{least}\t{most}\t{about}");
+    for Parameter { name, unit, default, min, max, description } in parameters {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "parameter\t{name}\t{unit}\t{default}\t{min}\t{max}\t{description}");
     }
     text
 }
 
 impl Description {
-    /// From what a program answered.
-    pub fn read(bytes: &[u8]) -> Result<Self, DescriptionError> {
+    /// Parses the description that a program sent.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`DescriptionError`] for an invalid line, more than 64 parameters or a missing
+    /// slot.
+    pub fn parse(bytes: &[u8]) -> Result<Self, DescriptionError> {
         let text = String::from_utf8_lossy(bytes);
-        let wrong = |line: &str| DescriptionError(line.chars().take(80).collect());
-        let mut description = Self { slot: String::new(), parameters: Vec::new() };
+        let invalid = |line: &str| DescriptionError(line.chars().take(80).collect());
+        let mut parsed = Self { slot: String::new(), parameters: Vec::new() };
         for line in text.lines() {
             match line.split('\t').collect::<Vec<_>>()[..] {
-                ["slot", slot] => description.slot = slot.into(),
-                ["parameter", name, unit, default, least, most, about] => {
+                ["slot", slot] => parsed.slot = slot.into(),
+                ["parameter", name, unit, default, min, max, description] => {
                     let number = |text: &str| {
-                        text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| wrong(line))
+                        text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| invalid(line))
                     };
-                    let (default, least, most) = (number(default)?, number(least)?, number(most)?);
-                    let in_range = least <= default && default <= most;
-                    if !in_range || name.is_empty() || description.parameters.len() == MAX_PARAMETERS {
-                        return Err(wrong(line));
+                    let (default, min, max) = (number(default)?, number(min)?, number(max)?);
+                    let in_range = min <= default && default <= max;
+                    if !in_range || name.is_empty() || parsed.parameters.len() == MAX_PARAMETERS {
+                        return Err(invalid(line));
                     }
-                    let (name, unit, about) = (name.into(), unit.into(), about.into());
-                    description.parameters.push(Described { name, unit, default, least, most, about });
+                    let (name, unit, description) = (name.into(), unit.into(), description.into());
+                    parsed.parameters.push(ParameterDescription { name, unit, default, min, max, description });
                 }
-                _ => return Err(wrong(line)),
+                _ => return Err(invalid(line)),
             }
         }
-        if description.slot.is_empty() { Err(wrong(&text)) } else { Ok(description) }
+        if parsed.slot.is_empty() { Err(invalid(&text)) } else { Ok(parsed) }
     }
 }
 
@@ -85,36 +93,36 @@ mod tests {
     use attitude::{parameters::Parameters, settings};
 
     settings! {
-        /// For the tests.
+        /// Settings for the tests.
         pub struct Settings {
-            /// What is faster comes from the gyro.
+            /// Time constant of the tilt.
             time_constant_s: 0.1 in 1e-3 .. 1000.0, "s";
         }
     }
 
     #[test]
-    fn a_description_is_read_as_it_was_written() {
-        let read = Description::read(text("fuser", Settings::TABLE).as_bytes()).unwrap();
-        let [time] = &read.parameters[..] else { panic!("one parameter") };
-        assert_eq!((read.slot.as_str(), time.name.as_str(), time.unit.as_str()), ("fuser", "time_constant_s", "s"));
-        assert_eq!((time.default, time.least, time.most), (0.1, 1e-3, 1000.0));
-        assert_eq!(time.about, "What is faster comes from the gyro.");
+    fn description_round_trips_through_text() {
+        let parsed = Description::parse(to_text("fuser", Settings::TABLE).as_bytes()).unwrap();
+        let [time] = &parsed.parameters[..] else { panic!("one parameter") };
+        assert_eq!((parsed.slot.as_str(), time.name.as_str(), time.unit.as_str()), ("fuser", "time_constant_s", "s"));
+        assert_eq!((time.default, time.min, time.max), (0.1, 1e-3, 1000.0));
+        assert_eq!(time.description, "Time constant of the tilt.");
     }
 
     #[test]
-    fn what_describes_nothing_is_refused() {
-        let bad = [
+    fn invalid_description_is_rejected() {
+        let invalid = [
             "",
             "slot",
             "no\ttab",
-            "slot\tfuser\nparameter\tx\ts\t1\t2\t3\tdefault below least",
-            "slot\tfuser\nparameter\tx\ts\t1\t0\tinf\tno end",
-            "slot\tfuser\nparameter\tx\ts\tone\t0\t2\tno number",
+            "slot\tfuser\nparameter\tx\ts\t1\t2\t3\tdefault below minimum",
+            "slot\tfuser\nparameter\tx\ts\t1\t0\tinf\tinfinite maximum",
+            "slot\tfuser\nparameter\tx\ts\tone\t0\t2\tdefault not a number",
         ];
-        for text in bad {
-            assert!(Description::read(text.as_bytes()).is_err(), "{text:?}");
+        for text in invalid {
+            assert!(Description::parse(text.as_bytes()).is_err(), "{text:?}");
         }
-        let many = "slot\tfuser\n".to_owned() + &"parameter\tx\t\t1\t0\t2\ttoo many\n".repeat(65);
-        assert!(Description::read(many.as_bytes()).is_err());
+        let too_many = "slot\tfuser\n".to_owned() + &"parameter\tx\t\t1\t0\t2\tparameter\n".repeat(65);
+        assert!(Description::parse(too_many.as_bytes()).is_err());
     }
 }

@@ -1,54 +1,59 @@
-//! The frames between a slot's service and a stage that is a program of its own.
+//! Frames exchanged between the service of a slot and an external stage.
 //!
-//! Input, output: one request or answer is one packet of a `SOCK_SEQPACKET` pair; the program has its end as standard input. Time: none; a
-//! program answers each request before the next. Failure: what is not a frame, or not as long as its kind says, is refused.
+//! Input, output: one request or response per packet of a `SOCK_SEQPACKET` socket pair. The
+//! program's end is its standard input.
 //!
-//! A frame is a head of 16 bytes and a payload, all of it little-endian:
+//! Time: a program responds to each request before it reads the next one.
 //!
-//! | bytes | what |
+//! Failure: an invalid frame or a payload of the wrong length is rejected.
+//!
+//! A frame consists of a header of 16 bytes and a payload, all little-endian:
+//!
+//! | bytes | contents |
 //! | --- | --- |
 //! | 0–1 | [`VERSION`] |
-//! | 2–3 | the [`Kind`]; an answer has that of its request |
-//! | 4–7 | 0, or in an answer 1: refused |
-//! | 8–15 | which request this is, or which it answers |
-//! | 16– | the payload: numbers as `f64`, in the order of [`Scalars`]; of an answer to `Describe`, text |
+//! | 2–3 | [`RequestKind`]; a response repeats that of its request |
+//! | 4–7 | 0; 1 in a response that rejects the request |
+//! | 8–15 | number of the request; a response repeats that of its request |
+//! | 16– | payload: numbers as `f64` in the order of [`Scalars`]; text in a response to `Describe` |
 
 use attitude::scalars::Scalars;
 
-/// The version of all that is said here.
+/// Version of the frame format.
 pub const VERSION: u16 = 2;
-/// Bytes before the payload.
-pub const HEAD_BYTES: usize = 16;
-/// Bytes of a frame at most.
+/// Length of the header, bytes.
+pub const HEADER_BYTES: usize = 16;
+/// Maximum length of a frame, bytes.
 pub const MAX_FRAME_BYTES: usize = 16_384;
-/// The status of an answer that takes nothing over.
-const REFUSED: u32 = 1;
+/// Status of a response that rejects the request.
+const REJECTED: u32 = 1;
 
-/// What a request asks for.
+/// Kind of a request. Each variant lists the payloads of request → response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
-pub enum Kind {
-    /// What the stage is: see [`Description`](crate::Description). Nothing → text.
+pub enum RequestKind {
+    /// Requests the [`Description`](crate::Description). Empty → text.
     Describe = 1,
-    /// Sets a parameter, by its place in the description and its value. Two numbers → nothing, or refused.
+    /// Sets a parameter: its index in the description and the value. Two numbers → empty, or
+    /// rejected.
     Set = 2,
-    /// One tick. The slot's input → its output.
+    /// Processes one tick. Input of the slot → output of the slot.
     Step = 3,
-    /// The state. Nothing → always as many numbers.
+    /// Requests the state. Empty → numbers, whose count is constant.
     Snapshot = 4,
-    /// Takes a state over. Numbers of a snapshot → nothing, or refused.
+    /// Restores a state. Numbers of a snapshot → empty, or rejected.
     Restore = 5,
-    /// What every stage of the slot can go on with. Nothing → the slot's common state.
+    /// Requests the common state. Empty → common state of the slot.
     Common = 6,
-    /// Goes on from where another stage was. The slot's common state → nothing, or refused.
+    /// Adopts the common state of another stage. Common state of the slot → empty, or rejected.
     Adopt = 7,
-    /// Of a gyro: integrates from here on. An attitude → nothing.
+    /// Sets the attitude to integrate from (gyro only). Attitude → empty.
     Align = 8,
-    /// Of a fuser: the next inclination sets the level anew. Nothing → nothing.
+    /// Re-initialises the level from the next inclination (fuser only). Empty → empty.
     Realign = 9,
 }
 
-impl Kind {
+impl RequestKind {
     const ALL: [Self; 9] = [
         Self::Describe,
         Self::Set,
@@ -62,83 +67,92 @@ impl Kind {
     ];
 }
 
-/// What is wrong with a frame.
+/// Error in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// It has no head.
-    #[error("{0} bytes, and a frame has at least {HEAD_BYTES}")]
-    Short(usize),
-    /// It is of another version.
-    #[error("frames of version {0}, this is version {VERSION}; write the stage's package or header anew")]
-    Version(u16),
-    /// There is no such kind.
-    #[error("a frame of the kind {0}, which is none")]
-    Kind(u16),
-    /// It answers something else.
-    #[error("an answer to the request {found} of the kind {kind:?}, expected {expected}")]
-    Other {
-        /// What it answers.
+    /// The frame is shorter than a header.
+    #[error("the frame has {0} bytes, expected at least {HEADER_BYTES}")]
+    TooShort(usize),
+    /// The frame has another version.
+    #[error("the frame has version {0}, expected {VERSION}; update the stage's package or header with `plumb stage new`")]
+    UnsupportedVersion(u16),
+    /// The request kind is unknown.
+    #[error("unknown request kind {0}")]
+    UnknownKind(u16),
+    /// The response belongs to another request.
+    #[error("the response is to request {found} ({kind:?}), expected {expected}")]
+    RequestMismatch {
+        /// Number of the request in the response.
         found: u64,
-        /// Of which kind.
-        kind: Kind,
-        /// What it should have answered.
+        /// Kind of the request in the response.
+        kind: RequestKind,
+        /// Number of the pending request.
         expected: u64,
     },
-    /// It has another number of numbers.
-    #[error("a payload of {found} bytes, expected {expected}")]
-    Length {
-        /// Bytes.
+    /// The payload has the wrong length.
+    #[error("the payload has {found} bytes, expected {expected}")]
+    PayloadLength {
+        /// Length of the payload, bytes.
         found: usize,
-        /// Bytes that the kind has.
+        /// Length for this kind of frame, bytes.
         expected: usize,
     },
 }
 
-/// The head of a frame.
+/// Header of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Head {
-    /// What is asked for.
-    pub kind: Kind,
-    /// The answer takes nothing over.
-    pub refused: bool,
-    /// Which request this is.
-    pub number: u64,
+pub struct FrameHeader {
+    /// Kind of the request.
+    pub kind: RequestKind,
+    /// Whether the response rejects the request.
+    pub rejected: bool,
+    /// Number of the request.
+    pub request_number: u64,
 }
 
-impl Head {
-    /// Takes a frame apart.
-    pub fn of(frame: &[u8]) -> Result<(Self, &[u8]), FrameError> {
+impl FrameHeader {
+    /// Splits a frame into header and payload.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`FrameError`] for a frame that is too short, has another version or an unknown
+    /// kind.
+    pub fn parse(frame: &[u8]) -> Result<(Self, &[u8]), FrameError> {
         let Some((&[v0, v1, k0, k1, s0, s1, s2, s3, ref number @ ..], payload)) =
-            frame.split_first_chunk::<HEAD_BYTES>()
+            frame.split_first_chunk::<HEADER_BYTES>()
         else {
-            return Err(FrameError::Short(frame.len()));
+            return Err(FrameError::TooShort(frame.len()));
         };
         let (version, kind) = (u16::from_le_bytes([v0, v1]), u16::from_le_bytes([k0, k1]));
         if version != VERSION {
-            return Err(FrameError::Version(version));
+            return Err(FrameError::UnsupportedVersion(version));
         }
-        let kind = Kind::ALL.into_iter().find(|known| *known as u16 == kind).ok_or(FrameError::Kind(kind))?;
-        let refused = u32::from_le_bytes([s0, s1, s2, s3]) == REFUSED;
-        Ok((Self { kind, refused, number: u64::from_le_bytes(*number) }, payload))
+        let kind = RequestKind::ALL.into_iter().find(|known| *known as u16 == kind).ok_or(FrameError::UnknownKind(kind))?;
+        let rejected = u32::from_le_bytes([s0, s1, s2, s3]) == REJECTED;
+        Ok((Self { kind, rejected, request_number: u64::from_le_bytes(*number) }, payload))
     }
 
-    /// Begins a frame in `bytes`, in the place of what was there.
-    pub fn begin(self, bytes: &mut Vec<u8>) {
+    /// Replaces the contents of `bytes` by this header.
+    pub fn start_frame(self, bytes: &mut Vec<u8>) {
         bytes.clear();
         bytes.extend(VERSION.to_le_bytes());
         bytes.extend((self.kind as u16).to_le_bytes());
-        bytes.extend(if self.refused { REFUSED } else { 0 }.to_le_bytes());
-        bytes.extend(self.number.to_le_bytes());
+        bytes.extend(if self.rejected { REJECTED } else { 0 }.to_le_bytes());
+        bytes.extend(self.request_number.to_le_bytes());
     }
 }
 
-/// Puts a value at the end of a frame.
-pub fn put(bytes: &mut Vec<u8>, mut value: impl Scalars) {
+/// Appends a value to a frame.
+pub fn write_value(bytes: &mut Vec<u8>, mut value: impl Scalars) {
     value.visit(&mut |number| bytes.extend(number.to_le_bytes()));
 }
 
-/// The value that a payload is.
-pub fn value<T: Scalars + Default>(payload: &[u8]) -> Result<T, FrameError> {
+/// Reads a value that fills the payload.
+///
+/// # Errors
+///
+/// Returns [`FrameError::PayloadLength`] if the payload is shorter or longer than the value.
+pub fn read_value<T: Scalars + Default>(payload: &[u8]) -> Result<T, FrameError> {
     let (mut value, mut next) = (T::default(), 0);
     let (numbers, rest) = payload.as_chunks();
     value.visit(&mut |number| {
@@ -149,12 +163,12 @@ pub fn value<T: Scalars + Default>(payload: &[u8]) -> Result<T, FrameError> {
     if rest.is_empty() && payload.len() == expected {
         Ok(value)
     } else {
-        Err(FrameError::Length { found: payload.len(), expected })
+        Err(FrameError::PayloadLength { found: payload.len(), expected })
     }
 }
 
-/// The numbers that a payload is; `None` where it is none.
-pub fn numbers(payload: &[u8]) -> Option<impl Iterator<Item = f64>> {
+/// Returns the numbers of a payload, or `None` if its length is not a multiple of 8.
+pub fn read_numbers(payload: &[u8]) -> Option<impl Iterator<Item = f64>> {
     let (numbers, rest) = payload.as_chunks();
     rest.is_empty().then(|| numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)))
 }
@@ -165,31 +179,31 @@ mod tests {
     use attitude::fuser::{Estimate, FuserInput};
 
     #[test]
-    fn a_frame_comes_apart_into_what_it_was_made_of() {
-        let head = Head { kind: Kind::Adopt, refused: true, number: u64::MAX - 1 };
+    fn frame_round_trips() {
+        let header = FrameHeader { kind: RequestKind::Adopt, rejected: true, request_number: u64::MAX - 1 };
         let mut bytes = vec![9; 3];
-        head.begin(&mut bytes);
-        put(&mut bytes, Estimate::UNKNOWN);
+        header.start_frame(&mut bytes);
+        write_value(&mut bytes, Estimate::UNKNOWN);
         assert_eq!(bytes[..8], [2, 0, 7, 0, 1, 0, 0, 0]);
-        let (found, payload) = Head::of(&bytes).unwrap();
-        assert_eq!((found, value::<Estimate>(payload)), (head, Ok(Estimate::UNKNOWN)));
+        let (found, payload) = FrameHeader::parse(&bytes).unwrap();
+        assert_eq!((found, read_value::<Estimate>(payload)), (header, Ok(Estimate::UNKNOWN)));
     }
 
     #[test]
-    fn what_is_no_frame_is_refused_with_what_is_wrong() {
+    fn invalid_frame_is_rejected_with_its_error() {
         let mut bytes = Vec::new();
-        Head { kind: Kind::Step, refused: false, number: 1 }.begin(&mut bytes);
-        assert_eq!(Head::of(&bytes[..15]), Err(FrameError::Short(15)));
-        let with = |place: usize, byte: u8| {
+        FrameHeader { kind: RequestKind::Step, rejected: false, request_number: 1 }.start_frame(&mut bytes);
+        assert_eq!(FrameHeader::parse(&bytes[..15]), Err(FrameError::TooShort(15)));
+        let with = |index: usize, byte: u8| {
             let mut bytes = bytes.clone();
-            bytes[place] = byte;
-            Head::of(&bytes).map(|_| ())
+            bytes[index] = byte;
+            FrameHeader::parse(&bytes).map(|_| ())
         };
-        assert_eq!(with(0, 1), Err(FrameError::Version(1)));
-        assert_eq!(with(2, 77), Err(FrameError::Kind(77)));
+        assert_eq!(with(0, 1), Err(FrameError::UnsupportedVersion(1)));
+        assert_eq!(with(2, 77), Err(FrameError::UnknownKind(77)));
         for found in [0, 7, 8, 1000] {
-            let short = value::<FuserInput>(&vec![0; found]);
-            assert!(matches!(short, Err(FrameError::Length { found: there, .. }) if there == found), "{short:?}");
+            let short = read_value::<FuserInput>(&vec![0; found]);
+            assert!(matches!(short, Err(FrameError::PayloadLength { found: length, .. }) if length == found), "{short:?}");
         }
     }
 }

@@ -1,16 +1,21 @@
-//! What a stage of one's own needs: the frames that it is asked by, and a working one to begin with, in Rust, Python and C.
+//! Library for user-defined stages that run as separate programs: frames, programs in Rust, and
+//! templates in Rust, Python and C.
 //!
-//! Input: requests of the service that hosts the stage. Output: its answers. Time: none. Failure: what is no request ends the program.
+//! Input: requests of the service that hosts the stage.
 //!
-//! A stage in Rust implements [`attitude::stage::Stage`] (a gyro also `GyroStage`, a fuser `FuserStage`); its `main` is
-//! `sdk::fuser(MyFuser::default())`.
+//! Output: one response per request.
 //!
-//! | module | what it holds |
+//! Failure: an invalid request ends the program.
+//!
+//! A stage in Rust implements [`attitude::stage::Stage`], a gyro also `GyroStage` and a fuser
+//! `FuserStage`. Its `main` function calls `sdk::fuser(MyFuser::default())`.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`frame`] | a request or an answer as bytes |
-//! | `description` | what a stage says of itself |
-//! | `program` | answering, in Rust |
-//! | [`template`] | a working stage with a test, to be changed |
+//! | [`frame`] | encoding of requests and responses |
+//! | `description` | slot and parameters of a stage as text |
+//! | `program` | request loop of a stage in Rust |
+//! | [`template`] | templates of working stages with tests |
 #![forbid(unsafe_code)]
 
 mod description;
@@ -18,5 +23,5 @@ pub mod frame;
 mod program;
 pub mod template;
 
-pub use description::{Described, Description, DescriptionError};
+pub use description::{ParameterDescription, Description, DescriptionError};
 pub use program::{accel, course, fuser, gyro};

@@ -1,6 +1,10 @@
-//! A stage in Rust as a program of its own: answers requests on standard input until there are no more.
+//! Request loop of an external stage in Rust, which ends when the service closes the socket.
 //!
-//! Input: frames. Output: an answer to each. Time: none of its own. Failure: what cannot be taken over is refused; what is no frame ends the program.
+//! Input: request frames on standard input.
+//!
+//! Output: one response per request.
+//!
+//! Failure: invalid states and values are rejected. An invalid frame ends the program.
 
 use std::{
     io,
@@ -26,122 +30,123 @@ use rustix::{
 
 use crate::{
     description,
-    frame::{self, MAX_FRAME_BYTES, FrameError, Head, Kind},
+    frame::{self, MAX_FRAME_BYTES, FrameError, FrameHeader, RequestKind},
 };
 
-/// Runs a gyro stage.
+/// Runs a gyro stage until the service closes the socket.
 pub fn gyro<S: GyroStage>(stage: S) -> ExitCode {
     run("gyro", stage, |stage, kind, payload| match kind {
-        Kind::Align => {
-            stage.align(frame::value::<Attitude>(payload)?);
+        RequestKind::Align => {
+            stage.align(frame::read_value::<Attitude>(payload)?);
             Ok(())
         }
-        _ => Err(ProgramError::NotOfThisSlot(kind)),
+        _ => Err(ProgramError::UnsupportedRequest(kind)),
     })
 }
 
-/// Runs an accelerometer stage.
+/// Runs an accelerometer stage until the service closes the socket.
 pub fn accel<S: Stage<Input = Vector3<f64>, Output = Inclination, Common = Point> + Clone>(stage: S) -> ExitCode {
-    run("accel", stage, |_, kind, _| Err(ProgramError::NotOfThisSlot(kind)))
+    run("accel", stage, |_, kind, _| Err(ProgramError::UnsupportedRequest(kind)))
 }
 
-/// Runs a fuser stage.
+/// Runs a fuser stage until the service closes the socket.
 pub fn fuser<S: FuserStage>(stage: S) -> ExitCode {
     run("fuser", stage, |stage, kind, _| match kind {
-        Kind::Realign => {
+        RequestKind::Realign => {
             stage.realign();
             Ok(())
         }
-        _ => Err(ProgramError::NotOfThisSlot(kind)),
+        _ => Err(ProgramError::UnsupportedRequest(kind)),
     })
 }
 
-/// Runs a course stage.
+/// Runs a course stage until the service closes the socket.
 pub fn course<S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone>(stage: S) -> ExitCode {
-    run("course", stage, |_, kind, _| Err(ProgramError::NotOfThisSlot(kind)))
+    run("course", stage, |_, kind, _| Err(ProgramError::UnsupportedRequest(kind)))
 }
 
-/// Why a program ended before it was no longer needed.
+/// Error that ends the program.
 #[derive(Debug, thiserror::Error)]
 enum ProgramError {
-    #[error("{0}; a stage is started by Plumbline, not by hand")]
+    #[error("socket on standard input: {0}; Plumbline starts the stage, try `plumb stage test`")]
     Socket(#[from] rustix::io::Errno),
-    #[error("reading a request: {0}")]
+    #[error("invalid request: {0}")]
     Frame(#[from] FrameError),
-    #[error("a request of the kind {0:?}, which its slot has not")]
-    NotOfThisSlot(Kind),
+    #[error("request {0:?} is not supported by this slot")]
+    UnsupportedRequest(RequestKind),
 }
 
-fn run<S>(slot: &str, stage: S, of_slot: impl Fn(&mut S, Kind, &[u8]) -> Result<(), ProgramError>) -> ExitCode
+fn run<S>(slot: &str, stage: S, handle_slot_request: impl Fn(&mut S, RequestKind, &[u8]) -> Result<(), ProgramError>) -> ExitCode
 where
     S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
-    // Where the system has no such thing, the end of the requests ends the program.
+    // If the request fails, the program still ends when the socket is closed.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
-    match answer(io::stdin().as_fd(), slot, stage, of_slot) {
+    match serve(io::stdin().as_fd(), slot, stage, handle_slot_request) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("a stage for the slot {slot}: {error}");
+            eprintln!("stage for slot {slot}: {error}");
             ExitCode::FAILURE
         }
     }
 }
 
-/// Answers until there are no more requests.
-fn answer<S>(
+/// Responds to requests until the socket is closed.
+fn serve<S>(
     socket: BorrowedFd<'_>,
     slot: &str,
     mut stage: S,
-    of_slot: impl Fn(&mut S, Kind, &[u8]) -> Result<(), ProgramError>,
+    handle_slot_request: impl Fn(&mut S, RequestKind, &[u8]) -> Result<(), ProgramError>,
 ) -> Result<(), ProgramError>
 where
     S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
-    let (mut request, mut answer) = (vec![0; MAX_FRAME_BYTES], Vec::new());
+    let (mut request, mut response) = (vec![0; MAX_FRAME_BYTES], Vec::new());
     loop {
         let (len, _) = recv(socket, &mut request[..], RecvFlags::empty())?;
         if len == 0 {
             return Ok(());
         }
-        let (head, payload) = Head::of(request.get(..len).unwrap_or_default())?;
-        head.begin(&mut answer);
-        let mut refused = false;
-        match head.kind {
-            Kind::Describe => answer.extend(description::text(slot, stage.parameters()).bytes()),
-            Kind::Set => refused = !set(&mut stage, payload)?,
-            Kind::Step => frame::put(&mut answer, stage.step(&frame::value(payload)?)),
-            Kind::Snapshot => {
+        let (header, payload) = FrameHeader::parse(request.get(..len).unwrap_or_default())?;
+        header.start_frame(&mut response);
+        let mut rejected = false;
+        match header.kind {
+            RequestKind::Describe => response.extend(description::to_text(slot, stage.parameters()).bytes()),
+            RequestKind::Set => rejected = !set(&mut stage, payload)?,
+            RequestKind::Step => frame::write_value(&mut response, stage.step(&frame::read_value(payload)?)),
+            RequestKind::Snapshot => {
                 let Snapshot { values, len, .. } = stage.snapshot();
-                values.iter().take(len).for_each(|number| answer.extend(number.to_le_bytes()));
+                values.iter().take(len).for_each(|number| response.extend(number.to_le_bytes()));
             }
-            Kind::Restore => refused = !restore(&mut stage, payload)?,
-            Kind::Common => frame::put(&mut answer, stage.common()),
-            Kind::Adopt => refused = stage.adopt(&frame::value(payload)?).is_err(),
-            Kind::Align | Kind::Realign => of_slot(&mut stage, head.kind, payload)?,
+            RequestKind::Restore => rejected = !restore(&mut stage, payload)?,
+            RequestKind::Common => frame::write_value(&mut response, stage.common()),
+            RequestKind::Adopt => rejected = stage.adopt(&frame::read_value(payload)?).is_err(),
+            RequestKind::Align | RequestKind::Realign => handle_slot_request(&mut stage, header.kind, payload)?,
         }
-        if refused {
-            Head { refused, ..head }.begin(&mut answer);
+        if rejected {
+            FrameHeader { rejected, ..header }.start_frame(&mut response);
         }
-        send(socket, &answer, SendFlags::NOSIGNAL)?;
+        send(socket, &response, SendFlags::NOSIGNAL)?;
     }
 }
 
-/// Sets a parameter by its place.
+/// Sets the parameter with the given index. Returns `false` if it is rejected.
 fn set(stage: &mut impl Stage, payload: &[u8]) -> Result<bool, FrameError> {
-    let (place, value): (f64, f64) = {
-        let vector = frame::value::<attitude::Complex<f64>>(payload)?;
+    let (index, value): (f64, f64) = {
+        let vector = frame::read_value::<attitude::Complex<f64>>(payload)?;
         (vector.re, vector.im)
     };
-    let name = stage.parameters().get(place as usize).map(|parameter| parameter.name);
+    let name = stage.parameters().get(index as usize).map(|parameter| parameter.name);
     Ok(name.is_some_and(|name| stage.set(name, value).is_ok()))
 }
 
+/// Restores a state. Returns `false` if it is rejected.
 fn restore(stage: &mut (impl Stage + Clone), payload: &[u8]) -> Result<bool, FrameError> {
-    let mut record = Snapshot { stage: stage.name(), values: [0.0; MAX_STATE_VALUES], len: payload.len() / 8, checksum: 0 };
-    let length = FrameError::Length { found: payload.len(), expected: 8 * MAX_STATE_VALUES };
-    let (values, numbers) = (record.values.get_mut(..record.len), frame::numbers(payload));
+    let mut snapshot = Snapshot { stage: stage.name(), values: [0.0; MAX_STATE_VALUES], len: payload.len() / 8, checksum: 0 };
+    let length = FrameError::PayloadLength { found: payload.len(), expected: 8 * MAX_STATE_VALUES };
+    let (values, numbers) = (snapshot.values.get_mut(..snapshot.len), frame::read_numbers(payload));
     let (values, numbers) = values.zip(numbers).ok_or(length)?;
     values.iter_mut().zip(numbers).for_each(|(value, number)| *value = number);
-    record.checksum = record.compute_checksum();
-    Ok(stage.restore(&record).is_ok())
+    snapshot.checksum = snapshot.compute_checksum();
+    Ok(stage.restore(&snapshot).is_ok())
 }

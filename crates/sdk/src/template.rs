@@ -1,4 +1,4 @@
-//! A working stage with a test, to be changed into one's own.
+//! Templates for user-defined stages: a working stage with a test, as a starting point.
 
 use std::{
     fmt, fs, io,
@@ -7,22 +7,22 @@ use std::{
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 
-/// The Python package beside a stage in Python: each file's name and text.
-const PACKAGE: [(&str, &str); 7] = [
+/// Files of the Python package that is copied next to a stage in Python: name and text.
+const PYTHON_PACKAGE: [(&str, &str); 7] = [
     ("__init__.py", include_str!("../python/plumbline/__init__.py")),
     ("attitude.py", include_str!("../python/plumbline/attitude.py")),
     ("program.py", include_str!("../python/plumbline/program.py")),
     ("sensor.py", include_str!("../python/plumbline/sensor.py")),
     ("stage.py", include_str!("../python/plumbline/stage.py")),
-    ("trial.py", include_str!("../python/plumbline/trial.py")),
+    ("stage_tests.py", include_str!("../python/plumbline/stage_tests.py")),
     ("values.py", include_str!("../python/plumbline/values.py")),
 ];
 
-/// The header for stages in C and C++.
-pub const HEADER: &str = include_str!("../c/plumbline.h");
+/// Header for stages in C and C++.
+pub const C_HEADER: &str = include_str!("../c/plumbline.h");
 
-/// Names that are none for a module or a crate.
-const RESERVED: [&str; 81] = [
+/// Names that a module or crate must not have.
+const RESERVED_NAMES: [&str; 81] = [
     "abstract",
     "and",
     "as",
@@ -106,26 +106,26 @@ const RESERVED: [&str; 81] = [
     "with",
 ];
 
-/// A slot that a stage of one's own can fill.
+/// Slot that a user-defined stage can fill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slot {
-    /// The motion of each tick.
+    /// Rotation over each tick.
     Gyro,
-    /// Where up seems to be.
+    /// Measured up direction.
     Accel,
-    /// The attitude.
+    /// Fused attitude.
     Fuser,
-    /// What people read.
+    /// Angles, course and quaternion.
     Course,
 }
 
 impl Slot {
-    /// The slot of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Returns the slot with this name, or `None` if there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
         [Self::Gyro, Self::Accel, Self::Fuser, Self::Course].into_iter().find(|slot| slot.name() == name)
     }
 
-    /// Its name, as in a launch file.
+    /// Returns the name of the slot in a launch file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Gyro => "gyro",
@@ -142,131 +142,136 @@ impl fmt::Display for Slot {
     }
 }
 
-/// The languages there are templates for.
+/// Programming language of a template.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Language {
-    /// A crate that implements the stage's trait. Plumbline's crates are in this folder, or in the git repository of this URL.
+    /// Crate that implements the `Stage` trait.
     Rust {
-        /// Where.
+        /// Folder of Plumbline's source, or the URL of its git repository.
         source: String,
     },
-    /// A class, and the package `plumbline` beside it.
+    /// Class, with the package `plumbline` next to it.
     Python,
-    /// A file, and the header `plumbline.h` beside it; also C++.
+    /// C or C++ file, with the header `plumbline.h` next to it.
     C,
 }
 
-/// A stage to be written.
+/// Stage that is written from a template.
 #[derive(Debug, Clone)]
 pub struct Template {
-    /// In which language.
+    /// Programming language.
     pub language: Language,
-    /// For which slot.
+    /// Slot that the stage fills.
     pub slot: Slot,
-    /// Its name, as in a launch file.
+    /// Name of the stage in a launch file.
     pub name: String,
 }
 
-/// Why no stage was written.
+/// Error when a stage is written.
 #[derive(Debug, thiserror::Error)]
 pub enum TemplateError {
-    /// The name cannot be one of a stage and of a module.
-    #[error("naming a stage: {0:?} is no name; begin with a letter and use a-z, 0-9 and -, 32 at most")]
-    Name(String),
-    /// The name means something else already.
-    #[error("naming a stage: {name:?} is {what}; choose another, such as \"my-{name}\"")]
-    Taken {
-        /// The name.
+    /// The name is not a valid stage name.
+    #[error("invalid stage name {0:?}; use at most 32 of a-z, 0-9 and -, starting with a letter")]
+    InvalidName(String),
+    /// The name is reserved.
+    #[error("stage name {name:?} is {meaning}; choose another, such as \"my-{name}\"")]
+    NameTaken {
+        /// Rejected name.
         name: String,
-        /// What has it.
-        what: &'static str,
+        /// Existing meaning of the name.
+        meaning: &'static str,
     },
-    /// Something is there.
-    #[error("writing a stage to {0}: it is there already; name another place with --dir, or remove it")]
-    Occupied(PathBuf),
+    /// The folder already exists.
+    #[error("cannot write a stage to {0}: it already exists; choose another folder with --dir or remove it")]
+    FolderExists(PathBuf),
     /// A file could not be written.
-    #[error("writing {path}: {cause}")]
-    Unwritable {
-        /// Which one.
+    #[error("cannot write {path}: {cause}")]
+    Write {
+        /// Path of the file.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
-macro_rules! of_slot {
-    ($slot:expr, $language:literal, $ending:literal) => {
+macro_rules! slot_template {
+    ($slot:expr, $language:literal, $extension:literal) => {
         match $slot {
-            Slot::Gyro => include_str!(concat!("../templates/", $language, "/gyro.", $ending)),
-            Slot::Accel => include_str!(concat!("../templates/", $language, "/accel.", $ending)),
-            Slot::Fuser => include_str!(concat!("../templates/", $language, "/fuser.", $ending)),
-            Slot::Course => include_str!(concat!("../templates/", $language, "/course.", $ending)),
+            Slot::Gyro => include_str!(concat!("../templates/", $language, "/gyro.", $extension)),
+            Slot::Accel => include_str!(concat!("../templates/", $language, "/accel.", $extension)),
+            Slot::Fuser => include_str!(concat!("../templates/", $language, "/fuser.", $extension)),
+            Slot::Course => include_str!(concat!("../templates/", $language, "/course.", $extension)),
         }
     };
 }
 
 impl Template {
     /// Writes the stage into a new folder.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`TemplateError`] if the name is invalid or reserved, the folder exists or a file
+    /// cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), TemplateError> {
         let files = self.files()?;
         if folder.exists() {
-            return Err(TemplateError::Occupied(folder.into()));
+            return Err(TemplateError::FolderExists(folder.into()));
         }
         for (name, text) in files {
             let path = folder.join(name);
-            let failed = |cause| TemplateError::Unwritable { path: path.clone(), cause };
+            let failed = |cause| TemplateError::Write { path: path.clone(), cause };
             path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
             fs::write(&path, text).map_err(failed)?;
         }
         Ok(())
     }
 
-    /// Every file with its place in the folder.
+    /// Returns the path within the folder and the text of each file.
     fn files(&self) -> Result<Vec<(String, String)>, TemplateError> {
         let Self { name, slot, language } = self;
-        let legal = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
-        if name.len() > 32 || !name.bytes().all(legal) || !name.starts_with(|c: char| c.is_ascii_lowercase()) {
-            return Err(TemplateError::Name(name.clone()));
+        let is_allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
+        if name.len() > 32 || !name.bytes().all(is_allowed) || !name.starts_with(|c: char| c.is_ascii_lowercase()) {
+            return Err(TemplateError::InvalidName(name.clone()));
         }
-        let taken = |what| Err(TemplateError::Taken { name: name.clone(), what });
-        let mut own = [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
-        if own.any(|own| own == name) {
-            return taken("the name of one of Plumbline's own stages");
+        let name_taken = |meaning| Err(TemplateError::NameTaken { name: name.clone(), meaning });
+        let mut built_in = [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
+        if built_in.any(|built_in| built_in == name) {
+            return name_taken("the name of a built-in stage");
         }
-        if RESERVED.contains(&name.as_str()) {
-            return taken("a word of Python or Rust, or a module that the template needs");
+        if RESERVED_NAMES.contains(&name.as_str()) {
+            return name_taken("a keyword of Python or Rust or a module used by the template");
         }
         let module = name.replace('-', "_");
         let mut files: Vec<(String, &str)> = match language {
             Language::Python => vec![
-                (format!("{module}.py"), of_slot!(slot, "python", "py")),
+                (format!("{module}.py"), slot_template!(slot, "python", "py")),
                 (format!("test_{module}.py"), include_str!("../templates/python/test.py")),
                 ("README.md".into(), include_str!("../templates/python/README.md")),
             ],
             Language::C => vec![
-                (format!("{module}.c"), of_slot!(slot, "c", "c")),
+                (format!("{module}.c"), slot_template!(slot, "c", "c")),
                 ("README.md".into(), include_str!("../templates/c/README.md")),
             ],
             Language::Rust { .. } => vec![
                 ("Cargo.toml".into(), include_str!("../templates/rust/Cargo.toml.in")),
-                ("src/lib.rs".into(), of_slot!(slot, "rust", "rs")),
+                ("src/lib.rs".into(), slot_template!(slot, "rust", "rs")),
                 ("src/main.rs".into(), include_str!("../templates/rust/main.rs")),
                 ("tests/conformance.rs".into(), include_str!("../templates/rust/conformance.rs")),
                 ("README.md".into(), include_str!("../templates/rust/README.md")),
             ],
         };
         files.push(("launch.toml".into(), include_str!("../templates/launch.toml")));
-        let mut files: Vec<_> = files.into_iter().map(|(file, text)| (file, self.filled(text))).collect();
+        let mut files: Vec<_> = files.into_iter().map(|(file, text)| (file, self.fill_placeholders(text))).collect();
         match language {
-            Language::Python => files.extend(PACKAGE.map(|(file, text)| (format!("plumbline/{file}"), text.into()))),
-            Language::C => files.push(("plumbline.h".into(), HEADER.into())),
+            Language::Python => files.extend(PYTHON_PACKAGE.map(|(file, text)| (format!("plumbline/{file}"), text.into()))),
+            Language::C => files.push(("plumbline.h".into(), C_HEADER.into())),
             Language::Rust { .. } => {}
         }
         Ok(files)
     }
 
-    /// A template's text with this stage's names in it.
-    fn filled(&self, text: &str) -> String {
+    /// Replaces the placeholders of a template by the names of this stage.
+    fn fill_placeholders(&self, text: &str) -> String {
         let Self { name, slot, language } = self;
         let module = name.replace('-', "_");
         let class: String = name
@@ -301,31 +306,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_file_of_the_package_is_written() {
+    fn python_package_lists_every_file() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/python/plumbline");
-        let there = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
-        let mut there: Vec<_> = there.filter(|name| name.ends_with(".py")).collect();
-        there.sort();
-        assert_eq!(there, PACKAGE.map(|(name, _)| name));
+        let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut files: Vec<_> = files.filter(|name| name.ends_with(".py")).collect();
+        files.sort();
+        assert_eq!(files, PYTHON_PACKAGE.map(|(name, _)| name));
     }
 
     #[test]
-    fn a_name_that_means_something_else_is_refused() {
-        for (name, why) in [
-            ("wz", "one of Plumbline's own stages"),
-            ("class", "a word of Python or Rust"),
-            ("struct", "a module that the template needs"),
-            ("1st", "no name"),
-            ("My", "no name"),
+    fn reserved_and_invalid_names_are_rejected() {
+        for (name, expected) in [
+            ("wz", "built-in stage"),
+            ("class", "keyword of Python or Rust"),
+            ("struct", "module used by the template"),
+            ("1st", "invalid stage name"),
+            ("My", "invalid stage name"),
         ] {
             let template = Template { language: Language::Python, slot: Slot::Fuser, name: name.into() };
-            let said = template.files().unwrap_err().to_string();
-            assert!(said.contains(why), "{name}: {said}");
+            let error = template.files().unwrap_err().to_string();
+            assert!(error.contains(expected), "{name}: {error}");
         }
     }
 
     #[test]
-    fn no_template_keeps_a_place_for_a_name() {
+    fn templates_have_no_unfilled_placeholders() {
         let languages = [Language::Python, Language::C, Language::Rust { source: "/here".into() }];
         for language in languages {
             for slot in [Slot::Gyro, Slot::Accel, Slot::Fuser, Slot::Course] {
@@ -335,7 +340,7 @@ mod tests {
                         !text.is_empty() && !text.contains("@name@") && !text.contains("@Class@"),
                         "{file}: {text}"
                     );
-                    // The package decorates functions; nothing else has such a sign.
+                    // Only the package contains an @, for decorators.
                     assert!(file.starts_with("plumbline") || !text.contains('@'), "{file}: {text}");
                 }
             }

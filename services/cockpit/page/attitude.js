@@ -1,4 +1,4 @@
-// The mathematics of drawing: docs/conventions.md. A quaternion [w, x, y, z] takes body → reference; the reference has z up.
+// Attitude mathematics for drawing, see docs/conventions.md. A quaternion [w, x, y, z] rotates body axes to the reference frame, whose z axis is up.
 
 /** @typedef {[number, number, number]} Vec */
 /** @typedef {[number, number, number, number]} Quat */
@@ -6,7 +6,7 @@
 export const DEGREE = Math.PI / 180;
 
 /**
- * The components in the reference frame of a vector given in body axes.
+ * Rotates a vector from body axes to the reference frame.
  * @param {Quat} q
  * @param {Vec} v
  * @returns {Vec}
@@ -32,33 +32,33 @@ export function product([a, b, c, d], [w, x, y, z]) {
 }
 
 /**
- * The up vector in body axes.
+ * Returns the up vector in body axes.
  * @param {Quat} q
  */
 export const up = (q) => rotate(conjugate(q), [0, 0, 1]);
 
 /**
- * The point w = u + jv of an up vector in body axes: its projection from the nadir; not finite upside down.
+ * Returns the point w = u + jv of an up vector in body axes: its stereographic projection from the nadir. It is not finite upside down.
  * @param {Vec} up
  * @returns {[number, number]}
  */
 export const pointOf = ([a, b, c]) => [a / (1 + c), b / (1 + c)];
 
 /**
- * The up vector of a point in its chart.
+ * Returns the up vector of a point w in its chart.
  * @param {number} u
  * @param {number} v
  * @param {boolean} inverted
  * @returns {Vec}
  */
 export function upOf(u, v, inverted) {
-  const square = u * u + v * v, by = 2 / (1 + square);
-  const [a, b, c] = [u * by, v * by, (1 - square) / (1 + square)];
+  const square = u * u + v * v, scale = 2 / (1 + square);
+  const [a, b, c] = [u * scale, v * scale, (1 - square) / (1 + square)];
   return inverted ? [a, -b, -c] : [a, b, c];
 }
 
 /**
- * The attitude with this up vector and the turn z about the vertical.
+ * Returns the attitude with this up vector and the rotation z about the vertical.
  * @param {Vec} up
  * @param {number} z
  * @param {boolean} inverted
@@ -66,7 +66,7 @@ export function upOf(u, v, inverted) {
  */
 export function attitudeOf(up, z, inverted) {
   const [a, b, c] = inverted ? [up[0], -up[1], -up[2]] : up;
-  // The shortest turn that takes the body's up to the vertical, after the turn z.
+  // The shortest rotation from the body's up vector to the vertical; the rotation z follows.
   const length = Math.hypot(1 + c, a, b);
   /** @type {Quat} */
   const tilt = [(1 + c) / length, b / length, -a / length, 0];
@@ -75,7 +75,7 @@ export function attitudeOf(up, z, inverted) {
 }
 
 /**
- * The angle of the turn from one attitude to another, rad, 0 to π.
+ * Returns the angle of the rotation between two attitudes, rad, 0 to π.
  * @param {Quat} p
  * @param {Quat} q
  */
@@ -85,7 +85,7 @@ export function angleBetween(p, q) {
 }
 
 /**
- * Yaw, pitch, roll, rad.
+ * Returns yaw, pitch and roll, rad.
  * @param {Quat} q
  * @returns {Vec}
  */
@@ -95,7 +95,7 @@ export function angles(q) {
   return [Math.atan2(-y[0], y[1]), Math.atan2(y[2], Math.hypot(x[2], z[2])), Math.atan2(-x[2], z[2])];
 }
 
-/** How an attitude is given in the frames of others, as `[output]` of the launch file names them: its quaternion w x y z.
+/** Conversions of an attitude to the output frames, named as in `[output]` of the launch file. The results are quaternions w x y z.
  * @type {Record<string, (q: Quat) => Quat>} */
 export const FRAMES = {
   "enu-rfu": (q) => q,

@@ -1,105 +1,105 @@
-// Calibration of the sensors: what there is and what is still missing, while the unit is turned; and what was found.
+// Calibration of the sensors: instructions, progress and result.
 
-import { element, tint, write } from "./look.js";
+import { element, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** @typedef {(command: { kind: string, what: string }) => string | null} Ask Sends a command; why not, where it cannot. */
+/** @typedef {(command: { kind: string, what: string }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
-/** What can be calibrated, in the order in which it is done, and what to do for it. @type {Record<string, [string, string]>} */
+/** Title and instructions of each calibration, in the recommended order. @type {Record<string, [string, string]>} */
 const KINDS = {
-  gyro: ["gyro: bias", "Leave the unit alone for five seconds, warm."],
-  accel: ["accelerometer: bias and scale", "Let the unit rest for two seconds with each of its six sides up; or turn it slowly by hand through all positions for two minutes."],
-  mag: ["magnetometer: hard and soft iron", "Turn the unit in one place, far from iron, about all axes, for a minute or so."],
+  gyro: ["gyro: bias", "Warm up the unit, then leave it still for five seconds."],
+  accel: ["accelerometer: bias and scale", "Place the unit at rest on each of its six sides for two seconds, or rotate it slowly by hand through all orientations for two minutes."],
+  mag: ["magnetometer: hard and soft iron", "Rotate the unit about all axes for about a minute, in one place and away from iron."],
   mounting: ["mounting", "Hold the body level and still for two seconds, then nose down by 20° to 90°, without roll, for two seconds."],
-  clock: ["clock: the magnetometer's delay", "Turn the unit to and fro about all axes, once or twice a second, for half a minute."],
+  clock: ["clock: delay of the magnetometer", "Rotate the unit back and forth about all axes, once or twice a second, for half a minute."],
 };
-/** Pieces along an edge of a part of the sphere. */
-const PIECES = 3;
+/** Number of facets along the edge of a sector of the sphere. */
+const FACETS = 3;
 
 export class Calibration {
-  /** @param {HTMLElement} place @param {Data} data @param {Ask} ask */
-  constructor(place, data, ask) {
+  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  constructor(parent, data, sendCommand) {
     this.data = data;
-    this.ask = ask;
-    this.what = /** @type {HTMLSelectElement} */ (element("select", "", ...Object.entries(KINDS).map(([name, [title]]) => {
+    this.sendCommand = sendCommand;
+    this.kind = /** @type {HTMLSelectElement} */ (element("select", "", ...Object.entries(KINDS).map(([name, [title]]) => {
       const option = /** @type {HTMLOptionElement} */ (element("option", "", title));
       option.value = name;
       return option;
     })));
-    this.what.id = "calibrated";
-    const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {() => void} */ act) => {
-      const made = /** @type {HTMLButtonElement} */ (element("button", "", text));
-      made.id = id;
-      made.type = "button";
-      made.addEventListener("click", act);
-      return made;
+    this.kind.id = "calibration-kind";
+    const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {() => void} */ onClick) => {
+      const created = /** @type {HTMLButtonElement} */ (element("button", "", text));
+      created.id = id;
+      created.type = "button";
+      created.addEventListener("click", onClick);
+      return created;
     };
-    this.begin = button("calibrate", "Begin", () => this.command(this.what.value));
-    this.end = button("calibrate-end", "End", () => this.command(""));
+    this.start = button("calibrate", "Start", () => this.command(this.kind.value));
+    this.cancel = button("calibrate-cancel", "Cancel", () => this.command(""));
     this.bar = /** @type {HTMLProgressElement} */ (element("progress", ""));
     this.bar.max = 1;
-    this.share = element("span", "number");
-    this.words = element("p", "");
-    this.words.id = "coverage";
-    this.words.setAttribute("role", "status");
+    this.progress = element("span", "number");
+    this.message = element("p", "");
+    this.message.id = "coverage";
+    this.message.setAttribute("role", "status");
     this.report = element("pre", "");
     this.report.id = "report";
     this.copy = button("copy-report", "Copy", () => void navigator.clipboard.writeText(this.report.textContent ?? ""));
     this.sphere = element("div", "panel sphere");
-    place.append(
-      element("div", "actions", element("label", "", "calibrate ", this.what), this.begin, this.end, this.bar, this.share),
-      this.words, this.sphere, this.report, this.copy);
+    parent.append(
+      element("div", "actions", element("label", "", "calibration ", this.kind), this.start, this.cancel, this.bar, this.progress),
+      this.message, this.sphere, this.report, this.copy);
     this.scene = new Scene(this.sphere, 3.7);
-    this.refused = "";
-    this.said = "";
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+    this.sendError = "";
+    /** Key of the content shown last. */ this.shownKey = "";
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
-  /** @param {string} what */
-  command(what) {
-    this.data.refusal = "";
-    this.refused = this.ask({ kind: "KIND_CALIBRATE", what }) ?? "";
+  /** @param {string} kind Calibration to start; empty to cancel. */
+  command(kind) {
+    this.data.calibrationError = "";
+    this.sendError = this.sendCommand({ kind: "KIND_CALIBRATE", what: kind }) ?? "";
   }
 
   draw() {
-    const { standing, calibration, refusal } = this.data;
-    const refused = this.refused || refusal;
-    const parts = calibration?.parts ?? [];
-    this.drawn = { what: calibration?.what ?? "", share: calibration?.share ?? 0, missing: calibration?.missing ?? [], covered: parts.filter(Boolean).length, report: calibration?.report ?? "", refused };
-    this.begin.disabled = !standing.takes_commands;
-    this.end.disabled = !calibration || !!calibration.report;
-    this.bar.hidden = this.share.hidden = !calibration;
+    const { standing, calibration, calibrationError } = this.data;
+    const error = this.sendError || calibrationError;
+    const sectors = calibration?.parts ?? [];
+    this.drawn = { what: calibration?.what ?? "", share: calibration?.share ?? 0, missing: calibration?.missing ?? [], covered: sectors.filter(Boolean).length, report: calibration?.report ?? "", error };
+    this.start.disabled = !standing.takes_commands;
+    this.cancel.disabled = !calibration || !!calibration.report;
+    this.bar.hidden = this.progress.hidden = !calibration;
     this.bar.value = calibration?.share ?? 0;
-    this.sphere.hidden = !parts.length;
+    this.sphere.hidden = !sectors.length;
     this.report.hidden = this.copy.hidden = !calibration?.report;
-    const said = JSON.stringify([calibration?.what, calibration?.share, calibration?.found, calibration?.missing, calibration?.report, refused, this.what.value]);
-    if (said !== this.said) {
-      this.said = said;
-      this.words.className = refused ? "c-fault" : "";
-      write(this.share, calibration ? `${KINDS[calibration.what]?.[0] ?? calibration.what}: ${Math.floor(100 * calibration.share)} %` : "");
+    const key = JSON.stringify([calibration?.what, calibration?.share, calibration?.found, calibration?.missing, calibration?.report, error, this.kind.value]);
+    if (key !== this.shownKey) {
+      this.shownKey = key;
+      this.message.className = error ? "c-fault" : "";
+      write(this.progress, calibration ? `${KINDS[calibration.what]?.[0] ?? calibration.what}: ${Math.floor(100 * calibration.share)} %` : "");
       write(this.report, calibration?.report ?? "");
-      this.words.replaceChildren(...(refused ? [refused]
-        : !calibration ? [`${KINDS[this.what.value][1]} The order is gyro, accelerometer, magnetometer, mounting, clock.`]
-        : calibration.report ? ["Found; put the piece into launch.toml, and start the system again."]
-        : [`So far ${calibration.found}.`, ...calibration.missing.map((/** @type {string} */ what) => element("span", "missing", `Missing: ${what}.`))]));
+      this.message.replaceChildren(...(error ? [error]
+        : !calibration ? [`${KINDS[this.kind.value][1]} Recommended order: gyro, accelerometer, magnetometer, mounting, clock.`]
+        : calibration.report ? ["Done. Add this to launch.toml and restart the system."]
+        : [`Collected: ${calibration.found}.`, ...calibration.missing.map((/** @type {string} */ item) => element("span", "missing", `Still needed: ${item}.`))]));
     }
-    if (parts.length) this.drawSphere(parts, calibration?.direction);
+    if (sectors.length) this.drawSphere(sectors, calibration?.direction);
   }
 
-  /** @param {boolean[]} parts @param {import("./wire.js").Message | null} direction */
-  drawSphere(parts, direction) {
+  /** @param {boolean[]} sectors Whether each is covered @param {import("./wire.js").Message | null} direction */
+  drawSphere(sectors, direction) {
     const { scene } = this;
     scene.begin();
-    parts.forEach((covered, part) => {
-      const at = (/** @type {number} */ i, /** @type {number} */ j) => onSphere(part, i / PIECES, j / PIECES);
-      for (let i = 0; i < PIECES; i++) {
-        for (let j = 0; j < PIECES; j++) {
+    sectors.forEach((covered, sector) => {
+      const at = (/** @type {number} */ i, /** @type {number} */ j) => onSphere(sector, i / FACETS, j / FACETS);
+      for (let i = 0; i < FACETS; i++) {
+        for (let j = 0; j < FACETS; j++) {
           for (const [b, c] of /** @type {[Vec, Vec][]} */ ([[at(i + 1, j), at(i + 1, j + 1)], [at(i + 1, j + 1), at(i, j + 1)]])) scene.triangle(at(i, j), b, c, tint(covered ? "field" : "line"));
         }
       }
-      const edge = [...Array(PIECES + 1).keys()];
+      const edge = [...Array(FACETS + 1).keys()];
       for (const line of [edge.map((i) => at(i, 0)), edge.map((i) => at(0, i))]) scene.line(line.map((p) => /** @type {Vec} */ (p.map((x) => x * 1.01))), tint("paper"), 1);
     });
     for (const [axis, name] of ["x", "y", "z"].entries()) {
@@ -117,9 +117,9 @@ export class Calibration {
   }
 }
 
-/** A point of a part of the sphere: from the middle of its face to the corner. @param {number} part @param {number} i @param {number} j @returns {Vec} */
-function onSphere(part, i, j) {
-  const [face, quadrant] = [Math.floor(part / 4), part % 4];
+/** Returns a point of a sector of the sphere; i and j run from the middle of its cube face, 0, to the edge, 1. @param {number} sector @param {number} i @param {number} j @returns {Vec} */
+function onSphere(sector, i, j) {
+  const [face, quadrant] = [Math.floor(sector / 4), sector % 4];
   const axis = Math.floor(face / 2);
   const v = [0, 0, 0];
   v[axis] = face % 2 ? -1 : 1;

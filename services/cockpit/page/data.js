@@ -1,202 +1,204 @@
-// What the page knows: the pictures of the last minute or of a recording, the standing, the events, and which moment is looked at.
-// It knows topics, time and thinning, and nothing of the document.
+// State of the page: snapshots of the last minute or of a recording, system status, events and cursor.
+// This module does not access the document.
 
 import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** What is kept of a picture; of each of the `QUANTITIES` the least and the most, one after the other, NaN where nothing came; the up vectors of `TRAILS`.
+/** Frame of the history, made of one snapshot. `values` holds the minimum and the maximum of each of the `QUANTITIES`, NaN if unknown; `ups` holds the up vectors of `TRAILS`.
  * @typedef {{ t: number, number: number, picture: Message, values: Float64Array, ups: Record<string, Vec | null> }} Frame */
-/** Something that happened: when on the source's clock, s, null where that is not known, and until when; when it was told on the board's clock, s.
- * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} Told */
+/** Entry of the event list. `t` and `until` are the start and the end on the source's clock, s, or null if unknown; `reported_s` is the time of the report on the board's clock.
+ * @typedef {{ t: number | null, until: number | null, reported_s: number, number: number, text: string, label: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} LogEvent */
 
-export const SHOWN_S = 60;
-const FRAMES_MAX = 3000;
-const EVENTS_MAX = 1000;
-/** A flag that comes again within this time has been up all the while, s. */
-const FLAG_S = 1;
-/** After so long without a picture with an attitude what is shown is old, ms. */
-export const STALE_MS = 400;
-/** A difference is told ten times a second; one that is older belongs to a shadow that is gone, s. */
-const DIFFERENCE_S = 0.5;
-const NONE = 2 ** 53;
-/** The reason of a shadow that was told to end. */
-export const ENDED_AS_ASKED = "cancelled as requested";
+/** Longest time span that is kept and shown, s. */
+export const MAX_SPAN_S = 60;
+const MAX_FRAMES = 3000;
+const MAX_EVENTS = 1000;
+/** A flag that is set again within this time counts as set in between, s. */
+const FLAG_HOLD_S = 1;
+/** Time without an attitude after which the view is marked stale, ms. */
+export const STALE_AFTER_MS = 400;
+/** Maximum age of a difference, s. Shadows report ten times a second; an older difference belongs to a shadow that has ended. */
+const MAX_DIFFERENCE_AGE_S = 0.5;
+/** Tick field of events without a tick. */
+const NO_TICK = 2 ** 53;
+/** Reason in the reply about a shadow that was cancelled on request. */
+export const CANCELLED_REASON = "cancelled as requested";
 
-const EXTREMES = {
+const RANGE_NAMES = {
   QUANTITY_FORCE_M_S2: "force_m_s2", QUANTITY_FIELD_UT: "field_ut", QUANTITY_RATE_X_RAD_S: "rate_x_rad_s", QUANTITY_RATE_Y_RAD_S: "rate_y_rad_s",
   QUANTITY_RATE_Z_RAD_S: "rate_z_rad_s", QUANTITY_INNOVATION_RAD: "innovation_rad", QUANTITY_ERROR_RAD: "error_rad", QUANTITY_LATENCY_S: "latency_s",
 };
 
-/** What is no longer drawn when it is older than this, s. The sensors' values are shown with their age. */
-const SHORT_LIVED = ["gyro", "accel", "fused"];
-const SAID_S = 0.5;
+/** Outputs that are hidden when older than `MAX_OUTPUT_AGE_S`. Sensor values are shown with their age instead. */
+const EXPIRING_TOPICS = ["gyro", "accel", "fused"];
+const MAX_OUTPUT_AGE_S = 0.5;
 const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "reference"];
 
-/** The messages with a point whose way is drawn. */
+/** Topics whose up vector is drawn as a trail. */
 export const TRAILS = ["accel", "gyro", "fused"];
 
-/** The quantities that have a range within a picture. */
-export const RANGES = new Set(Object.values(EXTREMES));
+/** Quantities with a range within a snapshot. */
+export const RANGES = new Set(Object.values(RANGE_NAMES));
 
-/** What the strips can show. */
+/** Quantities that the strips can show. */
 export const QUANTITIES = [
   ...RANGES, "yaw_rad", "pitch_rad", "roll_rad", "course_rad", "inclination_sd_rad", "course_sd_rad", "u", "v", "z_rad", "bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s",
   "u_gyro", "v_gyro", "z_gyro_rad", "u_accel", "v_accel", "difference_rad",
 ];
-const PLACES = new Map(QUANTITIES.map((name, at) => [name, 2 * at]));
+const VALUE_INDEX = new Map(QUANTITIES.map((name, at) => [name, 2 * at]));
 
-/** Where the least of a quantity stands in the values of a frame; the most follows it. @param {string} name */
-export function placeOf(name) {
-  const place = PLACES.get(name);
-  if (place === undefined) throw new Error(`${name} is no quantity`);
-  return place;
+/** Returns the index of a quantity's minimum in the values of a frame; its maximum follows. @param {string} name */
+export function valueIndex(name) {
+  const index = VALUE_INDEX.get(name);
+  if (index === undefined) throw new Error(`unknown quantity ${name}`);
+  return index;
 }
 
 export class Data {
   constructor() {
     /** @type {Frame[]} */ this.frames = [];
     /** @type {Message} */ this.standing = {};
-    /** @type {Told[]} */ this.events = [];
-    /** Grows when an event comes, or the time of one becomes known. */ this.revision = 0;
-    /** @type {Message | null} */ this.answer = null;
-    /** Why a calibration was refused. */ this.refusal = "";
-    /** How the calibration that is under way does. @type {Message | null} */ this.calibration = null;
-    /** The newest of each message, as long as it is worth showing. @type {Message} */ this.newest = {};
-    /** The newest difference of each slot's shadow, and when it came. @type {Map<string, { t: number, difference: Message }>} */ this.shadows = new Map();
-    /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
+    /** @type {LogEvent[]} */ this.events = [];
+    /** Incremented when the event list changes. */ this.revision = 0;
+    /** Reply to the last swap, shadow or cancellation. @type {Message | null} */ this.answer = null;
+    /** Reason if a calibration was rejected. */ this.calibrationError = "";
+    /** Progress of the calibration. @type {Message | null} */ this.calibration = null;
+    /** Newest message of each topic. @type {Message} */ this.newest = {};
+    /** Newest difference of each slot's shadow and its time, s. @type {Map<string, { t: number, difference: Message }>} */ this.shadows = new Map();
+    /** Cursor, s; null shows the newest frame. @type {number | null} */ this.cursor = null;
     this.paused = false;
-    /** Looks at a time, s: the newest goes on behind it. @type {(t: number) => void} */ this.go = (t) => { this.paused = true; this.cursor = t; };
-    /** How much of the last minute the strips and the time line show, s. */ this.span_s = SHOWN_S;
-    /** How much of the past is kept, s. */ this.kept_s = SHOWN_S;
-    /** Where that ends, s. */ this.end = 0;
-    /** The source's clock less the board's, s; null as long as no message has said both. @type {number | null} */ this.lead_s = null;
-    /** The newest event of each flag. @type {Map<string, Told>} */ this.up = new Map();
-    /** The names of the flags, each with whether it says nothing bad. @type {[string, boolean][]} */ this.flags = [];
-    /** The connection: "connecting", "open", "closed", "refused", "absent". */ this.link = "connecting";
-    /** Why there is nothing of the vehicle that the address names. */ this.absent = "";
-    /** The command that was sent last. */ this.asked = "";
-    this.came = -Infinity;
-    /** Pictures of a recording. @type {Message[]} */ this.recording = [];
-    this.place = 0;
-    this.bytes = 0;
+    /** Moves the cursor to a time, s, and pauses. @type {(t: number) => void} */ this.goTo = (t) => { this.paused = true; this.cursor = t; };
+    /** Time span of the strips and the time line, s. */ this.span_s = MAX_SPAN_S;
+    /** Length of the history, s. */ this.kept_s = MAX_SPAN_S;
+    /** End of the time span shown, s. */ this.end = 0;
+    /** Offset of the source's clock from the board's, s; null until a message contains both times. @type {number | null} */ this.clock_offset_s = null;
+    /** Newest event of each flag. @type {Map<string, LogEvent>} */ this.flagEvents = new Map();
+    /** Names of the flags, each with whether it is only informational. @type {[string, boolean][]} */ this.flags = [];
+    /** State of the connection: "connecting", "open", "closed", "unauthorized", "unavailable". */ this.link = "connecting";
+    /** Reason if the vehicle is not available. */ this.unavailableReason = "";
+    /** Id of the last command sent. */ this.requestId = "";
+    /** When the last attitude was received, ms. */ this.received_ms = -Infinity;
+    /** Snapshots of a recording. @type {Message[]} */ this.recording = [];
+    /** Number of the recording's snapshot shown. */ this.position = 0;
+    /** Number of bytes received. */ this.bytes = 0;
   }
 
-  /** Forgets what was seen: another vehicle is looked at. */
+  /** Discards the history, for a change to another vehicle. */
   clear() {
     this.frames.length = 0;
     this.events.length = 0;
     this.revision += 1;
     this.recording = [];
-    this.up.clear();
+    this.flagEvents.clear();
     this.standing = {};
     this.newest = {};
-    this.lead_s = null;
+    this.clock_offset_s = null;
     this.calibration = null;
     this.shadows.clear();
     this.answer = null;
     this.cursor = null;
     this.paused = false;
-    this.came = -Infinity;
+    this.received_ms = -Infinity;
   }
 
-  /** Takes a picture. @param {Message} picture @param {number} now */
-  take(picture, now) {
-    // What happened in a recording is known from the beginning.
-    if (!this.recording.length) this.hear(picture);
+  /** Adds a snapshot. @param {Message} picture @param {number} now */
+  push(picture, now) {
+    // The events of a recording are recorded when it is loaded.
+    if (!this.recording.length) this.recordEvents(picture);
     if (picture.t_made_ns === 0 && !picture.attitude && !picture.imu) return;
     for (const name of TOPICS) if (picture[name]) this.newest[name] = picture[name];
-    if (picture.attitude) this.came = now;
+    if (picture.attitude) this.received_ms = now;
     const header = (picture.attitude ?? picture.imu)?.header;
     if (!header) return;
     const t = header.t_end_ns * 1e-9;
     const last = this.frames.at(-1);
-    // A source that begins anew begins the strips anew.
-    if (last && t < last.t - 1) this.forget();
+    // A step back in time means that the source has restarted.
+    if (last && t < last.t - 1) this.handleRestart();
     for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
-    for (const [slot, shadow] of this.shadows) if (t - shadow.t > DIFFERENCE_S) this.shadows.delete(slot);
+    for (const [slot, shadow] of this.shadows) if (t - shadow.t > MAX_DIFFERENCE_AGE_S) this.shadows.delete(slot);
     const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
     /** @type {Message} */
     const shown = { ...this.newest, differences };
-    // What a service said that says nothing any more is not how it is now.
-    for (const name of SHORT_LIVED) if (shown[name] && t - shown[name].header.t_end_ns * 1e-9 > SAID_S) delete shown[name];
+    // Outputs of a service that no longer publishes are not current.
+    for (const name of EXPIRING_TOPICS) if (shown[name] && t - shown[name].header.t_end_ns * 1e-9 > MAX_OUTPUT_AGE_S) delete shown[name];
     const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
     const frame = { t, number: picture.number, picture: shown, values: valuesOf(picture), ups };
     this.frames.push(frame);
     if (!this.paused) {
-      while (this.frames.length > FRAMES_MAX || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
-    } else if (this.frames.length > 2 * FRAMES_MAX) {
-      // What stood when it was paused stays.
-      this.frames.splice(FRAMES_MAX, FRAMES_MAX / 2);
+      while (this.frames.length > MAX_FRAMES || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
+    } else if (this.frames.length > 2 * MAX_FRAMES) {
+      // Keeps the frames from before the pause and drops some received since.
+      this.frames.splice(MAX_FRAMES, MAX_FRAMES / 2);
     }
   }
 
-  /** Another run begins: what was seen is no longer before it. */
-  forget() {
+  /** Discards the frames of the previous run; its events remain in the list without a time. */
+  handleRestart() {
     this.frames.length = 0;
     this.shadows.clear();
-    this.up.clear();
+    this.flagEvents.clear();
     this.cursor = null;
     this.paused = false;
     this.revision += 1;
-    for (const told of this.events) if (told.t !== null) told.t = NaN;
+    for (const event of this.events) if (event.t !== null) event.t = NaN;
   }
 
-  /** Takes what a picture says of events and flags. @param {Message} picture */
-  hear(picture) {
+  /** Records the events and flags of a snapshot. @param {Message} picture */
+  recordEvents(picture) {
     const header = (picture.attitude ?? picture.imu)?.header;
     if (header) {
-      this.lead_s = (header.t_end_ns - header.t_sent_ns) * 1e-9;
-      for (const told of this.events) if (told.t === null) { told.t = told.told_s + this.lead_s; this.revision += 1; }
+      this.clock_offset_s = (header.t_end_ns - header.t_sent_ns) * 1e-9;
+      for (const event of this.events) if (event.t === null) { event.t = event.reported_s + this.clock_offset_s; this.revision += 1; }
     }
-    // Of pictures that were missed the time is known within their own.
+    // A snapshot that replaces missed ones has no header; the last frame's time is close enough.
     const t = header ? header.t_end_ns * 1e-9 : this.frames.at(-1)?.t;
     if (t !== undefined) {
-      this.flags.forEach(([name, usual], bit) => {
-        if (!usual && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.flagged(name, t);
+      this.flags.forEach(([name, informational], bit) => {
+        if (!informational && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.recordFlag(name, t);
       });
     }
-    for (const event of picture.events) this.note(event);
+    for (const event of picture.events) this.recordEvent(event);
   }
 
-  /** A flag is up. @param {string} name @param {number} t */
-  flagged(name, t) {
-    const last = this.up.get(name);
-    if (last?.until && t >= last.until && t - last.until < FLAG_S) {
+  /** Extends the last event of a flag, or adds a new one. @param {string} name @param {number} t */
+  recordFlag(name, t) {
+    const last = this.flagEvents.get(name);
+    if (last?.until && t >= last.until && t - last.until < FLAG_HOLD_S) {
       last.until = t;
       return;
     }
-    const told = { t, until: t, told_s: t - (this.lead_s ?? 0), number: -1, text: `flag ${name}`, word: name, fault: name !== "swapped", kind: "FLAG", service: "", stage: "", tick: NONE };
-    this.up.set(name, told);
-    this.add(told);
+    const event = { t, until: t, reported_s: t - (this.clock_offset_s ?? 0), number: -1, text: `flag ${name}`, label: name, fault: name !== "swapped", kind: "FLAG", service: "", stage: "", tick: NO_TICK };
+    this.flagEvents.set(name, event);
+    this.add(event);
   }
 
-  /** The flags that are up and say something bad. @returns {string[]} */
-  flagsUp() {
+  /** Returns the names of the fault flags set at the time shown. @returns {string[]} */
+  activeFaults() {
     const t = this.shown()?.t ?? NaN;
-    return [...this.up.values()].filter((told) => told.fault && Math.abs(t - (told.until ?? NaN)) < FLAG_S).map((told) => told.word);
+    return [...this.flagEvents.values()].filter((event) => event.fault && Math.abs(t - (event.until ?? NaN)) < FLAG_HOLD_S).map((event) => event.label);
   }
 
-  /** @param {Message} event */
-  note(event) {
-    const told_s = event.t_told_ns * 1e-9;
-    if (this.events.some((told) => told.number === event.number && told.told_s === told_s)) return;
+  /** Records an event unless it is known. @param {Message} event */
+  recordEvent(event) {
+    const reported_s = event.t_told_ns * 1e-9;
+    if (this.events.some((known) => known.number === event.number && known.reported_s === reported_s)) return;
     const kind = event.kind.replace("EVENT_KIND_", "");
-    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.why !== ENDED_AS_ASKED;
+    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.why !== CANCELLED_REASON;
     const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
-    const word = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
-    this.add({ t: this.lead_s === null ? null : told_s + this.lead_s, until: null, told_s, number: event.number, text: say(event, word), word, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });
+    const label = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
+    this.add({ t: this.clock_offset_s === null ? null : reported_s + this.clock_offset_s, until: null, reported_s, number: event.number, text: describe(event, label), label, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });
   }
 
-  /** @param {Told} told */
-  add(told) {
-    this.events.push(told);
+  /** @param {LogEvent} event */
+  add(event) {
+    this.events.push(event);
     this.revision += 1;
-    if (this.events.length > EVENTS_MAX) this.events.shift();
+    if (this.events.length > MAX_EVENTS) this.events.shift();
   }
 
-  /** The times that strips and time line show, s. @returns {[number, number]} */
+  /** Returns the start and the end of the time span shown, s. @returns {[number, number]} */
   window() {
     const newest = this.frames.at(-1)?.t ?? 0;
     if (!this.paused || this.cursor === null) this.end = newest;
@@ -205,18 +207,18 @@ export class Data {
     return [this.end - this.span_s, this.end];
   }
 
-  /** Shows less or more of the last minute. @param {number} factor */
+  /** Scales the time span shown. @param {number} factor */
   zoom(factor) {
-    this.span_s = Math.max(2, Math.min(SHOWN_S, this.span_s * factor));
+    this.span_s = Math.max(2, Math.min(MAX_SPAN_S, this.span_s * factor));
   }
 
-  /** What is looked at. @returns {Frame | null} */
+  /** Returns the frame at the cursor, or the newest one. @returns {Frame | null} */
   shown() {
     if (this.cursor !== null) return this.nearest(this.cursor);
     return this.frames.at(-1) ?? null;
   }
 
-  /** The frame at a time of the source. @param {number} t @returns {Frame | null} */
+  /** Returns the first frame that is not before `t`, else the last one. @param {number} t @returns {Frame | null} */
   nearest(t) {
     let [low, high] = [0, this.frames.length - 1];
     while (low < high) {
@@ -227,7 +229,7 @@ export class Data {
     return this.frames[low] ?? null;
   }
 
-  /** Moves the cursor by so many frames, or seconds. @param {number} frames @param {number} seconds */
+  /** Moves the cursor by a number of frames, or by `seconds` unless 0. @param {number} frames @param {number} seconds */
   step(frames, seconds) {
     const at = this.shown();
     if (!at) return;
@@ -235,59 +237,59 @@ export class Data {
     if (wanted) this.cursor = wanted.t;
   }
 
-  /** One word, and why. @param {number} now */
+  /** Returns a short label for the state, its kind and the reason. @param {number} now */
   state(now) {
     const { state, why } = this.standing;
-    if (this.recording.length) return { word: this.paused ? "paused" : "replay", kind: "live", why: "" };
-    if (this.link === "refused") return { word: "no token", kind: "connecting", why: "Looking from here needs a token, and this page has none that is right: open the address that `plumb up` or `plumb view` prints, to its end." };
-    if (this.link === "absent") return { word: "no such vehicle", kind: "connecting", why: this.absent };
-    if (this.link !== "open") return { word: "connecting", kind: "connecting", why: "The page has no connection to the program that serves it: start it again with `plumb up` or `plumb view`; the page connects by itself." };
-    if (state === "STATE_ENDED") return { word: "ended", kind: "ended", why };
-    if (state === "STATE_UNCHOSEN") return { word: "choose a vehicle", kind: "paused", why: "" };
-    if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { word: "connecting", kind: "connecting", why: why ?? "" };
-    const age = now - this.came;
-    if (age > STALE_MS) {
-      const said = Number.isFinite(age) ? `stale ${(age / 1000).toFixed(1)} s` : "no attitude yet";
-      return { word: said, kind: "stale", why: "" };
+    if (this.recording.length) return { label: this.paused ? "paused" : "replay", kind: "live", reason: "" };
+    if (this.link === "unauthorized") return { label: "no token", kind: "connecting", reason: "Viewing requires a valid token. Open the complete address printed by `plumb up` or `plumb view`." };
+    if (this.link === "unavailable") return { label: "no such vehicle", kind: "connecting", reason: this.unavailableReason };
+    if (this.link !== "open") return { label: "connecting", kind: "connecting", reason: "No connection to the cockpit. Start it with `plumb up` or `plumb view`; this page then connects automatically." };
+    if (state === "STATE_ENDED") return { label: "ended", kind: "ended", reason: why };
+    if (state === "STATE_UNCHOSEN") return { label: "choose a vehicle", kind: "paused", reason: "" };
+    if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { label: "connecting", kind: "connecting", reason: why ?? "" };
+    const age = now - this.received_ms;
+    if (age > STALE_AFTER_MS) {
+      const label = Number.isFinite(age) ? `stale ${(age / 1000).toFixed(1)} s` : "no attitude yet";
+      return { label, kind: "stale", reason: "" };
     }
-    return { word: this.paused ? "paused" : "live", kind: this.paused ? "paused" : "live", why: "" };
+    return { label: this.paused ? "paused" : "live", kind: this.paused ? "paused" : "live", reason: "" };
   }
 }
 
-/** @param {Message} picture @returns {Float64Array} */
+/** Returns the minimum and the maximum of each quantity in a snapshot. @param {Message} picture @returns {Float64Array} */
 function valuesOf(picture) {
   const values = new Float64Array(2 * QUANTITIES.length).fill(NaN);
-  const put = (/** @type {string} */ name, /** @type {number} */ least, /** @type {number} */ most) => {
-    if (Number.isFinite(least) && Number.isFinite(most)) values.set([least, most], placeOf(name));
+  const setRange = (/** @type {string} */ name, /** @type {number} */ min, /** @type {number} */ max) => {
+    if (Number.isFinite(min) && Number.isFinite(max)) values.set([min, max], valueIndex(name));
   };
-  const one = (/** @type {string} */ name, /** @type {number} */ value) => put(name, value, value);
+  const set = (/** @type {string} */ name, /** @type {number} */ value) => setRange(name, value, value);
   for (const { quantity, least, most } of picture.extremes) {
-    const name = EXTREMES[/** @type {keyof typeof EXTREMES} */ (quantity)];
-    if (name) put(name, least, most);
+    const name = RANGE_NAMES[/** @type {keyof typeof RANGE_NAMES} */ (quantity)];
+    if (name) setRange(name, least, most);
   }
   const { attitude, fused, accel, gyro } = picture;
   if (attitude) {
-    one("yaw_rad", attitude.yaw_rad); one("pitch_rad", attitude.pitch_rad); one("roll_rad", attitude.roll_rad); one("course_rad", attitude.course_rad);
-    one("inclination_sd_rad", attitude.inclination_sd_rad);
-    if (attitude.course_sd_rad < Math.PI) one("course_sd_rad", attitude.course_sd_rad);
+    set("yaw_rad", attitude.yaw_rad); set("pitch_rad", attitude.pitch_rad); set("roll_rad", attitude.roll_rad); set("course_rad", attitude.course_rad);
+    set("inclination_sd_rad", attitude.inclination_sd_rad);
+    if (attitude.course_sd_rad < Math.PI) set("course_sd_rad", attitude.course_sd_rad);
   }
   if (fused?.w) {
-    one("u", fused.w.re); one("v", fused.w.im); one("z_rad", fused.z_rad);
+    set("u", fused.w.re); set("v", fused.w.im); set("z_rad", fused.z_rad);
     const bias = fused.bias_rad_s;
-    if (bias) { one("bias_x_rad_s", bias.x); one("bias_y_rad_s", bias.y); one("bias_z_rad_s", bias.z); }
+    if (bias) { set("bias_x_rad_s", bias.x); set("bias_y_rad_s", bias.y); set("bias_z_rad_s", bias.z); }
   }
-  if (gyro?.w) { one("u_gyro", gyro.w.re); one("v_gyro", gyro.w.im); one("z_gyro_rad", gyro.z_rad); }
-  if (accel?.w) { one("u_accel", accel.w.re); one("v_accel", accel.w.im); }
-  for (const difference of picture.differences) if (difference.now_rad) one("difference_rad", difference.now_rad.x);
+  if (gyro?.w) { set("u_gyro", gyro.w.re); set("v_gyro", gyro.w.im); set("z_gyro_rad", gyro.z_rad); }
+  if (accel?.w) { set("u_accel", accel.w.re); set("v_accel", accel.w.im); }
+  for (const difference of picture.differences) if (difference.now_rad) set("difference_rad", difference.now_rad.x);
   return values;
 }
 
-/** An event in words. @param {Message} event @param {string} word */
-function say(event, word) {
+/** Returns the description of an event. @param {Message} event @param {string} label */
+function describe(event, label) {
   const stage = event.stage ? ` ${event.stage}` : "";
-  const tick = event.tick < NONE && event.tick > 0 ? ` at tick ${event.tick}` : "";
-  const why = event.why ? `: ${event.why}` : "";
-  return word + stage + tick + why;
+  const tick = event.tick < NO_TICK && event.tick > 0 ? ` at tick ${event.tick}` : "";
+  const reason = event.why ? `: ${event.why}` : "";
+  return label + stage + tick + reason;
 }
 
 /** @param {Message | null | undefined} q @returns {Quat | null} */
@@ -296,24 +298,24 @@ export const quaternion = (q) => (q ? [q.w, q.x, q.y, q.z] : null);
 /** @param {Message | null | undefined} v @returns {Vec | null} */
 export const vector = (v) => (v ? [v.x, v.y, v.z] : null);
 
-/** The up vector of a message with a point. @param {Message | null | undefined} message @returns {Vec | null} */
+/** Returns the up vector of a message with a point w. @param {Message | null | undefined} message @returns {Vec | null} */
 export function upOfPoint(message) {
   return message?.w ? upOf(message.w.re, message.w.im, message.chart === "CHART_INVERTED") : null;
 }
 
-/** The attitude of a message with a point and a turn. @param {Message | null | undefined} message @returns {Quat | null} */
+/** Returns the attitude of a message with a point w and an angle z. @param {Message | null | undefined} message @returns {Quat | null} */
 export function attitudeOfPoint(message) {
   const up = upOfPoint(message);
   return up && message ? attitudeOf(up, message.z_rad, message.chart === "CHART_INVERTED") : null;
 }
 
-/** The attitude of the shadow of a slot: that of the owner, turned by what lies between them. @param {Message} picture @returns {Quat | null} */
+/** Returns the attitude of a slot's shadow: the owner's attitude combined with their difference. @param {Message} picture @returns {Quat | null} */
 export function attitudeOfShadow(picture) {
-  const [own, turn] = [quaternion(picture.attitude?.quaternion), quaternion(picture.differences?.[0]?.turn)];
-  return own && turn?.every(Number.isFinite) ? product(own, turn) : null;
+  const [own, rotation] = [quaternion(picture.attitude?.quaternion), quaternion(picture.differences?.[0]?.turn)];
+  return own && rotation?.every(Number.isFinite) ? product(own, rotation) : null;
 }
 
-/** The error against the reference of the same tick, rad. @param {Message} picture */
+/** Returns the angle to the reference of the same tick, rad. @param {Message} picture */
 export function errorOf(picture) {
   const [own, truth] = [quaternion(picture.attitude?.quaternion), quaternion(picture.reference?.quaternion)];
   return own && truth && picture.reference.tick === picture.attitude.header.tick ? angleBetween(own, truth) : null;

@@ -1,78 +1,78 @@
-// Fleet: who is there. A line of each vehicle in sight; one is chosen by a click.
+// Fleet view: one row per available vehicle. A click selects the vehicle.
 
 import { DEGREE, angles } from "./attitude.js";
 import { quaternion } from "./data.js";
-import { begin, countedFrom, degrees } from "./fly.js";
-import { colour, element, write } from "./look.js";
+import { courseReference, degrees, prepareCanvas } from "./fly.js";
+import { colour, element, write } from "./ui.js";
 import { signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
 
-/** An attitude that is older is said to be old, s: a line comes once a second. */
-const OLD_S = 2;
-const HEADS = ["", "vehicle", "roll", "pitch", "course", "age", "lost on board", "lost on the way", "stage", "services"];
+/** Age above which an attitude counts as old, s. Rows are updated once a second. */
+const MAX_AGE_S = 2;
+const COLUMNS = ["", "vehicle", "roll", "pitch", "course", "age", "lost on board", "lost in transit", "stage", "services"];
 
 export class Fleet {
-  /** @param {HTMLElement} place @param {Data} data @param {(name: string) => void} choose */
-  constructor(place, data, choose) {
+  /** @param {HTMLElement} parent @param {Data} data @param {(name: string) => void} onSelect */
+  constructor(parent, data, onSelect) {
     this.data = data;
-    this.choose = choose;
-    const head = element("thead", "", element("tr", "", ...HEADS.map((name) => element("th", look(name), name))));
-    this.lines = element("tbody", "");
+    this.onSelect = onSelect;
+    const head = element("thead", "", element("tr", "", ...COLUMNS.map((name) => element("th", columnClass(name), name))));
+    this.rows = element("tbody", "");
     this.note = element("p", "c-quiet");
-    place.replaceChildren(element("h2", "", "Vehicles in sight"), element("table", "fleet", head, this.lines), this.note);
-    /** Names of the vehicles that have a row. */ this.names = "";
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+    parent.replaceChildren(element("h2", "", "Vehicles"), element("table", "fleet", head, this.rows), this.note);
+    /** Names of the vehicles that have a row, joined. */ this.names = "";
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
   draw() {
     const { standing } = this.data;
-    const vehicles = standing.vehicles?.length ? standing.vehicles : this.own();
-    const names = vehicles.map((/** @type {Message} */ one) => one.vehicle).join(" ");
+    const vehicles = standing.vehicles?.length ? standing.vehicles : this.ownVehicle();
+    const names = vehicles.map((/** @type {Message} */ line) => line.vehicle).join(" ");
     if (names !== this.names) {
       this.names = names;
-      this.lines.replaceChildren(...vehicles.map((/** @type {Message} */ one) => this.row(one.vehicle)));
+      this.rows.replaceChildren(...vehicles.map((/** @type {Message} */ line) => this.createRow(line.vehicle)));
     }
-    write(this.note, standing.vehicles?.length ? "" : "This page shows one system. `plumb view --remote --connect ENDPOINT` shows every vehicle that is reached over the network.");
+    write(this.note, standing.vehicles?.length ? "" : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
     this.drawn = { vehicles: [] };
-    vehicles.forEach((/** @type {Message} */ line, /** @type {number} */ at) => this.fill(this.lines.children[at], line));
+    vehicles.forEach((/** @type {Message} */ line, /** @type {number} */ at) => this.fillRow(this.rows.children[at], line));
   }
 
-  /** The system that is shown, as the one line. @returns {Message[]} */
-  own() {
+  /** Returns the system shown as the only vehicle. @returns {Message[]} */
+  ownVehicle() {
     const { standing } = this.data;
     if (!standing.system) return [];
-    const statuses = (standing.services ?? []).map((/** @type {Message} */ one) => one.status);
-    const of = (/** @type {string} */ name) => statuses.find((/** @type {Message} */ one) => one.service === name);
-    const recorded = this.data.recording.length > 0;
-    const age_s = recorded ? Infinity : (performance.now() - this.data.came) / 1000;
-    const services = statuses.filter((/** @type {Message} */ one) => one.state === "running").map((/** @type {Message} */ one) => one.service);
-    return [{ vehicle: standing.system, lives: recorded || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: of("course")?.lost ?? null, stage: of("fuser")?.stage ?? "", services }];
+    const statuses = (standing.services ?? []).map((/** @type {Message} */ service) => service.status);
+    const statusOf = (/** @type {string} */ name) => statuses.find((/** @type {Message} */ status) => status.service === name);
+    const isRecording = this.data.recording.length > 0;
+    const age_s = isRecording ? Infinity : (performance.now() - this.data.received_ms) / 1000;
+    const services = statuses.filter((/** @type {Message} */ status) => status.state === "running").map((/** @type {Message} */ status) => status.service);
+    return [{ vehicle: standing.system, lives: isRecording || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: statusOf("course")?.lost ?? null, stage: statusOf("fuser")?.stage ?? "", services }];
   }
 
-  /** A row to be filled. @param {string} name */
-  row(name) {
+  /** @param {string} name */
+  createRow(name) {
     const canvas = document.createElement("canvas");
     canvas.setAttribute("aria-hidden", "true");
     const button = /** @type {HTMLButtonElement} */ (element("button", "", name));
     button.type = "button";
     button.dataset.vehicle = name;
     button.disabled = !this.data.standing.vehicles?.length;
-    button.addEventListener("click", () => this.choose(name));
-    return element("tr", "", element("td", "", canvas), element("td", "", button), ...HEADS.slice(2).map((head) => element("td", look(head), "–")));
+    button.addEventListener("click", () => this.onSelect(name));
+    return element("tr", "", element("td", "", canvas), element("td", "", button), ...COLUMNS.slice(2).map((column) => element("td", columnClass(column), "–")));
   }
 
   /** @param {Element} row @param {Message} line */
-  fill(row, line) {
+  fillRow(row, line) {
     const { attitude, age_s, lives, lost_messages, lost_ticks, stage, services } = line;
-    const old = !lives || age_s === null || age_s > OLD_S;
+    const old = !lives || age_s === null || age_s > MAX_AGE_S;
     row.classList.toggle("old", old);
     const q = quaternion(attitude?.quaternion);
     const [, pitch, roll] = q ? angles(q) : [0, 0, 0];
     const cells = [
       q ? `${signed(roll / DEGREE, 1)}°` : "–", q ? `${signed(pitch / DEGREE, 1)}°` : "–",
-      attitude ? `${degrees(attitude.course_rad)}° ${countedFrom(attitude.course_reference)}` : "–",
+      attitude ? `${degrees(attitude.course_rad)}° ${courseReference(attitude.course_reference)}` : "–",
       age_s === null ? "–" : `${age_s.toFixed(1)} s`, lost_ticks === null ? "–" : String(lost_ticks), String(lost_messages),
       stage || "–", lives ? services.join(" ") : "out of reach",
     ];
@@ -80,24 +80,24 @@ export class Fleet {
     row.children[6].classList.toggle("c-fault", lost_ticks > 0);
     row.children[7].classList.toggle("c-fault", lost_messages > 0);
     this.drawn.vehicles.push({ vehicle: line.vehicle, quaternion: q, old, lost_ticks, lost_messages, stage });
-    glyph(/** @type {HTMLCanvasElement} */ (row.querySelector("canvas")), q ? [pitch, roll] : null);
+    drawGlyph(/** @type {HTMLCanvasElement} */ (row.querySelector("canvas")), q ? [pitch, roll] : null);
   }
 }
 
-/** Numbers stand right. @param {string} head */
-const look = (head) => (["", "vehicle", "stage", "services"].includes(head) ? "" : "number");
+/** Returns the class of a column; numbers are aligned to the right. @param {string} name */
+const columnClass = (name) => (["", "vehicle", "stage", "services"].includes(name) ? "" : "number");
 
-/** A small horizon. @param {HTMLCanvasElement} canvas @param {[number, number] | null} lies Pitch and roll, rad */
-function glyph(canvas, lies) {
-  const made = begin(canvas);
-  if (!made || !lies) return;
-  const [context, width, height] = made;
+/** Draws a small horizon. @param {HTMLCanvasElement} canvas @param {[number, number] | null} angles Pitch and roll, rad */
+function drawGlyph(canvas, angles) {
+  const prepared = prepareCanvas(canvas);
+  if (!prepared || !angles) return;
+  const [context, width, height] = prepared;
   const r = Math.min(width, height) / 2 - 1;
   context.translate(width / 2, height / 2);
   context.save();
   context.beginPath(); context.arc(0, 0, r, 0, 7); context.clip();
-  context.rotate(-lies[1]);
-  context.translate(0, (lies[0] / (45 * DEGREE)) * r);
+  context.rotate(-angles[1]);
+  context.translate(0, (angles[0] / (45 * DEGREE)) * r);
   context.fillStyle = colour("sky"); context.fillRect(-4 * r, -8 * r, 8 * r, 8 * r);
   context.fillStyle = colour("ground"); context.fillRect(-4 * r, 0, 8 * r, 8 * r);
   context.restore();

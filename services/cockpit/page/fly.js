@@ -1,8 +1,8 @@
-// Fly: how the body lies, and whether to believe it.
+// Fly view: the attitude and its uncertainty.
 
 import { DEGREE, angles, rotate } from "./attitude.js";
 import { attitudeOfPoint, attitudeOfShadow, errorOf, quaternion } from "./data.js";
-import { colour, element, rows, tint, write } from "./look.js";
+import { colour, element, fillTable, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
 import { Strips, signed } from "./strips.js";
 
@@ -12,7 +12,7 @@ import { Strips, signed } from "./strips.js";
 
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
 const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
-/** A body with a nose, wings and a fin: right x, forward y, up z. @type {Vec[][]} */
+/** Body with nose, wings and fin: x right, y forward, z up. @type {Vec[][]} */
 const BODY = [
   [[0, 1.15, 0], [0.16, 0.35, -0.06], [-0.16, 0.35, -0.06]], [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [-0.16, 0.35, -0.06], [-0.16, 0.35, 0.1]],
   [[0, 1.15, 0], [-0.16, 0.35, 0.1], [0.16, 0.35, 0.1]], [[0.16, 0.35, 0.1], [-0.16, 0.35, 0.1], [0, -0.95, 0.08]], [[0.16, 0.35, -0.06], [0, -0.95, 0.08], [-0.16, 0.35, -0.06]],
@@ -22,8 +22,8 @@ const BODY = [
 ];
 
 export class Fly {
-  /** @param {HTMLElement} place @param {Data} data */
-  constructor(place, data) {
+  /** @param {HTMLElement} parent @param {Data} data */
+  constructor(parent, data) {
     this.data = data;
     const grid = element("div", "grid fly");
     const [scene, side, horizon, rose, strips] = [element("div", "panel"), element("div", "side"), element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
@@ -38,11 +38,11 @@ export class Fly {
     this.values = element("tbody", "");
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
-    place.replaceChildren(grid);
+    parent.replaceChildren(grid);
     this.scene = new Scene(scene, 4.7);
     const legend = element("ul", "legend");
-    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"], ["┄", "c-shadow", "shadow"]]).map(([mark, look, name]) => {
-      const item = element("li", look, name);
+    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]).map(([mark, className, name]) => {
+      const item = element("li", className, name);
       item.dataset.mark = mark;
       legend.append(item);
       return item;
@@ -51,11 +51,11 @@ export class Fly {
     scene.append(legend, this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ of: "yaw_rad", name: "yaw", colour: "axis-z" }, { of: "pitch_rad", name: "pitch", colour: "axis-x" }, { of: "roll_rad", name: "roll", colour: "axis-y" }] },
-      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ of: "rate_x_rad_s", name: "x", colour: "axis-x" }, { of: "rate_y_rad_s", name: "y", colour: "axis-y" }, { of: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
-      { title: "error, sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error_rad", name: "error", colour: "fault" }, { of: "inclination_sd_rad", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference_rad", name: "shadow", colour: "shadow" }] },
+      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
+      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "sd of inclination", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
     ]);
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
   draw() {
@@ -65,12 +65,12 @@ export class Fly {
     const truth = quaternion(picture.reference?.quaternion);
     const gyro = attitudeOfPoint(picture.gyro);
     const shadow = attitudeOfShadow(picture);
-    const apart_deg = shadow ? picture.differences[0].now_rad.x / DEGREE : null;
-    this.drawn = { quaternion: own, reference: truth, gyro, shadow, apart_deg, yaw_deg: null, error_deg: null };
+    const shadow_difference_deg = shadow ? picture.differences[0].now_rad.x / DEGREE : null;
+    this.drawn = { quaternion: own, reference: truth, gyro, shadow, shadow_difference_deg, yaw_deg: null, error_deg: null };
     [own, truth, gyro, shadow].forEach((ghost, at) => { this.ghosts[at].hidden = !ghost; });
     const slot = shadow ? picture.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
-    write(this.ghosts[3], `shadow of ${slot}, ${apart_deg?.toFixed(2)}° apart`);
-    this.draw3d(own, truth, gyro, shadow);
+    write(this.ghosts[3], `shadow of ${slot}, difference ${shadow_difference_deg?.toFixed(2)}°`);
+    this.drawScene(own, truth, gyro, shadow);
     this.drawHorizon(own);
     this.drawRose(picture.attitude);
     this.drawValues(picture);
@@ -78,7 +78,7 @@ export class Fly {
   }
 
   /** @param {Quat | null} own @param {Quat | null} truth @param {Quat | null} gyro @param {Quat | null} shadow */
-  draw3d(own, truth, gyro, shadow) {
+  drawScene(own, truth, gyro, shadow) {
     const { scene } = this;
     scene.begin();
     scene.line(RING, tint("line"), 0.8);
@@ -88,10 +88,10 @@ export class Fly {
       scene.label(end, { x: "east x", y: "north y", z: "up z" }[name] ?? name, `c-${name}`);
     }
     if (shadow) {
-      for (const [, axis] of AXES) scene.line(dashes(rotate(shadow, axis), 1.4), tint("shadow"), 1.2, true);
+      for (const [, axis] of AXES) scene.line(dashPoints(rotate(shadow, axis), 1.4), tint("shadow"), 1.2, true);
       for (const shape of BODY) scene.line([...shape, shape[0]].map((point) => rotate(shadow, point)), tint("shadow", 0.8), 0.6);
     }
-    if (truth) for (const [, axis] of AXES) scene.line(dashes(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
+    if (truth) for (const [, axis] of AXES) scene.line(dashPoints(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
     if (gyro) for (const [, axis] of AXES) scene.line([[0, 0, 0], /** @type {Vec} */ (rotate(gyro, axis).map((part) => part * 1.1))], tint("gyro"), 0.9);
     if (own) {
       const light = [0.35, -0.5, 0.8];
@@ -109,14 +109,14 @@ export class Fly {
       }
     }
     scene.end();
-    write(this.note, own ? scene.why : "no attitude yet: `plumb up` starts a system");
+    write(this.note, own ? scene.fallbackReason : "no attitude yet; start a system with `plumb up`");
   }
 
   /** @param {Quat | null} q */
   drawHorizon(q) {
-    const made = begin(this.horizon);
-    if (!made) return;
-    const [context, width, height] = made;
+    const prepared = prepareCanvas(this.horizon);
+    if (!prepared) return;
+    const [context, width, height] = prepared;
     const [x, y, r] = [width / 2, height / 2, Math.min(width, height) * 0.46];
     context.save();
     context.beginPath(); context.arc(x, y, r, 0, 7); context.clip();
@@ -151,9 +151,9 @@ export class Fly {
 
   /** @param {import("./wire.js").Message | undefined} attitude */
   drawRose(attitude) {
-    const made = begin(this.rose);
-    if (!made) return;
-    const [context, width, height] = made;
+    const prepared = prepareCanvas(this.rose);
+    if (!prepared) return;
+    const [context, width, height] = prepared;
     const [x, y, r] = [width / 2, height / 2, Math.min(width, height) * 0.44];
     const course = attitude?.course_rad;
     context.textAlign = "center";
@@ -164,8 +164,8 @@ export class Fly {
     const arbitrary = attitude?.course_reference === "COURSE_REFERENCE_ARBITRARY";
     context.font = "14px system-ui";
     for (let mark = 0; mark < 360; mark += 10) {
-      const turn = mark * DEGREE - course;
-      const [s, c] = [Math.sin(turn), -Math.cos(turn)];
+      const angle = mark * DEGREE - course;
+      const [s, c] = [Math.sin(angle), -Math.cos(angle)];
       const long = mark % 30 === 0;
       context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
       context.beginPath(); context.moveTo(x + r * s, y + r * c); context.lineTo(x + r * (long ? 0.9 : 0.95) * s, y + r * (long ? 0.9 : 0.95) * c); context.stroke();
@@ -177,7 +177,7 @@ export class Fly {
     context.fillText(`${degrees(course)}°`, x, y - 8);
     context.font = "13px system-ui";
     context.fillStyle = colour("quiet");
-    context.fillText(countedFrom(attitude?.course_reference), x, y + 14);
+    context.fillText(courseReference(attitude?.course_reference), x, y + 14);
   }
 
   /** @param {import("./wire.js").Message} picture */
@@ -188,10 +188,10 @@ export class Fly {
     const error = errorOf(picture);
     if (attitude) Object.assign(this.drawn, { yaw_deg: attitude.yaw_rad / DEGREE, pitch_deg: attitude.pitch_rad / DEGREE, roll_deg: attitude.roll_rad / DEGREE, course_deg: attitude.course_rad / DEGREE });
     this.drawn.error_deg = error === null ? null : error / DEGREE;
-    rows(this.values, [
+    fillTable(this.values, [
       ["pitch", attitude ? deg(attitude.pitch_rad) : "–", "roll", attitude ? deg(attitude.roll_rad) : "–", attitude ? sd(attitude.inclination_sd_rad) : ""],
-      ["yaw", attitude ? deg(attitude.yaw_rad) : "–", `course ${countedFrom(attitude?.course_reference)}`, attitude ? `${degrees(attitude.course_rad)}°` : "–", attitude ? sd(attitude.course_sd_rad) : ""],
-      ["error", error === null ? "–" : `${(error / DEGREE).toFixed(2)}°`, error === null ? "the source knows no true attitude" : "against the reference", "", ""],
+      ["yaw", attitude ? deg(attitude.yaw_rad) : "–", `course ${courseReference(attitude?.course_reference)}`, attitude ? `${degrees(attitude.course_rad)}°` : "–", attitude ? sd(attitude.course_sd_rad) : ""],
+      ["error", error === null ? "–" : `${(error / DEGREE).toFixed(2)}°`, error === null ? "no reference" : "against the reference", "", ""],
     ], ["", "number", "", "number", "c-quiet"]);
   }
 }
@@ -199,11 +199,11 @@ export class Fly {
 /** @param {number} rad */
 export const degrees = (rad) => (rad / DEGREE).toFixed(1).padStart(5, "0");
 
-/** @param {string | undefined} reference */
-export const countedFrom = (reference) => ({ COURSE_REFERENCE_MAGNETIC: "mag.", COURSE_REFERENCE_TRUE: "true", COURSE_REFERENCE_ARBITRARY: "arb." })[reference ?? ""] ?? "";
+/** Returns the abbreviation of a course reference. @param {string | undefined} reference */
+export const courseReference = (reference) => ({ COURSE_REFERENCE_MAGNETIC: "mag.", COURSE_REFERENCE_TRUE: "true", COURSE_REFERENCE_ARBITRARY: "arb." })[reference ?? ""] ?? "";
 
-/** @param {Vec} end @param {number} length @returns {Vec[]} */
-const dashes = (end, length) => [...Array(16).keys()].map((i) => /** @type {Vec} */ (end.map((part) => (part * length * i) / 15)));
+/** Returns the points of a dashed line from the origin. @param {Vec} end @param {number} length @returns {Vec[]} */
+const dashPoints = (end, length) => [...Array(16).keys()].map((i) => /** @type {Vec} */ (end.map((part) => (part * length * i) / 15)));
 
 /** @param {Vec} a @param {Vec} b @param {Vec} c @returns {Vec} */
 function normal(a, b, c) {
@@ -213,8 +213,8 @@ function normal(a, b, c) {
   return [n[0] / length, n[1] / length, n[2] / length];
 }
 
-/** A canvas that fits its place. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
-export function begin(canvas) {
+/** Fits a canvas to its element and clears it. Returns its context, width and height. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
+export function prepareCanvas(canvas) {
   const context = canvas.getContext("2d");
   const ratio = Math.min(devicePixelRatio, 2);
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];

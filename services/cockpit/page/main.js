@@ -1,9 +1,9 @@
-// The page: the connection, the views, the bar, the keys.
+// Entry point of the page: connection, views, status bar and keyboard.
 
 import { Data } from "./data.js";
 import { Fleet } from "./fleet.js";
 import { Fly } from "./fly.js";
-import { element, theme, write } from "./look.js";
+import { element, setTheme, write } from "./ui.js";
 import { Method } from "./method.js";
 import { Sensors } from "./sensors.js";
 import { System } from "./system.js";
@@ -13,285 +13,290 @@ import { Wire } from "./wire.js";
 /** @typedef {import("./wire.js").Message} Message */
 
 const VIEWS = ["fly", "method", "sensors", "system", "fleet"];
-/** Between two attempts to connect, ms. */
-const AGAIN_MS = 500;
-/** The code with which a socket is closed whose token is missing or wrong. */
-const REFUSED = 1008;
-/** The same where there is nothing of the vehicle's name; the reason says why. */
-const ABSENT = 4404;
-/** Pictures of a recording asked for at once. */
+/** Delay before a new connection attempt, ms. */
+const RECONNECT_MS = 500;
+/** Close code if the token is missing or wrong. */
+const CLOSE_UNAUTHORIZED = 1008;
+/** Close code if the vehicle is not available. */
+const CLOSE_UNKNOWN_VEHICLE = 4404;
+/** Number of snapshots of a recording per request. */
 const CHUNK = 2000;
+/** Shortest duration of a recording's snapshot, s. */
+const SNAPSHOT_S = 0.033;
+/** Number of snapshots that fill the strips when seeking in a recording. */
+const SEEK_SNAPSHOTS = 1800;
 const PICTURE_S = 0.033;
 
 const data = new Data();
 const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (document.getElementById(id));
-/** Behind the # of the address stands the token: no request ever carries it but a command. */
-const behind = location.hash.slice(1);
-const token = (/^[0-9a-f]+$/.test(behind) && behind) || sessionStorage.getItem("token") || "";
+// The token is the fragment of the address, which browsers do not send.
+const fragment = location.hash.slice(1);
+const token = (/^[0-9a-f]+$/.test(fragment) && fragment) || sessionStorage.getItem("token") || "";
 if (token) sessionStorage.setItem("token", token);
 
-/** The vehicle that is looked at, where one is chosen. */
+/** Name of the selected vehicle; empty if none is selected. */
 let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 /** @type {Wire} */ let wire;
 /** @type {Timeline} */ let timeline;
 /** @type {WebSocket | null} */ let socket = null;
-/** @type {any} */ let shown = null;
-let name = "";
-let asked = 0;
-let played = 0;
+/** @type {any} */ let view = null;
+let viewName = "";
+let requestCount = 0;
+/** Fraction of a snapshot played since the last one shown. */
+let playedFraction = 0;
 
-/** A command, with the token; why not, where it cannot be sent. @param {Message} command */
-function ask(command) {
-  if (!token) return "commands need the token: open the address that `plumb up` or `plumb view` prints, to its end";
-  if (socket?.readyState !== WebSocket.OPEN) return "there is no connection";
-  asked += 1;
-  data.asked = `page-${asked}`;
-  socket.send(wire.encode("PageCommand", { ...command, request_id: data.asked, token }));
+/** Sends a command with the token. Returns the reason if it cannot be sent, otherwise null. @param {Message} command */
+function sendCommand(command) {
+  if (!token) return "commands require a token; open the complete address printed by `plumb up` or `plumb view`";
+  if (socket?.readyState !== WebSocket.OPEN) return "not connected";
+  requestCount += 1;
+  data.requestId = `page-${requestCount}`;
+  socket.send(wire.encode("PageCommand", { ...command, request_id: data.requestId, token }));
   return null;
 }
 
-/** Connects. Until something is told, the page goes on saying why there was no connection. */
+/** Opens a connection. The reason for its absence stays visible until the first message arrives. */
 function connect() {
-  const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
-  socket = made;
-  made.binaryType = "arraybuffer";
-  made.addEventListener("open", () => {
-    // What was under way may have ended with the connection; what goes on is told again.
+  const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
+  socket = opened;
+  opened.binaryType = "arraybuffer";
+  opened.addEventListener("open", () => {
+    // A calibration may have ended while disconnected; if not, its progress is sent again.
     data.calibration = null;
-    if (token) made.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
+    if (token) opened.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
   });
-  made.addEventListener("message", ({ data: bytes }) => {
-    if (made !== socket) return;
+  opened.addEventListener("message", ({ data: bytes }) => {
+    if (opened !== socket) return;
     data.link = "open";
     data.bytes += bytes.byteLength;
     const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
-    if (picture) data.take(picture, performance.now());
+    if (picture) data.push(picture, performance.now());
     if (standing) {
-      // In the place of a recording there is a system now.
+      // The server now shows a system instead of the recording.
       if (data.recording.length && standing.state !== "STATE_RECORDING") {
         data.clear();
-        get("scrub").hidden = true;
+        get("playback").hidden = true;
       }
       const first = data.standing.pictures !== standing.pictures;
-      // Where there are several and none is chosen, the page begins with them.
-      if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) show("fleet");
+      // Without a selected vehicle the page shows the list.
+      if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) openView("fleet");
       data.standing = standing;
       if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
-    // An answer about no slot is that to a calibration.
-    if (answer && !answer.slot) data.refusal = answer.reason;
+    // A reply without a slot belongs to a calibration.
+    if (answer && !answer.slot) data.calibrationError = answer.reason;
     else if (answer) {
       data.answer = answer;
-      if (shown instanceof System) shown.answered(answer);
+      if (view instanceof System) view.showReply(answer);
     }
   });
-  made.addEventListener("close", ({ code, reason }) => {
-    if (made !== socket) return;
-    data.link = code === REFUSED ? "refused" : code === ABSENT ? "absent" : "closed";
-    data.absent = reason;
-    setTimeout(() => { if (made === socket) connect(); }, AGAIN_MS);
+  opened.addEventListener("close", ({ code, reason }) => {
+    if (opened !== socket) return;
+    data.link = code === CLOSE_UNAUTHORIZED ? "unauthorized" : code === CLOSE_UNKNOWN_VEHICLE ? "unavailable" : "closed";
+    data.unavailableReason = reason;
+    setTimeout(() => { if (opened === socket) connect(); }, RECONNECT_MS);
   });
 }
 
-/** Looks at another vehicle. @param {string} name */
-function choose(name) {
+/** Switches to another vehicle. @param {string} name */
+function selectVehicle(name) {
   vehicle = name;
   history.replaceState(null, "", `?vehicle=${encodeURIComponent(name)}`);
   data.clear();
   data.link = "connecting";
   socket?.close();
   connect();
-  show("fly");
+  openView("fly");
 }
 
-/** Loads a recording. @param {number} count */
+/** Loads a recording. @param {number} count Number of its snapshots */
 async function load(count) {
   const all = [];
   while (all.length < count) {
-    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
-    if (!answer.ok) throw new Error(await answer.text());
-    const { pictures } = wire.decode("Pictures", new Uint8Array(await answer.arrayBuffer()));
+    const response = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
+    if (!response.ok) throw new Error(await response.text());
+    const { pictures } = wire.decode("Pictures", new Uint8Array(await response.arrayBuffer()));
     if (!pictures.length) break;
     all.push(...pictures);
   }
   data.events.length = 0;
-  for (const picture of all) data.hear(picture);
+  for (const picture of all) data.recordEvents(picture);
   data.recording = all;
   data.paused = true;
-  get("scrub").hidden = false;
-  input("place").max = String(Math.max(0, all.length - 1));
+  get("playback").hidden = false;
+  input("position").max = String(Math.max(0, all.length - 1));
   seek(0);
 }
 
-/** Shows a recording up to a picture. @param {number} place */
-function seek(place) {
-  data.place = Math.max(0, Math.min(data.recording.length - 1, Math.round(place)));
+/** Shows a recording at a snapshot. @param {number} position */
+function seek(position) {
+  data.position = Math.max(0, Math.min(data.recording.length - 1, Math.round(position)));
   data.frames.length = 0;
   data.newest = {};
   data.shadows.clear();
   data.cursor = null;
-  const from = Math.max(0, data.place - 1800);
-  for (const picture of data.recording.slice(from, data.place + 1)) data.take(picture, performance.now());
-  input("place").value = String(data.place);
+  const from = Math.max(0, data.position - SEEK_SNAPSHOTS);
+  for (const picture of data.recording.slice(from, data.position + 1)) data.push(picture, performance.now());
+  input("position").value = String(data.position);
 }
 
-/** Goes on in a recording by the time that has passed. @param {number} seconds */
+/** Advances a recording by the elapsed time. @param {number} seconds */
 function play(seconds) {
-  played += (seconds * Number(/** @type {HTMLSelectElement} */ (get("speed")).value)) / pictureLength();
-  const whole = Math.floor(played);
-  if (!whole) return;
-  played -= whole;
-  for (let i = 0; i < whole && data.place + 1 < data.recording.length; i++) {
-    data.place += 1;
-    data.take(data.recording[data.place], performance.now());
+  playedFraction += (seconds * Number(/** @type {HTMLSelectElement} */ (get("speed")).value)) / snapshotLength();
+  const count = Math.floor(playedFraction);
+  if (!count) return;
+  playedFraction -= count;
+  for (let i = 0; i < count && data.position + 1 < data.recording.length; i++) {
+    data.position += 1;
+    data.push(data.recording[data.position], performance.now());
   }
-  input("place").value = String(data.place);
-  if (data.place + 1 >= data.recording.length) data.paused = true;
+  input("position").value = String(data.position);
+  if (data.position + 1 >= data.recording.length) data.paused = true;
 }
 
-/** The time that a picture of a recording covers, s. */
-function pictureLength() {
+/** Returns the duration of a recording's snapshot, s. */
+function snapshotLength() {
   const { t_first_ns, t_last_ns } = data.standing;
-  return data.recording.length > 1 ? Math.max(PICTURE_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : PICTURE_S;
+  return data.recording.length > 1 ? Math.max(SNAPSHOT_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : SNAPSHOT_S;
 }
 
-/** @param {string} wanted */
-function show(wanted) {
-  name = wanted;
+/** @param {string} name */
+function openView(name) {
+  viewName = name;
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
-  const place = get("view");
-  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data, ask) : name === "system" ? new System(place, data, ask) : new Fleet(place, data, choose);
-  if (shown instanceof System && data.answer) shown.answered(data.answer);
+  const parent = get("view");
+  view = name === "fly" ? new Fly(parent, data) : name === "method" ? new Method(parent, data) : name === "sensors" ? new Sensors(parent, data, sendCommand) : name === "system" ? new System(parent, data, sendCommand) : new Fleet(parent, data, selectVehicle);
+  if (view instanceof System && data.answer) view.showReply(data.answer);
 }
 
 /** @param {number} us */
-const time = (us) => (us >= 1000 ? `${(us / 1000).toFixed(2)} ms` : `${us.toFixed(0)} µs`);
+const duration = (us) => (us >= 1000 ? `${(us / 1000).toFixed(2)} ms` : `${us.toFixed(0)} µs`);
 
 /** @param {number} now */
-function bar(now) {
+function drawBar(now) {
   const { standing } = data;
   const state = data.state(now);
-  const put = (/** @type {string} */ id, /** @type {string} */ text) => write(get(id), text);
-  put("system", standing.system || "no system");
-  put("source", standing.source ?? "");
-  put("state", state.word);
+  const set = (/** @type {string} */ id, /** @type {string} */ text) => write(get(id), text);
+  set("system", standing.system || "no system");
+  set("source", standing.source ?? "");
+  set("state", state.label);
   get("state").className = `state-${state.kind}`;
   const frame = data.shown();
-  put("time", frame ? `${frame.t.toFixed(2)} s` : "–");
-  put("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
+  set("time", frame ? `${frame.t.toFixed(2)} s` : "–");
+  set("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
   const latency = standing.latency_us;
-  put("latency", latency ? `p50 ${time(latency.p50)}  p99 ${time(latency.p99)}` : "–");
-  const course = (standing.services ?? []).find((/** @type {Message} */ one) => one.status?.service === "course");
-  put("lost", course ? String(course.status.lost) : "–");
-  get("lost-place").className = course && course.status.lost > 0 ? "loud" : "";
-  const flags = data.flagsUp();
+  set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
+  const course = (standing.services ?? []).find((/** @type {Message} */ service) => service.status?.service === "course");
+  set("lost", course ? String(course.status.lost) : "–");
+  get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
+  const flags = data.activeFaults();
   get("flags").hidden = !flags.length;
-  put("flags", flags.join(", "));
-  get("why").hidden = !state.why;
-  put("why", state.why);
-  // In the list of vehicles each line has an age of its own.
-  get("view").classList.toggle("stale", name !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
-  put("pause", data.paused ? (data.recording.length ? "Play" : "Go on") : "Pause");
-  put("play", data.paused ? "Play" : "Stop");
-  if (data.recording.length && frame) put("place-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
+  set("flags", flags.join(", "));
+  get("reason").hidden = !state.reason;
+  set("reason", state.reason);
+  // The list of vehicles marks each stale row by itself.
+  get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
+  set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
+  set("play", data.paused ? "Play" : "Pause");
+  if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
 }
 
-function pause() {
+function togglePause() {
   data.paused = !data.paused;
   if (data.paused) data.cursor = data.recording.length ? null : data.frames.at(-1)?.t ?? null;
   else data.cursor = null;
-  if (!data.paused && data.recording.length && data.place + 1 >= data.recording.length) seek(0);
+  if (!data.paused && data.recording.length && data.position + 1 >= data.recording.length) seek(0);
 }
 
-/** Sets the cursor, in a recording the place. @param {number} t */
-function go(t) {
+/** Moves the cursor, in a recording the position, to a time of the source and pauses. @param {number} t */
+function goTo(t) {
   data.paused = true;
   if (!data.recording.length) { data.cursor = t; return; }
   const at = data.recording.findIndex((picture) => ((picture.attitude ?? picture.imu)?.header.t_end_ns ?? -Infinity) * 1e-9 >= t);
   seek(at < 0 ? data.recording.length - 1 : at);
 }
 
-/** By which a key turns the scene: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
-const TURNS = { Home: [-0.1, 0], End: [0.1, 0], PageUp: [0, 0.1], PageDown: [0, -0.1] };
+/** Rotation of the scene per key press: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
+const ROTATION_KEYS = { Home: [-0.1, 0], End: [0.1, 0], PageUp: [0, 0.1], PageDown: [0, -0.1] };
 
 /** @param {KeyboardEvent} event */
-function key(event) {
-  const at = /** @type {HTMLElement} */ (event.target);
-  if (event.ctrlKey || event.metaKey || event.altKey || at.tagName === "SELECT") return;
-  // The slider of a recording takes the keys that move it.
-  if (at.tagName === "INPUT" && (input(at.id).type !== "range" || /^(Arrow|Page|Home|End)/.test(event.key))) return;
+function onKey(event) {
+  const target = /** @type {HTMLElement} */ (event.target);
+  if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
+  // The position slider of a recording handles its own keys.
+  if (target.tagName === "INPUT" && (input(target.id).type !== "range" || /^(Arrow|Page|Home|End)/.test(event.key))) return;
   const step = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
-  if (step && at.getAttribute("role") !== "tab") {
+  if (step && target.getAttribute("role") !== "tab") {
     data.paused = true;
-    if (data.recording.length) seek(data.place + step * (event.shiftKey ? Math.max(1, 1 / pictureLength()) : 1));
+    if (data.recording.length) seek(data.position + step * (event.shiftKey ? Math.max(1, 1 / snapshotLength()) : 1));
     else data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0);
-  } else if (VIEWS[Number(event.key) - 1]) show(VIEWS[Number(event.key) - 1]);
-  else if (event.key === " " && at.tagName !== "BUTTON") pause();
+  } else if (VIEWS[Number(event.key) - 1]) openView(VIEWS[Number(event.key) - 1]);
+  else if (event.key === " " && target.tagName !== "BUTTON") togglePause();
   else if (event.key === "l") { data.paused = false; data.cursor = null; }
   else if (event.key === "+" || event.key === "-") data.zoom(event.key === "+" ? 0.5 : 2);
-  else if (shown?.scene && TURNS[event.key]) shown.scene.turn(...TURNS[event.key]);
-  else if (event.key === "r") shown?.scene?.reset();
+  else if (view?.scene && ROTATION_KEYS[event.key]) view.scene.rotate(...ROTATION_KEYS[event.key]);
+  else if (event.key === "r") view?.scene?.reset();
   else if (event.key === "c") void timeline.copyValues();
   else if (event.key === "q") void timeline.copyQuaternion();
   else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
-  else if (event.key === "t") theme();
+  else if (event.key === "t") setTheme();
   else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
-  else if (event.key === "s") { show("system"); get("slot").focus(); }
+  else if (event.key === "s") { openView("system"); get("slot").focus(); }
   else return;
   event.preventDefault();
 }
 
-/** Between two drawings, ms: as pictures come. */
-const DRAWN_MS = 30;
-let before = performance.now();
+/** Minimum interval between frames, ms. Snapshots arrive at about this interval. */
+const FRAME_INTERVAL_MS = 30;
+let lastFrame = performance.now();
 /** Script time of the last frames, ms. @type {number[]} */
-const costs = [];
+const frameCosts = [];
 let frames = 0;
 /** @param {number} now */
 function frame(now) {
   requestAnimationFrame(frame);
-  if (now - before < DRAWN_MS) return;
-  const began = performance.now();
-  if (data.recording.length && !data.paused) play((now - before) / 1000);
-  before = now;
-  bar(now);
-  shown?.draw();
+  if (now - lastFrame < FRAME_INTERVAL_MS) return;
+  const started = performance.now();
+  if (data.recording.length && !data.paused) play((now - lastFrame) / 1000);
+  lastFrame = now;
+  drawBar(now);
+  view?.draw();
   timeline.draw();
   frames += 1;
-  costs.push(performance.now() - began);
-  if (costs.length > 600) costs.shift();
+  frameCosts.push(performance.now() - started);
+  if (frameCosts.length > 600) frameCosts.shift();
 }
 
-async function begin() {
+async function start() {
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const follow = () => theme(dark.matches ? "dark" : "light");
-  dark.addEventListener("change", follow);
-  follow();
-  for (const [place, of] of VIEWS.entries()) {
-    const tab = element("button", "", `${place + 1} ${of[0].toUpperCase()}${of.slice(1)}`);
-    tab.id = `tab-${of}`;
+  const followSystem = () => setTheme(dark.matches ? "dark" : "light");
+  dark.addEventListener("change", followSystem);
+  followSystem();
+  for (const [index, name] of VIEWS.entries()) {
+    const tab = element("button", "", `${index + 1} ${name[0].toUpperCase()}${name.slice(1)}`);
+    tab.id = `tab-${name}`;
     tab.setAttribute("role", "tab");
-    tab.addEventListener("click", () => show(of));
+    tab.addEventListener("click", () => openView(name));
     get("tabs").append(tab);
   }
-  get("pause").addEventListener("click", pause);
-  get("play").addEventListener("click", pause);
-  get("theme").addEventListener("click", () => theme());
+  get("pause").addEventListener("click", togglePause);
+  get("play").addEventListener("click", togglePause);
+  get("theme").addEventListener("click", () => setTheme());
   get("help").addEventListener("click", () => /** @type {HTMLDialogElement} */ (get("keys")).showModal());
-  input("place").addEventListener("input", () => seek(Number(input("place").value)));
-  document.addEventListener("keydown", key);
+  input("position").addEventListener("input", () => seek(Number(input("position").value)));
+  document.addEventListener("keydown", onKey);
   const schema = await (await fetch("/schema.json")).json();
   wire = new Wire(schema);
   data.flags = schema.flags;
-  data.go = go;
+  data.goTo = goTo;
   timeline = new Timeline(get("timeline"), data);
-  show("fly");
+  openView("fly");
   connect();
   requestAnimationFrame(frame);
 }
 
-/** What is drawn, for tests. */
-Object.assign(window, { plumb: { data, costs, frames: () => frames, state: () => data.state(performance.now()), drawn: () => shown?.drawn, told: () => timeline.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
-void begin();
+/** State of the page, for tests. */
+Object.assign(window, { plumb: { data, frameCosts, frames: () => frames, state: () => data.state(performance.now()), drawn: () => view?.drawn, timeline: () => timeline.drawn, view: () => viewName, seek, fallbackReason: () => view?.scene?.fallbackReason } });
+void start();

@@ -1,25 +1,26 @@
-// Method: how it knows. The up vector on the Riemann sphere with its ray to w, and the plane of w = u + jv.
+// Method view: the up vector on the Riemann sphere with its projection to w, and the plane of w = u + jv.
 
 import { DEGREE, pointOf, up } from "./attitude.js";
 import { TRAILS, quaternion } from "./data.js";
-import { begin } from "./fly.js";
-import { colour, element, tint, write } from "./look.js";
+import { prepareCanvas } from "./fly.js";
+import { colour, element, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
 import { Strips, signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
 
-const TRAIL = 300;
-/** Parallels and meridians, each with how bright and how wide. @type {[Vec[], number, number][]} */
-const NET = [
+/** Maximum number of frames in a trail. */
+const TRAIL_FRAMES = 300;
+/** Parallels and meridians, each with opacity and width. @type {[Vec[], number, number][]} */
+const GRID = [
   ...[-60, -30, 0, 30, 60].map((part) => /** @type {[Vec[], number, number]} */ ([circle((p, q) => [Math.cos(part * DEGREE) * q, Math.cos(part * DEGREE) * p, Math.sin(part * DEGREE)]), part ? 0.45 : 1, part ? 0.5 : 0.8])),
   ...[0, 30, 60, 90, 120, 150].map((part) => /** @type {[Vec[], number, number]} */ ([circle((p, q) => [Math.cos(part * DEGREE) * q, Math.sin(part * DEGREE) * q, p]), 0.45, 0.5])),
 ];
 
 export class Method {
-  /** @param {HTMLElement} place @param {Data} data */
-  constructor(place, data) {
+  /** @param {HTMLElement} parent @param {Data} data */
+  constructor(parent, data) {
     this.data = data;
     const grid = element("div", "grid method");
     const [sphere, plane, strips] = [element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
@@ -27,44 +28,44 @@ export class Method {
     this.plane.setAttribute("aria-label", "The plane of w");
     plane.append(this.plane);
     grid.append(sphere, plane, strips);
-    place.replaceChildren(grid);
+    parent.replaceChildren(grid);
     this.scene = new Scene(sphere, 3.7);
     this.note = element("p", "note");
     for (const panel of [sphere, plane]) panel.append(legend());
     sphere.append(this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ of: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "u_gyro", name: "gyro", colour: "gyro" }, { of: "u", name: "fused", colour: "fused" }] },
-      { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ of: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "v_gyro", name: "gyro", colour: "gyro" }, { of: "v", name: "fused", colour: "fused" }] },
-      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ of: "z_gyro_rad", name: "gyro", colour: "gyro" }, { of: "z_rad", name: "fused", colour: "fused" }] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ of: "innovation_rad", name: "accelerometer against fused", colour: "accel" }] },
-      { title: "deviation", unit: "° (sd)", scale: deg, digits: 2, lines: [{ of: "inclination_sd_rad", name: "inclination", colour: "fused" }, { of: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
-      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ of: "bias_x_rad_s", name: "x", colour: "axis-x" }, { of: "bias_y_rad_s", name: "y", colour: "axis-y" }, { of: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
+      { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "u_gyro", name: "gyro", colour: "gyro" }, { quantity: "u", name: "fused", colour: "fused" }] },
+      { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "v_gyro", name: "gyro", colour: "gyro" }, { quantity: "v", name: "fused", colour: "fused" }] },
+      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "z_gyro_rad", name: "gyro", colour: "gyro" }, { quantity: "z_rad", name: "fused", colour: "fused" }] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "innovation_rad", name: "accelerometer against fused", colour: "accel" }] },
+      { title: "std. dev.", unit: "° (sd)", scale: deg, digits: 2, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
+      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ quantity: "bias_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "bias_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
   draw() {
     const { frames } = this.data;
     const frame = this.data.shown();
     const end = frame ? frames.indexOf(frame) : -1;
-    // Every second picture is enough for a line, and always the same ones.
-    const trail = frames.slice(Math.max(0, end - TRAIL), end + 1).filter((one) => one.number % 2 === 0 || one === frame);
+    // Every second frame suffices. Selecting by number keeps the trail steady as frames are added.
+    const trail = frames.slice(Math.max(0, end - TRAIL_FRAMES), end + 1).filter((one) => one.number % 2 === 0 || one === frame);
     const truth = quaternion(frame?.picture.reference?.quaternion);
     const now = { fused: null, gyro: null, accel: null, ...frame?.ups, ink: truth ? up(truth) : null };
     const inverted = frame?.picture.fused?.chart === "CHART_INVERTED";
-    const plane = (/** @type {Vec} */ v) => (inverted ? pointOf([v[0], -v[1], -v[2]]) : pointOf(v));
-    this.drawn = { w: now.fused ? plane(now.fused) : null, w_gyro: now.gyro ? plane(now.gyro) : null, w_accel: now.accel ? plane(now.accel) : null, chart: inverted ? "inverted" : "upright" };
-    this.drawSphere(trail, now, plane, inverted);
-    this.drawPlane(trail, now, plane, inverted);
+    const project = (/** @type {Vec} */ v) => (inverted ? pointOf([v[0], -v[1], -v[2]]) : pointOf(v));
+    this.drawn = { w: now.fused ? project(now.fused) : null, w_gyro: now.gyro ? project(now.gyro) : null, w_accel: now.accel ? project(now.accel) : null, chart: inverted ? "inverted" : "upright" };
+    this.drawSphere(trail, now, project, inverted);
+    this.drawPlane(trail, now, project, inverted);
     this.strips.draw();
   }
 
-  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} plane @param {boolean} inverted */
-  drawSphere(trail, now, plane, inverted) {
+  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} project @param {boolean} inverted */
+  drawSphere(trail, now, project, inverted) {
     const { scene } = this;
     scene.begin();
-    for (const [line, alpha, width] of NET) scene.line(line, tint("quiet", alpha), width);
+    for (const [line, alpha, width] of GRID) scene.line(line, tint("quiet", alpha), width);
     const pole = inverted ? 1 : -1;
     scene.point([0, 0, pole], tint("fault"), 4);
     scene.label([0, 0, pole * 1.14], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
@@ -82,24 +83,24 @@ export class Method {
       if (!at) continue;
       scene.point(at, tint(name), size);
       if (name !== "fused") continue;
-      // The ray from the pole through the point meets the plane through the middle at w.
-      const [u, v] = plane(at);
+      // The ray from the pole through the up vector meets the equatorial plane at w.
+      const [u, v] = project(at);
       scene.line([[0, 0, pole], at, inverted ? [u, -v, 0] : [u, v, 0]], tint("fused"), 1);
       scene.point(inverted ? [u, -v, 0] : [u, v, 0], tint("fused"), 3);
       scene.label([at[0] * 1.15, at[1] * 1.15, at[2] * 1.15], "up", "c-fused");
     }
     scene.end();
-    write(this.note, now.fused ? scene.why || "body axes: right, nose, top; the ray from the pole meets the plane at w" : "no attitude yet: `plumb up` starts a system");
+    write(this.note, now.fused ? scene.fallbackReason || "body axes: right, nose, top; the ray from the pole meets the plane at w" : "no attitude yet; start a system with `plumb up`");
   }
 
-  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} plane @param {boolean} inverted */
-  drawPlane(trail, now, plane, inverted) {
-    const made = begin(this.plane);
-    if (!made) return;
-    const [context, width, height] = made;
+  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} project @param {boolean} inverted */
+  drawPlane(trail, now, project, inverted) {
+    const prepared = prepareCanvas(this.plane);
+    if (!prepared) return;
+    const [context, width, height] = prepared;
     let reach = 0.1;
     for (const frame of trail) {
-      const [u, v] = frame.ups.fused ? plane(frame.ups.fused) : [0, 0];
+      const [u, v] = frame.ups.fused ? project(frame.ups.fused) : [0, 0];
       for (const part of [Math.abs(u), Math.abs(v)]) if (part > reach && part < 3) reach = part;
     }
     const step = [0.05, 0.1, 0.2, 0.5, 1].find((size) => reach / size <= 4) ?? 1;
@@ -122,28 +123,28 @@ export class Method {
       context.strokeStyle = context.fillStyle = colour(name);
       context.lineWidth = name === "fused" ? 2 : 1.2;
       context.beginPath();
-      let before = false;
+      let connected = false;
       trail.forEach((frame) => {
         const point = frame.ups[name];
-        if (!point) { before = false; return; }
-        const [x, y] = at(plane(point));
+        if (!point) { connected = false; return; }
+        const [x, y] = at(project(point));
         if (name === "accel") context.rect(x - 1, y - 1, 2, 2);
-        else if (before) context.lineTo(x, y);
+        else if (connected) context.lineTo(x, y);
         else context.moveTo(x, y);
-        before = true;
+        connected = true;
       });
       if (name === "accel") context.fill(); else context.stroke();
     }
     for (const [name, size] of /** @type {[string, number][]} */ ([["accel", 4], ["gyro", 5], ["ink", 6], ["fused", 5]])) {
       const point = now[name];
       if (!point) continue;
-      const [x, y] = at(plane(point));
+      const [x, y] = at(project(point));
       context.fillStyle = context.strokeStyle = colour(name);
       context.lineWidth = 2;
       context.beginPath(); context.arc(x, y, size, 0, 7);
       if (name === "gyro" || name === "ink") context.stroke(); else context.fill();
     }
-    const w = now.fused ? plane(now.fused) : null;
+    const w = now.fused ? project(now.fused) : null;
     context.fillStyle = colour("ink");
     context.fillText(w ? `w = ${signed(w[0], 4)} ${signed(w[1], 4)} j, ${inverted ? "inverted" : "upright"} chart` : "w = –", 8, height - 8);
   }
@@ -151,8 +152,8 @@ export class Method {
 
 function legend() {
   const list = element("ul", "legend");
-  for (const [mark, look, name] of [["●", "c-fused", "fused"], ["○", "c-gyro", "gyro alone"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]]) {
-    const item = element("li", look, name);
+  for (const [mark, className, name] of [["●", "c-fused", "fused"], ["○", "c-gyro", "gyro only"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]]) {
+    const item = element("li", className, name);
     item.dataset.mark = mark;
     list.append(item);
   }

@@ -1,11 +1,11 @@
-// A small scene: lines, triangles, points and labels in space. On WebGL 2, and where that is missing on a plain canvas, with a word why.
-// It knows nothing of attitude. Space is right-handed, z up; the camera looks at the origin.
+// A small 3-D scene of lines, triangles, points and labels. Without WebGL 2 it is drawn on a 2-D canvas, with the reason.
+// Space is right-handed with z up; the camera looks at the origin. The module knows nothing of attitude.
 
-import { write } from "./look.js";
+import { write } from "./ui.js";
 
 /** @typedef {import("./attitude.js").Vec} Vec */
 /** @typedef {[number, number, number, number]} Colour */
-/** @typedef {{ at: Vec, text: string, look: string }} Label */
+/** @typedef {{ at: Vec, text: string, className: string }} Label */
 
 const VERTEX = `#version 300 es
 in vec3 a; in vec3 b; in vec2 side; in vec4 colour;
@@ -29,54 +29,55 @@ const FRAGMENT = `#version 300 es
 precision mediump float;
 in vec4 tint; in vec2 disc; out vec4 colour;
 void main() { if (dot(disc, disc) > 1.0) discard; colour = vec4(tint.rgb * tint.a, tint.a); }`;
+/** Number of floats per vertex: a, b, side, width, colour. */
 const FLOATS = 12;
 
 export class Scene {
-  /** Seen from so far. @param {HTMLElement} panel @param {number} distance */
+  /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the origin */
   constructor(panel, distance) {
-    this.home = distance;
+    this.homeDistance = distance;
     this.canvas = document.createElement("canvas");
-    this.places = document.createElement("div");
-    this.places.className = "labels";
-    panel.append(this.canvas, this.places);
-    panel.classList.add("turns");
+    this.labelParent = document.createElement("div");
+    this.labelParent.className = "labels";
+    panel.append(this.canvas, this.labelParent);
+    panel.classList.add("rotatable");
     this.panel = panel;
     this.vertices = new Float32Array(1 << 16);
-    /** How many of them are used. */ this.used = 0;
+    /** Number of floats used. */ this.used = 0;
     /** @type {Label[]} */ this.labels = [];
-    /** What was drawn last, for tests. @type {{ lines: number, triangles: number, points: number }} */ this.count = { lines: 0, triangles: 0, points: 0 };
+    /** Numbers of shapes drawn last, for tests. @type {{ lines: number, triangles: number, points: number }} */ this.count = { lines: 0, triangles: 0, points: 0 };
     this.azimuth = -0.9; this.elevation = 0.45; this.distance = distance;
-    this.why = "";
+    /** Reason if WebGL is not used. */ this.fallbackReason = "";
     /** @type {WebGLUniformLocation | null} */ this.camera = null;
     /** @type {WebGLUniformLocation | null} */ this.size = null;
-    this.start();
-    this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.gl = null; this.plain("the browser has taken WebGL away"); });
+    this.startWebGl();
+    this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.gl = null; this.useFlatCanvas("the WebGL context was lost"); });
     panel.addEventListener("pointerdown", (event) => this.drag(event));
     panel.addEventListener("wheel", (event) => { event.preventDefault(); this.distance = Math.max(2.5, Math.min(12, this.distance * Math.exp(event.deltaY * 1e-3))); }, { passive: false });
   }
 
-  start() {
+  startWebGl() {
     const gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true });
     if (!gl) {
-      this.plain("this browser has no WebGL 2");
+      this.useFlatCanvas("this browser does not support WebGL 2");
       return;
     }
     const program = gl.createProgram();
     for (const [kind, text] of /** @type {[number, string][]} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
       const shader = gl.createShader(kind);
-      if (!program || !shader) { this.plain("WebGL 2 makes no program"); return; }
+      if (!program || !shader) { this.useFlatCanvas("WebGL 2 program creation failed"); return; }
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
-    ["a", "b", "side", "colour"].forEach((name, place) => gl.bindAttribLocation(program, place, name));
+    ["a", "b", "side", "colour"].forEach((name, index) => gl.bindAttribLocation(program, index, name));
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) { this.plain("WebGL 2 refuses the program"); return; }
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) { this.useFlatCanvas("WebGL 2 program linking failed"); return; }
     gl.useProgram(program);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    [[3, 0], [3, 3], [2, 6], [4, 8]].forEach(([size, offset], place) => {
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, gl.FLOAT, false, FLOATS * 4, offset * 4);
+    [[3, 0], [3, 3], [2, 6], [4, 8]].forEach(([size, offset], index) => {
+      gl.enableVertexAttribArray(index);
+      gl.vertexAttribPointer(index, size, gl.FLOAT, false, FLOATS * 4, offset * 4);
     });
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
@@ -86,9 +87,9 @@ export class Scene {
     this.gl = gl;
   }
 
-  /** Goes on without WebGL, on a canvas of its own: one that had WebGL has nothing else. @param {string} why */
-  plain(why) {
-    this.why = `${why}: drawn flat`;
+  /** Switches to a new canvas with a 2-D context, because a canvas that had WebGL cannot have one. @param {string} reason */
+  useFlatCanvas(reason) {
+    this.fallbackReason = `${reason}; using the 2-D fallback`;
     const canvas = document.createElement("canvas");
     this.canvas.replaceWith(canvas);
     this.canvas = canvas;
@@ -96,19 +97,19 @@ export class Scene {
   }
 
   reset() {
-    this.azimuth = -0.9; this.elevation = 0.45; this.distance = this.home;
+    this.azimuth = -0.9; this.elevation = 0.45; this.distance = this.homeDistance;
   }
 
   /** @param {PointerEvent} event */
   drag(event) {
     this.panel.setPointerCapture(event.pointerId);
-    const move = (/** @type {PointerEvent} */ moved) => this.turn(-moved.movementX * 0.008, moved.movementY * 0.008);
+    const move = (/** @type {PointerEvent} */ moved) => this.rotate(-moved.movementX * 0.008, moved.movementY * 0.008);
     this.panel.addEventListener("pointermove", move);
     this.panel.addEventListener("lostpointercapture", () => this.panel.removeEventListener("pointermove", move), { once: true });
   }
 
   /** @param {number} azimuth rad @param {number} elevation rad */
-  turn(azimuth, elevation) {
+  rotate(azimuth, elevation) {
     this.azimuth += azimuth;
     this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + elevation));
   }
@@ -119,8 +120,8 @@ export class Scene {
     this.count = { lines: 0, triangles: 0, points: 0 };
   }
 
-  /** A line from point to point, so many pixels wide; every second piece where it is dashed.
-   * @param {Vec[]} points @param {Colour} colour @param {number} width @param {boolean} [dashed] */
+  /** Adds a line through the points. If dashed, every second segment is drawn.
+   * @param {Vec[]} points @param {Colour} colour @param {number} width Half width, pixels @param {boolean} [dashed] */
   line(points, colour, width, dashed = false) {
     for (let i = 0; i + 1 < points.length; i += dashed ? 2 : 1) {
       const [a, b] = [points[i], points[i + 1]];
@@ -135,15 +136,15 @@ export class Scene {
     this.count.triangles++;
   }
 
-  /** A disc of so many pixels. @param {Vec} at @param {Colour} colour @param {number} size */
+  /** Adds a disc. @param {Vec} at @param {Colour} colour @param {number} size Radius, pixels */
   point(at, colour, size) {
     for (const corner of [1, 2, 3, 1, 3, 4]) this.vertex(at, at, corner, size, colour);
     this.count.points++;
   }
 
-  /** @param {Vec} at @param {string} text @param {string} look */
-  label(at, text, look) {
-    this.labels.push({ at, text, look });
+  /** @param {Vec} at @param {string} text @param {string} className */
+  label(at, text, className) {
+    this.labels.push({ at, text, className });
   }
 
   /** @param {Vec} a @param {Vec} b @param {number} side @param {number} width @param {Colour} colour */
@@ -165,14 +166,14 @@ export class Scene {
     const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     if (!width || !height) return;
-    const camera = view(this.azimuth, this.elevation, this.distance, width / height);
-    if (this.gl) this.drawOn(this.gl, camera, width, height, ratio);
+    const camera = cameraMatrix(this.azimuth, this.elevation, this.distance, width / height);
+    if (this.gl) this.drawWebGl(this.gl, camera, width, height, ratio);
     else if (this.flat) this.drawFlat(this.flat, camera, width, height, ratio);
     this.placeLabels(camera, width / ratio, height / ratio);
   }
 
   /** @param {WebGL2RenderingContext} gl @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
-  drawOn(gl, camera, width, height, ratio) {
+  drawWebGl(gl, camera, width, height, ratio) {
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -186,12 +187,12 @@ export class Scene {
   drawFlat(flat, camera, width, height, ratio) {
     flat.clearRect(0, 0, width, height);
     const v = this.vertices;
-    const place = (/** @type {number} */ i) => project(camera, [v[i], v[i + 1], v[i + 2]], width, height);
+    const projected = (/** @type {number} */ i) => project(camera, [v[i], v[i + 1], v[i + 2]], width, height);
     const shapes = [];
-    for (let i = 0; i + 2 * FLOATS < this.used; i += 3 * FLOATS) shapes.push({ i, depth: place(i)[2] + place(i + FLOATS)[2] + place(i + 2 * FLOATS)[2] });
+    for (let i = 0; i + 2 * FLOATS < this.used; i += 3 * FLOATS) shapes.push({ i, depth: projected(i)[2] + projected(i + FLOATS)[2] + projected(i + 2 * FLOATS)[2] });
     shapes.sort((p, q) => q.depth - p.depth);
     for (const { i } of shapes) {
-      const [p, q, r] = [place(i), place(i + FLOATS), place(i + 2 * FLOATS)];
+      const [p, q, r] = [projected(i), projected(i + FLOATS), projected(i + 2 * FLOATS)];
       flat.fillStyle = flat.strokeStyle = `rgba(${v[i + 8] * 255},${v[i + 9] * 255},${v[i + 10] * 255},${v[i + 11]})`;
       flat.lineWidth = 2 * v[i + 7] * ratio;
       flat.beginPath();
@@ -204,22 +205,22 @@ export class Scene {
 
   /** @param {number[]} camera @param {number} width @param {number} height */
   placeLabels(camera, width, height) {
-    const spans = /** @type {HTMLCollectionOf<HTMLElement>} */ (this.places.children);
-    while (spans.length < this.labels.length) this.places.append(document.createElement("span"));
+    const spans = /** @type {HTMLCollectionOf<HTMLElement>} */ (this.labelParent.children);
+    while (spans.length < this.labels.length) this.labelParent.append(document.createElement("span"));
     for (let i = 0; i < spans.length; i++) {
       const label = this.labels[i];
       spans[i].hidden = !label;
       if (!label) continue;
       const [x, y] = project(camera, label.at, width, height);
       write(spans[i], label.text);
-      if (spans[i].className !== label.look) spans[i].className = label.look;
+      if (spans[i].className !== label.className) spans[i].className = label.className;
       spans[i].style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     }
   }
 }
 
-/** The camera, by columns. @param {number} azimuth @param {number} elevation @param {number} distance @param {number} aspect */
-function view(azimuth, elevation, distance, aspect) {
+/** Returns the camera matrix, column by column. @param {number} azimuth @param {number} elevation @param {number} distance @param {number} aspect */
+function cameraMatrix(azimuth, elevation, distance, aspect) {
   const [s, c, t, e] = [Math.sin(azimuth), Math.cos(azimuth), Math.sin(elevation), Math.cos(elevation)];
   const [right, upward, back] = [[-s, c, 0], [-t * c, -t * s, e], [e * c, e * s, t]];
   const [near, far, focal] = [0.5, 40, aspect < 1 ? 2.4 * aspect : 2.4];
@@ -230,7 +231,7 @@ function view(azimuth, elevation, distance, aspect) {
   return columns;
 }
 
-/** @param {number[]} m @param {Vec} p @param {number} width @param {number} height @returns {Vec} */
+/** Projects a point to pixels and depth. @param {number[]} m @param {Vec} p @param {number} width @param {number} height @returns {Vec} */
 function project(m, [x, y, z], width, height) {
   const at = (/** @type {number} */ row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row];
   const w = at(3);

@@ -1,42 +1,42 @@
-// Sensors: whether what comes in is sane.
+// Sensors view: plausibility of the input, calibration and mounting check.
 
 import { DEGREE } from "./attitude.js";
 import { Calibration } from "./calibration.js";
 import { vector } from "./data.js";
-import { element, rows, write } from "./look.js";
+import { element, fillTable, write } from "./ui.js";
 import { Mounting } from "./mounting.js";
 import { Strips, signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 
-/** What is older is grey, s: samples, and fixes, of which there is one a second. */
-const OLD_S = 0.5, GNSS_OLD_S = 2.5;
+/** Age above which values are greyed out, s; fixes arrive about once a second. */
+const MAX_AGE_S = 0.5, MAX_FIX_AGE_S = 2.5;
 
 export class Sensors {
-  /** @param {HTMLElement} place @param {Data} data @param {import("./calibration.js").Ask} ask */
-  constructor(place, data, ask) {
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./calibration.js").SendCommand} sendCommand */
+  constructor(parent, data, sendCommand) {
     this.data = data;
     this.values = element("tbody", "");
     this.flags = element("p", "");
     this.warnings = element("div", "");
     const strips = element("div", "panel tall");
     const [calibration, mounting] = [element("section", "", element("h2", "", "Calibration")), element("section", "", element("h2", "", "Mounting check"))];
-    const head = element("thead", "", element("tr", "", ...["sensor", "x", "y", "z", "length", "age", "expected"].map((name) => element("th", name === "sensor" || name === "expected" ? "" : "number", name))));
-    place.replaceChildren(
+    const head = element("thead", "", element("tr", "", ...["sensor", "x", "y", "z", "magnitude", "age", "expected"].map((name) => element("th", name === "sensor" || name === "expected" ? "" : "number", name))));
+    parent.replaceChildren(
       element("div", "columns",
-        element("section", "", element("h2", "", "Last values, body axes: right, forward, up"), element("table", "", head, this.values), element("h3", "", "Flags of the last sample"), this.flags),
-        element("section", "", element("h2", "", "What the judge of the input and the drivers say"), this.warnings)),
+        element("section", "", element("h2", "", "Latest samples, body axes: right, forward, up"), element("table", "", head, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
+        element("section", "", element("h2", "", "Input checks"), this.warnings)),
       strips,
       element("div", "columns", calibration, mounting));
-    this.calibration = new Calibration(calibration, data, ask);
+    this.calibration = new Calibration(calibration, data, sendCommand);
     this.mounting = new Mounting(mounting, data);
     this.scene = this.calibration.scene;
     this.strips = new Strips(strips, data, [
-      { title: "force", unit: "m/s²", scale: 1, digits: 2, lines: [{ of: "force_m_s2", name: "length", colour: "accel" }] },
-      { title: "field", unit: "µT", scale: 1, digits: 1, lines: [{ of: "field_ut", name: "length", colour: "field" }] },
-      { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: [{ of: "rate_x_rad_s", name: "x", colour: "axis-x" }, { of: "rate_y_rad_s", name: "y", colour: "axis-y" }, { of: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
+      { title: "force", unit: "m/s²", scale: 1, digits: 2, lines: [{ quantity: "force_m_s2", name: "magnitude", colour: "accel" }] },
+      { title: "field", unit: "µT", scale: 1, digits: 1, lines: [{ quantity: "field_ut", name: "magnitude", colour: "field" }] },
+      { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
   draw() {
@@ -47,26 +47,25 @@ export class Sensors {
     const ages_s = [age_s(picture.imu), age_s(picture.imu), age_s(picture.mag), age_s(picture.gnss)];
     const row = (/** @type {string} */ name, /** @type {number[] | null} */ v, /** @type {number} */ scale, /** @type {number} */ digits, /** @type {number} */ age_s, /** @type {string} */ expected) => {
       const cell = (/** @type {number} */ x) => (Number.isFinite(x) ? signed(x * scale, digits) : "–");
-      return [name, ...(v ? [...v.map(cell), (Math.hypot(...v) * scale).toFixed(digits)] : ["–", "–", "–", "–"]), v ? `${Math.max(0, age_s).toFixed(1)} s` : "–", v ? expected : "none has come"];
+      return [name, ...(v ? [...v.map(cell), (Math.hypot(...v) * scale).toFixed(digits)] : ["–", "–", "–", "–"]), v ? `${Math.max(0, age_s).toFixed(1)} s` : "–", v ? expected : "no data"];
     };
-    rows(this.values, [
-      row("rate, °/s", rate, 1 / DEGREE, 2, ages_s[0], "0 at rest, less the bias"),
+    fillTable(this.values, [
+      row("rate, °/s", rate, 1 / DEGREE, 2, ages_s[0], "≈ 0 at rest"),
       row("specific force, m/s²", force, 1, 3, ages_s[1], "9.81 at rest, up"),
       row("field, µT", field, 1, 1, ages_s[2], "25 to 65"),
-      row("velocity, m/s (east, north, up)", velocity, 1, 2, ages_s[3], "that of the vehicle"),
+      row("velocity, m/s (east, north, up)", velocity, 1, 2, ages_s[3], "vehicle speed"),
     ], ["", "number", "number", "number", "number", "number", "c-quiet"]);
-    // A receiver tells once a second.
-    ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? GNSS_OLD_S : OLD_S)));
-    const named = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
-    write(this.flags, named.length ? named.join(", ") : "none");
+    ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S)));
+    const flags = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
+    write(this.flags, flags.length ? flags.join(", ") : "none");
     const warnings = [...(this.data.standing.warnings ?? [])];
-    for (const { status } of this.data.standing.services ?? []) for (const trouble of status?.troubles ?? []) warnings.push(`${status.service}: ${trouble.found}\n${trouble.remedy}`);
+    for (const { status } of this.data.standing.services ?? []) for (const diagnostic of status?.troubles ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
     this.calibration.draw();
     this.mounting.draw();
-    this.drawn = { force_m_s2: force, rate_rad_s: rate, flags: named, warnings, calibration: this.calibration.drawn, mounting: this.mounting.drawn };
-    if (this.warnings.dataset.said !== warnings.join("\n")) {
-      this.warnings.dataset.said = warnings.join("\n");
-      this.warnings.replaceChildren(...(warnings.length ? warnings.map((text) => element("p", "warning", text)) : [element("p", "c-quiet", "Nothing is wrong with what comes in. `plumb doctor` looks at the machine, too.")]));
+    this.drawn = { force_m_s2: force, rate_rad_s: rate, flags, warnings, calibration: this.calibration.drawn, mounting: this.mounting.drawn };
+    if (this.warnings.dataset.shown !== warnings.join("\n")) {
+      this.warnings.dataset.shown = warnings.join("\n");
+      this.warnings.replaceChildren(...(warnings.length ? warnings.map((text) => element("p", "warning", text)) : [element("p", "c-quiet", "No problems found. `plumb doctor` also checks the machine.")]));
     }
     this.strips.draw();
   }

@@ -1,11 +1,11 @@
-// Quantities over the last minute, one strip below the other, with one cursor.
+// Strip charts of quantities over time, one below the other, with a common cursor.
 
 /** @typedef {import("./data.js").Data} Data */
-/** A line of a strip: the quantity, its colour, how it is drawn. @typedef {{ of: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
+/** Line of a strip: its quantity, name, colour and style. @typedef {{ quantity: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
 /** @typedef {{ title: string, unit: string, scale: number, digits: number, lines: Line[] }} Strip */
 
-import { placeOf } from "./data.js";
-import { colour } from "./look.js";
+import { valueIndex } from "./data.js";
+import { colour } from "./ui.js";
 
 export class Strips {
   /** @param {HTMLElement} panel @param {Data} data @param {Strip[]} strips */
@@ -14,11 +14,11 @@ export class Strips {
     this.strips = strips;
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("aria-label", `Strips of ${strips.map((strip) => strip.title).join(", ")}; click sets the cursor, the wheel changes how much is shown`);
+    this.canvas.setAttribute("aria-label", `Strips of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, use the wheel to zoom`);
     panel.append(this.canvas);
     this.canvas.addEventListener("click", (event) => {
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      if (part >= 0 && part <= 1) data.go(this.from + part * data.span_s);
+      if (part >= 0 && part <= 1) data.goTo(this.from + part * data.span_s);
     });
     this.canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -26,8 +26,8 @@ export class Strips {
     }, { passive: false });
     this.from = 0;
     this.lines = strips.flatMap((strip) => strip.lines);
-    this.places = this.lines.map((line) => placeOf(line.of));
-    /** What is drawn of each line, by pixel. @type {Float64Array[]} */ this.binned = [];
+    this.indices = this.lines.map((line) => valueIndex(line.quantity));
+    /** Minimum and maximum per pixel of each line. @type {Float64Array[]} */ this.binned = [];
   }
 
   draw() {
@@ -44,9 +44,9 @@ export class Strips {
     context.clearRect(0, 0, width, height);
     context.font = "13px system-ui, sans-serif";
     [this.from] = data.window();
-    const each = (height - FOOT) / this.strips.length;
+    const stripHeight = (height - FOOT) / this.strips.length;
     this.bin(Math.max(1, Math.ceil(width - LEFT - RIGHT)));
-    this.strips.forEach((strip, place) => this.strip(context, strip, place * each, each, width));
+    this.strips.forEach((strip, index) => this.drawStrip(context, strip, index * stripHeight, stripHeight, width));
     context.fillStyle = colour("quiet");
     context.textAlign = "center";
     for (let part = 0; part <= 4; part++) {
@@ -64,7 +64,7 @@ export class Strips {
   }
 
   /** @param {CanvasRenderingContext2D} context @param {Strip} strip @param {number} top @param {number} height @param {number} width */
-  strip(context, strip, top, height, width) {
+  drawStrip(context, strip, top, height, width) {
     const inner = width - LEFT - RIGHT;
     const binned = strip.lines.map((line) => this.binned[this.lines.indexOf(line)]);
     let [least, most] = [Infinity, -Infinity];
@@ -78,11 +78,11 @@ export class Strips {
     context.fillStyle = colour("quiet");
     context.fillText(strip.unit, 8, top + 33);
     if (!(most >= least)) {
-      context.fillText("nothing came", LEFT + 8, top + height / 2 + 4);
+      context.fillText("no data", LEFT + 8, top + height / 2 + 4);
       return;
     }
-    const room = Math.max((most - least) * 0.08, 10 ** -strip.digits / 2);
-    [least, most] = [least - room, most + room];
+    const margin = Math.max((most - least) * 0.08, 10 ** -strip.digits / 2);
+    [least, most] = [least - margin, most + margin];
     const y = (/** @type {number} */ value) => top + 3 + (1 - (value * strip.scale - least) / (most - least)) * (height - 6);
     strip.lines.forEach((line, index) => {
       context.strokeStyle = context.fillStyle = colour(line.colour);
@@ -90,14 +90,14 @@ export class Strips {
       context.setLineDash(line.dashed ? [5, 3] : []);
       context.beginPath();
       const bins = binned[index];
-      let before = false;
+      let connected = false;
       for (let x = 0; 2 * x < bins.length; x++) {
         const [low, high] = [bins[2 * x], bins[2 * x + 1]];
-        if (Number.isNaN(low)) { before = false; continue; }
+        if (Number.isNaN(low)) { connected = false; continue; }
         if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(low) - 1, 2, 2); continue; }
-        if (before) context.lineTo(LEFT + x, y(low)); else context.moveTo(LEFT + x, y(low));
+        if (connected) context.lineTo(LEFT + x, y(low)); else context.moveTo(LEFT + x, y(low));
         if (high > low) context.lineTo(LEFT + x, y(high));
-        before = true;
+        connected = true;
       }
       if (line.dots) context.fill(); else context.stroke();
     });
@@ -108,10 +108,10 @@ export class Strips {
     context.fillText(most.toFixed(strip.digits), LEFT - 4, top + 15);
     context.fillText(least.toFixed(strip.digits), LEFT - 4, top + height - 6);
     context.textAlign = "left";
-    const at = this.data.shown();
+    const frame = this.data.shown();
     let x = LEFT + 8;
     for (const line of strip.lines) {
-      const value = at?.values[placeOf(line.of) + 1] ?? NaN;
+      const value = frame?.values[valueIndex(line.quantity) + 1] ?? NaN;
       const text = `${line.name} ${Number.isNaN(value) ? "–" : signed(value * strip.scale, strip.digits)}`;
       context.fillStyle = colour(line.colour);
       context.fillText(text, x, top + 17);
@@ -119,22 +119,22 @@ export class Strips {
     }
   }
 
-  /** Least and most of each quantity in each pixel, one after the other, NaN where there is none. One walk through the frames serves all lines. @param {number} count */
+  /** Computes the minimum and maximum of each line per pixel, NaN if empty. One pass through the frames serves all lines. @param {number} count */
   bin(count) {
-    if (this.binned[0]?.length !== 2 * count) this.binned = this.places.map(() => new Float64Array(2 * count));
+    if (this.binned[0]?.length !== 2 * count) this.binned = this.indices.map(() => new Float64Array(2 * count));
     for (const bins of this.binned) bins.fill(NaN);
-    const { places } = this;
+    const { indices } = this;
     const { frames, span_s } = this.data;
-    const before = places.map(() => -1);
-    // A gap of more than half a second stays one.
+    const lastPixel = indices.map(() => -1);
+    // Gaps longer than half a second remain visible.
     const gap = (0.5 / span_s) * count;
     for (const frame of frames) {
       const x = Math.floor(((frame.t - this.from) / span_s) * count);
       if (x < 0 || x >= count) continue;
-      for (let at = 0; at < places.length; at++) {
-        const low = frame.values[places[at]], high = frame.values[places[at] + 1];
+      for (let at = 0; at < indices.length; at++) {
+        const low = frame.values[indices[at]], high = frame.values[indices[at] + 1];
         if (Number.isNaN(low)) continue;
-        const bins = this.binned[at], last = before[at];
+        const bins = this.binned[at], last = lastPixel[at];
         if (last === x) {
           if (low < bins[2 * x]) bins[2 * x] = low;
           if (high > bins[2 * x + 1]) bins[2 * x + 1] = high;
@@ -143,15 +143,15 @@ export class Strips {
         if (last >= 0 && x - last < gap) bins.fill(low, 2 * (last + 1), 2 * x);
         bins[2 * x] = low;
         bins[2 * x + 1] = high;
-        before[at] = x;
+        lastPixel[at] = x;
       }
     }
   }
 }
 
-/** What is left free of each strip for its name, and after it; the time line has the same. */
+/** Margins of each strip for its name and after it; the time line has the same. */
 export const LEFT = 118, RIGHT = 8;
 const FOOT = 20;
 
-/** With its sign always. @param {number} value @param {number} digits */
+/** Formats a number with its sign. @param {number} value @param {number} digits */
 export const signed = (value, digits) => (value >= 0 ? "+" : "−") + Math.abs(value).toFixed(digits);

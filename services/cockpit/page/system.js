@@ -1,23 +1,23 @@
-// System: whether the machine keeps up, what happened, and who fills the slots.
+// System view: services, events, and swaps of stages.
 
 import { DEGREE } from "./attitude.js";
-import { ENDED_AS_ASKED } from "./data.js";
-import { element, rows, write } from "./look.js";
+import { CANCELLED_REASON } from "./data.js";
+import { element, fillTable, write } from "./ui.js";
 import { Strips } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
-/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number }) => string | null} Ask Sends a command; why not, where it cannot. */
+/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
-/** So long a service that has died and runs again is shown red, ms. */
-const RED_MS = 3000;
+/** How long a restarted service stays marked, ms. */
+const RESTART_MARK_MS = 3000;
 const PATH = ["ingest", "gyro", "accel", "fuser", "course"];
 
 export class System {
-  /** @param {HTMLElement} place @param {Data} data @param {Ask} ask */
-  constructor(place, data, ask) {
+  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  constructor(parent, data, sendCommand) {
     this.data = data;
-    this.ask = ask;
+    this.sendCommand = sendCommand;
     this.boxes = element("div", "boxes");
     this.slot = /** @type {HTMLSelectElement} */ (element("select", ""));
     this.stage = /** @type {HTMLSelectElement} */ (element("select", ""));
@@ -28,97 +28,97 @@ export class System {
     this.outcome.setAttribute("role", "status");
     this.difference = element("p", "number c-shadow");
     this.events = element("tbody", "");
-    this.quiet = element("p", "c-quiet", "Nothing since the page's program joined the system.");
+    this.emptyNote = element("p", "c-quiet", "No events yet.");
     const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {string} */ kind) => {
-      const made = /** @type {HTMLButtonElement} */ (element("button", "", text));
-      made.id = id;
-      made.type = "button";
-      made.addEventListener("click", () => this.command(kind));
-      return made;
+      const created = /** @type {HTMLButtonElement} */ (element("button", "", text));
+      created.id = id;
+      created.type = "button";
+      created.addEventListener("click", () => this.command(kind));
+      return created;
     };
-    this.buttons = [button("swap", "Swap…", "KIND_SWAP"), button("shadow", "Shadow…", "KIND_SHADOW"), button("promote", "Promote the shadow", "PROMOTE"), button("cancel", "End the shadow", "KIND_CANCEL")];
+    this.buttons = [button("swap", "Swap…", "KIND_SWAP"), button("shadow", "Shadow…", "KIND_SHADOW"), button("promote", "Promote shadow…", "PROMOTE"), button("cancel", "Cancel shadow…", "KIND_CANCEL")];
     this.confirm = /** @type {HTMLDialogElement} */ (element("dialog", ""));
     this.slot.addEventListener("change", () => this.fillStages());
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, lines: [{ of: "latency_s", name: "birth to attitude", colour: "fused" }] }]);
-    place.replaceChildren(
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
+    parent.replaceChildren(
       element("h2", "", "Services"), this.boxes, strips,
       element("div", "columns",
         element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
-        element("section", "events", element("h2", "", "What happened, newest first"), this.quiet, element("table", "", this.events))),
+        element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
       this.confirm);
-    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
-    this.slots = "";
-    this.told = -1;
-    /** A command is under way. */ this.waits = false;
-    /** Restarts seen of each service, and when the last was seen, ms. @type {Map<string, { restarts: number, at: number }>} */ this.lives = new Map();
+    /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
+    /** Slots and stages in the lists, as JSON. */ this.slots = "";
+    /** Revision of the events in the table. */ this.shownRevision = -1;
+    /** Whether a command awaits its reply. */ this.isWaiting = false;
+    /** Restarts of each service and the time of the last change, ms. @type {Map<string, { restarts: number, changed_ms: number }>} */ this.restarts = new Map();
   }
 
-  /** Shows what would be done, and does it when that is confirmed. @param {string} asked */
-  command(asked) {
+  /** Asks for confirmation and sends a command. @param {string} action */
+  command(action) {
     const slot = this.slot.value;
-    // The shadow takes over where it is asked for as the stage.
-    const kind = asked === "PROMOTE" ? "KIND_SWAP" : asked;
-    const stage = asked === "PROMOTE" ? this.shadowOf(slot) : this.stage.value;
-    const what = asked === "PROMOTE" ? `Let the shadow ${stage} take over ${slot}?` : { KIND_SWAP: `Swap the stage of ${slot} to ${stage}?`, KIND_SHADOW: `Let ${stage} compute beside the owner of ${slot}?`, KIND_CANCEL: `End the shadow of ${slot}?` }[kind] ?? kind;
+    // A swap to the stage of the shadow promotes the shadow.
+    const kind = action === "PROMOTE" ? "KIND_SWAP" : action;
+    const stage = action === "PROMOTE" ? this.shadowOf(slot) : this.stage.value;
+    const question = action === "PROMOTE" ? `Promote the shadow ${stage} to owner of ${slot}?` : { KIND_SWAP: `Swap the stage of ${slot} to ${stage}?`, KIND_SHADOW: `Run ${stage} as a shadow of ${slot}?`, KIND_CANCEL: `Cancel the shadow of ${slot}?` }[kind] ?? kind;
     const yes = /** @type {HTMLButtonElement} */ (element("button", "", "Yes"));
     const no = /** @type {HTMLButtonElement} */ (element("button", "", "No"));
     yes.id = "yes";
     yes.addEventListener("click", () => {
       this.confirm.close();
       const status = this.statusOf(slot);
-      this.outcome.className = "";
-      this.outcome.textContent = `asked: ${what.replace("?", "")} …`;
-      const refused = this.ask({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0 });
-      // The answer about a shadow comes at its end.
-      this.waits = !refused && kind !== "KIND_SHADOW";
-      if (refused) this.say("c-fault", refused);
+      this.showOutcome("", `requested: ${question.replace("?", "")} …`);
+      const error = this.sendCommand({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0 });
+      // The reply about a shadow is sent at its end.
+      this.isWaiting = !error && kind !== "KIND_SHADOW";
+      if (error) this.showOutcome("c-fault", error);
     });
     no.addEventListener("click", () => this.confirm.close());
-    this.confirm.replaceChildren(element("p", "", what), element("p", "c-quiet", "The old stage goes on until the new one has caught up; no tick is lost."), element("div", "actions", yes, no));
+    const effect = { KIND_SWAP: "The current stage keeps running until the new one has caught up. No tick is lost.", KIND_SHADOW: "The output does not change.", KIND_CANCEL: "The output does not change." }[kind] ?? "";
+    this.confirm.replaceChildren(element("p", "", question), element("p", "c-quiet", effect), element("div", "actions", yes, no));
     this.confirm.showModal();
   }
 
-  /** @param {string} look @param {string} text */
-  say(look, text) {
-    this.outcome.className = look;
+  /** @param {string} className @param {string} text */
+  showOutcome(className, text) {
+    this.outcome.className = className;
     this.outcome.textContent = text;
   }
 
-  /** The outcome of a command. @param {Message} answer */
-  answered(answer) {
+  /** Shows the outcome of a command. @param {Message} answer */
+  showReply(answer) {
     const { outcome, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, reason } = answer;
-    // That of an earlier request, as of the shadow that was promoted, does not take the place of the last one's.
-    if (this.data.asked && answer.request_id !== this.data.asked) return;
-    this.waits = false;
-    if (reason === ENDED_AS_ASKED) {
-      this.say("", `ended: the shadow of ${slot}, as asked`);
+    // Ignores the reply to an earlier command, such as that about a shadow that has been promoted.
+    if (this.data.requestId && answer.request_id !== this.data.requestId) return;
+    this.isWaiting = false;
+    if (reason === CANCELLED_REASON) {
+      this.showOutcome("", `cancelled: the shadow of ${slot}, as requested`);
     } else if (outcome === "OUTCOME_COMMITTED") {
-      this.say("c-field", `committed: ${slot}: ${from} → ${to} from tick ${commit_tick}; lost ${lost}, duplicated ${duplicated}, longest interval ${(gap_s * 1e3).toFixed(1)} ms, jump ${(jump_rad / DEGREE).toFixed(3)}°`);
+      this.showOutcome("c-field", `committed: ${slot}: ${from} → ${to} from tick ${commit_tick}; lost ${lost}, duplicated ${duplicated}, longest interval ${(gap_s * 1e3).toFixed(1)} ms, jump ${(jump_rad / DEGREE).toFixed(3)}°`);
     } else {
-      const word = outcome.replace("OUTCOME_", "").toLowerCase();
-      this.say("c-fault", `${word}: ${slot}: ${reason || "the old stage never stopped"}`);
+      const label = outcome.replace("OUTCOME_", "").toLowerCase();
+      this.showOutcome("c-fault", `${label}: ${slot}: ${reason || "the current stage never stopped"}`);
     }
   }
 
   /** @param {string} slot @returns {Message | undefined} */
   statusOf(slot) {
-    return (this.data.standing.services ?? []).map((/** @type {Message} */ one) => one.status).find((/** @type {Message} */ status) => status?.service === slot && status.state !== "candidate");
+    return (this.data.standing.services ?? []).map((/** @type {Message} */ service) => service.status).find((/** @type {Message} */ status) => status?.service === slot && status.state !== "candidate");
   }
 
-  /** The stage that runs as a slot's shadow; empty where there is none. @param {string} slot */
+  /** Returns the stage of a slot's shadow, or an empty string. @param {string} slot */
   shadowOf(slot) {
-    const runs = (this.data.shown()?.picture.differences ?? []).some((/** @type {Message} */ one) => one.service === `SERVICE_${slot.toUpperCase()}`);
-    const begun = this.data.events.filter((told) => told.kind === "EVENT_KIND_CANDIDATE" && told.service === slot);
-    return runs ? begun.at(-1)?.stage ?? "" : "";
+    const isRunning = (this.data.shown()?.picture.differences ?? []).some((/** @type {Message} */ difference) => difference.service === `SERVICE_${slot.toUpperCase()}`);
+    const candidates = this.data.events.filter((event) => event.kind === "EVENT_KIND_CANDIDATE" && event.service === slot);
+    return isRunning ? candidates.at(-1)?.stage ?? "" : "";
   }
 
   fillStages() {
     const slot = (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
     const owner = this.statusOf(this.slot.value)?.stage;
     this.stage.replaceChildren(...(slot?.stages ?? []).map((/** @type {string} */ name) => {
-      const option = /** @type {HTMLOptionElement} */ (element("option", "", name === owner ? `${name} (runs)` : name));
+      const option = /** @type {HTMLOptionElement} */ (element("option", "", name === owner ? `${name} (current)` : name));
       option.value = name;
       return option;
     }));
@@ -126,13 +126,13 @@ export class System {
     if (other) this.stage.value = other;
   }
 
-  /** It died since the page last looked: a restart takes milliseconds, and is to be seen. @param {Message} status */
-  hasJustDied(status) {
-    const known = this.lives.get(status.service);
+  /** Returns whether a service was restarted recently. A restart takes only milliseconds and would not be noticed. @param {Message} status */
+  wasJustRestarted(status) {
+    const known = this.restarts.get(status.service);
     const now = performance.now();
-    if (!known) this.lives.set(status.service, { restarts: status.restarts, at: -Infinity });
-    else if (known.restarts !== status.restarts) this.lives.set(status.service, { restarts: status.restarts, at: now });
-    return now - (this.lives.get(status.service)?.at ?? -Infinity) < RED_MS;
+    if (!known) this.restarts.set(status.service, { restarts: status.restarts, changed_ms: -Infinity });
+    else if (known.restarts !== status.restarts) this.restarts.set(status.service, { restarts: status.restarts, changed_ms: now });
+    return now - (this.restarts.get(status.service)?.changed_ms ?? -Infinity) < RESTART_MARK_MS;
   }
 
   draw() {
@@ -141,31 +141,31 @@ export class System {
     const slots = JSON.stringify(standing.slots ?? []);
     if (slots !== this.slots) {
       this.slots = slots;
-      const before = this.slot.value;
-      this.slot.replaceChildren(...(standing.slots ?? []).map((/** @type {Message} */ one) => element("option", "", one.slot)));
-      this.slot.value = standing.slots?.some((/** @type {Message} */ one) => one.slot === before) ? before : "fuser";
+      const selected = this.slot.value;
+      this.slot.replaceChildren(...(standing.slots ?? []).map((/** @type {Message} */ slot) => element("option", "", slot.slot)));
+      this.slot.value = standing.slots?.some((/** @type {Message} */ slot) => slot.slot === selected) ? selected : "fuser";
       this.fillStages();
     }
     this.strips.draw();
     const shadow = this.shadowOf(this.slot.value);
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.waits && this.data.link === "open") || (button.id === "promote" && !shadow);
-    this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
-    this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow);
+    this.drawn = { services: services.map((/** @type {Message} */ service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
+    this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ service) => box(service, this.wasJustRestarted(service.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no services. Its events are listed below." : "No services respond. Start a system with `plumb up`.")]));
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
-    write(this.difference, difference?.now_rad ? `shadow: ${(difference.now_rad.x / DEGREE).toFixed(3)}° from the owner now, ${(difference.rms_rad.x / DEGREE).toFixed(3)}° RMS over ${difference.ticks} ticks` : "");
-    if (this.told !== this.data.revision) {
-      this.told = this.data.revision;
-      this.quiet.hidden = events.length > 0;
-      rows(this.events, [...events].reverse().slice(0, 60).map((told) => [told.t === null || Number.isNaN(told.t) ? "before" : `${told.t.toFixed(2)} s`, told.text]), ["number c-quiet", ""]);
-      [...events].reverse().slice(0, 60).forEach((told, at) => this.events.children[at].classList.toggle("fault", told.fault));
+    write(this.difference, difference?.now_rad ? `shadow: current difference from the owner ${(difference.now_rad.x / DEGREE).toFixed(3)}°, RMS ${(difference.rms_rad.x / DEGREE).toFixed(3)}° over ${difference.ticks} ticks` : "");
+    if (this.shownRevision !== this.data.revision) {
+      this.shownRevision = this.data.revision;
+      this.emptyNote.hidden = events.length > 0;
+      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "before" : `${event.t.toFixed(2)} s`, event.text]), ["number c-quiet", ""]);
+      [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }
 }
 
-/** A service. @param {Message} standing @param {boolean} hasDied */
-function box(standing, hasDied) {
+/** Returns the box of a service. @param {Message} standing @param {boolean} wasRestarted */
+function box(standing, wasRestarted) {
   const { status, rate_hz, latency_us, cpu_percent, resident_mib } = standing;
-  const up = !hasDied && ["running", "ready", "finished"].includes(status.state);
+  const up = !wasRestarted && ["running", "ready", "finished"].includes(status.state);
   const number = (/** @type {number | null} */ value, /** @type {number} */ digits, /** @type {string} */ unit) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
   const pairs = [
     ["rate", number(rate_hz, 0, "Hz")],
@@ -174,7 +174,7 @@ function box(standing, hasDied) {
     ["CPU", number(cpu_percent, 1, "%")], ["memory", number(resident_mib, 1, "MiB")],
   ];
   const list = element("dl", "", ...pairs.flatMap(([name, value]) => [element("dt", "", name), element("dd", "number", value)]));
-  const made = element("article", `box${PATH.includes(status.service) ? " path" : ""}${up ? "" : " down"}`, element("h3", "", status.stage ? `${status.service}: ${status.stage}` : status.service), element("span", "word", hasDied ? "died, runs again" : status.state), list);
-  made.dataset.service = status.service;
-  return made;
+  const created = element("article", `box${PATH.includes(status.service) ? " path" : ""}${up ? "" : " down"}`, element("h3", "", status.stage ? `${status.service}: ${status.stage}` : status.service), element("span", "word", wasRestarted ? "restarted" : status.state), list);
+  created.dataset.service = status.service;
+  return created;
 }

@@ -1,4 +1,4 @@
-// Protobuf, read and written by the schema that the server gives: a field that is new is read as what it is.
+// Protobuf decoder and encoder, driven by the schema that the server provides.
 
 /** @typedef {[name: string, kind: string, repeated: boolean, presence: boolean]} Rule */
 /** @typedef {{ messages: Record<string, Record<string, Rule>>, enums: Record<string, Record<string, string>> }} Schema */
@@ -11,17 +11,17 @@ export class Wire {
   /** @param {Schema} schema */
   constructor(schema) {
     this.schema = schema;
-    /** The rules of each message, in a list and by number. @type {Map<string, { all: Rule[], of: Rule[] }>} */
+    /** Rules of each message, as a list and by field number. @type {Map<string, { all: Rule[], byNumber: Rule[] }>} */
     this.rules = new Map(Object.entries(schema.messages).map(([name, rules]) => {
       /** @type {Rule[]} */
-      const of = [];
-      for (const [number, rule] of Object.entries(rules)) of[Number(number)] = rule;
-      return [name, { all: Object.values(rules), of }];
+      const byNumber = [];
+      for (const [number, rule] of Object.entries(rules)) byNumber[Number(number)] = rule;
+      return [name, { all: Object.values(rules), byNumber }];
     }));
   }
 
   /**
-   * Reads a message; what is absent has its default: 0, "", the first name of an enum, an empty list, null.
+   * Decodes a message. Absent fields have their default: 0, "", the first name of an enum, an empty list, or null.
    * @param {string} name
    * @param {Uint8Array} bytes
    * @returns {Message}
@@ -32,12 +32,12 @@ export class Wire {
     /** @type {Message} */
     const message = {};
     for (const [field, kind, repeated, presence] of rules.all) {
-      message[field] = repeated ? [] : presence ? null : this.usual(kind);
+      message[field] = repeated ? [] : presence ? null : this.defaultValue(kind);
     }
     const reader = new Reader(bytes);
     while (!reader.isAtEnd()) {
       const key = reader.varint();
-      const rule = rules.of[Math.floor(key / 8)];
+      const rule = rules.byNumber[Math.floor(key / 8)];
       const type = key % 8;
       if (!rule) {
         reader.skip(type);
@@ -57,7 +57,7 @@ export class Wire {
   }
 
   /**
-   * Writes a message; fields that are not named are left out.
+   * Encodes a message. Fields that are undefined are omitted.
    * @param {string} name
    * @param {Message} message
    */
@@ -78,14 +78,14 @@ export class Wire {
         varint(Number(number) * 8 + VARINT, out);
         varint(code, out);
       } else {
-        throw new Error(`${name}.${field}: a ${kind} is never sent`);
+        throw new Error(`${name}.${field}: encoding of ${kind} is not implemented`);
       }
     }
     return new Uint8Array(out);
   }
 
   /** @param {string} kind */
-  usual(kind) {
+  defaultValue(kind) {
     if (kind === "string") return "";
     const names = this.schema.enums[kind];
     return names ? names[0] : 0;
@@ -117,7 +117,7 @@ export class Wire {
 /** @param {string} kind */
 const isPacked = (kind) => ["double", "fixed64", "sint64", "uint32", "uint64", "bool"].includes(kind);
 
-/** Numbers beyond 2^53 lose their last bits: none that is shown is so large. */
+/** Reader of protobuf's wire format. Integers above 2^53 lose precision; the page shows none. */
 class Reader {
   /** @param {Uint8Array} bytes */
   constructor(bytes) {
@@ -134,11 +134,11 @@ class Reader {
     let value = 0;
     for (let factor = 1, n = 0; n < 10; n++, factor *= 128) {
       const byte = this.all[this.at++];
-      if (byte === undefined) throw new Error("a message is cut");
+      if (byte === undefined) throw new Error("truncated message");
       value += (byte & 127) * factor;
       if (byte < 128) return value;
     }
-    throw new Error("a number is too long");
+    throw new Error("varint too long");
   }
 
   signed() {
@@ -159,7 +159,7 @@ class Reader {
   bytes() {
     const length = this.varint();
     const end = this.at + length;
-    if (end > this.all.length) throw new Error("a message is cut");
+    if (end > this.all.length) throw new Error("truncated message");
     const bytes = this.all.subarray(this.at, end);
     this.at = end;
     return bytes;
@@ -171,7 +171,7 @@ class Reader {
     else if (type === FIXED64) this.at += 8;
     else if (type === BYTES) this.bytes();
     else if (type === FIXED32) this.at += 4;
-    else throw new Error(`wire type ${type}`);
+    else throw new Error(`unknown wire type ${type}`);
   }
 }
 

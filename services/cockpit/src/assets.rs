@@ -1,4 +1,8 @@
-//! The page: its files as they are, each with a tag by which a browser knows that it has it, and compressed.
+//! Files of the page, built into the executable.
+//!
+//! Input: the path and the headers of a request.
+//! Output: the file with its entity tag, compressed if the client accepts gzip.
+//! Failure: an unknown path is answered with 404.
 
 use std::{collections::HashMap, io::Write as _};
 
@@ -11,17 +15,17 @@ use flate2::{Compression, write::GzEncoder};
 use messages::Flags;
 use serde_json::{Map, Value, json};
 
-macro_rules! of_the_page {
+macro_rules! page_files {
     ($($name:literal)*) => { &[$(($name, include_bytes!(concat!("../page/", $name)))),*] };
 }
 
-/// By name.
-const FILES: &[(&str, &[u8])] = of_the_page! {
-    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "look.js" "main.js" "method.js" "mounting.js" "scene.js"
-    "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "wire.js"
+/// Names and contents, sorted by name.
+const FILES: &[(&str, &[u8])] = page_files! {
+    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "scene.js"
+    "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"
 };
 
-/// The page.
+/// Files of the page by name.
 #[derive(Debug)]
 pub(crate) struct PageFiles(HashMap<&'static str, Asset>);
 
@@ -34,21 +38,21 @@ struct Asset {
 }
 
 impl PageFiles {
-    /// Every file, and the schema that its reader of protobuf goes by.
+    /// Loads every file and adds `schema.json`, the protobuf schema for the page's decoder.
     pub(crate) fn new() -> Self {
         let files = FILES.iter().map(|(name, bytes)| (*name, Bytes::from_static(bytes)));
         let schema = ("schema.json", Bytes::from(schema().to_string()));
         Self(files.chain([schema]).map(|(name, bytes)| (name, Asset::new(name, bytes))).collect())
     }
 
-    /// A file, by its path in the address.
+    /// Returns the response to a request for `path`: the file, 304 if the client has it, or 404.
     pub(crate) fn respond(&self, path: &str, headers: &HeaderMap) -> Response {
         let name = path.trim_start_matches('/');
         let Some(asset) = self.0.get(if name.is_empty() { "index.html" } else { name }) else {
-            return response(StatusCode::NOT_FOUND, Body::from("there is no such file\n"));
+            return response(StatusCode::NOT_FOUND, Body::from("file not found\n"));
         };
         let header_contains =
-            |name, what: &str| headers.get_all(name).iter().any(|it| it.to_str().is_ok_and(|it| it.contains(what)));
+            |name, text: &str| headers.get_all(name).iter().any(|value| value.to_str().is_ok_and(|value| value.contains(text)));
         let is_cached = asset.tag.to_str().is_ok_and(|tag| header_contains(header::IF_NONE_MATCH, tag));
         let compressed = asset.gzip.clone().filter(|_| header_contains(header::ACCEPT_ENCODING, "gzip"));
         let mut reply = match &compressed {
@@ -69,7 +73,7 @@ impl PageFiles {
 
 impl Asset {
     fn new(name: &str, bytes: Bytes) -> Self {
-        let kind = match name.rsplit_once('.').map(|(_, end)| end) {
+        let kind = match name.rsplit_once('.').map(|(_, extension)| extension) {
             Some("html") => "text/html; charset=utf-8",
             Some("js") => "text/javascript; charset=utf-8",
             Some("css") => "text/css; charset=utf-8",
@@ -84,7 +88,8 @@ impl Asset {
     }
 }
 
-/// A tag of the bytes: FNV-1a, 64 bits. It tells files of ours apart, and nothing is trusted by it.
+/// Returns the entity tag of a file: its FNV-1a hash, 64 bits. The hash is not cryptographic, which
+/// suffices for files of the executable.
 fn etag(bytes: &[u8]) -> HeaderValue {
     let hash = bytes
         .iter()
@@ -98,7 +103,8 @@ fn response(status: StatusCode, body: Body) -> Response {
     response
 }
 
-/// The schema as the page's reader goes by it: of each message the fields by their numbers, of each enum and of the flags the names.
+/// Returns the schema for the page's decoder: fields by number for each message, names by number
+/// for each enum, and the flags.
 fn schema() -> Value {
     let (fields, names) = wire::schema::fields_and_enum_values();
     let (mut messages, mut enums) = (Map::new(), Map::new());
@@ -129,11 +135,11 @@ mod tests {
     fn cached_file_is_not_sent_again_and_others_are_compressed() {
         let page = PageFiles::new();
         for path in ["/", "/style.css", "/main.js", "/schema.json"] {
-            let answer = get(&page, path, &[(header::ACCEPT_ENCODING, "gzip, br")]);
-            assert_eq!(answer.status(), StatusCode::OK);
-            assert_eq!(answer.headers()["content-encoding"], "gzip", "{path}");
+            let response = get(&page, path, &[(header::ACCEPT_ENCODING, "gzip, br")]);
+            assert_eq!(response.status(), StatusCode::OK);
+            assert_eq!(response.headers()["content-encoding"], "gzip", "{path}");
             let mut headers = HeaderMap::new();
-            headers.insert(header::IF_NONE_MATCH, answer.headers()[header::ETAG].clone());
+            headers.insert(header::IF_NONE_MATCH, response.headers()[header::ETAG].clone());
             assert_eq!(page.respond(path, &headers).status(), StatusCode::NOT_MODIFIED);
             assert!(!get(&page, path, &[]).headers().contains_key("content-encoding"));
         }
@@ -146,16 +152,16 @@ mod tests {
     fn page_is_small_and_loads_nothing_external() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/page");
         let mut present: Vec<_> =
-            fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name().into_string().unwrap()).collect();
+            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
         present.sort();
-        assert_eq!(present, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "every file is there");
+        assert_eq!(present, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "FILES lists the whole folder");
         let mut total = 0;
         for (path, bytes) in FILES {
             total += bytes.len();
             let text = String::from_utf8_lossy(bytes);
             let forbidden =
                 ["http://", "https://", "//cdn", "innerHTML", "eval(", "document.write", "<script>", "style=\""];
-            let found: Vec<_> = forbidden.iter().filter(|it| text.contains(**it)).collect();
+            let found: Vec<_> = forbidden.iter().filter(|word| text.contains(**word)).collect();
             let is_namespace =
                 path.ends_with(".svg") || text.matches("http://").count() == text.matches("http://www.w3.org/").count();
             assert!(found.is_empty() || found == [&"http://"] && is_namespace, "{path}: {found:?}");

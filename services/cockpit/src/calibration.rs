@@ -1,34 +1,37 @@
-//! A calibration of the running system's sensors: how far what came suffices, and what is found.
+//! Calibration of the running system's sensors, driven from the page.
 //!
-//! Input: the sensors' own readings, and who asks for what. Output: what pages are told. Time: the observer's clock, for how often it is told
-//! and when it is given up. Memory: that of a calibrator, which is bounded. Failure: what does not suffice is told as missing.
+//! Input: sensor readings and requests of viewers.
+//! Output: progress reports for the page, the last one with the result.
+//! Time: the observer's clock, for the report interval and the timeout.
+//! Memory: bounded by that of a [`Calibrator`].
+//! Failure: insufficient data is reported as missing.
 
 use std::time::{Duration, Instant};
 
-use calibrate::{Calibrator, Kind, Known};
+use calibrate::{Calibrator, Kind, Prior};
 use graph::Topic;
 use observe::readings;
 use wire::v1::{self, Vector3};
 
-/// Between two words of the coverage.
+/// Interval between progress reports.
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
-/// Between two trials whether what there is suffices.
+/// Interval between attempts to compute the result.
 const SOLVE_INTERVAL: Duration = Duration::from_secs(2);
-/// One that finds nothing for so long is given up.
+/// Maximum duration of a calibration.
 const CALIBRATION_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// What is asked for, and what a system knows of its sensors.
+/// Request for a calibration, with the system's prior knowledge of its sensors.
 #[derive(Debug, Clone)]
 pub struct CalibrationRequest {
-    /// What is calibrated.
+    /// Kind of calibration.
     pub kind: Kind,
-    /// What is known before.
-    pub prior: Known,
-    /// Where the readings are.
+    /// Sensor parameters and conditions that the calibrator builds on.
+    pub prior: Prior,
+    /// Topic with the readings of the sensors.
     pub topic: Topic,
 }
 
-/// A calibration that is under way.
+/// Calibration in progress.
 #[derive(Debug)]
 pub(crate) struct Calibration {
     kind: Kind,
@@ -45,21 +48,22 @@ impl Calibration {
         Self { kind: request.kind, topic: request.topic, calibrator, started: Instant::now(), last_report: None, last_attempt: None }
     }
 
-    /// Takes a message of a topic.
+    /// Adds a message of `topic`. Messages of other topics are ignored.
     pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8]) {
         if topic == self.topic {
-            readings::sample(topic, bytes).iter().for_each(|sample| self.calibrator.take(sample));
+            readings::decode_sample(topic, bytes).iter().for_each(|sample| self.calibrator.push(sample));
         }
     }
 
-    /// It has found nothing for so long that it is given up.
+    /// Returns `true` if the calibration has exceeded [`CALIBRATION_TIMEOUT`].
     pub(crate) fn is_expired(&self) -> bool {
         self.started.elapsed() > CALIBRATION_TIMEOUT
     }
 
-    /// What pages are to be told, now and then.
+    /// Returns a progress report once per [`REPORT_INTERVAL`], otherwise `None`. A report with a
+    /// non-empty `report` field has the result.
     pub(crate) fn progress(&mut self) -> Option<v1::Calibration> {
-        if self.last_report.is_some_and(|told| told.elapsed() < REPORT_INTERVAL) {
+        if self.last_report.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return None;
         }
         self.last_report = Some(Instant::now());
@@ -67,13 +71,13 @@ impl Calibration {
         let mut progress = v1::Calibration {
             what: Kind::NAMES.iter().find(|(_, kind)| *kind == self.kind).map_or("", |(name, _)| name).into(),
             share: coverage.share,
-            found: coverage.found,
+            found: coverage.summary,
             missing: coverage.missing,
-            parts: self.calibrator.parts().map_or(Vec::new(), Vec::from),
+            parts: self.calibrator.covered_sectors().map_or(Vec::new(), Vec::from),
             direction: self.calibrator.direction().map(|at| Vector3 { x: at.x, y: at.y, z: at.z }),
             report: String::new(),
         };
-        if coverage.share >= 1.0 && self.last_attempt.is_none_or(|tried| tried.elapsed() >= SOLVE_INTERVAL) {
+        if coverage.share >= 1.0 && self.last_attempt.is_none_or(|attempt| attempt.elapsed() >= SOLVE_INTERVAL) {
             self.last_attempt = Some(Instant::now());
             match self.calibrator.finish() {
                 Ok(report) => progress.report = report.to_string(),

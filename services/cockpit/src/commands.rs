@@ -1,4 +1,9 @@
-//! What a viewer may ask for: swaps, shadows, their end, calibrations. Each needs the token; few are under way at once.
+//! Commands of viewers: swaps, shadows, their cancellation, and calibrations.
+//!
+//! Input: commands of the page, each with a token.
+//! Output: one reply per command.
+//! Failure: a command without an operator's token, or beyond [`MAX_CONCURRENT_COMMANDS`], is
+//! rejected.
 
 use std::{
     collections::BTreeMap,
@@ -19,27 +24,27 @@ use crate::{
     token::{Role, Tokens},
 };
 
-/// Commands under way at once, shadows among them.
+/// Maximum number of commands in progress, over all viewers. A shadow counts until it ends.
 pub(crate) const MAX_CONCURRENT_COMMANDS: usize = 8;
 
-/// Who takes a viewer's commands.
+/// Executes the commands of all viewers.
 pub(crate) struct Commands {
     target: Arc<dyn CommandTarget>,
     tokens: Tokens,
     permits: Arc<Semaphore>,
 }
 
-/// A viewer's commands.
+/// Commands of one viewer. Its shadows are cancelled when the session ends.
 pub(crate) struct CommandSession<'c> {
     commands: Option<&'c Commands>,
     hub: Arc<Hub>,
     replies: Sender<SwapAnswer>,
-    /// The slots in which this viewer's shadows run.
+    /// Slots with a shadow that this viewer started.
     shadows: Arc<Mutex<Vec<String>>>,
 }
 
 impl Commands {
-    /// `room`: for how many at once, of all viewers together.
+    /// Creates the executor. `permits` limits the commands in progress over all viewers.
     pub(crate) fn new(target: Arc<dyn CommandTarget>, tokens: Tokens, permits: Arc<Semaphore>) -> Self {
         Self { target, tokens, permits }
     }
@@ -50,29 +55,28 @@ impl<'c> CommandSession<'c> {
         Self { commands, hub, replies, shadows: Arc::default() }
     }
 
-    /// Carries out what the viewer asks for; whether it may go on asking.
+    /// Starts executing a command of the viewer. Returns `false` if the message is invalid and the
+    /// viewer must be disconnected.
     pub(crate) fn handle(&mut self, bytes: &[u8]) -> bool {
         let Ok(command) = PageCommand::from_bytes(bytes) else { return false };
         if command.kind() == Kind::Look {
             return true;
         }
         let Some(commands) = self.commands else {
-            self.reject(command, "nothing can be commanded from here");
+            self.reject(command, "this page does not accept commands");
             return true;
         };
         let remedy = match commands.tokens.role(&command.token) {
             Some(Role::Operator) => None,
-            Some(Role::Viewer) => Some("this is a viewer's token: it looks and does not command"),
-            None => Some(
-                "the token is missing or wrong: open the address that `plumb up` or `plumb view` prints, to its end",
-            ),
+            Some(Role::Viewer) => Some("a viewer's token cannot send commands; open the page with an operator's token"),
+            None => Some("token missing or wrong; open the complete address printed by `plumb up` or `plumb view`"),
         };
         if let Some(remedy) = remedy {
             self.reject(command, remedy);
             return true;
         }
         let Ok(permit) = commands.permits.clone().try_acquire_owned() else {
-            self.reject(command, "too many commands are under way; ask again");
+            self.reject(command, "too many commands in progress; try again");
             return true;
         };
         let (target, replies, shadows) = (commands.target.clone(), self.replies.clone(), self.shadows.clone());
@@ -83,9 +87,9 @@ impl<'c> CommandSession<'c> {
                 Kind::Calibrate => calibrate(&*target, command, &hub),
                 _ => Some(execute(&*target, command, &shadows)),
             };
-            // A viewer who has gone needs no answer.
-            if let Some(answer) = reply {
-                let _ = replies.blocking_send(answer);
+            // Sending fails only if the viewer has disconnected.
+            if let Some(reply) = reply {
+                let _ = replies.blocking_send(reply);
             }
         });
         true
@@ -96,7 +100,6 @@ impl<'c> CommandSession<'c> {
     }
 }
 
-/// A shadow ends with whoever asked for it.
 impl Drop for CommandSession<'_> {
     fn drop(&mut self) {
         let Some(commands) = self.commands else { return };
@@ -107,7 +110,7 @@ impl Drop for CommandSession<'_> {
     }
 }
 
-/// Begins or ends a calibration; the answer where that cannot be.
+/// Starts or cancels a calibration. Returns a reply only if the request is rejected.
 fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Option<SwapAnswer> {
     if command.what.is_empty() {
         hub.request_calibration(None);
@@ -120,7 +123,7 @@ fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Opt
             hub.request_calibration(Some(request));
             None
         }
-        Err(why) => Some(rejection(command, why)),
+        Err(reason) => Some(rejection(command, reason)),
     }
 }
 
@@ -133,7 +136,7 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
                     let outcome = swap_answer::Outcome::Aborted.into();
                     SwapAnswer { request_id, outcome, slot, reason: "cancelled".into(), ..SwapAnswer::default() }
                 }
-                Err(why) => rejection(command, why),
+                Err(reason) => rejection(command, reason),
             };
         }
         kind => kind == Kind::Shadow,
@@ -150,7 +153,7 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
     };
     let reply = match target.swap(request) {
         Ok(report) => swap_reply(command, report),
-        Err(why) => rejection(command, why),
+        Err(reason) => rejection(command, reason),
     };
     if shadow {
         let mut running = lock(shadows);

@@ -1,8 +1,11 @@
-//! Whom the server answers, and what a browser may do with the answer.
+//! Protection of the server against requests from foreign web pages.
 //!
-//! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
-//! there. It cannot choose the headers `Host`, `Origin` and `Sec-Fetch-Site`: only requests that name the loopback, from no page or from ours, are answered, and
-//! at [`FOXGLOVE_PATH`] those from pages that the launch file names. With TLS the certificate says who is asked, and any `Host` will do.
+//! A foreign page open in the same browser can send requests to the loopback interface, also under
+//! a host name of its own that resolves to it (DNS rebinding). It cannot set the headers `Host`,
+//! `Origin` and `Sec-Fetch-Site`. Requests are therefore accepted only if their host is a loopback
+//! name and they come from no page or from the cockpit's own page. At [`FOXGLOVE_PATH`] the origins
+//! listed in the launch file are accepted as well. With TLS the certificate identifies the server,
+//! so any `Host` is accepted.
 
 use std::sync::Arc;
 
@@ -14,12 +17,13 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-/// Where viewers of others connect.
+/// Path of the WebSocket for Foxglove clients.
 pub(crate) const FOXGLOVE_PATH: &str = "/foxglove";
-/// The names of the loopback.
+/// Host names of the loopback interface.
 const LOOPBACK_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
-/// What a browser may do with an answer: nothing that is not the page's own, and in no frame.
+/// Response headers that restrict what a browser may do with the page: own resources only, no
+/// framing.
 const SECURITY_HEADERS: [(&str, &str); 8] = [
     (
         "content-security-policy",
@@ -34,20 +38,20 @@ const SECURITY_HEADERS: [(&str, &str); 8] = [
     ("cache-control", "no-cache"),
 ];
 
-/// What is answered.
+/// Configuration of the request checks.
 #[derive(Debug)]
 pub(crate) struct AccessRules {
-    /// The origins that [`FOXGLOVE_PATH`] answers, too.
+    /// Additional origins accepted at [`FOXGLOVE_PATH`].
     pub(crate) foxglove_origins: Vec<String>,
-    /// TLS is spoken.
+    /// Whether the connection is TLS.
     pub(crate) uses_tls: bool,
 }
 
-/// Lets through what may be answered, and says what a browser may do with it.
+/// Rejects requests that fail the checks and adds [`SECURITY_HEADERS`] to every response.
 pub(crate) async fn guard(State(rules): State<Arc<AccessRules>>, request: Request, next: Next) -> Response {
     let mut response = match check_request(request.method(), request.uri(), request.headers(), &rules) {
         Ok(()) => next.run(request).await,
-        // Who is refused keeps no connection that others could have.
+        // A rejected client must not occupy one of the limited connections.
         Err((status, message)) => (status, [(header::CONNECTION, "close")], message).into_response(),
     };
     for (name, value) in SECURITY_HEADERS {
@@ -56,15 +60,14 @@ pub(crate) async fn guard(State(rules): State<Arc<AccessRules>>, request: Reques
     response.map(Body::new)
 }
 
-/// Why a request is refused.
 type Rejection = (StatusCode, &'static str);
-const FOREIGN_ORIGIN: Rejection = (StatusCode::FORBIDDEN, "a page of another origin gets nothing\n");
+const FOREIGN_ORIGIN: Rejection = (StatusCode::FORBIDDEN, "requests from other origins are rejected\n");
 
 fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &AccessRules) -> Result<(), Rejection> {
     if ![Method::GET, Method::HEAD].contains(method) {
-        return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET and HEAD are answered\n"));
+        return Err((StatusCode::METHOD_NOT_ALLOWED, "method not allowed; use GET or HEAD\n"));
     }
-    let wrong_host = (StatusCode::MISDIRECTED_REQUEST, "the Host of a request is 127.0.0.1, localhost or [::1]\n");
+    let wrong_host = (StatusCode::MISDIRECTED_REQUEST, "invalid Host header; expected 127.0.0.1, localhost or [::1]\n");
     let mut hosts = headers.get_all(header::HOST).iter();
     let (Some(host), None) = (hosts.next().and_then(|host| host.to_str().ok()), hosts.next()) else {
         return Err(wrong_host);
@@ -76,12 +79,12 @@ fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Access
     let scheme: &[u8] = if rules.uses_tls { b"https://" } else { b"http://" };
     let is_own_origin = |origin: &HeaderValue| origin.as_bytes().strip_prefix(scheme) == Some(host.as_bytes());
     let is_listed_origin = |origin: &HeaderValue| {
-        uri.path() == FOXGLOVE_PATH && rules.foxglove_origins.iter().any(|other| other.as_bytes() == origin.as_bytes())
+        uri.path() == FOXGLOVE_PATH && rules.foxglove_origins.iter().any(|listed| listed.as_bytes() == origin.as_bytes())
     };
     if !headers.get_all(header::ORIGIN).iter().all(|origin| is_own_origin(origin) || is_listed_origin(origin)) {
         return Err(FOREIGN_ORIGIN);
     }
-    // An image or a script of a page has no Origin; browsers say of every request where it was made.
+    // Requests for images and scripts have no Origin; for these browsers set Sec-Fetch-Site.
     let has_value = |name: &str, words: &[&str]| {
         headers.get_all(name).iter().any(|value| words.iter().any(|word| value.as_bytes() == word.as_bytes()))
     };
@@ -94,7 +97,7 @@ fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Access
     Ok(())
 }
 
-/// The name of the loopback, with a port or without.
+/// Returns `true` for a loopback name, with or without a port.
 fn is_loopback(host: &str) -> bool {
     let is_port = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
     LOOPBACK_NAMES.iter().any(|name| {

@@ -1,4 +1,8 @@
-//! Between who makes pictures and who sends them: each viewer has the newest few, and whoever is slower misses some.
+//! Distribution of snapshots, status and calibration progress to the viewers.
+//!
+//! Input: messages for the page, and the calibration requests of viewers.
+//! Output: a bounded message queue per viewer, preceded by the earlier events.
+//! Failure: a viewer that is too slow loses messages. Nothing waits for a viewer.
 
 use std::{
     collections::VecDeque,
@@ -12,42 +16,43 @@ use wire::{
     v1::{AttitudeOutput, Calibration, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
 };
 
-use crate::{calibration::CalibrationRequest, picture::MAX_EVENTS};
+use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Pictures whose flags are kept for viewers who missed them: two seconds.
+/// Number of snapshots with stored flags, for viewers that missed them: two seconds.
 const MAX_STORED_FLAGS: usize = 64;
-/// Messages that a viewer may be behind before it misses some: a quarter of a second.
+/// Messages queued for each viewer: a quarter of a second. A viewer further behind loses the
+/// oldest.
 const MAX_QUEUED_MESSAGES: usize = 8;
 
-/// What viewers are told.
+/// Message queues of the viewers.
 #[derive(Debug)]
 pub struct Hub {
     messages: broadcast::Sender<Bytes>,
     backlog: Mutex<Backlog>,
-    /// That a calibration begin, or that the one under way end; who makes pictures has not yet seen to it.
+    /// Request that is not processed yet: `Some(Some(…))` starts a calibration, `Some(None)`
+    /// cancels the one in progress.
     calibration_request: Mutex<Option<Option<CalibrationRequest>>>,
-    /// What viewers of the Foxglove WebSocket protocol are told.
     #[cfg(feature = "foxglove")]
-    pub(crate) broadcaster: std::sync::Arc<crate::foxglove::feed::Live>,
+    pub(crate) broadcaster: std::sync::Arc<crate::foxglove::feed::Broadcaster>,
 }
 
-/// What a viewer who comes later is told first, and whoever asks once.
+/// Data for new viewers, for viewers that missed messages, and for `/metrics`.
 #[derive(Debug, Default)]
 struct Backlog {
     latest: LatestState,
     events: VecDeque<SystemEvent>,
-    /// Of the newest pictures.
+    /// Flags of the newest snapshots, oldest first.
     flags: VecDeque<u64>,
     calibration: Option<Calibration>,
 }
 
-/// The newest of what is known.
+/// Newest values, for `/metrics`.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LatestState {
     pub(crate) standing: Standing,
-    /// Of the system that runs.
+    /// Newest attitude of the running system; `None` unless the system is live.
     pub(crate) attitude: Option<AttitudeOutput>,
-    /// The gyro's, body axes.
+    /// Estimated gyro bias, body axes.
     pub(crate) bias_rad_s: Option<[f64; 3]>,
 }
 
@@ -64,7 +69,7 @@ impl Default for Hub {
 }
 
 impl Hub {
-    /// Shows a picture to whoever looks.
+    /// Sends a snapshot to the viewers.
     pub fn publish_snapshot(&self, picture: Picture) {
         let mut backlog = self.backlog();
         backlog.events.extend(picture.events.iter().cloned());
@@ -86,7 +91,8 @@ impl Hub {
         }
     }
 
-    /// Tells how the system is.
+    /// Sends the system's status to the viewers. Unless the system is live, the latest values are
+    /// cleared.
     pub fn publish_status(&self, standing: Standing) {
         let mut backlog = self.backlog();
         if standing.state() != State::Live {
@@ -97,32 +103,32 @@ impl Hub {
         self.send(Said::Standing(standing));
     }
 
-    /// Tells how a calibration does.
+    /// Sends the progress of a calibration to the viewers.
     pub(crate) fn publish_calibration(&self, calibration: Calibration) {
         self.backlog().calibration = Some(calibration.clone()).filter(|calibration| !calibration.what.is_empty());
         self.send(Said::Calibration(calibration));
     }
 
-    /// Asks that a calibration begin, or that the one under way end.
+    /// Requests the start of a calibration; `None` requests the end of the one in progress.
     pub(crate) fn request_calibration(&self, request: Option<CalibrationRequest>) {
         *self.calibration_request.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
     }
 
-    /// What was asked for since the last time.
+    /// Removes and returns the request made since the last call.
     pub(crate) fn take_calibration_request(&self) -> Option<Option<CalibrationRequest>> {
         self.calibration_request.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Somebody looks.
+    /// Returns `true` if a viewer or a Foxglove client is connected.
     pub fn has_viewers(&self) -> bool {
         #[cfg(feature = "foxglove")]
-        let has_foxglove_clients = self.broadcaster.is_watched();
+        let has_foxglove_clients = self.broadcaster.has_clients();
         #[cfg(not(feature = "foxglove"))]
-        let others = false;
+        let has_foxglove_clients = false;
         self.messages.receiver_count() > 0 || has_foxglove_clients
     }
 
-    /// What a new viewer is told first, and what follows.
+    /// Returns the initial messages for a new viewer and the queue of the following ones.
     pub(crate) fn subscribe(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
         let messages = self.messages.subscribe();
         let backlog = self.backlog();
@@ -131,23 +137,25 @@ impl Hub {
         (first.into_iter().chain(calibration).map(encode).collect(), messages)
     }
 
-    /// What a viewer who missed so many messages is told in their place: events and flags are not thinned, and a calibration tells what it
-    /// found only once.
+    /// Returns the replacement for the `messages` messages that a viewer has missed.
+    ///
+    /// It contains all events and the flags of the missed snapshots, which are never decimated, and
+    /// the calibration, whose result is sent only once.
     pub(crate) fn catch_up(&self, messages: u64) -> [Bytes; 2] {
         let backlog = self.backlog();
-        // Those that still wait for it may have gone by the time it is told.
+        // More messages may be dropped from the queue before the viewer receives this summary.
         let picture = backlog.summary(messages as usize + MAX_QUEUED_MESSAGES);
         [Said::Picture(picture), Said::Calibration(backlog.calibration.clone().unwrap_or_default())].map(encode)
     }
 
-    /// What is known now.
+    /// Returns the newest values.
     pub(crate) fn latest(&self) -> LatestState {
         self.backlog().latest.clone()
     }
 
-    fn send(&self, said: Said) {
-        // Without viewers there is nobody to be told.
-        let _ = self.messages.send(encode(said));
+    fn send(&self, message: Said) {
+        // Sending fails only if there are no viewers.
+        let _ = self.messages.send(encode(message));
     }
 
     fn backlog(&self) -> MutexGuard<'_, Backlog> {
@@ -156,15 +164,15 @@ impl Hub {
 }
 
 impl Backlog {
-    /// All events, and the flags of the newest pictures.
+    /// Returns a snapshot of all events and the combined flags of the newest `pictures` snapshots.
     fn summary(&self, pictures: usize) -> Picture {
         let flags = self.flags.iter().rev().take(pictures).fold(0, |all, flags| all | flags);
         Picture { events: self.events.iter().cloned().collect(), flags, ..Picture::default() }
     }
 }
 
-pub(crate) fn encode(said: Said) -> Bytes {
-    ToPage { said: Some(said) }.to_bytes().into()
+pub(crate) fn encode(message: Said) -> Bytes {
+    ToPage { said: Some(message) }.to_bytes().into()
 }
 
 #[cfg(test)]
@@ -182,7 +190,7 @@ mod tests {
         }
         assert!(matches!(messages.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64));
         let left: Vec<_> = std::iter::from_fn(|| messages.try_recv().ok()).collect();
-        assert_eq!(left.len(), MAX_QUEUED_MESSAGES, "and has the newest");
+        assert_eq!(left.len(), MAX_QUEUED_MESSAGES, "the newest are kept");
     }
 
     #[test]
@@ -196,7 +204,7 @@ mod tests {
             other => panic!("{other:?}"),
         };
         assert_eq!(catch_up(13), (vec![7], 0b101));
-        assert_eq!(catch_up(1), (vec![7], 0b1), "what it has seen is no news");
+        assert_eq!(catch_up(1), (vec![7], 0b1), "flags of received snapshots are not repeated");
     }
 
     #[test]

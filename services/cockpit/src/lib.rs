@@ -1,34 +1,37 @@
-//! The cockpit: a system as a page in a browser, live and afterwards.
+//! The cockpit: a web page that shows a running system or a recording.
 //!
-//! Input: the messages of a system or of a recording, and what its supervisor says. Output: a page over HTTP, pictures over a WebSocket,
-//! commands to the supervisor. Time: a picture is made 30 times a second, of what came since the one before. Failure: a browser that is
-//! slow skips pictures, one that hangs is dropped, a page that is not ours gets nothing; nobody on the data path waits for any of it.
+//! Input: messages of a system or a recording, and the responses of its supervisor.
+//! Output: a page over HTTP, snapshots over a WebSocket, commands to the supervisor.
+//! Time: 30 snapshots per second, each covering the messages since the previous one.
+//! Failure: a slow browser misses snapshots, a hung one is disconnected, and requests of foreign
+//! pages are rejected. The data path never waits for the cockpit.
 //!
-//! One thread looks at the system and makes pictures, one asks the supervisor once a second and after each event how it is, one serves.
+//! One thread reads the system and publishes snapshots. A second one queries the supervisor once a
+//! second and after each event. A third one serves the clients.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`source`] | where the data come from, and who answers for the system |
-//! | [`board`] | a system on this machine |
-//! | [`recording`] | a recording, thinned out |
-//! | [`picture`] | messages thinned to what is seen |
-//! | [`calibration`] | how far the sensors' readings suffice for one |
-//! | `standing` | how the system is, once a second and after each event |
-//! | [`sight`] | what a page can look at |
-//! | [`hub`] | between who makes pictures and who sends them |
-//! | `metrics` | how the system is, as Prometheus reads it |
+//! | [`source`] | interfaces to a system: its messages, its status and its commands |
+//! | [`local_system`] | a system on this machine |
+//! | [`recording`] | a recording, reduced to snapshots |
+//! | [`decimator`] | reduction of messages to what the page shows |
+//! | [`calibration`] | calibration of the running system's sensors |
+//! | `status` | status of the system, once a second and after each event |
+//! | [`vehicles`] | selection of the vehicle that a page shows |
+//! | [`hub`] | distribution of snapshots to the viewers |
+//! | `metrics` | metrics in the text format of Prometheus |
 //! | [`server`] | connections and their limits |
-//! | `foxglove` | the system for Foxglove and Lichtblick, where that is built in |
-//! | `guard` | whom it answers, and what a browser may do with the answer |
-//! | `assets` | the page |
-//! | `socket` | a viewer |
-//! | `commands` | what a viewer may ask for |
-//! | [`token`] | who may look and who may command |
-//! | [`tls`] | TLS, for whoever looks from another machine |
+//! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
+//! | `guard` | protection against requests from foreign pages |
+//! | `assets` | files of the page |
+//! | `socket` | WebSocket of a viewer |
+//! | `commands` | commands of viewers |
+//! | [`token`] | tokens for viewing and for commands |
+//! | [`tls`] | TLS for clients on other machines |
 #![forbid(unsafe_code)]
 
 mod assets;
-pub mod board;
+pub mod local_system;
 pub mod calibration;
 mod commands;
 #[cfg(feature = "foxglove")]
@@ -36,13 +39,13 @@ mod foxglove;
 mod guard;
 pub mod hub;
 mod metrics;
-pub mod picture;
+pub mod decimator;
 pub mod recording;
 pub mod server;
-pub mod sight;
+pub mod vehicles;
 mod socket;
 pub mod source;
-mod standing;
+mod status;
 pub mod tls;
 pub mod token;
 
@@ -58,55 +61,60 @@ use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use crate::{
-    board::LocalSystem,
+    local_system::LocalSystem,
     calibration::Calibration,
     hub::Hub,
-    picture::Decimator,
+    decimator::Decimator,
     server::{Server, ServerError},
-    sight::Look,
+    vehicles::VehicleView,
     source::{CommandTarget, Source, SourceState},
-    standing::Watch,
+    status::StatusMonitor,
     token::{Role, TokenError, Tokens},
 };
 
-/// Between two pictures.
+/// Interval between snapshots.
 pub const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(33);
-/// Between two standings.
+/// Interval between status messages.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
-/// How much more than the services of the path the cockpit lets others have the machine.
+/// Niceness of the cockpit, so that the services of the data path take precedence.
 const NICENESS: i32 = 10;
-/// How long the supervisor is sought for, to be told the address.
+/// Time limit for reporting the page's address to the supervisor.
 const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Why the cockpit ended.
+/// Error that ends the cockpit.
 #[derive(Debug, thiserror::Error)]
 pub enum CockpitError {
-    /// The system could not be joined.
+    /// The cockpit cannot join the system, or publishing its health failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
     /// The page cannot be served.
     #[error(transparent)]
     Server(#[from] ServerError),
-    /// There is no token for commands.
+    /// No token for commands is available.
     #[error(transparent)]
     Token(#[from] TokenError),
 }
 
-/// The service.
+/// Runs the cockpit as a service until the supervisor stops it.
+///
+/// # Errors
+///
+/// Returns an error if the cockpit cannot join the system, read its tokens or bind its port.
 pub fn run() -> Result<(), CockpitError> {
     let mut context = ServiceContext::join(Service::Cockpit)?;
-    // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
+    // An overloaded machine must serve the data path first. If the priority cannot be lowered, the
+    // cockpit runs without.
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
-    let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(board::SupervisorClient::new(&launch.name)));
-    let tokens = Tokens::of_user()?;
+    let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(local_system::SupervisorClient::new(&launch.name)));
+    let tokens = Tokens::load()?;
     let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
-    let address = server.address(Some(tokens.of(Role::Operator)));
+    let address = server.address(Some(tokens.get(Role::Operator)));
     let name = launch.name.clone();
     thread::spawn(move || report_address(&name, &address));
-    let view = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(supervisor.clone()) };
-    server.start(server::Site {
-        sight: Arc::new(view),
+    let view = VehicleView { system: launch.name.clone(), hub: hub.clone(), target: Some(supervisor.clone()) };
+    server.start(server::SiteContent {
+        vehicles: Arc::new(view),
         tokens: Some(tokens),
         recording: None,
         foxglove_origins: launch.cockpit.foxglove_origins,
@@ -122,7 +130,13 @@ pub fn run() -> Result<(), CockpitError> {
     Ok(())
 }
 
-/// Shows a source until `should_continue` says otherwise, which is asked before each picture and told how many there were.
+/// Publishes the snapshots and the status of a source until `should_continue` returns `false`.
+///
+/// It is called before each snapshot with the number of snapshots so far.
+///
+/// # Errors
+///
+/// Returns the error of `should_continue`.
 pub fn publish_source<E>(
     source: &mut dyn Source,
     target: Arc<dyn CommandTarget>,
@@ -130,7 +144,7 @@ pub fn publish_source<E>(
     should_continue: &mut dyn FnMut(u64) -> Result<bool, E>,
 ) -> Result<(), E> {
     let mut decimator = Decimator::default();
-    let mut monitor = Watch::new(target, source.has_every_tick());
+    let mut monitor = StatusMonitor::new(target, source.has_every_tick());
     #[cfg(feature = "foxglove")]
     let mut feed = foxglove::feed::Feed::new(hub.broadcaster.clone());
     let mut last_status = None::<Instant>;
@@ -139,30 +153,30 @@ pub fn publish_source<E>(
         let started = Instant::now();
         #[cfg(feature = "foxglove")]
         let now_ns = monotonic_ns();
-        let state = source.look(&mut |topic, bytes| {
-            decimator.take(topic, bytes);
-            monitor.take(topic, bytes);
+        let state = source.poll(&mut |topic, bytes| {
+            decimator.push(topic, bytes);
+            monitor.push(topic, bytes);
             calibration.iter_mut().for_each(|calibration| calibration.push(topic, bytes));
             #[cfg(feature = "foxglove")]
-            feed.take(topic, bytes, now_ns);
+            feed.push(topic, bytes, now_ns);
         });
         #[cfg(feature = "foxglove")]
-        feed.source_is(&state);
-        if last_status.is_none_or(|told| told.elapsed() >= STATUS_INTERVAL) || monitor.is_another(&state) {
+        feed.set_source_state(&state);
+        if last_status.is_none_or(|last| last.elapsed() >= STATUS_INTERVAL) || monitor.has_changed(&state) {
             last_status = Some(started);
-            hub.publish_status(monitor.standing(state.clone()));
+            hub.publish_status(monitor.status(state.clone()));
         }
         update_calibration(&mut calibration, source, hub, state == SourceState::Live);
-        hub.publish_snapshot(decimator.picture(monotonic_ns()));
+        hub.publish_snapshot(decimator.take_snapshot(monotonic_ns()));
         thread::sleep(SNAPSHOT_INTERVAL.saturating_sub(started.elapsed()));
     }
     Ok(())
 }
 
-/// Begins and ends calibrations as they are asked for, and tells how the one under way does.
+/// Starts and cancels calibrations as requested, and publishes the progress of the active one.
 fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
     if let Some(request) = hub.take_calibration_request() {
-        source.set_readings_topic(request.as_ref().map(|wish| wish.topic));
+        source.set_readings_topic(request.as_ref().map(|request| request.topic));
         if request.is_none() {
             hub.publish_calibration(wire::v1::Calibration::default());
         }
@@ -171,7 +185,7 @@ fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn So
     let Some(active) = calibration else { return };
     let progress = active.progress();
     let is_aborted = !is_live || active.is_expired();
-    if is_aborted || progress.as_ref().is_some_and(|news| !news.report.is_empty()) {
+    if is_aborted || progress.as_ref().is_some_and(|progress| !progress.report.is_empty()) {
         source.set_readings_topic(None);
         *calibration = None;
     }
@@ -180,7 +194,7 @@ fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn So
     }
 }
 
-/// Tells the supervisor where the page is, once it answers.
+/// Reports the address of the page to the supervisor, retrying until it responds.
 fn report_address(system: &str, address: &str) {
     let request = ControlRequest::Address { service: Service::Cockpit.name().into(), address: address.into() };
     let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;

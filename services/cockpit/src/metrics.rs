@@ -1,7 +1,9 @@
-//! How the system is, as Prometheus reads it.
+//! Metrics of the system in the text format of Prometheus, version 0.0.4.
 //!
-//! Input: the last standing, the newest attitude and the gyro's bias. Output: the text format 0.0.4 of Prometheus: names with base units,
-//! each family with what it means. Time: ages by CLOCK_MONOTONIC. Failure: what is not known is left out, never 0.
+//! Input: the last status, the newest attitude and the gyro bias.
+//! Output: metric families with base units in their names and a help text.
+//! Time: ages by CLOCK_MONOTONIC.
+//! Failure: unknown values are omitted instead of exported as 0.
 
 use std::fmt::Write as _;
 
@@ -10,17 +12,18 @@ use wire::v1::{CourseReference, LatencyUs, ServiceStanding, standing::State};
 
 use crate::hub::LatestState;
 
-/// What the text is.
+/// Media type of the text.
 pub(crate) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
-/// Services that are told of, and letters of a label, at most.
+/// Maximum number of services exported.
 const MAX_SERVICES: usize = 64;
+/// Maximum length of a label value, characters.
 const MAX_LABEL: usize = 128;
-/// What a service does, in a word, while it does its work.
+/// Service states that count as up.
 const WORKING_STATES: [&str; 3] = ["ready", "running", "finished"];
-/// The process that starts the services; it has no ticks of its own.
+/// Name of the supervisor, which publishes no ticks.
 const SUPERVISOR: &str = "supervisor";
 
-/// The text of a system of this name, at `now_ns` of CLOCK_MONOTONIC.
+/// Renders the metrics of a system. `now_ns` is the time on CLOCK_MONOTONIC.
 pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String {
     let mut text = Exposition(String::new());
     system_info(&mut text, system, newest);
@@ -31,12 +34,12 @@ pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String 
     text.0
 }
 
-/// Whose figures these are.
+/// Writes the version, the connection and the source.
 fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }: &LatestState) {
     let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
     text.gauge(
         "plumbline_build_info",
-        "Version of the program that answers, and the system's name.",
+        "Version of the exporting program and name of the system.",
         [(&build[..], 1.0)],
     );
     let states = [
@@ -49,17 +52,17 @@ fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }
     let samples = connected_states.map(|(state, label)| (&label[..], f64::from(u8::from(*state == standing.state()))));
     text.gauge(
         "plumbline_connection_state",
-        "1 for what the system is to this program, 0 for what it is not.",
+        "1 for the current state of the connection to the system, 0 for the others.",
         samples,
     );
     let source = [("source", standing.source.as_str())];
     let source = (!standing.source.is_empty()).then_some((&source[..], 1.0));
-    text.gauge("plumbline_source_info", "What the system is fed with.", source);
+    text.gauge("plumbline_source_info", "Source of the system's samples.", source);
     let declared = Some((&[][..], standing.rate_hz)).filter(|(_, rate_hz)| *rate_hz > 0.0);
-    text.gauge("plumbline_source_rate_hertz", "Ticks a second of the source's time, as declared.", declared);
+    text.gauge("plumbline_source_rate_hertz", "Declared tick rate of the source.", declared);
 }
 
-/// What each service does and costs.
+/// Writes the state, the counters and the resource usage of each service.
 fn services(text: &mut Exposition, all: &[ServiceStanding]) {
     let all: Vec<_> = all.iter().filter_map(|one| Some((one, one.status.as_ref()?))).take(MAX_SERVICES).collect();
     let names: Vec<_> = all.iter().map(|(_, status)| [("service", status.service.as_str())]).collect();
@@ -69,7 +72,7 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
     let up = labelled().map(|(name, (_, status))| (name, f64::from(u8::from(WORKING_STATES.contains(&status.state.as_str())))));
     text.gauge(
         "plumbline_service_up",
-        "1 while the service does its work, 0 while it starts, is silent or has ended.",
+        "1 while the service is ready, running or finished, otherwise 0.",
         up,
     );
     let stages: Vec<_> = all
@@ -78,17 +81,17 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
         .map(|(_, status)| [("service", status.service.as_str()), ("stage", status.stage.as_str())])
         .collect();
     let samples = stages.iter().map(|labels| (&labels[..], 1.0));
-    text.gauge("plumbline_service_stage_info", "The stage that fills the service's slot.", samples);
+    text.gauge("plumbline_service_stage_info", "Stage that owns the service's slot.", samples);
     let samples = with_ticks().map(|(name, (_, status))| (name, f64::from(status.restarts)));
-    text.counter("plumbline_service_restarts_total", "Times the service was started again.", samples);
+    text.counter("plumbline_service_restarts_total", "Restarts of the service.", samples);
     let samples = with_ticks().map(|(name, (_, status))| (name, status.ticks as f64));
-    text.counter("plumbline_service_ticks_total", "Ticks that the service has published.", samples);
+    text.counter("plumbline_service_ticks_total", "Ticks published by the service.", samples);
     let samples = with_ticks().map(|(name, (_, status))| (name, status.lost as f64));
-    text.counter("plumbline_service_lost_ticks_total", "Ticks that never came to the service.", samples);
+    text.counter("plumbline_service_lost_ticks_total", "Ticks that the service did not receive.", samples);
     let samples = with_ticks().map(|(name, (_, status))| (name, status.troubles.len() as f64));
-    text.gauge("plumbline_service_troubles", "What is wrong with what the service reads: how many things.", samples);
+    text.gauge("plumbline_service_diagnostics", "Active diagnostics of the service's inputs.", samples);
     let samples = labelled().filter_map(|(name, (one, _))| Some((name, one.rate_hz?)));
-    text.gauge("plumbline_service_rate_hertz", "Ticks published a second.", samples);
+    text.gauge("plumbline_service_rate_hertz", "Rate of published ticks.", samples);
     let quantiles: Vec<_> = all
         .iter()
         .filter_map(|(one, status)| Some((status.service.as_str(), one.latency_us.as_ref()?)))
@@ -99,43 +102,43 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
     let samples = quantiles.iter().map(|(labels, s)| (&labels[..], *s));
     text.gauge(
         "plumbline_service_latency_seconds",
-        "From the last input of a tick to the service's output, over the last second.",
+        "Time from the last input of a tick to the service's output, over the last second.",
         samples,
     );
     let samples = labelled().filter_map(|(name, (one, _))| Some((name, one.cpu_percent? / 100.0)));
-    text.gauge("plumbline_service_cpu_ratio", "Share of one core over the last second.", samples);
+    text.gauge("plumbline_service_cpu_ratio", "CPU usage over the last second, as a share of one core.", samples);
     let samples = labelled().filter_map(|(name, (one, _))| Some((name, (one.resident_mib? * 1_048_576.0).round())));
     text.gauge("plumbline_service_resident_bytes", "Resident memory of the process.", samples);
 }
 
-/// What comes out of the path, and what is found of what goes in.
+/// Writes the newest attitude, its latency and the number of input warnings.
 fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_rad_s }: &LatestState, now_ns: u64) {
     let warnings = standing.warnings.len() as f64;
     text.gauge(
         "plumbline_input_warnings",
-        "What the judge of the input has found: how many things.",
+        "Warnings of the input check.",
         unlabelled(Some(warnings)),
     );
     let latencies = standing.latency_us.as_ref().map(quantiles).into_iter().flatten();
     let latencies: Vec<_> = latencies.map(|(quantile, s)| ([("quantile", quantile)], s)).collect();
     let samples = latencies.iter().map(|(labels, s)| (&labels[..], *s));
-    let help = "From a sample's birth at ingest to its attitude, over the last second.";
+    let help = "Time from the reception of a sample at ingest to its attitude, over the last second.";
     text.gauge("plumbline_attitude_latency_seconds", help, samples);
 
     let header = attitude.as_ref().and_then(|attitude| attitude.header.as_ref());
     let age_s = header.map(|header| now_ns.saturating_sub(header.t_sent_ns) as f64 * 1e-9);
     text.gauge("plumbline_attitude_age_seconds", "Time since the newest attitude was published.", unlabelled(age_s));
-    text.gauge("plumbline_attitude_tick", "The newest attitude's tick.", unlabelled(header.map(|header| header.tick as f64)));
+    text.gauge("plumbline_attitude_tick", "Tick of the newest attitude.", unlabelled(header.map(|header| header.tick as f64)));
     let resets = attitude.as_ref().map(|attitude| attitude.reset_counter as f64);
-    text.counter("plumbline_attitude_resets_total", "Times the attitude or the course was set anew.", unlabelled(resets));
+    text.counter("plumbline_attitude_resets_total", "Resets of the attitude or the course.", unlabelled(resets));
 
-    // Before the accelerometer was heard an attitude is only a start.
+    // Until the accelerometer has aligned the attitude, it is only an initial value.
     let is_unaligned = header.is_none_or(|header| Flags(header.flags).any(Flags::UNALIGNED));
     let aligned = attitude.as_ref().filter(|_| !is_unaligned);
     let angle = |angle: fn(&wire::v1::AttitudeOutput) -> f64| unlabelled(aligned.map(angle));
-    text.gauge("plumbline_attitude_roll_radians", "Right side down.", angle(|attitude| attitude.roll_rad));
-    text.gauge("plumbline_attitude_pitch_radians", "Nose up.", angle(|attitude| attitude.pitch_rad));
-    text.gauge("plumbline_attitude_yaw_radians", "Counter-clockwise from above.", angle(|attitude| attitude.yaw_rad));
+    text.gauge("plumbline_attitude_roll_radians", "Roll, right side down positive.", angle(|attitude| attitude.roll_rad));
+    text.gauge("plumbline_attitude_pitch_radians", "Pitch, nose up positive.", angle(|attitude| attitude.pitch_rad));
+    text.gauge("plumbline_attitude_yaw_radians", "Yaw, counter-clockwise from above positive.", angle(|attitude| attitude.yaw_rad));
     let reference = aligned.and_then(|attitude| match attitude.course_reference() {
         CourseReference::Unspecified => None,
         CourseReference::Arbitrary => Some([("reference", "arbitrary")]),
@@ -143,21 +146,21 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
         CourseReference::True => Some([("reference", "true")]),
     });
     let course = reference.as_ref().zip(aligned).map(|(label, attitude)| (&label[..], attitude.course_rad));
-    text.gauge("plumbline_attitude_course_radians", "Course, clockwise from above, from the reference.", course);
+    text.gauge("plumbline_attitude_course_radians", "Course from the reference, clockwise from above positive.", course);
     let help = "Standard deviation of the inclination.";
     let inclination_sd_rad = aligned.map(|attitude| attitude.inclination_sd_rad).filter(|sd_rad| is_known(*sd_rad));
     text.gauge("plumbline_attitude_inclination_sd_radians", help, unlabelled(inclination_sd_rad));
     let course_sd_rad = aligned.map(|attitude| attitude.course_sd_rad).filter(|sd_rad| is_known(*sd_rad));
     text.gauge("plumbline_attitude_course_sd_radians", "Standard deviation of the course.", unlabelled(course_sd_rad));
 
-    // A stage that does not estimate it says zero.
+    // A stage that does not estimate the bias publishes zeros.
     let bias = bias_rad_s.filter(|bias| bias.iter().any(|part| *part != 0.0));
     let axes = [[("axis", "x")], [("axis", "y")], [("axis", "z")]];
     let samples = bias.iter().flat_map(|bias| axes.iter().zip(bias)).map(|(axis, bias_rad_s)| (&axis[..], *bias_rad_s));
     text.gauge("plumbline_gyro_bias_radians_per_second", "Estimated bias of the gyro, body axes.", samples);
 }
 
-/// A standard deviation of an angle of which something is known: π is that of one of which nothing is.
+/// Returns `true` if the standard deviation is below π, which stands for an unknown angle.
 fn is_known(sd_rad: f64) -> bool {
     sd_rad < std::f64::consts::PI
 }
@@ -166,35 +169,35 @@ fn quantiles(latency_us: &LatencyUs) -> [(&'static str, f64); 3] {
     [("0.5", latency_us.p50), ("0.99", latency_us.p99), ("1", latency_us.max)].map(|(name, us)| (name, us / 1e6))
 }
 
-/// A sample without labels.
+/// Names and values of the labels of a sample.
 type Labels<'l> = &'l [(&'l str, &'l str)];
 
-/// A sample without labels, where there is one.
+/// Returns a sample without labels, or `None` if the value is unknown.
 fn unlabelled(value: Option<f64>) -> Option<(Labels<'static>, f64)> {
     value.map(|value| (&[][..], value))
 }
 
-/// The text so far.
+/// Text in the exposition format.
 struct Exposition(String);
 
 impl Exposition {
-    /// What goes up and down.
+    /// Writes a family of values that can rise and fall.
     fn gauge<'l>(&mut self, name: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         self.family(name, "gauge", help, samples);
     }
 
-    /// What only grows, until what counts it begins anew.
+    /// Writes a family of values that only rise, except for a reset to zero.
     fn counter<'l>(&mut self, name: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         self.family(name, "counter", help, samples);
     }
 
-    /// A family with the samples that are numbers; nothing where there is none.
+    /// Writes a family with all finite samples. Writes nothing if there are none.
     fn family<'l>(&mut self, name: &str, kind: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         let mut samples = samples.into_iter().filter(|(_, value)| value.is_finite()).peekable();
         if samples.peek().is_none() {
             return;
         }
-        // A text takes everything that is written to it.
+        // Writing to a string cannot fail.
         let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
         for (labels, value) in samples {
             let labels: Vec<_> =
@@ -205,7 +208,7 @@ impl Exposition {
     }
 }
 
-/// A label's value as it stands between quotes.
+/// Escapes a label value and truncates it to [`MAX_LABEL`] characters.
 fn escape_label(value: &str) -> String {
     let mut text = String::new();
     for letter in value.chars().take(MAX_LABEL) {
@@ -249,7 +252,7 @@ mod tests {
         }
     }
 
-    /// Everything is known.
+    /// Returns a state in which every value is known.
     fn complete() -> LatestState {
         let header = Some(Header { tick: 7, t_sent_ns: 1_000_000_000, ..Header::default() });
         let attitude = AttitudeOutput {
@@ -305,8 +308,8 @@ mod tests {
 
     #[test]
     fn unknown_values_are_omitted_instead_of_0() {
-        let about = ["plumbline_build_info"].map(String::from).into();
-        assert_eq!(names(&LatestState::default()), about, "before anything is known");
+        let expected = ["plumbline_build_info"].map(String::from).into();
+        assert_eq!(names(&LatestState::default()), expected, "before the first status");
         let mut ended = complete();
         ended.standing.state = State::Ended.into();
         assert!(names(&ended).iter().all(|name| !name.contains("attitude") && !name.contains("service")), "{ended:?}");
@@ -318,20 +321,20 @@ mod tests {
         if let Some(attitude) = &mut sparse.attitude {
             attitude.course_sd_rad = std::f64::consts::PI;
         }
-        let left: BTreeSet<_> = names(&complete()).difference(&names(&sparse)).cloned().collect();
+        let omitted: BTreeSet<_> = names(&complete()).difference(&names(&sparse)).cloned().collect();
         let unknown = [
             "plumbline_attitude_course_sd_radians",
             "plumbline_gyro_bias_radians_per_second",
             "plumbline_service_cpu_ratio",
         ];
-        assert_eq!(left, unknown.map(String::from).into());
+        assert_eq!(omitted, unknown.map(String::from).into());
         assert!(!lines(&sparse).iter().any(|line| line.ends_with("NaN") || line.ends_with("inf")));
         let supervisor = |line: &&String| line.contains("_total") && line.contains(SUPERVISOR);
-        assert_eq!(lines(&complete()).iter().find(supervisor), None, "it counts no ticks");
+        assert_eq!(lines(&complete()).iter().find(supervisor), None, "the supervisor counts no ticks");
         if let Some(header) = sparse.attitude.as_mut().and_then(|attitude| attitude.header.as_mut()) {
             header.flags = Flags::UNALIGNED.0;
         }
-        assert!(!names(&sparse).contains("plumbline_attitude_roll_radians"), "a start is no attitude");
+        assert!(!names(&sparse).contains("plumbline_attitude_roll_radians"), "an unaligned attitude is omitted");
     }
 
     #[test]

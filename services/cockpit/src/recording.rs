@@ -1,7 +1,8 @@
-//! A recording, thinned out once when it is opened: as many pictures as a page needs, all of one length in time.
+//! A recording, reduced when opened to snapshots of equal duration.
 //!
-//! Input: messages of the topics with the source's time, in the order in which they were published. Output: pictures by their number. Memory:
-//! bounded, whatever the recording's length.
+//! Input: messages of the topics with the source's time, in the order of publication.
+//! Output: snapshots by number.
+//! Memory: bounded, independent of the recording's length.
 
 use graph::Topic;
 use wire::{
@@ -10,57 +11,60 @@ use wire::{
     v1::{Standing, standing::State},
 };
 
-use crate::{SNAPSHOT_INTERVAL, picture::Decimator};
+use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
 
-/// Pictures of a recording at most: half an hour at the rate of a live picture, and a longer one at a lower.
-const MAX_PICTURES: u64 = 60_000;
-/// Pictures in an answer at most, and their bytes.
-const MAX_ANSWER: usize = 4096;
-const ANSWER_BYTES: usize = 8 << 20;
+/// Maximum number of snapshots of a recording: half an hour at the live rate. Longer recordings get
+/// longer snapshots.
+const MAX_SNAPSHOTS: u64 = 60_000;
+/// Maximum number of snapshots in a reply.
+const MAX_REPLY_SNAPSHOTS: usize = 4096;
+/// Maximum size of the snapshots in a reply, bytes.
+const MAX_REPLY_BYTES: usize = 8 << 20;
 
-/// A recording.
+/// Snapshots of a recording.
 #[derive(Debug)]
 pub struct Recording {
-    /// Encoded, in the order of time.
-    pictures: Vec<Vec<u8>>,
+    /// Encoded snapshots in the order of time.
+    snapshots: Vec<Vec<u8>>,
     name: String,
     rate_hz: f64,
     t_first_ns: i64,
     t_last_ns: i64,
 }
 
-/// A recording that is being read.
+/// Builds a [`Recording`] from its messages.
 #[derive(Debug)]
-pub struct Reading {
+pub struct RecordingBuilder {
     recording: Recording,
     interval_ns: i64,
-    thinner: Decimator,
+    decimator: Decimator,
 }
 
 impl Recording {
-    /// Begins to read one whose source's time goes from `t_first_ns` to `t_last_ns`.
-    pub fn reading(name: &str, rate_hz: f64, t_first_ns: i64, t_last_ns: i64) -> Reading {
+    /// Starts a recording of the period `t_first_ns` to `t_last_ns` on the source's clock.
+    pub fn builder(name: &str, rate_hz: f64, t_first_ns: i64, t_last_ns: i64) -> RecordingBuilder {
         let t_last_ns = t_last_ns.max(t_first_ns.saturating_add(1));
-        let least_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(MAX_PICTURES).cast_signed();
-        let interval_ns = (SNAPSHOT_INTERVAL.as_nanos() as i64).max(least_ns);
-        let recording = Self { pictures: Vec::new(), name: name.into(), rate_hz, t_first_ns, t_last_ns };
-        Reading { recording, interval_ns, thinner: Decimator::default() }
+        let min_interval_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(MAX_SNAPSHOTS).cast_signed();
+        let interval_ns = (SNAPSHOT_INTERVAL.as_nanos() as i64).max(min_interval_ns);
+        let recording = Self { snapshots: Vec::new(), name: name.into(), rate_hz, t_first_ns, t_last_ns };
+        RecordingBuilder { recording, interval_ns, decimator: Decimator::default() }
     }
 
-    /// Encoded pictures from a number on.
-    pub(crate) fn pictures(&self, from: usize, count: usize) -> Vec<u8> {
-        let asked = self.pictures.iter().skip(from).take(count.min(MAX_ANSWER));
-        let mut room = ANSWER_BYTES;
-        let fits = asked.take_while(|picture| {
-            let fits = room >= picture.len();
-            room = room.saturating_sub(picture.len());
+    /// Returns the encoded snapshots from number `from` on, at most `count` and at most as many as
+    /// fit into a reply.
+    pub(crate) fn encode_snapshots(&self, from: usize, count: usize) -> Vec<u8> {
+        let requested = self.snapshots.iter().skip(from).take(count.min(MAX_REPLY_SNAPSHOTS));
+        let mut remaining_bytes = MAX_REPLY_BYTES;
+        let fitting = requested.take_while(|snapshot| {
+            let fits = remaining_bytes >= snapshot.len();
+            remaining_bytes = remaining_bytes.saturating_sub(snapshot.len());
             fits
         });
-        cockpit::encode_pictures(fits.map(Vec::as_slice))
+        cockpit::encode_pictures(fitting.map(Vec::as_slice))
     }
 
-    /// What a page is told of it.
-    pub fn standing(&self) -> Standing {
+    /// Returns the status message for the page.
+    pub fn status(&self) -> Standing {
         Standing {
             state: State::Recording.into(),
             system: self.name.clone(),
@@ -69,41 +73,42 @@ impl Recording {
             version: env!("CARGO_PKG_VERSION").into(),
             t_first_ns: self.t_first_ns,
             t_last_ns: self.t_last_ns,
-            pictures: self.pictures.len() as u64,
+            pictures: self.snapshots.len() as u64,
             ..Standing::default()
         }
     }
 }
 
-impl Reading {
-    /// Takes a message; one whose time is before the last one's belongs to the same picture as that.
-    pub fn take(&mut self, t_ns: i64, topic: Topic, bytes: &[u8]) {
-        self.close_until(t_ns.min(self.recording.t_last_ns));
-        self.thinner.take(topic, bytes);
+impl RecordingBuilder {
+    /// Adds a message. A message with an earlier time than its predecessor goes into the current
+    /// snapshot.
+    pub fn push(&mut self, t_ns: i64, topic: Topic, bytes: &[u8]) {
+        self.close_snapshots_until(t_ns.min(self.recording.t_last_ns));
+        self.decimator.push(topic, bytes);
     }
 
-    /// The recording.
+    /// Closes the last snapshot and returns the recording.
     pub fn finish(mut self) -> Recording {
-        self.close_until(self.recording.t_last_ns);
-        self.close();
+        self.close_snapshots_until(self.recording.t_last_ns);
+        self.close_snapshot();
         self.recording
     }
 
-    fn close_until(&mut self, t_ns: i64) {
-        while self.end_ns() <= t_ns {
-            self.close();
+    fn close_snapshots_until(&mut self, t_ns: i64) {
+        while self.snapshot_end_ns() <= t_ns {
+            self.close_snapshot();
         }
     }
 
-    /// The end of the picture that is being made.
-    fn end_ns(&self) -> i64 {
-        let ended = self.recording.pictures.len() as i64 + 1;
-        self.recording.t_first_ns.saturating_add(ended.saturating_mul(self.interval_ns))
+    /// Returns the end of the current snapshot on the source's clock.
+    fn snapshot_end_ns(&self) -> i64 {
+        let count = self.recording.snapshots.len() as i64 + 1;
+        self.recording.t_first_ns.saturating_add(count.saturating_mul(self.interval_ns))
     }
 
-    fn close(&mut self) {
-        let made_ns = self.end_ns().max(0).cast_unsigned();
-        self.recording.pictures.push(self.thinner.picture(made_ns).to_bytes());
+    fn close_snapshot(&mut self) {
+        let end_ns = self.snapshot_end_ns().max(0).cast_unsigned();
+        self.recording.snapshots.push(self.decimator.take_snapshot(end_ns).to_bytes());
     }
 }
 
@@ -114,7 +119,7 @@ mod tests {
 
     use super::*;
 
-    fn at(t_ns: i64) -> AttitudeOutput {
+    fn attitude_at(t_ns: i64) -> AttitudeOutput {
         let mut attitude: AttitudeOutput = bytemuck::Zeroable::zeroed();
         attitude.quaternion = [1.0, 0.0, 0.0, 0.0];
         attitude.header.t_end_ns = t_ns;
@@ -122,26 +127,26 @@ mod tests {
     }
 
     #[test]
-    fn a_long_recording_has_no_more_pictures_than_there_is_room_for_and_each_its_time() {
+    fn long_recording_lengthens_snapshot_interval() {
         const HOURS_4_NS: i64 = 4 * 3_600_000_000_000;
-        let mut reading = Recording::reading("long", 1.0, 0, HOURS_4_NS);
+        let mut builder = Recording::builder("long", 1.0, 0, HOURS_4_NS);
         for t_ns in (0..=HOURS_4_NS).step_by(1_000_000_000) {
-            reading.take(t_ns, Topic::Attitude, bytemuck::bytes_of(&at(t_ns)));
+            builder.push(t_ns, Topic::Attitude, bytemuck::bytes_of(&attitude_at(t_ns)));
         }
-        let recording = reading.finish();
-        assert!(recording.pictures.len() as u64 <= MAX_PICTURES + 1, "{}", recording.pictures.len());
-        let middle = Picture::from_bytes(&recording.pictures[MAX_PICTURES as usize / 2]).unwrap();
+        let recording = builder.finish();
+        assert!(recording.snapshots.len() as u64 <= MAX_SNAPSHOTS + 1, "{}", recording.snapshots.len());
+        let middle = Picture::from_bytes(&recording.snapshots[MAX_SNAPSHOTS as usize / 2]).unwrap();
         let t_ns = middle.attitude.map_or(0, |attitude| attitude.header.unwrap_or_default().t_end_ns);
-        assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_PICTURES as i64 + 1_000_000_000 || t_ns == 0);
+        assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_SNAPSHOTS as i64 + 1_000_000_000 || t_ns == 0);
     }
 
     #[test]
-    fn pictures_are_given_by_their_numbers_and_nothing_beyond_the_end() {
-        let mut reading = Recording::reading("short", 100.0, 0, 1_000_000_000);
-        (0..100).for_each(|i| reading.take(i * 10_000_000, Topic::Attitude, bytemuck::bytes_of(&at(i))));
-        let recording = reading.finish();
-        assert_eq!(recording.standing().pictures, 31, "one for each 33 ms of a second");
-        assert!(recording.pictures(0, usize::MAX).len() > recording.pictures(30, 10).len());
-        assert_eq!(recording.pictures(31, 1), Vec::<u8>::new());
+    fn snapshots_are_indexed_and_empty_beyond_the_end() {
+        let mut builder = Recording::builder("short", 100.0, 0, 1_000_000_000);
+        (0..100).for_each(|i| builder.push(i * 10_000_000, Topic::Attitude, bytemuck::bytes_of(&attitude_at(i))));
+        let recording = builder.finish();
+        assert_eq!(recording.status().pictures, 31, "one per 33 ms of a second");
+        assert!(recording.encode_snapshots(0, usize::MAX).len() > recording.encode_snapshots(30, 10).len());
+        assert_eq!(recording.encode_snapshots(31, 1), Vec::<u8>::new());
     }
 }

@@ -1,8 +1,9 @@
-//! Connections and their limits.
+//! HTTP server of the cockpit, with its connection limits.
 //!
-//! HTTP/1.1, on the loopback plain, beyond it in TLS, where nothing but the page itself is given without a token: the page, the WebSocket
-//! `/socket`, of a recording its pictures, the figures of `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none
-//! in time, and whoever comes when there are too many, is disconnected.
+//! Input: HTTP/1.1 requests without a body, plain on the loopback interface, otherwise over TLS.
+//! Output: the page, the WebSocket `/socket`, the snapshots of a recording, `/metrics`, and the
+//! WebSocket `/foxglove`. With TLS everything except the page's files requires a token.
+//! Failure: clients that send no request in time and clients beyond the limits are disconnected.
 
 use std::{
     io,
@@ -42,117 +43,123 @@ use crate::{
     guard::{self, AccessRules},
     metrics,
     recording::Recording,
-    sight::{Look, Sight},
+    vehicles::{VehicleView, VehicleDirectory},
     socket,
     tls::{self, TlsError},
     token::{Token, Tokens},
 };
 
-/// Connections at once.
+/// Maximum number of concurrent connections.
 pub const MAX_CONNECTIONS: usize = 96;
-/// Viewers at once.
+/// Maximum number of concurrent viewers.
 pub const MAX_VIEWERS: usize = 32;
-/// Clients of the Foxglove WebSocket protocol at once.
+/// Maximum number of concurrent clients of the Foxglove WebSocket protocol.
 #[cfg(feature = "foxglove")]
-pub const MAX_CLIENTS: usize = 8;
-/// The bytes of a viewer's command, or of a client's request, at most.
-const MAX_MESSAGE: usize = 4096;
-/// By then a connection speaks TLS.
-const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
-/// A request's headers, bytes.
-const MAX_HEADERS: usize = 16 * 1024;
-/// By then the headers of a request must have come.
-const HEADERS_LIMIT: Duration = Duration::from_secs(10);
-/// What the kernel holds for a viewer who does not read, bytes: a second's pictures.
-const SEND_BUFFER: u32 = 64 * 1024;
-/// Ports tried after the one that was asked for.
-const PORTS: u16 = 100;
-/// The pause after a connection that could not be taken, as when files are short.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
+pub const MAX_FOXGLOVE_CLIENTS: usize = 8;
+/// Maximum size of a viewer's command and of a Foxglove client's request, bytes.
+const MAX_MESSAGE_BYTES: usize = 4096;
+/// Time limit of the TLS handshake.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum size of the headers of a request, bytes.
+const MAX_HEADER_BYTES: usize = 16 * 1024;
+/// Time limit for receiving the headers of a request.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
+/// Size of the kernel's send buffer per connection, bytes: about a second of snapshots.
+const SEND_BUFFER_BYTES: u32 = 64 * 1024;
+/// Number of ports tried after the requested one.
+const MAX_PORT_RETRIES: u16 = 100;
+/// Delay after a failed accept, for example when file descriptors are exhausted.
+const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 
-/// Why the page cannot be served.
+/// Error of serving the page.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// No port is free.
-    #[error("serving the cockpit on {address} or one of the next {PORTS} ports: {cause}")]
+    #[error("cannot serve the cockpit on {address} or one of the next {MAX_PORT_RETRIES} ports: {cause}")]
     Listen {
-        /// The first that was tried.
+        /// First address tried.
         address: SocketAddr,
-        /// What the system said of the last.
+        /// Error of the last address tried.
         cause: io::Error,
     },
-    /// It is to speak TLS and cannot.
+    /// The TLS configuration is invalid.
     #[error(transparent)]
     Tls(#[from] TlsError),
-    /// The server cannot start.
-    #[error("starting the cockpit's server: {0}")]
+    /// The server's runtime, socket or thread cannot be created.
+    #[error("cannot start the cockpit's server: {0}")]
     Start(io::Error),
 }
 
-/// A server that listens and does not answer yet.
+/// Server that is bound to its port and does not accept connections yet.
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     tls: Option<TlsAcceptor>,
 }
 
-/// What is served.
-pub struct Site {
-    /// What can be looked at.
-    pub sight: Arc<dyn Sight>,
-    /// What commands need, and with TLS looking, too; without them nobody may.
+/// Content of the server, and the access to it.
+pub struct SiteContent {
+    /// Vehicles that can be shown.
+    pub vehicles: Arc<dyn VehicleDirectory>,
+    /// Tokens that commands require, and with TLS viewing as well. If `None`, commands are
+    /// rejected, and with TLS viewing too.
     pub tokens: Option<Tokens>,
-    /// What is shown in the place of a system.
+    /// Recording to show instead of a system.
     pub recording: Option<Arc<Recording>>,
-    /// Pages of others that `/foxglove` answers, by their origins.
+    /// Origins of other pages that may use `/foxglove`.
     pub foxglove_origins: Vec<String>,
 }
 
-struct Served {
+struct ServerState {
     page: PageFiles,
-    site: Site,
-    /// TLS is spoken, and looking needs a token.
-    is_secured: bool,
-    room: Arc<Semaphore>,
-    viewers: Arc<Semaphore>,
+    site: SiteContent,
+    /// Whether connections use TLS; viewing then requires a token.
+    uses_tls: bool,
+    command_permits: Arc<Semaphore>,
+    viewer_permits: Arc<Semaphore>,
     #[cfg(feature = "foxglove")]
-    clients: Arc<Semaphore>,
+    client_permits: Arc<Semaphore>,
 }
 
-/// What is answered where nothing of the name is to be seen.
-type NotThere = (StatusCode, String);
+/// Status and message for an unknown vehicle or an invalid query.
+type NotFound = (StatusCode, String);
 
-impl Served {
-    /// What is answered to whoever sends these headers and may not see what is not the page itself.
-    fn refuses(&self, headers: &HeaderMap) -> Option<Response> {
-        let shown = headers.get(header::AUTHORIZATION).and_then(|field| field.to_str().ok()?.strip_prefix("Bearer "));
-        let role = shown.zip(self.site.tokens.as_ref()).and_then(|(shown, tokens)| tokens.role(shown));
-        if !self.is_secured || role.is_some() {
+impl ServerState {
+    /// Returns the response for a request that lacks a required token, or `None` if it is
+    /// authorised.
+    fn authorization_error(&self, headers: &HeaderMap) -> Option<Response> {
+        let token = headers.get(header::AUTHORIZATION).and_then(|field| field.to_str().ok()?.strip_prefix("Bearer "));
+        let role = token.zip(self.site.tokens.as_ref()).and_then(|(token, tokens)| tokens.role(token));
+        if !self.uses_tls || role.is_some() {
             return None;
         }
-        let how = [(header::WWW_AUTHENTICATE, "Bearer")];
-        let why = "a viewer's token is needed: `Authorization: Bearer TOKEN`\n";
-        Some((StatusCode::UNAUTHORIZED, how, why).into_response())
+        let scheme = [(header::WWW_AUTHENTICATE, "Bearer")];
+        let message = "a viewer's or operator's token is required: `Authorization: Bearer TOKEN`\n";
+        Some((StatusCode::UNAUTHORIZED, scheme, message).into_response())
     }
 
-    /// Where the pictures come from of the vehicle that a request names, or of what is shown where it names none.
-    fn look(&self, uri: &Uri) -> Result<Look, NotThere> {
+    /// Returns the view of the vehicle named in the query, or the default view if none is named.
+    fn view(&self, uri: &Uri) -> Result<VehicleView, NotFound> {
         let vehicle = match uri.query().map(|query| query.split_once('=')) {
             None => Ok(None),
             Some(Some(("vehicle", name))) => Ok(Some(name)),
             Some(_) => Err(format!("expected {0} or {0}?vehicle=NAME", uri.path())),
         };
-        let look = vehicle.and_then(|vehicle| self.site.sight.look(vehicle));
-        look.map_err(|why| (StatusCode::NOT_FOUND, format!("{why}\n")))
+        let view = vehicle.and_then(|vehicle| self.site.vehicles.view(vehicle));
+        view.map_err(|reason| (StatusCode::NOT_FOUND, format!("{reason}\n")))
     }
 }
 
 impl Server {
-    /// Takes the port of `address`, or the next free one; with a certificate, TLS is spoken there.
+    /// Binds to `address`, or to the next free port. With a certificate the server uses TLS.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the certificate is not usable or none of the ports is free.
     pub fn bind(address: SocketAddr, tls: Option<&CockpitTls>) -> Result<Self, ServerError> {
         let tls = tls.map(tls::acceptor).transpose()?;
         let mut last = None;
-        for port in address.port()..=address.port().saturating_add(PORTS) {
+        for port in address.port()..=address.port().saturating_add(MAX_PORT_RETRIES) {
             match listen(SocketAddr::new(address.ip(), port)) {
                 Ok(listener) => {
                     let address = listener.local_addr().map_err(ServerError::Start)?;
@@ -165,79 +172,82 @@ impl Server {
         Err(ServerError::Listen { address, cause })
     }
 
-    /// What people open; with a token they may do there what is its role's.
+    /// Returns the URL of the page. With a token, it grants the token's role.
     pub fn address(&self, token: Option<&Token>) -> String {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
-        let at = self.address;
-        let base = match at.ip().is_unspecified() {
-            true => format!("{scheme}://{}:{}/", host_name(), at.port()),
-            false => format!("{scheme}://{at}/"),
+        let base = match self.address.ip().is_unspecified() {
+            true => format!("{scheme}://{}:{}/", host_name(), self.address.port()),
+            false => format!("{scheme}://{}/", self.address),
         };
         address(&base, token)
     }
 
-    /// Serves from a thread of its own, for as long as the process lives.
-    pub fn start(self, site: Site) -> Result<(), ServerError> {
+    /// Serves the content from a separate thread for the lifetime of the process.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the runtime or the thread cannot be created.
+    pub fn start(self, site: SiteContent) -> Result<(), ServerError> {
         let runtime = runtime::Builder::new_current_thread()
             .enable_all()
             .max_blocking_threads(commands::MAX_CONCURRENT_COMMANDS + 1)
             .build()
             .map_err(ServerError::Start)?;
         let listener = {
-            let _inside = runtime.enter();
+            let _guard = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
-        let is_secured = self.tls.is_some();
-        let rules = Arc::new(AccessRules { foxglove_origins: site.foxglove_origins.clone(), uses_tls: is_secured });
-        let served = Arc::new(Served {
+        let uses_tls = self.tls.is_some();
+        let rules = Arc::new(AccessRules { foxglove_origins: site.foxglove_origins.clone(), uses_tls });
+        let state = Arc::new(ServerState {
             page: PageFiles::new(),
-            room: Arc::new(Semaphore::new(commands::MAX_CONCURRENT_COMMANDS)),
+            command_permits: Arc::new(Semaphore::new(commands::MAX_CONCURRENT_COMMANDS)),
             site,
-            is_secured,
-            viewers: Arc::new(Semaphore::new(MAX_VIEWERS)),
+            uses_tls,
+            viewer_permits: Arc::new(Semaphore::new(MAX_VIEWERS)),
             #[cfg(feature = "foxglove")]
-            clients: Arc::new(Semaphore::new(MAX_CLIENTS)),
+            client_permits: Arc::new(Semaphore::new(MAX_FOXGLOVE_CLIENTS)),
         });
         let router = Router::new()
-            .route("/socket", get(connect))
-            .route("/pictures", get(pictures))
-            .route("/metrics", get(figures));
+            .route("/socket", get(view_socket))
+            .route("/pictures", get(recording_snapshots))
+            .route("/metrics", get(metrics_page));
         #[cfg(feature = "foxglove")]
-        let router = router.route(guard::FOXGLOVE_PATH, get(foxglove));
+        let router = router.route(guard::FOXGLOVE_PATH, get(foxglove_socket));
         let router =
-            router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(served);
+            router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(state);
         let tls = self.tls;
-        let work = move || runtime.block_on(serve(listener, tls, router));
-        thread::Builder::new().name("cockpit-server".into()).spawn(work).map_err(ServerError::Start)?;
+        let run = move || runtime.block_on(serve(listener, tls, router));
+        thread::Builder::new().name("cockpit-server".into()).spawn(run).map_err(ServerError::Start)?;
         Ok(())
     }
 }
 
-/// An address with what stands behind `#`.
+/// Returns the URL with the token as its fragment.
 pub fn address(base: &str, token: Option<&Token>) -> String {
     token.map_or_else(|| base.to_owned(), |token| format!("{base}#{}", token.text()))
 }
 
-/// Takes connections without end.
+/// Accepts connections forever.
 async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, router: Router) {
-    let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(ACCEPT_PAUSE).await;
+            tokio::time::sleep(ACCEPT_RETRY_DELAY).await;
             continue;
         };
-        // Who comes beyond the limit is disconnected at once.
-        let Ok(permit) = room.clone().try_acquire_owned() else { continue };
+        // A connection beyond the limit is closed immediately.
+        let Ok(permit) = permits.clone().try_acquire_owned() else { continue };
         let (router, tls) = (router.clone(), tls.clone());
         tokio::spawn(async move {
             let _permit: OwnedSemaphorePermit = permit;
-            // Pictures are small and not to wait for each other.
+            // Snapshots are small; Nagle's algorithm would delay them.
             let _ = stream.set_nodelay(true);
             match tls {
-                None => answer(stream, router).await,
+                None => serve_connection(stream, router).await,
                 Some(tls) => {
-                    if let Ok(Ok(stream)) = timeout(HANDSHAKE_LIMIT, tls.accept(stream)).await {
-                        answer(stream, router).await;
+                    if let Ok(Ok(stream)) = timeout(HANDSHAKE_TIMEOUT, tls.accept(stream)).await {
+                        serve_connection(stream, router).await;
                     }
                 }
             }
@@ -245,117 +255,118 @@ async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, rout
     }
 }
 
-/// Answers the requests of a connection.
-async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+/// Serves the requests of a connection.
+async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(MAX_HEADERS);
-    // A connection that fails is its client's matter.
+    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEADER_BYTES);
+    // An error concerns only this client.
     let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
 }
 
-/// What other machines call this one.
+/// Returns the host name under which other machines reach this one.
 fn host_name() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
-    served.page.respond(uri.path(), &headers)
+async fn asset(State(state): State<Arc<ServerState>>, uri: Uri, headers: HeaderMap) -> Response {
+    state.page.respond(uri.path(), &headers)
 }
 
-/// A viewer.
-async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
-    let look = served.look(&uri);
-    let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
+/// Upgrades a viewer's connection to a WebSocket.
+async fn view_socket(State(state): State<Arc<ServerState>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
+    let view = state.view(&uri);
+    let Ok(permit) = state.viewer_permits.clone().try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many viewers; close another page\n").into_response();
     };
-    limited(upgrade).on_upgrade(async move |socket| {
+    with_limits(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        let look = match look {
-            Ok(look) => look,
-            Err((_, why)) => return socket::turn_away(socket, why.trim_end()).await,
+        let view = match view {
+            Ok(view) => view,
+            Err((_, reason)) => return socket::close_unavailable(socket, reason.trim_end()).await,
         };
-        let desk = look.desk.clone().filter(|desk| desk.takes_commands());
-        let commands = desk.zip(served.site.tokens.clone());
-        let commands = commands.map(|(desk, tokens)| Commands::new(desk, tokens, served.room.clone()));
-        let door = served.is_secured.then_some(served.site.tokens.as_ref());
-        socket::serve(socket, look.hub, commands.as_ref(), door).await;
+        let target = view.target.clone().filter(|target| target.takes_commands());
+        let commands = target.zip(state.site.tokens.clone());
+        let commands = commands.map(|(target, tokens)| Commands::new(target, tokens, state.command_permits.clone()));
+        let required_tokens = state.uses_tls.then_some(state.site.tokens.as_ref());
+        socket::serve(socket, view.hub, commands.as_ref(), required_tokens).await;
     })
 }
 
-fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
-    upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE).max_write_buffer_size(1 << 20)
+fn with_limits(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
+    upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES).max_write_buffer_size(1 << 20)
 }
 
-/// A client of the Foxglove WebSocket protocol.
+/// Upgrades the connection of a Foxglove client to a WebSocket.
 #[cfg(feature = "foxglove")]
-async fn foxglove(
-    State(served): State<Arc<Served>>,
+async fn foxglove_socket(
+    State(state): State<Arc<ServerState>>,
     uri: Uri,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
     use crate::foxglove::{client, protocol};
-    if let Some(refused) = served.refuses(&headers) {
-        return refused;
+    if let Some(rejection) = state.authorization_error(&headers) {
+        return rejection;
     }
-    if served.site.recording.is_some() {
-        return (StatusCode::NOT_FOUND, "this is a recording: open its file in the viewer\n").into_response();
+    if state.site.recording.is_some() {
+        return (StatusCode::NOT_FOUND, "/foxglove serves live systems only; open the recording's file in the viewer\n").into_response();
     }
-    let look = match served.look(&uri) {
-        Ok(look) => look,
-        Err(not_there) => return not_there.into_response(),
+    let view = match state.view(&uri) {
+        Ok(view) => view,
+        Err(not_found) => return not_found.into_response(),
     };
-    let upgrade = upgrade.protocols(protocol::NAMES);
+    let upgrade = upgrade.protocols(protocol::SUBPROTOCOLS);
     if upgrade.selected_protocol().is_none() {
-        let expected = format!("expected the subprotocol {}\n", protocol::NAMES.join(" or "));
+        let expected = format!("expected the subprotocol {}\n", protocol::SUBPROTOCOLS.join(" or "));
         return (StatusCode::BAD_REQUEST, expected).into_response();
     }
-    let Ok(permit) = served.clients.clone().try_acquire_owned() else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many are connected already; close one\n").into_response();
+    let Ok(permit) = state.client_permits.clone().try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close another one\n").into_response();
     };
-    limited(upgrade).on_upgrade(async move |socket| {
+    with_limits(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        client::serve(socket, &look.system, &look.hub.broadcaster).await;
+        client::serve(socket, &view.system, &view.hub.broadcaster).await;
     })
 }
 
-async fn figures(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
-    if let Some(refused) = served.refuses(&headers) {
-        return refused;
+async fn metrics_page(State(state): State<Arc<ServerState>>, uri: Uri, headers: HeaderMap) -> Response {
+    if let Some(rejection) = state.authorization_error(&headers) {
+        return rejection;
     }
-    let look = match served.look(&uri) {
-        Ok(look) => look,
-        Err(not_there) => return not_there.into_response(),
+    let view = match state.view(&uri) {
+        Ok(view) => view,
+        Err(not_found) => return not_found.into_response(),
     };
-    let text = metrics::render(&look.system, &look.hub.latest(), monotonic_ns());
+    let text = metrics::render(&view.system, &view.hub.latest(), monotonic_ns());
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
-/// `/pictures?FROM+COUNT`: pictures of a recording.
-async fn pictures(State(served): State<Arc<Served>>, request: Request) -> Response {
-    if let Some(refused) = served.refuses(request.headers()) {
-        return refused;
+/// Serves `/pictures?FROM+COUNT`: snapshots of a recording.
+async fn recording_snapshots(State(state): State<Arc<ServerState>>, request: Request) -> Response {
+    if let Some(rejection) = state.authorization_error(request.headers()) {
+        return rejection;
     }
-    let Some(recording) = &served.site.recording else {
-        return (StatusCode::NOT_FOUND, "this is no recording\n").into_response();
+    let Some(recording) = &state.site.recording else {
+        return (StatusCode::NOT_FOUND, "this server shows no recording\n").into_response();
     };
-    let wanted = request.uri().query().and_then(|query| query.split_once('+'));
-    let wanted = wanted.and_then(|(from, count)| Some((from.parse().ok()?, count.parse().ok()?)));
-    let Some((from, count)) = wanted else {
+    let range = request.uri().query().and_then(|query| query.split_once('+'));
+    let range = range.and_then(|(from, count)| Some((from.parse().ok()?, count.parse().ok()?)));
+    let Some((from, count)) = range else {
         return (StatusCode::BAD_REQUEST, "expected /pictures?FROM+COUNT\n").into_response();
     };
     let kind = [(header::CONTENT_TYPE, "application/x-protobuf")];
-    (kind, Body::from(recording.pictures(from, count))).into_response()
+    (kind, Body::from(recording.encode_snapshots(from, count))).into_response()
 }
 
-/// A socket whose connections hold little for whoever does not read.
+/// Opens a listening socket with a small send buffer, so that a slow client loses messages instead
+/// of falling behind.
 fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, listen, socket_with, sockopt};
     let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = socket_with(family, SocketType::STREAM, flags, None)?;
     sockopt::set_socket_reuseaddr(&socket, true)?;
-    sockopt::set_socket_send_buffer_size(&socket, SEND_BUFFER as usize)?;
+    sockopt::set_socket_send_buffer_size(&socket, SEND_BUFFER_BYTES as usize)?;
     bind(&socket, &address)?;
     listen(&socket, 128)?;
     Ok(socket.into())

@@ -1,5 +1,9 @@
-//! A viewer: pictures go out as they come, commands come in. One who does not take what is sent is dropped after a while; one who is slow
-//! misses pictures.
+//! WebSocket of a viewer.
+//!
+//! Input: commands of the page.
+//! Output: snapshots, status and replies, as they are published.
+//! Failure: a slow viewer misses snapshots; one that accepts nothing for [`SEND_TIMEOUT`] is
+//! disconnected.
 
 use std::{sync::Arc, time::Duration};
 
@@ -22,113 +26,117 @@ use crate::{
     token::Tokens,
 };
 
-/// Who has taken nothing for so long is dropped.
-const SEND_LIMIT: Duration = Duration::from_secs(5);
-/// Answers that wait for a viewer.
-const ANSWERS: usize = 16;
+/// Time after which a viewer that accepts no data is disconnected.
+const SEND_TIMEOUT: Duration = Duration::from_secs(5);
+/// Maximum number of replies queued for a viewer.
+const MAX_QUEUED_REPLIES: usize = 16;
 
-/// By then whoever must show a token has shown it.
-const TOKEN_LIMIT: Duration = Duration::from_secs(5);
+/// Time limit for presenting a required token.
+const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The code of the page for a vehicle of which there is nothing to be seen.
-const ABSENT: u16 = 4404;
-/// The reason with a code is this long at most, bytes.
-const MAX_REASON: usize = 120;
+/// Close code for a vehicle that is not available.
+const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
+/// Maximum length of a close reason, bytes. A control frame holds 125, two of which are the code.
+const MAX_REASON_BYTES: usize = 120;
 
-/// Says why there is nothing to be seen: of a request that is refused a page does not learn the reason.
-pub(crate) async fn turn_away(mut socket: WebSocket, why: &str) {
-    let why = CloseFrame { code: ABSENT, reason: why[..why.floor_char_boundary(MAX_REASON)].into() };
-    let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
+/// Closes the connection with the reason. A page cannot read the response of a failed upgrade, so
+/// the connection is accepted first.
+pub(crate) async fn close_unavailable(mut socket: WebSocket, reason: &str) {
+    let reason = reason[..reason.floor_char_boundary(MAX_REASON_BYTES)].into();
+    let frame = CloseFrame { code: CLOSE_UNKNOWN_VEHICLE, reason };
+    let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
 }
 
-/// Serves a viewer until it goes; where there is a `door`, first one of its tokens is to be shown.
+/// Serves a viewer until it disconnects.
+///
+/// If `required_tokens` is `Some`, the viewer must first present one of these tokens.
 pub(crate) async fn serve(
     mut socket: WebSocket,
     hub: Arc<Hub>,
     commands: Option<&Commands>,
-    door: Option<Option<&Tokens>>,
+    required_tokens: Option<Option<&Tokens>>,
 ) {
-    if let Some(tokens) = door
-        && !shows_token(&mut socket, tokens).await
+    if let Some(tokens) = required_tokens
+        && !presents_token(&mut socket, tokens).await
     {
-        let why = CloseFrame { code: close_code::POLICY, reason: "the token is missing or wrong".into() };
-        let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
+        let frame = CloseFrame { code: close_code::POLICY, reason: "token missing or wrong".into() };
+        let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
         return;
     }
-    let (first, mut told) = hub.subscribe();
-    for message in first {
+    let (initial, mut messages) = hub.subscribe();
+    for message in initial {
         if !send(&mut socket, message).await {
             return;
         }
     }
-    let (answers, mut answered) = mpsc::channel::<SwapAnswer>(ANSWERS);
-    let mut session = CommandSession::new(commands, hub.clone(), answers);
+    let (reply_tx, mut reply_rx) = mpsc::channel::<SwapAnswer>(MAX_QUEUED_REPLIES);
+    let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
     loop {
-        let step = next(&mut socket, &mut told, &mut answered).await;
-        let goes_on = match step {
-            Step::Told(message) => send(&mut socket, message).await,
-            Step::Answered(answer) => send(&mut socket, hub::encode(Said::Answer(answer))).await,
-            Step::Missed(messages) => {
+        let event = next_event(&mut socket, &mut messages, &mut reply_rx).await;
+        let is_open = match event {
+            Event::Message(message) => send(&mut socket, message).await,
+            Event::Reply(reply) => send(&mut socket, hub::encode(Said::Answer(reply))).await,
+            Event::Lagged(messages) => {
                 let [picture, calibration] = hub.catch_up(messages);
                 send(&mut socket, picture).await && send(&mut socket, calibration).await
             }
-            Step::Nothing => true,
-            Step::Asked(bytes) => session.handle(&bytes),
-            Step::Gone => false,
+            Event::Ignored => true,
+            Event::Command(bytes) => session.handle(&bytes),
+            Event::Closed => false,
         };
-        if !goes_on {
+        if !is_open {
             return;
         }
     }
 }
 
-async fn shows_token(socket: &mut WebSocket, tokens: Option<&Tokens>) -> bool {
-    let Ok(Some(Ok(Message::Binary(bytes)))) = timeout(TOKEN_LIMIT, socket.recv()).await else { return false };
-    let look = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
-    look.zip(tokens).is_some_and(|(look, tokens)| tokens.role(&look.token).is_some())
+async fn presents_token(socket: &mut WebSocket, tokens: Option<&Tokens>) -> bool {
+    let Ok(Some(Ok(Message::Binary(bytes)))) = timeout(TOKEN_TIMEOUT, socket.recv()).await else { return false };
+    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
+    command.zip(tokens).is_some_and(|(command, tokens)| tokens.role(&command.token).is_some())
 }
 
-/// What comes next.
-enum Step {
-    Told(Bytes),
-    Answered(SwapAnswer),
-    Asked(Bytes),
-    /// So many messages were made that this viewer was too slow for.
-    Missed(u64),
-    Nothing,
-    Gone,
+/// Event on a viewer's connection.
+enum Event {
+    Message(Bytes),
+    Reply(SwapAnswer),
+    Command(Bytes),
+    /// Number of messages that this viewer was too slow to receive.
+    Lagged(u64),
+    Ignored,
+    Closed,
 }
 
-async fn next(
+async fn next_event(
     socket: &mut WebSocket,
-    told: &mut tokio::sync::broadcast::Receiver<Bytes>,
-    answered: &mut mpsc::Receiver<SwapAnswer>,
-) -> Step {
+    messages: &mut tokio::sync::broadcast::Receiver<Bytes>,
+    replies: &mut mpsc::Receiver<SwapAnswer>,
+) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
-    // Whichever is ready first; each of them can be left and begun again without a loss.
-    let (mut said, mut answer, mut asked) = (pin!(told.recv()), pin!(answered.recv()), pin!(socket.recv()));
+    // Polls all three; each future is cancel-safe, so that dropping it loses nothing.
+    let (mut next_message, mut next_reply, mut next_command) = (pin!(messages.recv()), pin!(replies.recv()), pin!(socket.recv()));
     poll_fn(|context| {
-        if let Poll::Ready(Some(answer)) = answer.as_mut().poll(context) {
-            return Poll::Ready(Step::Answered(answer));
+        if let Poll::Ready(Some(reply)) = next_reply.as_mut().poll(context) {
+            return Poll::Ready(Event::Reply(reply));
         }
-        if let Poll::Ready(message) = asked.as_mut().poll(context) {
+        if let Poll::Ready(message) = next_command.as_mut().poll(context) {
             return Poll::Ready(match message {
-                Some(Ok(Message::Binary(bytes))) => Step::Asked(bytes),
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Step::Nothing,
-                Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Step::Gone,
+                Some(Ok(Message::Binary(bytes))) => Event::Command(bytes),
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Event::Ignored,
+                Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Event::Closed,
             });
         }
-        match said.as_mut().poll(context) {
-            Poll::Ready(Ok(message)) => Poll::Ready(Step::Told(message)),
-            Poll::Ready(Err(RecvError::Lagged(messages))) => Poll::Ready(Step::Missed(messages)),
-            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Step::Gone),
+        match next_message.as_mut().poll(context) {
+            Poll::Ready(Ok(message)) => Poll::Ready(Event::Message(message)),
+            Poll::Ready(Err(RecvError::Lagged(messages))) => Poll::Ready(Event::Lagged(messages)),
+            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Event::Closed),
             Poll::Pending => Poll::Pending,
         }
     })
     .await
 }
 
-/// Whether it was taken in time.
+/// Sends a message. Returns `false` if the viewer has not accepted it in time.
 async fn send(socket: &mut WebSocket, message: Bytes) -> bool {
-    matches!(timeout(SEND_LIMIT, socket.send(Message::Binary(message))).await, Ok(Ok(())))
+    matches!(timeout(SEND_TIMEOUT, socket.send(Message::Binary(message))).await, Ok(Ok(())))
 }

@@ -1,4 +1,5 @@
-//! Where the data come from, and who answers for the system.
+//! Interfaces to a system: a [`Source`] of messages and a [`CommandTarget`] for status and
+//! commands.
 
 use calibrate::Kind;
 use control::{ServiceStatus, SwapReport, SwapRequest};
@@ -7,71 +8,98 @@ use wire::v1::VehicleLine;
 
 use crate::calibration::CalibrationRequest;
 
-/// How a source is.
+/// State of a source.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SourceState {
-    /// It is waited for; why, for people.
+    /// The source is not available yet. Contains the reason for display.
     Connecting(String),
-    /// None is chosen of those in sight.
+    /// Several vehicles are available, but no vehicle is selected yet.
     Unselected,
-    /// Its messages come.
+    /// The source delivers messages.
     Live,
-    /// It has ended; why, for people.
+    /// The source has ended. Contains the reason for display.
     Ended(String),
 }
 
-/// The messages of a system.
+/// Source of the messages of a system.
 pub trait Source {
-    /// Hands over what came since the last look, as it is on the bus: of the path an output before what it was made of.
-    fn look(&mut self, take: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
+    /// Passes the messages since the last call to `on_message`, in their bus layout, and returns
+    /// the state.
+    ///
+    /// On the data path the messages of an output come before those of its inputs.
+    fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
 
-    /// No tick is left out on the way here.
+    /// Returns `true` if the source delivers every tick, none decimated.
     fn has_every_tick(&self) -> bool;
 
-    /// A topic of the sensors' own readings is to be handed over, too, from now on, or none any more. Nobody asks for it whose
-    /// [`CommandTarget::wish`] has none.
+    /// Selects the topic of sensor readings to deliver in addition; `None` ends it.
+    ///
+    /// It is called only for a source whose [`CommandTarget::calibration_request`] succeeds.
     fn set_readings_topic(&mut self, _topic: Option<Topic>) {}
 }
 
-/// What a system is.
+/// Properties of a system.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SystemDescription {
-    /// Its name.
+    /// Name of the system.
     pub system: String,
-    /// What it is fed with, for people.
+    /// Source of its samples, for display.
     pub source: String,
-    /// Ticks per second as declared; 0 where unknown.
+    /// Declared tick rate, Hz; 0 if unknown.
     pub rate_hz: f64,
-    /// What each slot can be filled with.
+    /// Slots, each with the names of its available stages.
     pub slots: Vec<(String, Vec<String>)>,
-    /// The supervisor's process, where it is on this machine.
+    /// Process of the supervisor; `None` if it runs on another machine.
     pub supervisor_pid: Option<u32>,
 }
 
-/// Who answers for a system, and knows who else is in sight; asked from threads that may wait.
+/// Status and commands of a system.
+///
+/// The methods may block; they are called from threads that may wait. The errors are reasons for
+/// display.
 pub trait CommandTarget: Send + Sync {
-    /// What it is; the reason where nobody answers.
+    /// Returns the properties of the system.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the system does not respond.
     fn description(&self) -> Result<SystemDescription, String>;
 
-    /// How its services are.
+    /// Returns the status of the services.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the system does not respond.
     fn services(&self) -> Result<Vec<ServiceStatus>, String>;
 
-    /// The vehicles in sight, where several can be chosen from.
+    /// Returns the available vehicles if several can be selected, otherwise an empty list.
     fn vehicles(&self) -> Vec<VehicleLine> {
         Vec::new()
     }
 
-    /// Commands can be given here.
+    /// Returns `true` if this target accepts commands.
     fn takes_commands(&self) -> bool;
 
-    /// Swaps what fills a slot, or runs a shadow; waits until it is done.
+    /// Swaps the stage of a slot or runs a shadow, and waits for the end.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the request cannot be sent or gets no reply.
     fn swap(&self, request: SwapRequest) -> Result<SwapReport, String>;
 
-    /// Ends a slot's shadow.
+    /// Cancels the shadow of a slot.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the request fails.
     fn cancel_shadow(&self, slot: &str) -> Result<(), String>;
 
-    /// What a calibration goes by; the reason where there can be none.
+    /// Returns what a calibration of that kind needs.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the sensor readings are not available.
     fn calibration_request(&self, _kind: Kind) -> Result<CalibrationRequest, String> {
-        Err("a calibration needs every reading, which only the vehicle's own page has: `plumb view` on board, or `ssh -L`".into())
+        Err("calibration needs every sensor reading; open the vehicle's own page with `plumb view` on board or through `ssh -L`".into())
     }
 }

@@ -1,4 +1,4 @@
-//! TLS, for whoever looks from another machine.
+//! TLS for clients on other machines.
 
 use std::{
     io,
@@ -21,42 +21,42 @@ use tokio_rustls::{
     },
 };
 
-/// Why the page cannot be served by TLS.
+/// Error of the TLS configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
-    /// The certificate does not serve.
+    /// The certificate is not valid.
     #[error(transparent)]
     Certificate(#[from] KeysError),
-    /// A file cannot be read, or holds something else.
-    #[error("reading {path} for the cockpit's TLS: {cause}")]
+    /// A file cannot be read or is not in PEM format.
+    #[error("cannot read {path} for the cockpit's TLS: {cause}")]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Cause of the failure.
         cause: pem::Error,
     },
-    /// A private key that others can read.
-    #[error("reading {path} for the cockpit's TLS: others can read it; `chmod 600` it, or make another")]
-    Open {
-        /// The file.
+    /// The private key is readable by other users.
+    #[error("private key {path} is readable by other users; run `chmod 600 {path}` or create a new key")]
+    ReadableKey {
+        /// Path of the private key.
         path: PathBuf,
     },
-    /// The two do not belong together.
-    #[error("serving {cert} with {key}: {cause}; `plumb keys vehicle NAME --host HOST` makes both")]
-    Pair {
-        /// The certificate.
+    /// The private key does not belong to the certificate.
+    #[error("cannot use certificate {cert} with private key {key}: {cause}; `plumb keys vehicle NAME --host HOST` creates a matching pair")]
+    KeyMismatch {
+        /// Path of the certificate.
         cert: PathBuf,
-        /// The private key.
+        /// Path of the private key.
         key: PathBuf,
-        /// What is wrong.
+        /// Cause of the failure.
         cause: rustls::Error,
     },
-    /// The library has not what is needed.
-    #[error("beginning the cockpit's TLS: {0}")]
-    Begin(rustls::Error),
+    /// The TLS library does not support the required version.
+    #[error("cannot set up TLS for the cockpit: {0}")]
+    Setup(rustls::Error),
 }
 
-/// Accepts connections with the certificate of these files, TLS 1.3.
+/// Creates an acceptor for TLS 1.3 with the certificate and the private key of these files.
 pub(crate) fn acceptor(CockpitTls { cert, key }: &CockpitTls) -> Result<TlsAcceptor, TlsError> {
     keys::validity::check(cert)?;
     let failed = |path: &Path| {
@@ -64,19 +64,19 @@ pub(crate) fn acceptor(CockpitTls { cert, key }: &CockpitTls) -> Result<TlsAccep
         move |cause| TlsError::File { path, cause }
     };
     let chain: Vec<_> = CertificateDer::pem_file_iter(cert).and_then(Iterator::collect).map_err(failed(cert))?;
-    if is_open(key).map_err(|cause| TlsError::File { path: key.clone(), cause: pem::Error::Io(cause) })? {
-        return Err(TlsError::Open { path: key.clone() });
+    if is_readable_by_others(key).map_err(|cause| TlsError::File { path: key.clone(), cause: pem::Error::Io(cause) })? {
+        return Err(TlsError::ReadableKey { path: key.clone() });
     }
     let private = PrivateKeyDer::from_pem_file(key).map_err(failed(key))?;
     let builder = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()));
-    let builder = builder.with_protocol_versions(&[&TLS13]).map_err(TlsError::Begin)?;
+    let builder = builder.with_protocol_versions(&[&TLS13]).map_err(TlsError::Setup)?;
     let config = builder.with_no_client_auth().with_single_cert(chain, private);
-    let config = config.map_err(|cause| TlsError::Pair { cert: cert.clone(), key: key.clone(), cause })?;
+    let config = config.map_err(|cause| TlsError::KeyMismatch { cert: cert.clone(), key: key.clone(), cause })?;
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// Others than the owner and its group can read a file.
-fn is_open(path: &Path) -> io::Result<bool> {
+/// Returns `true` if users other than the owner and its group have any access to the file.
+fn is_readable_by_others(path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::PermissionsExt as _;
     Ok(path.metadata()?.permissions().mode() & 0o007 != 0)
 }

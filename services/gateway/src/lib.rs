@@ -227,7 +227,7 @@ fn run_network(
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
-        plain_access: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
+        plain_access: Some(AccessList::for_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
         client: false,
     };
     let endpoints = endpoints.with_free_ports()?;

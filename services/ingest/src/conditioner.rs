@@ -1,20 +1,26 @@
-//! From readings to checked samples: every reading that can be placed in time becomes a tick.
+//! Converts readings to checked samples: each reading that fits into the time line becomes a tick.
 //!
-//! Input: readings as a sensor gives them, or as the launch file's script of faults has them; what is wrong with them is judged before calibration and mounting are applied. Output: samples with finite values, growing time and contiguous ticks, with flags for what
-//! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
+//! Input: readings as reported by the sensors, after the faults that the launch file injects. They
+//! are checked before calibration and mounting are applied.
 //!
-//! | reading | becomes |
+//! Output: samples with finite values, increasing time and contiguous ticks. Flags mark problems.
+//!
+//! Time: that of the readings.
+//!
+//! Failure: a repeated or outdated reading is rejected and counted.
+//!
+//! | reading | result |
 //! | --- | --- |
-//! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` |
-//! | a field that is not finite or at the end of the range; a fix without sense | left out, flagged |
-//! | the same field as before | no new sample of it |
-//! | at the end of the range | as it is, flagged |
-//! | \|f\| near zero | as it is, flagged by accel; not used |
-//! | the same vector for `stuck_s` | as it is, flagged; a force that is stuck while the rate lives is not used |
-//! | the same stamp and values again | refused |
-//! | the same stamp, other values | a sample one usual interval later, flagged |
-//! | an earlier stamp | refused; when the next goes on from there, the clock was set back: time continues, flagged |
-//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew |
+//! | a rate or force that is not finite, or far beyond the range | the last valid value, flagged; rate 0 after `gap_s` |
+//! | a field that is not finite or at the end of the range; an implausible fix | omitted, flagged |
+//! | a field equal to the previous one | no new field sample |
+//! | a value at the end of the range | unchanged, flagged |
+//! | \|f\| near zero | unchanged; flagged and ignored by accel |
+//! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
+//! | the same stamp and values as before | rejected |
+//! | the same stamp with other values | a sample one typical interval later, flagged |
+//! | an earlier stamp | rejected; if the next stamp follows it, the clock was set back: time continues, flagged |
+//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is initialised again |
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
 use attitude::{
@@ -25,72 +31,74 @@ use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
 use crate::{
-    channel::{Channel, FieldChannel, checked},
-    script::Script,
+    channel::{VectorChannel, FieldChannel, check_fix},
+    fault_injection::FaultInjector,
     source::{Reading, ReceiverFix, Truth},
 };
 
-/// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
-const LEAP_NS: i64 = 10_000_000_000;
-/// The first stamp is taken no farther from zero than this, so that time has room to grow for years, ns: 285 years.
+/// Longest step that counts as a gap, ns. A longer one is a leap of the clock.
+const MAX_GAP_NS: i64 = 10_000_000_000;
+/// Largest magnitude of the first stamp, ns (285 years), which leaves room for years of operation.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
-/// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
-const MAX_PAST: i64 = 10;
+/// Maximum number of earlier stamps rejected in a row. Time then continues without the sensor's
+/// clock.
+const MAX_BACKWARD_STAMPS: i64 = 10;
 
-/// What becomes of a reading: one tick.
+/// Sample of one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Rate and force.
     pub imu: ImuSample,
-    /// The field, where the reading brought a new one.
+    /// Magnetic field, if the reading has a new valid one.
     pub mag: Option<MagSample>,
-    /// The fix, where the reading brought one.
+    /// Fix, if one arrived and is valid.
     pub gnss: Option<GnssFix>,
-    /// The true attitude of the body, where the source knows that of its axes.
+    /// True attitude of the body, if the source knows that of the sensor axes.
     pub reference: Option<Truth>,
 }
 
-/// Checks readings and numbers them.
+/// Conditioner of a source: checks its readings and numbers the samples.
 #[derive(Debug, Clone)]
 pub struct Conditioner {
-    script: Script,
-    /// The script was at work since the last sample.
-    scripted: bool,
-    rate: Channel,
-    force: Channel,
+    fault_injector: FaultInjector,
+    /// `true` if a fault was injected since the last sample.
+    has_injected_fault: bool,
+    rate: VectorChannel,
+    force: VectorChannel,
     field: FieldChannel,
-    /// Of a reading that was refused; it goes with the next.
-    fix: Option<ReceiverFix>,
-    body: Body,
+    /// Fix of a rejected reading, which is passed on with the next sample.
+    pending_fix: Option<ReceiverFix>,
+    transform: BodyTransform,
     gap_ns: i64,
-    kind: Flags,
+    rate_kind_flag: Flags,
     tick: u64,
-    /// Ours less the sensor's.
+    /// Time of the samples minus time of the sensor, ns.
     offset_ns: i64,
-    usual_ns: i64,
-    last: Option<Last>,
-    /// The stamp of the refused reading before this one, and how many were refused in a row.
-    past: Option<(i64, i64)>,
-    refused: u64,
-    refused_before: bool,
-    /// It goes on for another.
-    continued: bool,
+    typical_interval_ns: i64,
+    last: Option<LastSample>,
+    /// Stamp of the previous reading, if it was rejected as outdated, and the number rejected in a
+    /// row.
+    backward_run: Option<(i64, i64)>,
+    rejected: u64,
+    rejected_before: bool,
+    /// `true` if the conditioner resumes from the state of an earlier one.
+    is_resumed: bool,
 }
 
-/// From the sensors' axes to the body's.
+/// Transform from sensor axes to body axes.
 #[derive(Debug, Clone)]
-struct Body {
+struct BodyTransform {
     mounting: Mounting,
     gyro: Calibration,
     accel: Calibration,
     mag: Calibration,
 }
 
-fn in_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
+fn to_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
     mounting.apply(calibration.apply(raw.into())).into()
 }
 
-fn of_body(mounting: &Mounting, truth: Truth) -> Truth {
+fn truth_to_body(mounting: &Mounting, truth: Truth) -> Truth {
     let [w, x, y, z] = truth.quaternion;
     let body = mounting.attitude(Quaternion::new(w, x, y, z));
     Truth { quaternion: [body.w, body.i, body.j, body.k], ..truth }
@@ -101,89 +109,96 @@ fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Last {
+struct LastSample {
     t_end_ns: i64,
     reading: Reading,
 }
 
 impl Conditioner {
-    /// For sensors of this rate, limited, calibrated and mounted as `ingest` says.
+    /// Creates a conditioner for sensors with the given rate, with limits, calibration and mounting
+    /// from `ingest`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a calibration or the mounting is invalid.
     pub fn new(ingest: &Ingest, rate_hz: f64, kind: GyroSamples) -> Result<Self, CalibrationError> {
         let limits = &ingest.limits;
         let stuck_ns = (limits.stuck_s * 1e9) as i64;
         let gap_ns = (limits.gap_s * 1e9) as i64;
         Ok(Self {
-            script: Script::new(&ingest.faults),
-            scripted: false,
-            rate: Channel {
+            fault_injector: FaultInjector::new(&ingest.faults),
+            has_injected_fault: false,
+            rate: VectorChannel {
                 limit: limits.rate_max_deg_s.to_radians(),
                 invalid: Flags::RATE_INVALID,
                 clipped: Flags::RATE_CLIPPED,
                 stuck: Flags::RATE_STUCK,
                 stuck_ns,
-                ..Channel::default()
+                ..VectorChannel::default()
             },
-            force: Channel {
+            force: VectorChannel {
                 limit: limits.force_max_g * attitude::GRAVITY_M_S2,
                 invalid: Flags::FORCE_INVALID,
                 clipped: Flags::FORCE_CLIPPED,
                 stuck: Flags::FORCE_STUCK,
                 stuck_ns,
-                ..Channel::default()
+                ..VectorChannel::default()
             },
-            field: FieldChannel { limit_ut: limits.field_max_ut, last_ut: None },
-            fix: None,
-            body: Body {
+            field: FieldChannel { limit_ut: limits.field_max_ut, previous_ut: None },
+            pending_fix: None,
+            transform: BodyTransform {
                 mounting: Mounting::from_matrix(matrix(ingest.mounting))?,
                 gyro: ingest.calibration.gyro.to_calibration()?,
                 accel: ingest.calibration.accel.to_calibration()?,
                 mag: ingest.calibration.mag.to_calibration()?,
             },
             gap_ns,
-            kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
+            rate_kind_flag: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
             tick: 0,
             offset_ns: 0,
-            usual_ns: (1e9 / rate_hz) as i64,
+            typical_interval_ns: (1e9 / rate_hz) as i64,
             last: None,
-            past: None,
-            refused: 0,
-            refused_before: false,
-            continued: false,
+            backward_run: None,
+            rejected: 0,
+            rejected_before: false,
+            is_resumed: false,
         })
     }
 
-    /// The sample of a reading; `None` when it is refused, or gone by the script of faults.
+    /// Returns the sample of a reading, or `None` if it is rejected or dropped by an injected
+    /// fault.
     pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
-        let (reading, at_work) = self.script.distort(&reading.without_negative_zero())?;
-        self.scripted |= at_work;
-        self.judge(&reading)
+        let (reading, is_active) = self.fault_injector.inject(&reading.without_negative_zero())?;
+        self.has_injected_fault |= is_active;
+        self.check(&reading)
     }
 
-    fn judge(&mut self, reading: &Reading) -> Option<Sample> {
-        self.fix = reading.fix.or(self.fix);
-        let Some((t_start_ns, t_end_ns, time_flags)) = self.place(reading) else {
-            self.refused += 1;
-            self.refused_before = true;
+    fn check(&mut self, reading: &Reading) -> Option<Sample> {
+        self.pending_fix = reading.fix.or(self.pending_fix);
+        let Some((t_start_ns, t_end_ns, time_flags)) = self.assign_interval(reading) else {
+            self.rejected += 1;
+            self.rejected_before = true;
             return None;
         };
         let dt_ns = t_end_ns - t_start_ns;
         let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, dt_ns);
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
-        let dead = self.rate.invalid_ns > self.gap_ns;
-        let Body { mounting, gyro, accel, mag } = &self.body;
-        let rate_rad_s = if dead { [0.0; 3] } else { in_body(mounting, gyro, rate_rad_s) };
-        let force_m_s2 = in_body(mounting, accel, force_m_s2);
+        let is_rate_lost = self.rate.invalid_ns > self.gap_ns;
+        let BodyTransform { mounting, gyro, accel, mag } = &self.transform;
+        let rate_rad_s = if is_rate_lost { [0.0; 3] } else { to_body(mounting, gyro, rate_rad_s) };
+        let force_m_s2 = to_body(mounting, accel, force_m_s2);
         let (field_ut, field_flags) = self.field.check(reading.field_ut);
-        let (fix, fix_flags) = checked(self.fix.take());
-        let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
-        let scripted = Flags::FAULT_INJECTED.when(std::mem::take(&mut self.scripted));
-        let flags = time_flags | rate_flags | force_flags | field_flags | fix_flags | refused | scripted | self.kind;
+        let (fix, fix_flags) = check_fix(self.pending_fix.take());
+        let rejected = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.rejected_before));
+        let injected = Flags::FAULT_INJECTED.when(std::mem::take(&mut self.has_injected_fault));
+        let value_flags = rate_flags | force_flags | field_flags | fix_flags;
+        let flags = time_flags | value_flags | rejected | injected | self.rate_kind_flag;
         let header = Header { tick: self.tick, t_start_ns, t_end_ns, flags, ..bytemuck::Zeroable::zeroed() };
         self.tick += 1;
-        self.last = Some(Last { t_end_ns, reading: *reading });
+        self.last = Some(LastSample { t_end_ns, reading: *reading });
         Some(Sample {
             imu: ImuSample { header, rate_rad_s, force_m_s2 },
-            mag: field_ut.map(|field_ut| MagSample { header, field_ut: in_body(mounting, mag, field_ut) }),
+            mag: field_ut.map(|field_ut| MagSample { header, field_ut: to_body(mounting, mag, field_ut) }),
             gnss: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| GnssFix {
                 header,
                 velocity_m_s: fix.velocity_m_s.into(),
@@ -193,34 +208,36 @@ impl Conditioner {
                 longitude_rad: longitude_rad.unwrap_or(f64::NAN),
                 altitude_m: altitude_m.unwrap_or(f64::NAN),
             }),
-            reference: reading.reference.map(|truth| of_body(mounting, truth)),
+            reference: reading.reference.map(|truth| truth_to_body(mounting, truth)),
         })
     }
 
-    /// Goes on for a conditioner that ended before `tick` and had this [`offset_ns`](Self::offset_ns); the next sample follows a gap.
-    pub fn continue_at(&mut self, tick: u64, offset_ns: i64) {
-        (self.tick, self.offset_ns, self.continued) = (tick, offset_ns, true);
+    /// Resumes at `tick` with the [`offset_ns`](Self::offset_ns) of an earlier conditioner. The
+    /// next sample follows a gap.
+    pub fn resume_at(&mut self, tick: u64, offset_ns: i64) {
+        (self.tick, self.offset_ns, self.is_resumed) = (tick, offset_ns, true);
     }
 
-    /// Time of the samples less the sensor's, ns.
+    /// Returns the time of the samples minus the time of the sensor, ns.
     pub fn offset_ns(&self) -> i64 {
         self.offset_ns
     }
 
-    /// Ticks given so far.
+    /// Returns the number of ticks so far.
     pub fn ticks(&self) -> u64 {
         self.tick
     }
 
-    /// Readings refused so far.
-    pub fn refused(&self) -> u64 {
-        self.refused
+    /// Returns the number of rejected readings so far.
+    pub fn rejected(&self) -> u64 {
+        self.rejected
     }
 
-    /// The interval of a reading, and what is to be said about it.
-    fn place(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
+    /// Returns start, end and time flags of a reading's interval, or `None` if the reading is
+    /// rejected.
+    fn assign_interval(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
-            if self.continued {
+            if self.is_resumed {
                 let t_ns = reading.t_ns.saturating_add(self.offset_ns);
                 return Some((t_ns, t_ns, Flags::GAP));
             }
@@ -228,44 +245,46 @@ impl Conditioner {
             self.offset_ns = t_ns - reading.t_ns;
             return Some((t_ns, t_ns, Flags::CLOCK_LEAP.when(self.offset_ns != 0)));
         };
-        let stands = reading.t_ns == last.reading.t_ns;
-        if stands && is_repeated(reading, &last.reading) {
+        let is_same_stamp = reading.t_ns == last.reading.t_ns;
+        if is_same_stamp && is_repeated(reading, &last.reading) {
             return None;
         }
         let dt_ns = reading.t_ns.saturating_add(self.offset_ns).saturating_sub(last.t_end_ns);
         let (dt_ns, flags) = match dt_ns {
-            1..=LEAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
-            _ if dt_ns < 0 && !stands => (self.set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
-            _ => (self.usual_ns, Flags::CLOCK_LEAP),
+            1..=MAX_GAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
+            _ if dt_ns < 0 && !is_same_stamp => (self.interval_after_set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
+            _ => (self.typical_interval_ns, Flags::CLOCK_LEAP),
         };
-        self.past = None;
+        self.backward_run = None;
         if flags == Flags::NONE {
-            self.usual_ns += (dt_ns - self.usual_ns) / 16;
+            self.typical_interval_ns += (dt_ns - self.typical_interval_ns) / 16;
         }
         let t_end_ns = last.t_end_ns.checked_add(dt_ns)?;
-        if flags.any(Flags::CLOCK_LEAP) && !stands {
+        if flags.any(Flags::CLOCK_LEAP) && !is_same_stamp {
             self.offset_ns = t_end_ns.saturating_sub(reading.t_ns);
         }
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// An earlier stamp: the interval to continue with when the clock was set back, as a second such stamp in order shows.
-    fn set_back(&mut self, t_ns: i64) -> Option<i64> {
-        match self.past {
+    /// Returns the interval after the clock was set back, ns, or `None` until that is certain.
+    ///
+    /// Two consecutive earlier stamps in order, or [`MAX_BACKWARD_STAMPS`] in any order, show it.
+    fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
+        match self.backward_run {
             Some((before_ns, count))
-                if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= MAX_PAST =>
+                if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= MAX_BACKWARD_STAMPS =>
             {
-                Some(self.usual_ns.saturating_mul(count + 1))
+                Some(self.typical_interval_ns.saturating_mul(count + 1))
             }
-            past => {
-                self.past = Some((t_ns, past.map_or(1, |(_, count)| count + 1)));
+            run => {
+                self.backward_run = Some((t_ns, run.map_or(1, |(_, count)| count + 1)));
                 None
             }
         }
     }
 }
 
-/// The sensor said the same again, to the last bit.
+/// Returns `true` if rate and force of both readings have the same bits.
 fn is_repeated(reading: &Reading, before: &Reading) -> bool {
     let bits = |reading: &Reading| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
     bits(reading) == bits(before)

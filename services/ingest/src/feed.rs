@@ -1,59 +1,60 @@
-//! Readings and fixes that come over the bus: from the service `drivers`, or from programs of the user's own.
+//! Receives readings and fixes over the bus, from the service `drivers` or from user programs.
 
 use bus::{BusError, Subscriber};
 use launch::Service;
 use messages::{Health, ReceiverReading, SensorReading, State};
 use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
 
-use crate::source::{Reading, fix_of};
+use crate::source::{Reading, receiver_fix};
 
-/// The topics `sensor` and `receiver`.
-pub(crate) struct Feed {
+/// Subscriptions to the topics `sensor` and `receiver`.
+pub(crate) struct BusFeed {
     pub(crate) sensor: Subscriber<SensorReading>,
     receiver: Subscriber<ReceiverReading>,
-    /// What the drivers say of themselves; none of programs of the user's own.
+    /// Health of the drivers; `None` if user programs publish the readings.
     drivers: Option<Subscriber<Health>>,
     has_ended: bool,
 }
 
-impl Feed {
+impl BusFeed {
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
-        let is_driven = context.config.launch.ingest.source.needs_drivers();
+        let has_drivers = context.config.launch.ingest.source.needs_drivers();
         let buffer = context.config.buffer_ticks();
         let bus = &context.bus;
-        let (sensor, receiver) = match (is_driven, context.config.resume.is_some()) {
-            // The drivers do not wait until this service has started.
+        let (sensor, receiver) = match (has_drivers, context.config.resume.is_some()) {
+            // The drivers may publish before this service has started.
             (true, false) => (bus.late_subscriber(buffer)?, bus.late_subscriber(buffer)?),
-            // What the drivers still hold has been taken, but for a little.
+            // The previous incarnation has processed nearly everything that the drivers still hold.
             (true, true) => (bus.subscriber(buffer)?, bus.subscriber(buffer)?),
             (false, _) => (context.subscriber()?, context.subscriber()?),
         };
         if context.config.resume.is_some() {
             sensor.mark_all_consumed();
         }
-        let drivers = is_driven.then(|| bus.subscriber(CONTROL_BUFFER)).transpose()?;
+        let drivers = has_drivers.then(|| bus.subscriber(CONTROL_BUFFER)).transpose()?;
         Ok(Self { sensor, receiver, drivers, has_ended: false })
     }
 
-    /// The drivers are at the end of what they read: nothing comes that is not there by now.
+    /// Returns `true` if the drivers have finished, so that no further readings will be published.
     pub(crate) fn has_ended(&mut self) -> Result<bool, BusError> {
         let Self { drivers, has_ended, .. } = self;
-        let is_last = |health: &Health| health.service == Service::Drivers as u32 && health.state == State::FINISHED;
+        let is_finished = |health: &Health| health.service == Service::Drivers as u32 && health.state == State::FINISHED;
         if let Some(drivers) = drivers {
-            drivers.drain(CONTROL_BUFFER, |health| *has_ended |= is_last(&health))?;
+            drivers.drain(CONTROL_BUFFER, |health| *has_ended |= is_finished(&health))?;
         }
         Ok(*has_ended)
     }
 
-    /// Hands what is there to `take`, oldest first, at most `limit` readings, each with the fix that came before it.
-    pub(crate) fn drain(&self, limit: usize, mut take: impl FnMut(Reading)) -> Result<(), BusError> {
-        let (mut fix, mut taken) = (None, 0);
-        self.receiver.drain(limit, |reading| fix = Some(fix_of(reading)))?;
+    /// Passes at most `limit` queued readings to `handle`, oldest first. The first one carries the
+    /// newest fix.
+    pub(crate) fn drain(&self, limit: usize, mut handle: impl FnMut(Reading)) -> Result<(), BusError> {
+        let (mut fix, mut count) = (None, 0);
+        self.receiver.drain(limit, |reading| fix = Some(receiver_fix(reading)))?;
         self.sensor.drain(limit, |reading| {
-            taken += 1;
-            take(Reading { fix: fix.take(), ..reading.into() });
+            count += 1;
+            handle(Reading { fix: fix.take(), ..reading.into() });
         })?;
-        self.sensor.add_consumed(taken);
+        self.sensor.add_consumed(count);
         Ok(())
     }
 }

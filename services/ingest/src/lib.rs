@@ -1,16 +1,22 @@
-//! The service `ingest`: from a source to `imu`, checked and numbered.
+//! The service `ingest`: publishes the readings of a source as checked, numbered samples.
 //!
-//! Input: a simulation, a recording, or readings from the bus. Output: one [`ImuSample`] per tick, and the true attitude where it is
-//! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`mod@conditioner`].
+//! Input: a simulation, a recording, or readings from the bus.
+//!
+//! Output: one [`ImuSample`] per tick, and the true attitude if the source knows it.
+//!
+//! Time: readings are published when they are due; in lockstep, not before the subscribers have
+//! room.
+//!
+//! Failure: see [`mod@conditioner`].
 #![forbid(unsafe_code)]
 
 mod channel;
 pub mod conditioner;
 mod feed;
-pub mod retaken;
-mod script;
+pub mod flight_replay;
+mod fault_injection;
 pub mod source;
-mod taken;
+mod raw_readings;
 
 use std::time::Duration;
 
@@ -26,19 +32,19 @@ use runtime::{
 };
 
 use conditioner::{Conditioner, Sample};
-use feed::Feed;
+use feed::BusFeed;
 use source::{Reading, Readings, SourceError, Truth};
-use taken::TakenReadings;
+use raw_readings::RawReadingPublisher;
 
-/// Samples sent at most before the readers are woken.
-const BATCH: usize = 64;
-/// Longest sleep before the service looks whether it is to end.
-const SLEEP_LIMIT: Duration = Duration::from_millis(50);
+/// Maximum number of samples published before the subscribers are woken.
+const MAX_BATCH_SAMPLES: usize = 64;
+/// Maximum sleep, so that health is published and a stop request is noticed in time.
+const MAX_SLEEP: Duration = Duration::from_millis(50);
 
-/// Why ingest ended.
+/// Error that ended the service.
 #[derive(Debug, thiserror::Error)]
 pub enum IngestError {
-    /// The loop or the bus failed.
+    /// The service loop or the bus failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
     /// The source failed.
@@ -52,17 +58,25 @@ impl From<BusError> for IngestError {
     }
 }
 
-/// The conditioner for the source that `config` names.
+/// Creates the conditioner for the source that `config` names.
+///
+/// # Errors
+///
+/// Returns an error if a calibration or the mounting is invalid.
 pub fn conditioner(config: &ServiceConfig) -> Result<Conditioner, SourceError> {
     Ok(Conditioner::new(&config.launch.ingest, config.rate_hz, config.gyro_samples())?)
 }
 
-/// The service.
+/// Runs the service until it is stopped. After its source has ended, it serves late subscribers.
+///
+/// # Errors
+///
+/// Returns an error if the bus or the source fails.
 pub fn run() -> Result<(), IngestError> {
     let mut ingest = Ingest::join()?;
     match ingest.context.config.launch.ingest.source {
-        source if source.is_repeatable() => ingest.pace()?,
-        _ => ingest.relay()?,
+        source if source.is_repeatable() => ingest.publish_paced()?,
+        _ => ingest.relay_bus()?,
     }
     ingest.finish()
 }
@@ -74,19 +88,20 @@ struct Ingest {
     mag: Publisher<MagSample>,
     gnss: Publisher<GnssFix>,
     reference: Publisher<Reference>,
-    /// Where somebody wants to replay the flight.
-    taken: Option<TakenReadings>,
+    /// Publisher of the raw readings; `None` unless the flight is to be replayable.
+    raw_readings: Option<RawReadingPublisher>,
     checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
-    /// Ticks before this one were published by an earlier incarnation,
-    first_tick: u64,
-    /// and are made again up to this one: readers may lack them, so they come at once, as far as a topic holds them.
-    again_until: u64,
-    /// When the first tick was due, CLOCK_MONOTONIC, ns; 0 before.
+    /// Next tick of the previous incarnation; ticks before this one have been published.
+    resume_tick: u64,
+    /// End of the ticks that subscribers may still lack, exclusive. Ticks before this one are
+    /// published without pacing.
+    catch_up_end_tick: u64,
+    /// Time at which the first tick was due, CLOCK_MONOTONIC, ns; 0 before the first tick.
     start_ns: u64,
-    next_checkpoint: u64,
+    next_checkpoint_tick: u64,
     allowed_ticks: u64,
-    /// The system is to end: ticks from this one on are not published.
+    /// First tick that is not published, once a stop has been requested.
     end_tick: Option<u64>,
     published_ticks: u64,
     flags: Flags,
@@ -97,26 +112,26 @@ impl Ingest {
         let context = ServiceContext::join(Service::Ingest)?;
         runtime::clock::minimise_timer_slack();
         let mut conditioner = conditioner(&context.config)?;
-        let (mut first_tick, mut again_until, mut start_ns) = (0, 0, 0);
+        let (mut resume_tick, mut catch_up_end_tick, mut start_ns) = (0, 0, 0);
         if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {
-            (first_tick, start_ns) = (next_tick, since_ns);
-            again_until = context.config.catch_up_end_tick(first_tick, context.bus.next_tick(ImuSample::TOPIC));
+            (resume_tick, start_ns) = (next_tick, since_ns);
+            catch_up_end_tick = context.config.catch_up_end_tick(resume_tick, context.bus.next_tick(ImuSample::TOPIC));
             if !context.config.launch.ingest.source.is_repeatable() {
-                first_tick = context.bus.next_tick(ImuSample::TOPIC);
-                conditioner.continue_at(first_tick, offset_ns);
+                resume_tick = context.bus.next_tick(ImuSample::TOPIC);
+                conditioner.resume_at(resume_tick, offset_ns);
             }
         }
         Ok(Self {
             conditioner,
-            taken: match context.config.publishes_readings {
-                true => Some(TakenReadings::new(context.publisher()?, &context.config, first_tick)),
+            raw_readings: match context.config.publishes_readings {
+                true => Some(RawReadingPublisher::new(context.publisher()?, &context.config, resume_tick)),
                 false => None,
             },
             checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
-            first_tick,
-            again_until,
+            resume_tick,
+            catch_up_end_tick,
             start_ns,
-            next_checkpoint: 0,
+            next_checkpoint_tick: 0,
             imu: context.publisher()?,
             mag: context.publisher()?,
             gnss: context.publisher()?,
@@ -125,21 +140,22 @@ impl Ingest {
             context,
             allowed_ticks: 0,
             end_tick: None,
-            published_ticks: first_tick,
+            published_ticks: resume_tick,
             flags: Flags::NONE,
         })
     }
 
     /// Publishes the readings of a simulation or a recording when they are due.
-    fn pace(&mut self) -> Result<(), IngestError> {
+    fn publish_paced(&mut self) -> Result<(), IngestError> {
         let mut readings = Readings::open(&self.context.config.launch)?;
         self.publish_health(State::READY)?;
         self.context.bus.wake_all();
         let mut next = self.read(&mut readings)?;
         let Some(first_ns) = next.as_ref().map(|sample| sample.imu.header.t_end_ns) else { return Ok(()) };
-        // What an earlier incarnation has published is made again, for the sake of what comes after it.
+        // Ticks that an earlier incarnation published are computed again to restore the
+        // conditioner's state.
         while let (false, Some(_)) =
-            (self.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < self.first_tick))
+            (self.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < self.resume_tick))
         {
             next = self.read(&mut readings)?;
             self.publish_health(State::READY)?;
@@ -159,22 +175,22 @@ impl Ingest {
             let now_ns = monotonic_ns();
             let due_ns = match self.context.config.pace {
                 Pace::Max => 0,
-                Pace::Speed(_) if sample.imu.header.tick < self.again_until => 0,
+                Pace::Speed(_) if sample.imu.header.tick < self.catch_up_end_tick => 0,
                 Pace::Speed(speed) => self.due_ns(t_end_ns - first_ns, speed, now_ns),
             };
             if now_ns < due_ns {
-                sleep_until_ns(due_ns, SLEEP_LIMIT);
+                sleep_until_ns(due_ns, MAX_SLEEP);
                 self.publish_health(State::RUNNING)?;
                 continue;
             }
-            let batch = if self.context.config.pace == Pace::Max { BATCH } else { 1 };
+            let batch = if self.context.config.pace == Pace::Max { MAX_BATCH_SAMPLES } else { 1 };
             for _ in 0..batch {
                 let Some(sample) = next.take_if(|sample| sample.imu.header.tick < self.allowed_ticks) else {
                     break;
                 };
                 self.publish(sample)?;
                 if batch == 1 {
-                    // Before the next reading is made: that one is due later.
+                    // Wakes the subscribers before the next reading is computed, which takes time.
                     self.imu.wake();
                 }
                 next = self.read(&mut readings)?;
@@ -187,8 +203,10 @@ impl Ingest {
         Ok(())
     }
 
-    /// When a reading is due that was taken so long after the first. What stood still with the machine goes on from where it was: the
-    /// readings of that time would come at once, more of them than a reader that has just been replaced can be given.
+    /// Returns the time at which a reading is due, CLOCK_MONOTONIC, ns.
+    ///
+    /// `after_first_ns` is its time after the first reading. After a system stall the schedule is
+    /// shifted, because the backlog could exceed what a topic buffers.
     fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
         let ServiceConfig { rate_hz, .. } = self.context.config;
         let after_first_ns = (after_first_ns as f64 / speed) as u64;
@@ -205,14 +223,15 @@ impl Ingest {
         now_ns
     }
 
-    /// Publishes the readings of the topic `sensor` as they come; of the drivers until they are at the end of what they read.
-    fn relay(&mut self) -> Result<(), IngestError> {
-        let mut feed = Feed::open(&self.context)?;
+    /// Publishes the readings of the topic `sensor` as they arrive, until the drivers have
+    /// finished.
+    fn relay_bus(&mut self) -> Result<(), IngestError> {
+        let mut feed = BusFeed::open(&self.context)?;
         self.publish_health(State::READY)?;
         while !self.context.should_stop() {
             self.drain_credit()?;
             self.deliver_history()?;
-            if self.end_tick.is_some() || self.published_ticks >= self.ticks_max() {
+            if self.end_tick.is_some() || self.published_ticks >= self.max_ticks() {
                 break;
             }
             self.publish_health(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
@@ -221,12 +240,12 @@ impl Ingest {
                 continue;
             }
             let has_ended = feed.has_ended()?;
-            let room = self.allowed_ticks.min(self.ticks_max()) - self.published_ticks;
-            let (mut published, mut taken) = (Ok(()), 0);
-            feed.drain(room.min(BATCH as u64) as usize, |reading| {
-                taken += 1;
+            let room = self.allowed_ticks.min(self.max_ticks()) - self.published_ticks;
+            let (mut published, mut handled) = (Ok(()), 0);
+            feed.drain(room.min(MAX_BATCH_SAMPLES as u64) as usize, |reading| {
+                handled += 1;
                 if published.is_ok() {
-                    published = self.take(&reading).and_then(|sample| match sample {
+                    published = self.process(&reading).and_then(|sample| match sample {
                         Some(sample) => self.publish(sample),
                         None => Ok(()),
                     });
@@ -234,7 +253,7 @@ impl Ingest {
             })?;
             published?;
             self.imu.wake();
-            if has_ended && taken == 0 {
+            if has_ended && handled == 0 {
                 break;
             }
             self.context.wait::<SensorReading>(&feed.sensor);
@@ -242,7 +261,7 @@ impl Ingest {
         Ok(())
     }
 
-    /// The source is at its end, unless the service was asked to end before; it stays until the last reader has what it sent.
+    /// Reports the end of the source and serves late subscribers until the service is stopped.
     fn finish(&mut self) -> Result<(), IngestError> {
         while !self.context.should_stop() {
             self.deliver_history()?;
@@ -253,25 +272,26 @@ impl Ingest {
         Ok(self.context.publish_final_health(counts)?)
     }
 
-    /// The next reading that can be placed, as a sample.
+    /// Returns the sample of the next reading that the conditioner accepts.
     fn read(&mut self, readings: &mut Readings) -> Result<Option<Sample>, IngestError> {
-        if self.conditioner.ticks() >= self.ticks_max() {
+        if self.conditioner.ticks() >= self.max_ticks() {
             return Ok(None);
         }
         for reading in readings {
             let reading: Reading = reading?;
-            if let Some(sample) = self.take(&reading)? {
+            if let Some(sample) = self.process(&reading)? {
                 return Ok(Some(sample));
             }
         }
         Ok(None)
     }
 
-    /// The sample of a reading, if it can be placed.
-    fn take(&mut self, reading: &Reading) -> Result<Option<Sample>, IngestError> {
-        let Self { taken, conditioner, .. } = self;
-        if let Some(taken) = taken {
-            taken.publish(reading, conditioner)?;
+    /// Publishes the raw reading, if requested, and returns its sample, or `None` if it is
+    /// rejected.
+    fn process(&mut self, reading: &Reading) -> Result<Option<Sample>, IngestError> {
+        let Self { raw_readings, conditioner, .. } = self;
+        if let Some(raw_readings) = raw_readings {
+            raw_readings.publish(reading, conditioner)?;
         }
         Ok(conditioner.condition(reading))
     }
@@ -285,7 +305,7 @@ impl Ingest {
         self.flags |= imu.header.flags;
         self.context.stamp(&mut imu.header);
         imu.header.t_born_ns = imu.header.t_sent_ns;
-        // Before the tick that they go with, so that nobody has to wait for them.
+        // Field and fix precede their tick, so that subscribers need not wait for them.
         if let Some(mag) = mag {
             self.mag.send(&MagSample { header: imu.header, ..mag })?;
             self.mag.wake();
@@ -300,12 +320,12 @@ impl Ingest {
         self.publish_checkpoint()
     }
 
-    /// Tells from time to time what another incarnation needs to go on.
+    /// Publishes at regular intervals the state from which another incarnation can resume.
     fn publish_checkpoint(&mut self) -> Result<(), IngestError> {
-        if self.published_ticks < self.next_checkpoint {
+        if self.published_ticks < self.next_checkpoint_tick {
             return Ok(());
         }
-        self.next_checkpoint = self.published_ticks + self.context.config.checkpoint_ticks();
+        self.next_checkpoint_tick = self.published_ticks + self.context.config.checkpoint_ticks();
         let mut checkpoint = Checkpoint {
             next_tick: self.published_ticks,
             service: Service::Ingest as u32,
@@ -318,7 +338,7 @@ impl Ingest {
         Ok(self.checkpoints.send(&checkpoint)?)
     }
 
-    /// Hands what the topics hold to readers that have come.
+    /// Delivers the history of the topics to new subscribers.
     fn deliver_history(&self) -> Result<(), IngestError> {
         self.imu.deliver_history()?;
         self.mag.deliver_history()?;
@@ -329,7 +349,7 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // What an earlier incarnation has published is made again.
+            // Ticks that an earlier incarnation has published are published again first.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }
@@ -339,13 +359,13 @@ impl Ingest {
         Ok(self.context.publish_health(state, counts)?)
     }
 
-    /// How far it is.
+    /// Returns a function that writes the current counts into a health message.
     fn counts(&self) -> impl FnOnce(&mut Health) + use<> {
-        let (ticks, refused, flags) = (self.published_ticks, self.conditioner.refused(), self.flags);
-        move |health| (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, refused, flags)
+        let (ticks, rejected, flags) = (self.published_ticks, self.conditioner.rejected(), self.flags);
+        move |health| (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, rejected, flags)
     }
 
-    fn ticks_max(&self) -> u64 {
+    fn max_ticks(&self) -> u64 {
         self.context.config.max_ticks.unwrap_or(u64::MAX)
     }
 }

@@ -1,4 +1,4 @@
-//! Where readings come from: a simulation or a recording. (What comes over the bus is read where the bus is.)
+//! Sources of readings: simulation and recording. Readings over the bus are received in `feed`.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use scenario::{ScenarioError, Sensors};
 
 pub use recording::Reference as Truth;
 
-/// A reading as its source gives it; any value may be NaN.
+/// Reading as reported by its source. Any value may be NaN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
     /// Time on the source's clock, ns.
@@ -22,22 +22,22 @@ pub struct Reading {
     pub rate_rad_s: [f64; 3],
     /// Specific force, m/s², sensor axes.
     pub force_m_s2: [f64; 3],
-    /// Magnetic field, µT, sensor axes, where there is a sample.
+    /// Magnetic field, µT, sensor axes; `None` without a sample at this reading.
     pub field_ut: Option<[f64; 3]>,
-    /// What a satellite receiver said since the reading before.
+    /// Fix received since the previous reading.
     pub fix: Option<ReceiverFix>,
-    /// The true attitude, where the source knows it.
+    /// True attitude, if the source knows it.
     pub reference: Option<Truth>,
 }
 
-/// A fix, and where it was taken.
+/// Fix of a satellite receiver, with longitude and altitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReceiverFix {
-    /// What stages know of it.
+    /// Part of the fix that stages use.
     pub fix: Fix,
-    /// Longitude, rad, east positive, where it is known.
+    /// Longitude, rad, east positive, if known.
     pub longitude_rad: Option<f64>,
-    /// Altitude as the receiver gives it, m, where it is known.
+    /// Altitude as reported by the receiver, m, if known.
     pub altitude_m: Option<f64>,
 }
 
@@ -48,25 +48,27 @@ impl From<Fix> for ReceiverFix {
 }
 
 impl Reading {
-    /// The same with 0 for −0, which tells no more and which protobuf leaves out: a flight and its replay see the same numbers.
+    /// Returns the reading with each −0 replaced by 0.
+    ///
+    /// Protobuf omits the sign of zero, and a replay of a flight must process the same bits.
     pub fn without_negative_zero(&self) -> Self {
         let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference } = *self;
-        let all = |values: [f64; 3]| values.map(|value| value + 0.0);
-        let one = |value: Option<f64>| value.map(|value| value + 0.0);
+        let vector = |values: [f64; 3]| values.map(|value| value + 0.0);
+        let optional = |value: Option<f64>| value.map(|value| value + 0.0);
         Self {
             t_ns,
-            rate_rad_s: all(rate_rad_s),
-            force_m_s2: all(force_m_s2),
-            field_ut: field_ut.map(all),
+            rate_rad_s: vector(rate_rad_s),
+            force_m_s2: vector(force_m_s2),
+            field_ut: field_ut.map(vector),
             fix: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| ReceiverFix {
                 fix: Fix {
-                    velocity_m_s: all(fix.velocity_m_s.into()).into(),
-                    sd_m_s: one(fix.sd_m_s),
-                    age_s: one(fix.age_s),
-                    latitude_rad: one(fix.latitude_rad),
+                    velocity_m_s: vector(fix.velocity_m_s.into()).into(),
+                    sd_m_s: optional(fix.sd_m_s),
+                    age_s: optional(fix.age_s),
+                    latitude_rad: optional(fix.latitude_rad),
                 },
-                longitude_rad: one(longitude_rad),
-                altitude_m: one(altitude_m),
+                longitude_rad: optional(longitude_rad),
+                altitude_m: optional(altitude_m),
             }),
             reference,
         }
@@ -88,38 +90,43 @@ impl From<SensorReading> for Reading {
     }
 }
 
-/// What a receiver says over the bus.
-pub fn fix_of(reading: ReceiverReading) -> ReceiverFix {
-    let told = |value: f64| value.is_finite().then_some(value);
+/// Converts a receiver message from the bus to a fix. Values that are not finite are unknown.
+pub fn receiver_fix(reading: ReceiverReading) -> ReceiverFix {
+    let finite = |value: f64| value.is_finite().then_some(value);
     ReceiverFix {
         fix: Fix {
             velocity_m_s: reading.velocity_m_s.into(),
-            sd_m_s: told(reading.velocity_sd_m_s),
-            age_s: told(reading.age_s),
-            latitude_rad: told(reading.latitude_rad),
+            sd_m_s: finite(reading.velocity_sd_m_s),
+            age_s: finite(reading.age_s),
+            latitude_rad: finite(reading.latitude_rad),
         },
-        longitude_rad: told(reading.longitude_rad),
-        altitude_m: told(reading.altitude_m),
+        longitude_rad: finite(reading.longitude_rad),
+        altitude_m: finite(reading.altitude_m),
     }
 }
 
-/// Readings that are there before they are asked for.
+/// Readings that are available without waiting.
 pub enum Readings {
-    /// A simulated body.
+    /// Simulated sensors.
     Sim {
-        /// Its sensors.
+        /// Sensors of the scenario.
         sensors: Box<Sensors>,
-        /// Readings per second.
+        /// Sampling rate, Hz.
         rate_hz: f64,
-        /// Readings taken.
+        /// Number of readings so far.
         count: u64,
     },
-    /// A recording.
-    Replay(Box<Recorded>),
+    /// Recording.
+    Replay(Box<RecordedReadings>),
 }
 
 impl Readings {
-    /// The readings of the source that `launch` names.
+    /// Opens the source that `launch` names.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the scenario is invalid, the recording cannot be opened, or the source
+    /// needs the bus.
     pub fn open(launch: &Launch) -> Result<Self, SourceError> {
         match launch.ingest.source {
             Source::Sim => {
@@ -129,7 +136,7 @@ impl Readings {
             }
             Source::Replay => {
                 let Replay { file, gnss, mag, .. } = &launch.ingest.replay;
-                Ok(Self::Replay(Box::new(Recorded::open(file, fixes_of(file, gnss).as_deref(), *mag)?)))
+                Ok(Self::Replay(Box::new(RecordedReadings::open(file, fixes_path(file, gnss).as_deref(), *mag)?)))
             }
             Source::Bus
             | Source::Stdin
@@ -166,17 +173,21 @@ impl Iterator for Readings {
     }
 }
 
-/// A recording with the fixes beside it.
-pub struct Recorded {
+/// Readings of a recording and the fixes that belong to it.
+pub struct RecordedReadings {
     rows: Reader,
     fixes: Option<FixReader>,
-    mag: bool,
+    has_mag: bool,
 }
 
-impl Recorded {
-    /// Opens both. Without `mag` the magnetic field is left out.
+impl RecordedReadings {
+    /// Opens a recording and its fixes. Without `mag`, the magnetic field is ignored.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a file cannot be opened or its header is malformed.
     pub fn open(file: &Path, fixes: Option<&Path>, mag: bool) -> Result<Self, RecordingError> {
-        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(FixReader::open).transpose()?, mag })
+        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(FixReader::open).transpose()?, has_mag: mag })
     }
 
     fn read(&mut self, row: Row) -> Result<Reading, RecordingError> {
@@ -192,11 +203,11 @@ impl Recorded {
             altitude_m: fix.altitude_m,
         });
         let reading = Reading::from(row);
-        Ok(Reading { fix, field_ut: reading.field_ut.filter(|_| self.mag), ..reading })
+        Ok(Reading { fix, field_ut: reading.field_ut.filter(|_| self.has_mag), ..reading })
     }
 }
 
-impl Iterator for Recorded {
+impl Iterator for RecordedReadings {
     type Item = Result<Reading, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -204,8 +215,8 @@ impl Iterator for Recorded {
     }
 }
 
-/// The file with the fixes that go with a recording, where there is one.
-pub fn fixes_of(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
+/// Returns the path of the fixes that belong to a recording, or `None` without fixes.
+pub fn fixes_path(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
     match gnss {
         Gnss::Auto => gnss::find_for(recording),
         Gnss::Off => None,
@@ -213,19 +224,19 @@ pub fn fixes_of(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
     }
 }
 
-/// Why a source gave no reading.
+/// Error of a source.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// There is no such scenario.
+    /// The scenario is invalid.
     #[error("simulating: {0}")]
     Scenario(#[from] ScenarioError),
-    /// A calibration or a mounting that is none.
-    #[error("placing the sensors in the body: {0}")]
-    Body(#[from] CalibrationError),
-    /// Readings from the bus need the bus.
-    #[error("reading sensors from the bus: there is no bus inside one process; leave out --in-process")]
+    /// A calibration or the mounting is invalid.
+    #[error("invalid calibration or mounting: {0}")]
+    Mounting(#[from] CalibrationError),
+    /// The source needs the bus, which is not available in one process.
+    #[error("reading sensors from the bus: --in-process works with simulation and replay only; remove --in-process")]
     NoBus,
 }

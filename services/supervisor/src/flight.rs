@@ -82,7 +82,7 @@ impl Flight {
             Some(warm) => Some(warm.settings().and_then(|known| Prior::from_named_values(&known)).ok_or_else(missing_start)?),
             None => None,
         };
-        Ok(Self { launch, rate_hz, prior, schedule: Schedule::new(events), readings })
+        Ok(Self { launch, rate_hz, prior, schedule: Schedule::from_events(events), readings })
     }
 }
 

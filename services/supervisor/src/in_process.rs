@@ -7,12 +7,12 @@ use std::{
 
 use ingest::{
     conditioner::{Conditioner, Sample},
-    retaken::Retaken,
+    flight_replay::FlightReplay,
     source::{Readings, Truth},
 };
 use launch::Service;
 use messages::{FusedState, Reference};
-use pipeline::{Collector, OutFile, Path};
+use pipeline::{Collector, AttitudeFile, Path};
 use runtime::{
     Pace,
     clock::{monotonic_ns, sleep_until_ns},
@@ -53,16 +53,16 @@ pub fn run(plan: &Plan, stop_requested: &AtomicBool) -> Result<Report, UpError> 
 /// Returns an error if a stage or the output file could not be opened. Later failures are part of
 /// the report.
 pub fn replay(plan: &Plan, flight: Flight, stop_requested: &AtomicBool) -> Result<Report, UpError> {
-    let path = Path::with_swaps(&plan.config, &flight.schedule)?;
-    flight.schedule.doubts().iter().for_each(announce);
-    let samples = Samples::Flight { readings: flight.readings, retaken: Box::new(Retaken::new(&plan.config)?) };
+    let path = Path::with_schedule(&plan.config, &flight.schedule)?;
+    flight.schedule.warnings().iter().for_each(announce);
+    let samples = Samples::Flight { readings: flight.readings, retaken: Box::new(FlightReplay::new(&plan.config)?) };
     run_samples(plan, stop_requested, samples, path)
 }
 
 /// Source of samples, with their count.
 enum Samples {
     Source { readings: Box<Readings>, conditioner: Box<Conditioner> },
-    Flight { readings: TakenReadings, retaken: Box<Retaken> },
+    Flight { readings: TakenReadings, retaken: Box<FlightReplay> },
 }
 
 impl Samples {
@@ -97,8 +97,8 @@ impl Samples {
 
     fn rejected(&self) -> u64 {
         match self {
-            Self::Source { conditioner, .. } => conditioner.refused(),
-            Self::Flight { retaken, .. } => retaken.refused(),
+            Self::Source { conditioner, .. } => conditioner.rejected(),
+            Self::Flight { retaken, .. } => retaken.rejected(),
         }
     }
 }
@@ -135,7 +135,7 @@ fn pump(
 ) -> Result<(), UpError> {
     let start_ns = monotonic_ns();
     let (mut first_ns, mut shown_ns) = (None, 0);
-    let needs_fused = plan.out.as_ref().is_some_and(OutFile::needs_fused);
+    let needs_fused = plan.out.as_ref().is_some_and(AttitudeFile::needs_fused);
     let mut fused = Vec::new();
     runtime::clock::minimise_timer_slack();
     while !stop_requested.load(Ordering::SeqCst) && plan.config.max_ticks.is_none_or(|max| samples.ticks() < max) {
@@ -150,7 +150,7 @@ fn pump(
         sample.imu.header.t_born_ns = monotonic_ns();
         sample.imu.header.epoch = runtime::service_config::FIRST_EPOCH;
         if let Some(Truth { quaternion, scored }) = sample.reference {
-            collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
+            collector.record_reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
         view.announce(checker.check(&sample.imu, sample.mag.as_ref()));
         let mut collect_fused = |state: &FusedState| {
@@ -158,11 +158,11 @@ fn pump(
                 fused.push(*state);
             }
         };
-        path.offer_seen(sample, &mut collect_fused, &mut |mut output| {
+        path.offer_observed(sample, &mut collect_fused, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
-            collector.attitude(&output);
+            collector.record_attitude(&output);
         })?;
-        fused.drain(..).for_each(|state| collector.fused(&state));
+        fused.drain(..).for_each(|state| collector.record_fused(&state));
         if sample.imu.header.t_born_ns - shown_ns > VIEW_INTERVAL_NS {
             shown_ns = sample.imu.header.t_born_ns;
             view.show(collector, None, Duration::ZERO);

@@ -43,7 +43,7 @@ use std::{
 
 use bus::BusError;
 use control::ControlError;
-use ingest::{retaken::RetakeError, source::SourceError};
+use ingest::{flight_replay::FlightReplayError, source::SourceError};
 use launch::LaunchError;
 use pipeline::CollectorError;
 use recording::RecordingError;
@@ -223,11 +223,11 @@ pub enum UpError {
     },
 }
 
-impl From<RetakeError> for UpError {
-    fn from(error: RetakeError) -> Self {
+impl From<FlightReplayError> for UpError {
+    fn from(error: FlightReplayError) -> Self {
         match error {
-            RetakeError::Lost(lost) => Self::Flight(lost.to_string()),
-            RetakeError::Source(error) => Self::Source(error),
+            FlightReplayError::MissingReadings(lost) => Self::Flight(lost.to_string()),
+            FlightReplayError::Source(error) => Self::Source(error),
         }
     }
 }

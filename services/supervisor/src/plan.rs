@@ -7,7 +7,7 @@ use std::{
 };
 
 use launch::{Date, Launch, Service, Source};
-use pipeline::{Column, OutFile, is_same_file};
+use pipeline::{Column, AttitudeFile, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
@@ -64,7 +64,7 @@ pub struct Plan {
     /// Path of the replayed recording, as given by the user.
     pub recording: Option<PathBuf>,
     /// Output file for the attitude of each tick.
-    pub out: Option<OutFile>,
+    pub out: Option<AttitudeFile>,
     /// Path of the state file that is kept across runs; `None` if the run uses none.
     pub state_file: Option<PathBuf>,
     /// Cold start: an existing state file is ignored.
@@ -181,9 +181,9 @@ fn today() -> Result<Date, UpError> {
 }
 
 /// Returns the output file, in the frame of the launch file.
-fn out_file(request: &Request, launch: &Launch) -> Option<OutFile> {
+fn out_file(request: &Request, launch: &Launch) -> Option<AttitudeFile> {
     let (path, columns) = (request.out.clone()?, request.columns.clone());
-    Some(OutFile { path, output: launch.output, columns })
+    Some(AttitudeFile { path, output: launch.output, columns })
 }
 
 /// Converts a duration to ticks, at least 1.

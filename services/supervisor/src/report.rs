@@ -108,7 +108,7 @@ impl Report {
     /// Creates the report of a run that ended regularly or with `failure`.
     pub fn new(mut collector: Collector, totals: RunTotals, failure: Option<UpError>) -> Self {
         let unwritten = collector.finish().err().map(UpError::from);
-        let without_fused = collector.without_fused();
+        let without_fused = collector.lines_without_fused();
         let partial = (without_fused > 0).then_some(UpError::WithoutFused { without_fused });
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();

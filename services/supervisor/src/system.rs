@@ -15,7 +15,7 @@ use std::{
 use bus::{Claim, SharedMemory, SystemName};
 use launch::Service;
 use messages::{Credit, EventKind, SystemEvent};
-use pipeline::{Collector, OutFile};
+use pipeline::{Collector, AttitudeFile};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
@@ -103,7 +103,7 @@ impl<'r> System<'r> {
         // All topics of the supervisor are opened before a service starts. A signal would interrupt
         // the wait for a topic that a service is just creating.
         let optional_inputs = OptionalInputs {
-            fused: plan.out.as_ref().is_some_and(OutFile::needs_fused),
+            fused: plan.out.as_ref().is_some_and(AttitudeFile::needs_fused),
             every_topic: recorder.is_some(),
             input: true,
         };
@@ -331,7 +331,7 @@ impl<'r> System<'r> {
                 );
             }
             Reply::RecordStatus => {
-                let output_error = collector.out_ended().map(ToString::to_string);
+                let output_error = collector.file_error().map(ToString::to_string);
                 let output_error = output_error.or(recording_failure);
                 socket.respond(client, &RecordStatus { not_recorded: collector.not_recorded(), output_error });
             }
@@ -442,7 +442,7 @@ fn output_progress(collector: &mut Collector) -> OutputProgress {
         not_recorded: collector.not_recorded(),
         duplicated: collector.duplicated(),
         max_gap_ns: collector.take_gap_ns(),
-        last_swap: collector.swapped(),
+        last_swap: collector.last_swap(),
     }
 }
 

@@ -58,7 +58,7 @@ impl View {
     pub(crate) fn show(&mut self, collector: &Collector, supervision: Option<&Supervision>, now: Duration) {
         let elapsed_s = self.last_line.elapsed().as_secs_f64();
         let ticks = collector.ticks();
-        if let Some(error) = collector.out_ended().filter(|_| !std::mem::replace(&mut self.output_error_announced, true)) {
+        if let Some(error) = collector.file_error().filter(|_| !std::mem::replace(&mut self.output_error_announced, true)) {
             self.announce([error.to_string()]);
         }
         let is_new_line = self.last_line.elapsed() >= LINE_INTERVAL;

@@ -2,7 +2,7 @@
 use std::{fs, path::Path};
 
 use super::site::Site;
-use keys::certificate::Issued;
+use keys::certificate::IssuedCertificate;
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use time::{Duration, OffsetDateTime};
 use zenoh::Wait;
@@ -122,7 +122,7 @@ fn a_router_without_a_list_lets_nobody_do_anything() {
 }
 
 /// A certificate of the site's authority with any validity.
-fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: OffsetDateTime) -> Issued {
+fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: OffsetDateTime) -> IssuedCertificate {
     let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
     let authority = KeyPair::from_pem(&read("authority.key")).unwrap();
     let issuer = Issuer::from_ca_cert_pem(&read("authority.pem"), authority).unwrap();
@@ -131,10 +131,10 @@ fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: Off
     (params.not_before, params.not_after) = (from, until);
     params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
     let pair = KeyPair::generate().unwrap();
-    Issued { certificate: params.signed_by(&pair, &issuer).unwrap().pem(), key: pair.serialize_pem() }
+    IssuedCertificate { certificate: params.signed_by(&pair, &issuer).unwrap().pem(), key: pair.serialize_pem() }
 }
 
-fn put(folder: &Path, issued: &Issued) {
+fn put(folder: &Path, issued: &IssuedCertificate) {
     fs::write(folder.join("cert.pem"), &issued.certificate).unwrap();
     fs::write(folder.join("key.pem"), &issued.key).unwrap();
 }

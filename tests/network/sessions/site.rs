@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use keys::{Keys, Party, configuration::INSTALLED_AT};
+use keys::{Keys, Party, configuration::INSTALL_DIR};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
@@ -100,7 +100,7 @@ impl Site {
         let files = ["router.json5", "vehicle.json5", "ground.json5"].map(|file| folder.join(file));
         let text = fs::read_to_string(files.iter().find(|file| file.exists()).unwrap()).unwrap();
         let text = text
-            .replace(INSTALLED_AT, folder.to_str().unwrap())
+            .replace(INSTALL_DIR, folder.to_str().unwrap())
             .replace("0.0.0.0:7447", &format!("127.0.0.1:{}", self.port))
             .replace("127.0.0.1:7447", &format!("127.0.0.1:{}", self.port));
         Config::from_json5(&text).unwrap()

@@ -154,7 +154,7 @@ fn hiroz_gives_the_readings_of_a_system() {
     });
     println!("{sent} sent, {taken}");
     let number = |name: &str| taken[name].as_f64().unwrap();
-    assert!(number("refused") == 0.0 && number("unheard") == 0.0, "{taken}");
+    assert!(number("rejected") == 0.0 && number("undelivered") == 0.0, "{taken}");
     assert!(number("readings") > 600.0 && number("readings") <= f64::from(sent), "{sent} {taken}");
     let rows = system.attitudes();
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];

@@ -1,6 +1,9 @@
-//! Datagrams to one address, by UDP.
+//! UDP datagrams to one address.
 //!
-//! Input: bytes. Output: a datagram each. Time: none; sending never waits. Failure: what the network does not take is dropped.
+//! - Input: bytes.
+//! - Output: one datagram for each call.
+//! - Time: sending never blocks.
+//! - Failure: a datagram that the kernel does not accept is dropped.
 
 use std::{
     fmt, io,
@@ -8,36 +11,36 @@ use std::{
     str::FromStr,
 };
 
-/// How an address is written.
-const BEGIN: &str = "udpout:";
+/// Prefix of an endpoint.
+const SCHEME: &str = "udpout:";
 
-/// Where datagrams go, as `udpout:127.0.0.1:14550`.
+/// Destination of datagrams, for instance `udpout:127.0.0.1:14550`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Endpoint(String);
 
-/// Why datagrams cannot be sent.
+/// Datagrams cannot be sent.
 #[derive(Debug, thiserror::Error)]
 pub enum DatagramError {
-    /// It is no endpoint.
-    #[error("reading the endpoint {text:?}: expected udpout:HOST:PORT, as udpout:127.0.0.1:14550")]
-    NoEndpoint {
-        /// What was read.
+    /// The text is not an endpoint.
+    #[error("invalid endpoint {text:?}: expected udpout:HOST:PORT, for instance udpout:127.0.0.1:14550")]
+    InvalidEndpoint {
+        /// Rejected text.
         text: String,
     },
-    /// The host has no address.
-    #[error("sending to {endpoint}: looking up its host: {cause}")]
-    Unknown {
-        /// Where to.
+    /// The host name cannot be resolved.
+    #[error("sending to {endpoint}: cannot resolve the host: {cause}")]
+    HostLookup {
+        /// Destination.
         endpoint: Endpoint,
-        /// What the resolver says.
+        /// Error of the resolver.
         cause: io::Error,
     },
-    /// There is no socket.
-    #[error("sending to {endpoint}: opening a socket: {cause}")]
-    NoSocket {
-        /// Where to.
+    /// A socket cannot be opened.
+    #[error("sending to {endpoint}: cannot open a socket: {cause}")]
+    Socket {
+        /// Destination.
         endpoint: Endpoint,
-        /// What the kernel says.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
@@ -46,48 +49,52 @@ impl FromStr for Endpoint {
     type Err = DatagramError;
 
     fn from_str(text: &str) -> Result<Self, DatagramError> {
-        let address = text.strip_prefix(BEGIN).filter(|address| {
+        let address = text.strip_prefix(SCHEME).filter(|address| {
             let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
             port.is_some_and(|(_, port)| port.parse::<u16>().is_ok_and(|port| port != 0))
         });
-        address.map(|it| Self(it.into())).ok_or_else(|| DatagramError::NoEndpoint { text: text.into() })
+        address.map(|it| Self(it.into())).ok_or_else(|| DatagramError::InvalidEndpoint { text: text.into() })
     }
 }
 
 impl fmt::Display for Endpoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{BEGIN}{}", self.0)
+        write!(f, "{SCHEME}{}", self.0)
     }
 }
 
-/// An open way to an endpoint.
+/// Sends datagrams to one endpoint.
 #[derive(Debug)]
-pub struct Datagrams {
+pub struct DatagramSender {
     socket: UdpSocket,
-    to: SocketAddr,
+    destination: SocketAddr,
 }
 
-impl Datagrams {
-    /// Looks the host up, once, and opens a socket. Whether anybody listens is not asked.
+impl DatagramSender {
+    /// Resolves the host once and opens a socket. Does not check for a receiver.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the host cannot be resolved or no socket can be opened.
     pub fn open(endpoint: &Endpoint) -> Result<Self, DatagramError> {
-        let unknown = |cause| DatagramError::Unknown { endpoint: endpoint.clone(), cause };
-        let none = || unknown(io::Error::new(io::ErrorKind::NotFound, "it has no address"));
-        let to = endpoint.0.to_socket_addrs().map_err(unknown)?.next().ok_or_else(none)?;
-        let from: SocketAddr =
-            if to.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
-        let opened = || {
-            let socket = UdpSocket::bind(from)?;
+        let lookup_error = |cause| DatagramError::HostLookup { endpoint: endpoint.clone(), cause };
+        let no_address = || lookup_error(io::Error::new(io::ErrorKind::NotFound, "the host has no address"));
+        let destination = endpoint.0.to_socket_addrs().map_err(lookup_error)?.next().ok_or_else(no_address)?;
+        let local: SocketAddr =
+            if destination.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
+        let open_socket = || {
+            let socket = UdpSocket::bind(local)?;
             socket.set_nonblocking(true)?;
             Ok(socket)
         };
-        let socket = opened().map_err(|cause| DatagramError::NoSocket { endpoint: endpoint.clone(), cause })?;
-        Ok(Self { socket, to })
+        let socket = open_socket().map_err(|cause| DatagramError::Socket { endpoint: endpoint.clone(), cause })?;
+        Ok(Self { socket, destination })
     }
 
-    /// Sends a datagram; whether the kernel took it.
+    /// Sends a datagram. Returns `true` if the kernel accepted it.
     #[must_use]
     pub fn send(&self, bytes: &[u8]) -> bool {
-        self.socket.send_to(bytes, self.to).is_ok_and(|sent| sent == bytes.len())
+        self.socket.send_to(bytes, self.destination).is_ok_and(|sent| sent == bytes.len())
     }
 }
 
@@ -96,12 +103,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_endpoint_is_refused_with_one_that_is() {
+    fn invalid_endpoint_error_shows_a_valid_one() {
         for text in
             ["", "127.0.0.1:14550", "udpout:", "udpout::14550", "udpout:127.0.0.1", "udpout:a:0", "udpout:a:70000"]
         {
-            let said = text.parse::<Endpoint>().unwrap_err().to_string();
-            assert!(said.contains(&format!("{text:?}")) && said.contains("udpout:127.0.0.1:14550"), "{said}");
+            let error = text.parse::<Endpoint>().unwrap_err().to_string();
+            assert!(error.contains(&format!("{text:?}")) && error.contains("udpout:127.0.0.1:14550"), "{error}");
         }
         for text in ["udpout:127.0.0.1:14550", "udpout:[::1]:1", "udpout:station.example:14550"] {
             assert_eq!(text.parse::<Endpoint>().unwrap().to_string(), text);
@@ -109,13 +116,13 @@ mod tests {
     }
 
     #[test]
-    fn a_receiver_that_is_not_there_or_reads_nothing_is_not_waited_for() {
+    fn send_does_not_wait_for_absent_or_frozen_receiver() {
         let frozen = UdpSocket::bind("127.0.0.1:0").unwrap();
         let port = frozen.local_addr().unwrap().port();
-        let datagrams = Datagrams::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
-        // Far more than a socket holds.
-        let _sent = (0..20_000).filter(|_| datagrams.send(&[0; 100])).count();
+        let sender = DatagramSender::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
+        // More than the receive buffer of a socket holds.
+        let _sent = (0..20_000).filter(|_| sender.send(&[0; 100])).count();
         drop(frozen);
-        assert!((0..1000).all(|_| datagrams.send(&[0; 100])), "nobody is there, and each datagram still goes out");
+        assert!((0..1000).all(|_| sender.send(&[0; 100])), "without a receiver, datagrams are still sent");
     }
 }

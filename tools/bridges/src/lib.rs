@@ -1,17 +1,22 @@
-//! The attitude for others, in their protocols.
+//! Bridges that send the attitude in other protocols.
 //!
-//! Input: messages of a running system. Output: messages of others, in their frames. Time: given with each message. Failure: what nobody should
-//! rely on is not sent; a receiver that is absent, slow or frozen costs the datagrams that it does not take. Nothing is ever received.
+//! - Input: messages of a running system.
+//! - Output: messages of MAVLink and ROS 2, in their frames.
+//! - Time: given with each message.
+//! - Failure: an invalid or stale attitude is not sent. An absent, slow or frozen receiver only
+//!   loses datagrams.
 //!
-//! | module | what it holds |
+//! This crate receives nothing from the network.
+//!
+//! | module | contents |
 //! | --- | --- |
 //! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE |
-//! | [`ros`] | `sensor_msgs/Imu` of ROS 2, as rmw_zenoh has it |
-//! | [`soundness`] | what is worth being sent |
-//! | [`datagrams`] | to one address by UDP, without waiting |
+//! | [`ros`] | `sensor_msgs/Imu` of ROS 2, as rmw_zenoh encodes it |
+//! | [`validity`] | check before an attitude is sent |
+//! | [`datagrams`] | non-blocking UDP sender |
 #![forbid(unsafe_code)]
 
 pub mod datagrams;
 pub mod mavlink;
 pub mod ros;
-pub mod soundness;
+pub mod validity;

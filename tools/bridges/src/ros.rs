@@ -1,11 +1,14 @@
-//! ROS 2 over Zenoh, as rmw_zenoh has it: `sensor_msgs/msg/Imu`.
+//! ROS 2 over Zenoh, as rmw_zenoh encodes it: `sensor_msgs/msg/Imu`.
 //!
-//! Input: an attitude and the sample of its tick, in our frames. Output: keys, signs of life, attachments, CDR (XCDR1, little-endian). Frames: REP 103 and REP 145;
-//! orientation of forward, left, up in east, north, up; rate and force in forward, left, up, +g upward at rest. Time: `stamp_ns`, since 1970.
-//! Failure: what is no topic's name is refused.
+//! - Input: an attitude and the sample of its tick, in the native frame.
+//! - Output: keys, liveliness tokens, attachments, and messages as CDR (XCDR1, little-endian).
+//! - Frames: REP 103 and REP 145. Orientation of forward, left, up in east, north, up; rate and
+//!   force in forward, left, up, with +g upwards at rest.
+//! - Time: `stamp_ns` is in nanoseconds since 1970.
+//! - Failure: an invalid topic or frame name is rejected.
 //!
-//! Sources: keys, tokens and attachments: rmw_zenoh, docs/design.md, as the crate `hiroz-protocol` 0.2.1 writes them; the type's hash: REP 2011, of
-//! the definition in ROS 2 jazzy.
+//! Sources: keys, tokens and attachments from rmw_zenoh, docs/design.md, as written by the crate
+//! `hiroz-protocol` 0.2.1; type hash from REP 2011 for the definition in ROS 2 jazzy.
 
 use attitude::frames::{Body, Frame};
 use byteorder::LittleEndian;
@@ -13,144 +16,161 @@ use messages::{AttitudeOutput, ImuSample};
 use runtime::frames::attitude_to_frame;
 use serde::Serialize;
 
-/// The type as keys name it, and the hash of its definition.
-const IMU: [&str; 2] =
+/// Type name in keys, and hash of the type definition.
+const IMU_TYPE_AND_HASH: [&str; 2] =
     ["sensor_msgs::msg::dds_::Imu_", "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"];
-const MAGNETIC_FIELD: [&str; 2] = [
+const MAGNETIC_FIELD_TYPE_AND_HASH: [&str; 2] = [
     "sensor_msgs::msg::dds_::MagneticField_",
     "RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
 ];
-/// Reliable, volatile, the last ten; no deadline, no lifespan, automatic liveliness: what is usual is left out.
+/// QoS profile: reliable, volatile, history of 10. Defaults are omitted.
 const QOS: &str = "::,10:,:,:,,";
-/// The name of the node.
-const NODE: &str = "plumbline";
-/// Of plain CDR, little-endian.
-const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
-/// The longest name of a topic or a frame.
-const MAX_NAME: usize = 200;
+const NODE_NAME: &str = "plumbline";
+/// Header of plain CDR, little-endian.
+const ENCAPSULATION_HEADER: [u8; 4] = [0, 1, 0, 0];
+/// Maximum length of a topic or frame name.
+const MAX_NAME_BYTES: usize = 200;
 
-/// A message of ROS.
+/// Type of a ROS message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Message {
+pub enum MessageType {
     /// `sensor_msgs/msg/Imu`.
     Imu,
     /// `sensor_msgs/msg/MagneticField`.
     MagneticField,
 }
 
-/// Our node, in a domain and a Zenoh session.
+/// ROS node in a domain and a Zenoh session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Node {
     domain: u8,
     session: String,
 }
 
-impl Message {
+impl MessageType {
     fn type_and_hash(self) -> [&'static str; 2] {
         match self {
-            Self::Imu => IMU,
-            Self::MagneticField => MAGNETIC_FIELD,
+            Self::Imu => IMU_TYPE_AND_HASH,
+            Self::MagneticField => MAGNETIC_FIELD_TYPE_AND_HASH,
         }
     }
 }
 
 impl Node {
-    /// `session` is its Zenoh identity.
+    /// Creates a node; `session` is the Zenoh identity.
     pub fn new(domain: u8, session: &str) -> Self {
         Self { domain, session: session.into() }
     }
 
-    /// Says that it lives.
-    pub fn sign(&self) -> String {
-        self.entity(0, "NN")
+    /// Returns the liveliness token of the node.
+    pub fn node_token(&self) -> String {
+        self.entity_token(0, "NN")
     }
 
-    /// Says that it publishes a topic, which is named without its leading slash.
-    pub fn publisher_sign(&self, topic: &str, message: Message) -> String {
-        self.endpoint(1, "MP", topic, message)
+    /// Returns the liveliness token of a publisher. `topic` has no leading slash.
+    pub fn publisher_token(&self, topic: &str, message_type: MessageType) -> String {
+        self.endpoint_token(1, "MP", topic, message_type)
     }
 
-    /// Says that it reads a topic; `number` tells those that it reads apart.
-    pub fn subscription_sign(&self, number: u32, topic: &str, message: Message) -> String {
-        self.endpoint(number, "MS", topic, message)
+    /// Returns the liveliness token of a subscription; `entity_id` is unique in the node.
+    pub fn subscription_token(&self, entity_id: u32, topic: &str, message_type: MessageType) -> String {
+        self.endpoint_token(entity_id, "MS", topic, message_type)
     }
 
-    /// Under which key the messages of a topic are published.
-    pub fn topic_key(&self, topic: &str, message: Message) -> String {
-        let [name, hash] = message.type_and_hash();
+    /// Returns the key for publishing on a topic.
+    pub fn topic_key(&self, topic: &str, message_type: MessageType) -> String {
+        let [name, hash] = message_type.type_and_hash();
         format!("{}/{topic}/{name}/{hash}", self.domain)
     }
 
-    /// Under which keys they come, whatever the definition of the type in their version of ROS.
-    pub fn topic_keys(&self, topic: &str, message: Message) -> String {
-        let [name, _] = message.type_and_hash();
+    /// Returns the key expression of a topic for any version of the type definition.
+    pub fn topic_key_any_hash(&self, topic: &str, message_type: MessageType) -> String {
+        let [name, _] = message_type.type_and_hash();
         format!("{}/{topic}/{name}/*", self.domain)
     }
 
-    fn entity(&self, number: u32, kind: &str) -> String {
-        format!("@ros2_lv/{}/{}/0/{number}/{kind}/%/%/{NODE}", self.domain, self.session)
+    fn entity_token(&self, entity_id: u32, kind: &str) -> String {
+        format!("@ros2_lv/{}/{}/0/{entity_id}/{kind}/%/%/{NODE_NAME}", self.domain, self.session)
     }
 
-    fn endpoint(&self, number: u32, kind: &str, topic: &str, message: Message) -> String {
-        let ([name, hash], mangled) = (message.type_and_hash(), topic.replace('/', "%"));
-        format!("{}/%{mangled}/{name}/{hash}/{QOS}", self.entity(number, kind))
+    fn endpoint_token(&self, entity_id: u32, kind: &str, topic: &str, message_type: MessageType) -> String {
+        let ([name, hash], mangled) = (message_type.type_and_hash(), topic.replace('/', "%"));
+        format!("{}/%{mangled}/{name}/{hash}/{QOS}", self.entity_token(entity_id, kind))
     }
 }
 
-/// A topic's name as ROS has them, without its leading slash: words of letters, digits and `_`, no digit first, with `/` between.
-pub fn topic_name(text: &str) -> Result<String, String> {
+/// Parses a topic name and returns it without a leading slash.
+///
+/// A name consists of words separated by `/`. A word has letters, digits and `_`, and does not
+/// start with a digit.
+///
+/// # Errors
+///
+/// Returns a description of the expected name.
+pub fn parse_topic_name(text: &str) -> Result<String, String> {
     let name = text.strip_prefix('/').unwrap_or(text);
     let is_word = |word: &str| {
         !word.starts_with(|letter: char| letter.is_ascii_digit())
             && !word.is_empty()
             && word.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
     };
-    let is_name = name.len() <= MAX_NAME && name.split('/').all(is_word);
-    is_name.then(|| name.to_owned()).ok_or_else(|| "expected a topic's name, as imu/data".into())
+    let is_name = name.len() <= MAX_NAME_BYTES && name.split('/').all(is_word);
+    is_name.then(|| name.to_owned()).ok_or_else(|| "expected a topic name, for instance imu/data".into())
 }
 
-/// The name of a frame.
-pub fn frame_id(text: &str) -> Result<String, String> {
-    let is_name = (1..=MAX_NAME).contains(&text.len()) && text.chars().all(|letter| letter.is_ascii_graphic());
-    is_name.then(|| text.to_owned()).ok_or_else(|| "expected the name of a frame, as imu_link".into())
+/// Parses a frame name: printable ASCII without spaces.
+///
+/// # Errors
+///
+/// Returns a description of the expected name.
+pub fn parse_frame_id(text: &str) -> Result<String, String> {
+    let is_name = (1..=MAX_NAME_BYTES).contains(&text.len()) && text.chars().all(|letter| letter.is_ascii_graphic());
+    is_name.then(|| text.to_owned()).ok_or_else(|| "expected a frame name, for instance imu_link".into())
 }
 
-/// What goes with each message: its number from 1, when it was made, who sends it; sequences have their length before them.
-pub fn attachment(number: i64, stamp_ns: i64, sender: [u8; 16]) -> Vec<u8> {
-    [&number.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[sender.len() as u8], &sender].concat()
+/// Returns the attachment of a message: sequence number from 1, time stamp and publisher
+/// identifier. The identifier is preceded by its length.
+pub fn attachment(sequence_number: i64, stamp_ns: i64, publisher_gid: [u8; 16]) -> Vec<u8> {
+    [&sequence_number.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[publisher_gid.len() as u8], &publisher_gid].concat()
 }
 
-/// `sensor_msgs/msg/Imu` as CDR. Of orientation and rate less the bias by the system, of the force as it is calibrated; what spreads them is not known
-/// but of the orientation.
-pub fn imu(
+/// Encodes `sensor_msgs/msg/Imu` as CDR.
+///
+/// Orientation and bias-corrected rate are estimates; the force is the calibrated measurement. Only
+/// the orientation has a known covariance.
+///
+/// # Errors
+///
+/// Returns an error if CDR cannot represent the message.
+pub fn encode_imu(
     attitude: &AttitudeOutput,
     sample: &ImuSample,
     stamp_ns: i64,
     frame_id: &str,
 ) -> Result<Vec<u8>, cdr_encoding::Error> {
-    let theirs = attitude_to_frame(Frame::EnuFlu, *attitude);
-    let [w, x, y, z] = theirs.quaternion;
-    let [inclination, course] = [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
+    let in_ros_frame = attitude_to_frame(Frame::EnuFlu, *attitude);
+    let [w, x, y, z] = in_ros_frame.quaternion;
+    let [inclination_variance, course_variance] = [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
     let imu = Imu {
         header: Header {
             stamp: Time { sec: stamp_ns.div_euclid(NS_PER_S) as i32, nanosec: stamp_ns.rem_euclid(NS_PER_S) as u32 },
             frame_id,
         },
         orientation: [x, y, z, w],
-        orientation_covariance: [inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, course],
-        angular_velocity: theirs.rate_rad_s,
-        angular_velocity_covariance: UNKNOWN,
+        orientation_covariance: [inclination_variance, 0.0, 0.0, 0.0, inclination_variance, 0.0, 0.0, 0.0, course_variance],
+        angular_velocity: in_ros_frame.rate_rad_s,
+        angular_velocity_covariance: UNKNOWN_COVARIANCE,
         linear_acceleration: Body::Flu.vector(sample.force_m_s2),
-        linear_acceleration_covariance: UNKNOWN,
+        linear_acceleration_covariance: UNKNOWN_COVARIANCE,
     };
-    let mut bytes = ENCAPSULATION.to_vec();
+    let mut bytes = ENCAPSULATION_HEADER.to_vec();
     bytes.extend(cdr_encoding::to_vec::<_, LittleEndian>(&imu)?);
     Ok(bytes)
 }
 
 const NS_PER_S: i64 = 1_000_000_000;
-/// A covariance that is not known, by the message's definition.
-const UNKNOWN: [f64; 9] = [0.0; 9];
+/// Covariance that means "unknown" in the message definition.
+const UNKNOWN_COVARIANCE: [f64; 9] = [0.0; 9];
 
 #[derive(Serialize)]
 struct Time {
@@ -164,7 +184,7 @@ struct Header<'a> {
     frame_id: &'a str,
 }
 
-/// In the order of the definition; x y z w.
+/// Fields in the order of the definition. The quaternion is x, y, z, w.
 #[derive(Serialize)]
 struct Imu<'a> {
     header: Header<'a>,
@@ -183,46 +203,47 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_and_tokens_are_those_of_rmw_zenoh() {
+    fn keys_and_tokens_match_rmw_zenoh() {
         let node = Node::new(7, "a1b2");
-        let of_type = IMU.join("/");
-        assert_eq!(node.topic_key("imu/data", Message::Imu), format!("7/imu/data/{of_type}"));
-        assert_eq!(node.topic_keys("imu/data", Message::Imu), format!("7/imu/data/{}/*", IMU[0]));
-        assert_eq!(node.sign(), "@ros2_lv/7/a1b2/0/0/NN/%/%/plumbline");
-        let sign = |number: u32, kind: &str| {
-            format!("@ros2_lv/7/a1b2/0/{number}/{kind}/%/%/plumbline/%imu%data/{of_type}/::,10:,:,:,,")
+        let type_and_hash = IMU_TYPE_AND_HASH.join("/");
+        assert_eq!(node.topic_key("imu/data", MessageType::Imu), format!("7/imu/data/{type_and_hash}"));
+        assert_eq!(node.topic_key_any_hash("imu/data", MessageType::Imu), format!("7/imu/data/{}/*", IMU_TYPE_AND_HASH[0]));
+        assert_eq!(node.node_token(), "@ros2_lv/7/a1b2/0/0/NN/%/%/plumbline");
+        let token = |number: u32, kind: &str| {
+            format!("@ros2_lv/7/a1b2/0/{number}/{kind}/%/%/plumbline/%imu%data/{type_and_hash}/::,10:,:,:,,")
         };
-        assert_eq!(node.publisher_sign("imu/data", Message::Imu), sign(1, "MP"));
-        assert_eq!(node.subscription_sign(3, "imu/data", Message::Imu), sign(3, "MS"));
+        assert_eq!(node.publisher_token("imu/data", MessageType::Imu), token(1, "MP"));
+        assert_eq!(node.subscription_token(3, "imu/data", MessageType::Imu), token(3, "MS"));
     }
 
     #[test]
-    fn a_wildcard_or_an_empty_word_is_no_name() {
+    fn wildcards_and_empty_words_are_rejected() {
         for text in ["", "/", "//a", "a//b", "a/", "a/*", "**", "a$*", "a b", "é", "1a", "a#", &"a".repeat(201)] {
-            assert!(topic_name(text).is_err(), "{text}");
+            assert!(parse_topic_name(text).is_err(), "{text}");
         }
-        assert_eq!(topic_name("/imu/data_raw").as_deref(), Ok("imu/data_raw"));
-        assert!(frame_id("").is_err() && frame_id("a b").is_err() && frame_id("imu_link").is_ok());
+        assert_eq!(parse_topic_name("/imu/data_raw").as_deref(), Ok("imu/data_raw"));
+        assert!(parse_frame_id("").is_err() && parse_frame_id("a b").is_err() && parse_frame_id("imu_link").is_ok());
     }
 
     #[test]
-    fn a_message_at_rest_has_its_numbers_at_the_places_of_cdr() {
+    fn imu_message_has_cdr_layout() {
         let attitude = AttitudeOutput { quaternion: [1.0, 0.0, 0.0, 0.0], course_sd_rad: 0.5, ..Zeroable::zeroed() };
         let sample = ImuSample { force_m_s2: [0.1, 0.2, 9.8], ..Zeroable::zeroed() };
-        let bytes = imu(&attitude, &sample, 1_500_000_000, "imu_link").unwrap();
-        // Encapsulation; 1 s and 5·10⁸ ns; nine letters with the zero at the end; from there each number is at a multiple of 8 after the encapsulation.
+        let bytes = encode_imu(&attitude, &sample, 1_500_000_000, "imu_link").unwrap();
+        // Encapsulation; 1 s and 5·10⁸ ns; nine bytes of text with the terminating zero. From there
+        // on each number is aligned to 8 bytes, counted from the end of the encapsulation.
         assert_eq!(&bytes[..16], &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0x65, 0xcd, 0x1d, 9, 0, 0, 0]);
         assert_eq!((&bytes[16..25], bytes.len()), (&b"imu_link\0"[..], 324));
         let numbers: Vec<f64> =
             bytes[28..].chunks_exact(8).map(|eight| f64::from_le_bytes(eight.try_into().unwrap())).collect();
-        // The nose to the north is a quarter of a turn from the east.
+        // Facing north is 90° from east.
         let h = 0.5f64.sqrt();
         assert!(numbers[..4].iter().zip([0.0, 0.0, h, h]).all(|(a, b)| (a - b).abs() < 1e-15), "{numbers:?}");
         assert_eq!((numbers[12], &numbers[25..28]), (0.25, &[0.2, -0.1, 9.8][..]));
     }
 
     #[test]
-    fn an_attachment_is_of_33_bytes() {
+    fn attachment_has_33_bytes() {
         let bytes = attachment(1, -2, [3; 16]);
         assert_eq!(bytes, [&[1, 0, 0, 0, 0, 0, 0, 0, 0xfe][..], &[0xff; 7], &[16], &[3; 16]].concat());
     }

@@ -1,21 +1,25 @@
-//! The model that accelerometer and magnetometer have in common: a vector of one length, seen through a bias and a matrix.
+//! Model shared by accelerometer and magnetometer: a vector of constant length, distorted by a bias
+//! and a matrix.
 //!
-//! |M (v − b)| = R for readings v in any direction, M symmetric: a turn of all readings together is not seen in their lengths, and the
-//! symmetric matrix is the one that turns least. Parameters: b(3), the diagonal of M (3), and xy, xz, yz of M (3) where there are nine.
-//! Merayo et al. 2000, Scalar calibration of vector magnetometers, Meas. Sci. Technol. 11, 120; Olivares et al. 2013; here by
-//! Gauss and Newton in the lengths themselves, whose noise is that of the readings.
+//! The model is |M (v − b)| = R for readings v in any direction. M is symmetric, because a common
+//! rotation of all readings does not change their lengths. Parameters: b (3), the diagonal of M (3)
+//! and, if N = 9, the elements xy, xz, yz of M (3).
+//!
+//! Merayo et al. 2000, Scalar calibration of vector magnetometers, Meas. Sci. Technol. 11, 120;
+//! Olivares et al. 2013. The fit is Gauss-Newton in the lengths themselves, whose noise is that of
+//! the readings.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
 
-use crate::motion::Seen;
+use crate::motion::MeanForce;
 
-/// The six or nine parameters.
+/// Parameters of the model: N is 6 or 9.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ellipsoid<const N: usize>(pub(crate) SVector<f64, N>);
 
 impl<const N: usize> Ellipsoid<N> {
-    /// A sphere about a centre; `scale` times a reading less the centre has the length that is looked for.
+    /// Creates a sphere: a reading minus `centre`, times `scale`, has length R.
     pub(crate) fn sphere(centre: Vector3<f64>, scale: f64) -> Self {
         let parameters = [centre.x, centre.y, centre.z, scale, scale, scale, 0.0, 0.0, 0.0];
         Self(SVector::from_fn(|i, _| parameters[i]))
@@ -31,55 +35,58 @@ impl<const N: usize> Ellipsoid<N> {
         Matrix3::new(part(3), xy, xz, xy, part(4), yz, xz, yz, part(5))
     }
 
-    /// The same of a mean of readings that were turned into one frame.
-    pub(crate) fn residual_of_mean(&self, seen: &Seen, radius: f64) -> (f64, SVector<f64, N>) {
+    /// Returns the residual and its derivatives for a mean of readings rotated into one frame.
+    pub(crate) fn residual_of_mean(&self, mean_force: &MeanForce, radius: f64) -> (f64, SVector<f64, N>) {
         let (matrix, bias) = (self.matrix(), self.bias());
-        let mean = seen.corrected(&matrix, &bias);
+        let mean = mean_force.corrected(&matrix, &bias);
         let length = mean.norm();
         let along = mean / length.max(f64::MIN_POSITIVE);
-        let by_bias = -(matrix * (seen.turn.transpose() * along));
-        // By the part of M at row i and column j.
-        let by_part = |i: usize, j: usize| (seen.turned[j].column(i) - seen.turn.column(i) * bias[j]).dot(&along);
-        let off = |i: usize, j: usize| by_part(i, j) + by_part(j, i);
+        let d_bias = -(matrix * (mean_force.mean_rotation.transpose() * along));
+        // Derivative with respect to the element of M at row i and column j.
+        let d_element = |i: usize, j: usize| {
+            (mean_force.component_means[j].column(i) - mean_force.mean_rotation.column(i) * bias[j]).dot(&along)
+        };
+        let d_cross = |i: usize, j: usize| d_element(i, j) + d_element(j, i);
         let parts = [
-            by_bias.x,
-            by_bias.y,
-            by_bias.z,
-            by_part(0, 0),
-            by_part(1, 1),
-            by_part(2, 2),
-            off(0, 1),
-            off(0, 2),
-            off(1, 2),
+            d_bias.x,
+            d_bias.y,
+            d_bias.z,
+            d_element(0, 0),
+            d_element(1, 1),
+            d_element(2, 2),
+            d_cross(0, 1),
+            d_cross(0, 2),
+            d_cross(1, 2),
         ];
         (length - radius, SVector::from_fn(|i, _| parts[i]))
     }
 
-    /// |M (v − b)| − R, and its derivatives.
+    /// Returns |M (v − b)| − R and its derivatives.
     pub(crate) fn residual(&self, reading: &Vector3<f64>, radius: f64) -> (f64, SVector<f64, N>) {
         let (matrix, arm) = (self.matrix(), reading - self.bias());
-        let seen = matrix * arm;
-        let length = seen.norm();
-        let along = seen / length.max(f64::MIN_POSITIVE);
-        let by_bias = -(matrix * along);
-        let off = |i: usize, j: usize| along[i] * arm[j] + along[j] * arm[i];
+        let corrected = matrix * arm;
+        let length = corrected.norm();
+        let along = corrected / length.max(f64::MIN_POSITIVE);
+        let d_bias = -(matrix * along);
+        let d_cross = |i: usize, j: usize| along[i] * arm[j] + along[j] * arm[i];
         let parts = [
-            by_bias.x,
-            by_bias.y,
-            by_bias.z,
+            d_bias.x,
+            d_bias.y,
+            d_bias.z,
             along.x * arm.x,
             along.y * arm.y,
             along.z * arm.z,
-            off(0, 1),
-            off(0, 2),
-            off(1, 2),
+            d_cross(0, 1),
+            d_cross(0, 2),
+            d_cross(1, 2),
         ];
         (length - radius, SVector::from_fn(|i, _| parts[i]))
     }
 }
 
-/// Standard deviations: of the bias, of the diagonal, and of the rest (zero where that was not looked for).
-pub(crate) fn deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Vector3<f64>; 3] {
+/// Returns the standard deviations of the bias, the diagonal and the off-diagonal elements (zero if
+/// N = 6).
+pub(crate) fn standard_deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Vector3<f64>; 3] {
     let sd = |i: usize| if i < N { covariance[(i, i)].max(0.0).sqrt() } else { 0.0 };
     [0, 3, 6].map(|first| Vector3::new(sd(first), sd(first + 1), sd(first + 2)))
 }
@@ -88,34 +95,35 @@ pub(crate) fn deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Ve
 mod tests {
     use super::*;
 
-    fn somewhere() -> Ellipsoid<9> {
+    fn example() -> Ellipsoid<9> {
         Ellipsoid([0.3, -0.2, 0.1, 1.02, 0.97, 1.01, 0.01, -0.02, 0.03].into())
     }
 
     fn assert_derivatives(residual: impl Fn(&Ellipsoid<9>) -> (f64, SVector<f64, 9>)) {
-        let (length, derivatives) = residual(&somewhere());
+        let (length, derivatives) = residual(&example());
         for i in 0..9 {
-            let mut moved = somewhere();
-            moved.0[i] += 1e-7;
-            let by_difference = (residual(&moved).0 - length) / 1e-7;
-            assert!((by_difference - derivatives[i]).abs() < 1e-5, "{i}: {by_difference} {}", derivatives[i]);
+            let mut shifted = example();
+            shifted.0[i] += 1e-7;
+            let numeric = (residual(&shifted).0 - length) / 1e-7;
+            assert!((numeric - derivatives[i]).abs() < 1e-5, "{i}: {numeric} {}", derivatives[i]);
         }
     }
 
     #[test]
-    fn the_derivatives_are_those_of_the_residuals() {
+    fn jacobian_matches_finite_differences() {
         let reading = Vector3::new(3.0, -7.0, 5.0);
-        assert_derivatives(|at| at.residual(&reading, 9.0));
-        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 0.8).into_inner() * 0.9;
-        let turned = [0, 1, 2].map(|axis| turn * (reading[axis] + 0.5) + Matrix3::identity() * 0.2);
-        assert_derivatives(|at| at.residual_of_mean(&Seen { turned, turn, sides_up: [false; 6] }, 9.0));
+        assert_derivatives(|model| model.residual(&reading, 9.0));
+        let rotation = nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 0.8).into_inner() * 0.9;
+        let component_means = [0, 1, 2].map(|axis| rotation * (reading[axis] + 0.5) + Matrix3::identity() * 0.2);
+        let mean = MeanForce { component_means, mean_rotation: rotation, sides_up: [false; 6] };
+        assert_derivatives(|model| model.residual_of_mean(&mean, 9.0));
     }
 
     #[test]
-    fn a_mean_of_one_is_that_one() {
+    fn mean_residual_of_one_reading_equals_its_residual() {
         let reading = Vector3::new(3.0, -7.0, 5.0);
         let (one, mean) =
-            (somewhere().residual(&reading, 9.0), somewhere().residual_of_mean(&Seen::still(&reading), 9.0));
+            (example().residual(&reading, 9.0), example().residual_of_mean(&MeanForce::at_rest(&reading), 9.0));
         assert!((one.0 - mean.0).abs() < 1e-12 && (one.1 - mean.1).amax() < 1e-12);
     }
 }

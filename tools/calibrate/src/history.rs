@@ -1,83 +1,85 @@
-//! The attitude by the gyro at any moment of a recording, from an arbitrary beginning; open loop, and so good over a second.
+//! Attitude by gyro integration at any time of a recording, relative to an arbitrary start.
+//!
+//! The integration is open loop, so only differences over about a second are accurate.
 
 use attitude::{Vector3, gyro::RateKind};
 use nalgebra::UnitQuaternion;
 
-/// Readings kept: half an hour at 500 Hz. What comes later is not looked at.
+/// Maximum number of readings kept: half an hour at 500 Hz. Later readings are ignored.
 const MAX_READINGS: usize = 900_000;
-/// Across a longer interval nothing is known of the turn, ns.
-const GAP_NS: i64 = 100_000_000;
+/// Longest interval that is integrated, ns. A longer one starts a new segment.
+const MAX_GAP_NS: i64 = 100_000_000;
 
-/// What the gyro said.
+/// Integrated gyro readings.
 #[derive(Debug, Clone)]
-pub(crate) struct History {
+pub(crate) struct AttitudeHistory {
     kind: RateKind,
-    moments: Vec<Moment>,
+    entries: Vec<Entry>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Moment {
+struct Entry {
     t_ns: i64,
-    /// Mean of the interval that ends here.
+    /// Mean rate over the interval that ends at `t_ns`.
     rate_rad_s: Vector3<f64>,
-    /// The last reading's own.
-    read_rad_s: Vector3<f64>,
-    /// Body → where the body was first.
+    /// Rate as read at `t_ns`.
+    raw_rad_s: Vector3<f64>,
+    /// Rotation body → initial axes of the segment.
     attitude: UnitQuaternion<f64>,
-    /// It follows the one before without a gap: moments of one number are connected.
-    piece: u32,
+    /// Number of the gap-free segment. Attitudes of different segments are not comparable.
+    segment: u32,
 }
 
-impl History {
+impl AttitudeHistory {
     pub(crate) fn new(kind: RateKind) -> Self {
-        Self { kind, moments: Vec::new() }
+        Self { kind, entries: Vec::new() }
     }
 
     pub(crate) fn is_full(&self) -> bool {
-        self.moments.len() >= MAX_READINGS
+        self.entries.len() >= MAX_READINGS
     }
 
-    /// The next reading.
-    pub(crate) fn take(&mut self, t_ns: i64, read_rad_s: Vector3<f64>) {
+    pub(crate) fn push(&mut self, t_ns: i64, raw_rad_s: Vector3<f64>) {
         if self.is_full() {
             return;
         }
-        let moment = match self.moments.last() {
-            Some(last) if t_ns - last.t_ns <= GAP_NS => {
+        let entry = match self.entries.last() {
+            Some(last) if t_ns - last.t_ns <= MAX_GAP_NS => {
                 let rate_rad_s = match self.kind {
-                    RateKind::Mean => read_rad_s,
-                    RateKind::Instant => 0.5 * (last.read_rad_s + read_rad_s),
+                    RateKind::Mean => raw_rad_s,
+                    RateKind::Instant => 0.5 * (last.raw_rad_s + raw_rad_s),
                 };
-                let turn = UnitQuaternion::from_scaled_axis(rate_rad_s * ((t_ns - last.t_ns) as f64 * 1e-9));
-                Moment { t_ns, rate_rad_s, read_rad_s, attitude: last.attitude * turn, piece: last.piece }
+                let rotation = UnitQuaternion::from_scaled_axis(rate_rad_s * ((t_ns - last.t_ns) as f64 * 1e-9));
+                Entry { t_ns, rate_rad_s, raw_rad_s, attitude: last.attitude * rotation, segment: last.segment }
             }
-            last => Moment {
+            last => Entry {
                 t_ns,
-                rate_rad_s: read_rad_s,
-                read_rad_s,
+                rate_rad_s: raw_rad_s,
+                raw_rad_s,
                 attitude: UnitQuaternion::identity(),
-                piece: last.map_or(0, |last| last.piece + 1),
+                segment: last.map_or(0, |last| last.segment + 1),
             },
         };
-        self.moments.push(moment);
+        self.entries.push(entry);
     }
 
-    /// The last rate that was read.
-    pub(crate) fn rate_rad_s(&self) -> Option<Vector3<f64>> {
-        self.moments.last().map(|moment| moment.read_rad_s)
+    pub(crate) fn last_rate_rad_s(&self) -> Option<Vector3<f64>> {
+        self.entries.last().map(|entry| entry.raw_rad_s)
     }
 
-    /// Where the body was, and the number of the piece that the moment is in; none before the first and after the last reading, and in a gap.
+    /// Returns the attitude at `t_ns` and the number of its segment.
+    ///
+    /// `None` before the first reading, after the last one and in a gap.
     pub(crate) fn attitude(&self, t_ns: i64) -> Option<(UnitQuaternion<f64>, u32)> {
-        let next = self.moments.partition_point(|moment| moment.t_ns < t_ns);
-        let to = self.moments.get(next)?;
+        let next = self.entries.partition_point(|entry| entry.t_ns < t_ns);
+        let to = self.entries.get(next)?;
         if to.t_ns == t_ns {
-            return Some((to.attitude, to.piece));
+            return Some((to.attitude, to.segment));
         }
-        let from = self.moments.get(next.checked_sub(1)?)?;
+        let from = self.entries.get(next.checked_sub(1)?)?;
         let since_s = (t_ns - from.t_ns) as f64 * 1e-9;
-        let turn = UnitQuaternion::from_scaled_axis(to.rate_rad_s * since_s);
-        (from.piece == to.piece).then(|| (from.attitude * turn, from.piece))
+        let rotation = UnitQuaternion::from_scaled_axis(to.rate_rad_s * since_s);
+        (from.segment == to.segment).then(|| (from.attitude * rotation, from.segment))
     }
 }
 
@@ -86,16 +88,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_attitude_between_two_readings_lies_on_the_way_and_none_spans_a_gap() {
-        let mut history = History::new(RateKind::Mean);
+    fn attitude_interpolates_and_is_none_across_gaps() {
+        let mut history = AttitudeHistory::new(RateKind::Mean);
         for i in 0..100 {
-            history.take(i * 10_000_000, Vector3::new(0.0, 0.0, 1.0));
+            history.push(i * 10_000_000, Vector3::new(0.0, 0.0, 1.0));
         }
-        history.take(2_000_000_000, Vector3::zeros());
-        let (at, piece) = history.attitude(505_000_000).unwrap();
-        assert!((at.angle() - 0.505).abs() < 1e-12);
+        history.push(2_000_000_000, Vector3::zeros());
+        let (attitude, segment) = history.attitude(505_000_000).unwrap();
+        assert!((attitude.angle() - 0.505).abs() < 1e-12);
         assert_eq!(history.attitude(1_500_000_000), None);
-        assert_ne!(history.attitude(2_000_000_000).unwrap().1, piece);
+        assert_ne!(history.attitude(2_000_000_000).unwrap().1, segment);
         assert_eq!(history.attitude(-1), None);
         assert_eq!(history.attitude(2_000_000_001), None);
     }

@@ -1,94 +1,101 @@
-//! Normal equations of weighted least squares, and two covariances of what they give.
+//! Normal equations of weighted least squares, with two covariance estimates.
 //!
-//! With residuals r_i, Jacobians J_i and weights w_i: H = Σ w JᵀJ, g = Σ w Jᵀr, the step of Gauss and Newton is −H⁻¹g. The covariance is
-//! H⁻¹ where the weights are the inverse variances. Where errors of neighbours hang together, as those of a magnetometer in a room do,
-//! it is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours (White 1980; Liang and Zeger 1986); of few blocks that may come out too
-//! small by chance, so that no parameter is taken to be better known than errors of the residuals' size that are all independent allow.
+//! With residuals r_i, Jacobians J_i and weights w_i: H = Σ w JᵀJ, g = Σ w Jᵀr, and the
+//! Gauss-Newton step is −H⁻¹g. If the weights are inverse variances, the covariance is H⁻¹.
+//!
+//! If the errors of neighbouring residuals are correlated, as those of a magnetometer in a room
+//! are, the covariance is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours
+//! (White 1980; Liang and Zeger 1986). With few blocks this estimate can be too small by chance.
+//! Each variance is therefore at least that for independent errors of the size of the residuals.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// Sums over residuals of N parameters.
+/// Sums of the normal equations for N parameters.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Normal<const N: usize> {
+pub(crate) struct NormalEquations<const N: usize> {
     information: SMatrix<f64, N, N>,
     gradient: SVector<f64, N>,
     cost: f64,
     weight: f64,
-    block: SVector<f64, N>,
-    spread: SMatrix<f64, N, N>,
+    /// Score Σ w Jᵀr of the current block.
+    block_score: SVector<f64, N>,
+    /// Σ s sᵀ over the completed blocks.
+    block_scatter: SMatrix<f64, N, N>,
     /// Σ w² JᵀJ.
-    squares: SMatrix<f64, N, N>,
+    squared_information: SMatrix<f64, N, N>,
     count: usize,
     blocks: usize,
 }
 
-impl<const N: usize> Normal<N> {
+impl<const N: usize> NormalEquations<N> {
     pub(crate) fn new() -> Self {
         Self {
             information: SMatrix::zeros(),
             gradient: SVector::zeros(),
             cost: 0.0,
             weight: 0.0,
-            block: SVector::zeros(),
-            spread: SMatrix::zeros(),
-            squares: SMatrix::zeros(),
+            block_score: SVector::zeros(),
+            block_scatter: SMatrix::zeros(),
+            squared_information: SMatrix::zeros(),
             count: 0,
             blocks: 0,
         }
     }
 
-    /// A residual and its derivatives.
+    /// Adds a residual with its derivatives.
     pub(crate) fn add(&mut self, residual: f64, jacobian: &SVector<f64, N>, weight: f64) {
         self.information.ger(weight, jacobian, jacobian, 1.0);
-        self.squares.ger(weight * weight, jacobian, jacobian, 1.0);
+        self.squared_information.ger(weight * weight, jacobian, jacobian, 1.0);
         self.count += 1;
-        self.block.axpy(weight * residual, jacobian, 1.0);
+        self.block_score.axpy(weight * residual, jacobian, 1.0);
         self.cost += weight * residual * residual;
         self.weight += weight;
     }
 
-    /// What follows hangs no more together with what was added.
+    /// Ends the current block. Later residuals are uncorrelated with those already added.
     pub(crate) fn end_block(&mut self) {
-        if self.block.amax() > 0.0 {
-            self.spread.ger(1.0, &self.block, &self.block, 1.0);
-            self.gradient += self.block;
-            self.block = SVector::zeros();
+        if self.block_score.amax() > 0.0 {
+            self.block_scatter.ger(1.0, &self.block_score, &self.block_score, 1.0);
+            self.gradient += self.block_score;
+            self.block_score = SVector::zeros();
             self.blocks += 1;
         }
     }
 
-    /// What is to be added to the parameters; none where the residuals do not determine them. Ends the block.
+    /// Ends the block and returns the Gauss-Newton step, or `None` if the residuals do not
+    /// determine the parameters.
     pub(crate) fn step(&mut self) -> Option<SVector<f64, N>> {
         self.end_block();
         let step = -Cholesky::new(self.information)?.solve(&self.gradient);
         step.iter().all(|part| part.is_finite()).then_some(step)
     }
 
-    /// Σ w r².
+    /// Returns Σ w r².
     pub(crate) fn cost(&self) -> f64 {
         self.cost
     }
 
-    /// Root of the weighted mean of the squares.
+    /// Returns the weighted root mean square of the residuals.
     pub(crate) fn rms(&self) -> f64 {
         (self.cost / self.weight.max(f64::MIN_POSITIVE)).sqrt()
     }
 
-    /// H⁻¹.
+    /// Returns H⁻¹, the covariance if the weights are inverse variances.
     pub(crate) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         Some(Cholesky::new(self.information)?.inverse())
     }
 
-    /// That of errors which hang together within a block; none where there are too few blocks to tell.
+    /// Returns the covariance for errors correlated within blocks, or `None` with too few blocks.
     pub(crate) fn block_covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let inverse = self.covariance()?;
         let free = self.blocks.checked_sub(N).filter(|free| *free >= N)?;
-        // The residuals are smaller than the errors by what the parameters took.
+        // Small-sample correction: the fitted parameters make the residuals smaller than the
+        // errors.
         let correction = self.blocks as f64 / free as f64;
-        let by_blocks = inverse * self.spread * inverse * correction;
+        let clustered = inverse * self.block_scatter * inverse * correction;
         let variance = self.cost / self.weight * self.count as f64 / self.count.checked_sub(N)?.max(1) as f64;
-        let by_each = inverse * self.squares * inverse * variance;
-        let widened = SVector::<f64, N>::from_fn(|i, _| (by_each[(i, i)] / by_blocks[(i, i)]).max(1.0).sqrt());
-        Some(by_blocks.component_mul(&(widened * widened.transpose())))
+        let independent = inverse * self.squared_information * inverse * variance;
+        let inflation = SVector::<f64, N>::from_fn(|i, _| (independent[(i, i)] / clustered[(i, i)]).max(1.0).sqrt());
+        Some(clustered.component_mul(&(inflation * inflation.transpose())))
     }
 }

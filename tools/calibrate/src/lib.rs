@@ -1,23 +1,29 @@
-//! Calibration: what a sensor's readings say about its own errors, as a piece of `launch.toml`.
+//! Sensor calibration: estimates the errors of a sensor unit from its own raw readings.
 //!
-//! Input: raw readings of one sensor unit, in the order of their times. Output: the errors with their standard deviations, the residuals
-//! before and after, the coverage, and the piece of the launch file; or what is missing for that. Time: the readings' own; no clock is
-//! read. Failure: thin coverage is refused, with what is to be done about it; readings that are no numbers are left out.
+//! Input: raw readings of one sensor unit in time order.
 //!
-//! | module | what it holds |
+//! Output: the errors with standard deviations, residuals before and after, coverage and a section
+//! for `launch.toml`; or a [`Rejection`] that lists what is missing.
+//!
+//! Time: timestamps of the readings only.
+//!
+//! Failure: insufficient coverage is rejected with instructions. Readings that are not finite or
+//! not in time order are skipped and counted.
+//!
+//! | module | content |
 //! | --- | --- |
 //! | [`gyro`] | bias, from rests |
-//! | [`accel`] | bias, scale and misalignment, from rests in several positions, or from slow turns through them |
+//! | [`accel`] | bias, scale and misalignment, from rests in several positions or from slow rotation |
 //! | [`mag`] | hard and soft iron, from the field in all directions |
-//! | [`mounting`] | how the unit sits in the body, from a level and a nose-down pose |
-//! | [`clock`] | how late the magnetometer is on the gyro, from turns to and fro |
-//! | [`report`] | what is printed |
-//! | `rest` | when the unit rests, and how exactly the mean of a rest is known |
-//! | `motion` | gravity felt in motion |
-//! | `sphere` | in which directions there was a reading |
-//! | `ellipsoid` | the model that accelerometer and magnetometer have in common |
+//! | [`mounting`] | orientation of the unit in the body, from a level and a nose-down pose |
+//! | [`clock`] | delay of the magnetometer relative to the gyro, from turns to and fro |
+//! | [`report`] | report, coverage and rejection |
+//! | `rest` | detection of rests and uncertainty of their means |
+//! | `motion` | mean specific force over windows in motion |
+//! | `sphere` | coverage of directions |
+//! | `ellipsoid` | model shared by accelerometer and magnetometer |
 //! | `least_squares` | normal equations and covariances |
-//! | `history` | the attitude by the gyro at any moment |
+//! | `history` | gyro attitude at any time of the recording |
 #![forbid(unsafe_code)]
 
 pub mod accel;
@@ -37,13 +43,14 @@ use std::fmt;
 
 use attitude::{GRAVITY_M_S2, Vector3, calibration::Calibration, gyro::RateKind};
 
-pub use report::{Coverage, Refusal, Report};
-pub use sphere::PARTS;
+pub use report::{Coverage, Rejection, Report};
+pub use sphere::SECTORS;
 
-/// Times farther from zero than 126 years are left out, ns: differences of the others fit into 64 bits.
+/// Largest accepted magnitude of a timestamp, ns (126 years). Differences of accepted timestamps
+/// fit into 64 bits.
 const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
 
-/// A raw reading.
+/// Raw reading of a sensor unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Time on the sensor's clock, ns.
@@ -52,27 +59,27 @@ pub struct Sample {
     pub rate_rad_s: Vector3<f64>,
     /// Specific force, m/s², sensor axes.
     pub force_m_s2: Vector3<f64>,
-    /// Magnetic field, µT, sensor axes, where there is a sample.
+    /// Magnetic field, µT, sensor axes; `None` without a magnetometer sample.
     pub field_ut: Option<Vector3<f64>>,
 }
 
-/// What is calibrated.
+/// Calibration that can be run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// The gyro's bias.
+    /// Gyro bias.
     Gyro,
-    /// The accelerometer's bias, scale and misalignment.
+    /// Accelerometer bias, scale and misalignment.
     Accel,
-    /// The magnetometer's hard and soft iron.
+    /// Magnetometer hard and soft iron.
     Mag,
-    /// How the unit sits in the body.
+    /// Orientation of the unit in the body.
     Mounting,
-    /// The magnetometer's delay.
+    /// Delay of the magnetometer.
     Clock,
 }
 
 impl Kind {
-    /// Every one with the name that people ask for it by.
+    /// All calibrations with their names on the command line.
     pub const NAMES: [(&str, Self); 5] = [
         ("gyro", Self::Gyro),
         ("accel", Self::Accel),
@@ -94,25 +101,24 @@ impl fmt::Display for Kind {
     }
 }
 
-/// What is known before.
+/// Prior knowledge that a calibration uses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Known {
-    /// Gravity of the place, m/s².
+pub struct Prior {
+    /// Local gravity, m/s².
     pub gravity_m_s2: f64,
-    /// Strength of the earth's field at the place, µT.
+    /// Strength of the local magnetic field, µT; `None` if unknown.
     pub field_ut: Option<f64>,
-    /// What a rate sample says about its interval.
+    /// Meaning of a rate sample relative to its interval.
     pub rate_kind: RateKind,
-    /// The calibrations that stand already; [`Kind::Mounting`], [`Kind::Clock`] and, for the gyro, [`Kind::Accel`] build on them, the others
-    /// begin at the raw readings.
+    /// Existing gyro calibration, used by [`Kind::Accel`] in motion and [`Kind::Clock`].
     pub gyro: Calibration,
-    /// Likewise.
+    /// Existing accelerometer calibration, used by [`Kind::Mounting`].
     pub accel: Calibration,
-    /// Likewise.
+    /// Existing magnetometer calibration, used by [`Kind::Clock`].
     pub mag: Calibration,
 }
 
-impl Default for Known {
+impl Default for Prior {
     fn default() -> Self {
         Self {
             gravity_m_s2: GRAVITY_M_S2,
@@ -125,102 +131,111 @@ impl Default for Known {
     }
 }
 
-/// Takes readings until there are enough.
+/// Collects readings until they suffice for a calibration.
 #[derive(Debug, Clone)]
 pub struct Calibrator {
-    of: Of,
+    inner: SensorCalibrator,
     last_ns: Option<i64>,
-    taken: u64,
-    left_out: u64,
+    accepted: u64,
+    skipped: u64,
 }
 
 #[derive(Debug, Clone)]
-enum Of {
-    Gyro(gyro::Gyro),
-    Accel(Box<accel::Accel>),
-    Mag(mag::Mag),
-    Mounting(mounting::Mounting),
-    Clock(clock::Clock),
+enum SensorCalibrator {
+    Gyro(gyro::GyroCalibrator),
+    Accel(Box<accel::AccelCalibrator>),
+    Mag(mag::MagCalibrator),
+    Mounting(mounting::MountingCalibrator),
+    Clock(clock::ClockCalibrator),
 }
 
 impl Calibrator {
-    /// One that has seen nothing.
-    pub fn new(kind: Kind, known: &Known) -> Self {
-        let of = match kind {
-            Kind::Gyro => Of::Gyro(gyro::Gyro::default()),
-            Kind::Accel => Of::Accel(Box::new(accel::Accel::new(known))),
-            Kind::Mag => Of::Mag(mag::Mag::new(known)),
-            Kind::Mounting => Of::Mounting(mounting::Mounting::new(known)),
-            Kind::Clock => Of::Clock(clock::Clock::new(known)),
+    /// Creates a calibrator without readings.
+    pub fn new(kind: Kind, prior: &Prior) -> Self {
+        let inner = match kind {
+            Kind::Gyro => SensorCalibrator::Gyro(gyro::GyroCalibrator::default()),
+            Kind::Accel => SensorCalibrator::Accel(Box::new(accel::AccelCalibrator::new(prior))),
+            Kind::Mag => SensorCalibrator::Mag(mag::MagCalibrator::new(prior)),
+            Kind::Mounting => SensorCalibrator::Mounting(mounting::MountingCalibrator::new(prior)),
+            Kind::Clock => SensorCalibrator::Clock(clock::ClockCalibrator::new(prior)),
         };
-        Self { of, last_ns: None, taken: 0, left_out: 0 }
+        Self { inner, last_ns: None, accepted: 0, skipped: 0 }
     }
 
-    /// Takes the next reading. One whose rate or force is not finite, or whose time does not go on, is left out.
-    pub fn take(&mut self, sample: &Sample) {
-        let is_sound = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
+    /// Adds a reading. Skips it if its rate or force is not finite or its time does not increase.
+    pub fn push(&mut self, sample: &Sample) {
+        let is_valid = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
             && sample.t_ns.unsigned_abs() <= MAX_T_NS
             && self.last_ns.is_none_or(|last_ns| sample.t_ns > last_ns);
-        if !is_sound {
-            self.left_out += 1;
+        if !is_valid {
+            self.skipped += 1;
             return;
         }
         self.last_ns = Some(sample.t_ns);
-        self.taken += 1;
+        self.accepted += 1;
         let field_ut = sample.field_ut.filter(|field_ut| field_ut.iter().all(|part| part.is_finite()));
         let sample = Sample { field_ut, ..*sample };
-        match &mut self.of {
-            Of::Gyro(of) => of.take(&sample),
-            Of::Accel(of) => of.take(&sample),
-            Of::Mag(of) => of.take(&sample),
-            Of::Mounting(of) => of.take(&sample),
-            Of::Clock(of) => of.take(&sample),
+        match &mut self.inner {
+            SensorCalibrator::Gyro(inner) => inner.push(&sample),
+            SensorCalibrator::Accel(inner) => inner.push(&sample),
+            SensorCalibrator::Mag(inner) => inner.push(&sample),
+            SensorCalibrator::Mounting(inner) => inner.push(&sample),
+            SensorCalibrator::Clock(inner) => inner.push(&sample),
         }
     }
 
-    /// How far what was taken suffices.
+    /// Returns how far the readings so far suffice.
     pub fn coverage(&self) -> Coverage {
-        match &self.of {
-            Of::Gyro(of) => of.coverage(),
-            Of::Accel(of) => of.coverage(),
-            Of::Mag(of) => of.coverage(),
-            Of::Mounting(of) => of.coverage(),
-            Of::Clock(of) => of.coverage(),
+        match &self.inner {
+            SensorCalibrator::Gyro(inner) => inner.coverage(),
+            SensorCalibrator::Accel(inner) => inner.coverage(),
+            SensorCalibrator::Mag(inner) => inner.coverage(),
+            SensorCalibrator::Mounting(inner) => inner.coverage(),
+            SensorCalibrator::Clock(inner) => inner.coverage(),
         }
     }
 
-    /// Whether each of the [`PARTS`] of the sphere is covered, sensor axes; `None` where directions do not count.
-    pub fn parts(&self) -> Option<[bool; PARTS]> {
-        match &self.of {
-            Of::Accel(of) => Some(of.parts()),
-            Of::Mag(of) => Some(of.parts()),
-            Of::Gyro(_) | Of::Mounting(_) | Of::Clock(_) => None,
+    /// Returns for each of the [`SECTORS`] whether it is covered, sensor axes.
+    ///
+    /// `None` if the calibration does not depend on directions.
+    pub fn covered_sectors(&self) -> Option<[bool; SECTORS]> {
+        match &self.inner {
+            SensorCalibrator::Accel(inner) => Some(inner.covered_sectors()),
+            SensorCalibrator::Mag(inner) => Some(inner.covered_sectors()),
+            SensorCalibrator::Gyro(_) | SensorCalibrator::Mounting(_) | SensorCalibrator::Clock(_) => None,
         }
     }
 
-    /// Where the force or the field of the last reading points whose directions count, sensor axes.
+    /// Returns the latest force or field vector, sensor axes, not normalised.
+    ///
+    /// `None` if the calibration does not depend on directions or there is no reading.
     pub fn direction(&self) -> Option<Vector3<f64>> {
-        match &self.of {
-            Of::Accel(of) => of.direction(),
-            Of::Mag(of) => of.direction(),
-            Of::Gyro(_) | Of::Mounting(_) | Of::Clock(_) => None,
+        match &self.inner {
+            SensorCalibrator::Accel(inner) => inner.direction(),
+            SensorCalibrator::Mag(inner) => inner.direction(),
+            SensorCalibrator::Gyro(_) | SensorCalibrator::Mounting(_) | SensorCalibrator::Clock(_) => None,
         }
     }
 
-    /// What was found, or what is missing.
-    pub fn finish(&self) -> Result<Report, Refusal> {
-        let mut report = match &self.of {
-            Of::Gyro(of) => of.finish(),
-            Of::Accel(of) => of.finish(),
-            Of::Mag(of) => of.finish(),
-            Of::Mounting(of) => of.finish(),
-            Of::Clock(of) => of.finish(),
+    /// Computes the calibration.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`Rejection`] with what is missing if the coverage is below 1 or the result is too
+    /// uncertain.
+    pub fn finish(&self) -> Result<Report, Rejection> {
+        let mut report = match &self.inner {
+            SensorCalibrator::Gyro(inner) => inner.finish(),
+            SensorCalibrator::Accel(inner) => inner.finish(),
+            SensorCalibrator::Mag(inner) => inner.finish(),
+            SensorCalibrator::Mounting(inner) => inner.finish(),
+            SensorCalibrator::Clock(inner) => inner.finish(),
         }?;
-        if self.left_out > 0 {
+        if self.skipped > 0 {
             report.notes.push(format!(
-                "{} of {} readings were left out: no numbers, or a time that does not go on",
-                self.left_out,
-                self.taken + self.left_out
+                "{} of {} readings skipped: value not finite or time not increasing",
+                self.skipped,
+                self.accepted + self.skipped
             ));
         }
         Ok(report)

@@ -1,138 +1,146 @@
-//! Gravity felt in motion: forces of two seconds, turned into one frame by the gyro, and their mean.
+//! Gravity measured in motion: the mean of specific forces over two seconds, rotated into one frame
+//! by the gyro.
 //!
-//! A hand that turns a unit about does not carry it far: over two seconds its accelerations nearly cancel, where they are added in one frame, and
-//! gravity stays. They are weighted by a raised cosine (Hann), so that the speeds at both ends do not count. The mean of R f, R the turn since the window's first reading, is linear in what the force is corrected by.
+//! A unit that is turned by hand hardly changes its position. Over two seconds the accelerations of
+//! the hand nearly cancel in a common frame and gravity remains. The forces are weighted by a
+//! raised cosine (Hann), so that the velocities at both ends have no effect.
+//!
+//! The mean of R f is linear in the calibration parameters of f. R is the rotation since the first
+//! reading of the window.
 
 use attitude::{GRAVITY_M_S2, Matrix3, Vector3, calibration::Calibration};
 use nalgebra::UnitQuaternion;
 
 use crate::{Sample, sphere::face};
 
-/// Length of a window, ns, and the longest interval between its readings.
+/// Length of a window, ns, and longest interval between its readings, ns.
 const WINDOW_NS: i64 = 2_000_000_000;
-const GAP_NS: i64 = 100_000_000;
-/// Fewest readings of a window.
+const MAX_GAP_NS: i64 = 100_000_000;
+/// Minimum number of readings of a window.
 const MIN_READINGS: usize = 20;
-/// A window in which the unit turns faster is not taken, rad/s: gyro and accelerometer are not in one place, nor of one time.
+/// Maximum rate in a usable window, rad/s. At higher rates the distance and delay between gyro and
+/// accelerometer matter.
 const MAX_RATE_RAD_S: f64 = 6.0;
-/// A side that was up for so long counts, ns.
-const UP_NS: f64 = 250e6;
-/// Windows kept: three hours. What comes later is not looked at.
+/// Minimum duration for which a side must point up to count, ns.
+const MIN_SIDE_UP_NS: f64 = 250e6;
+/// Maximum number of windows kept: three hours. Later readings are ignored.
 const MAX_WINDOWS: usize = 5_000;
 
-/// The mean of forces, each turned into the sensor's axes at the beginning.
+/// Mean of the forces of a window, in the sensor axes at its start.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Seen {
-    /// Mean of R f_x, R f_y, R f_z, so that the mean of R M f is the sum over the columns of M.
-    pub(crate) turned: [Matrix3<f64>; 3],
+pub(crate) struct MeanForce {
+    /// Means of R f_x, R f_y and R f_z: the mean of R M f is their product with the columns of M,
+    /// summed.
+    pub(crate) component_means: [Matrix3<f64>; 3],
     /// Mean of R.
-    pub(crate) turn: Matrix3<f64>,
-    /// Which sides were up for a quarter of a second or longer: +x, −x, +y, −y, +z, −z.
+    pub(crate) mean_rotation: Matrix3<f64>,
+    /// Sides that pointed up for a quarter of a second or longer: +x, −x, +y, −y, +z, −z.
     pub(crate) sides_up: [bool; 6],
 }
 
-impl Seen {
-    /// One that was not turned.
-    pub(crate) fn still(force_m_s2: &Vector3<f64>) -> Self {
-        let turned = [0, 1, 2].map(|axis| Matrix3::identity() * force_m_s2[axis]);
+impl MeanForce {
+    /// Creates the mean of a force without rotation.
+    pub(crate) fn at_rest(force_m_s2: &Vector3<f64>) -> Self {
+        let component_means = [0, 1, 2].map(|axis| Matrix3::identity() * force_m_s2[axis]);
         let mut sides_up = [false; 6];
         sides_up[face(force_m_s2)] = true;
-        Self { turned, turn: Matrix3::identity(), sides_up }
+        Self { component_means, mean_rotation: Matrix3::identity(), sides_up }
     }
 
-    /// Mean of R M (f − b).
+    /// Returns the mean of R M (f − b).
     pub(crate) fn corrected(&self, matrix: &Matrix3<f64>, bias: &Vector3<f64>) -> Vector3<f64> {
-        let sum: Vector3<f64> = (0..3).map(|axis| self.turned[axis] * matrix.column(axis)).sum();
-        sum - self.turn * (matrix * bias)
+        let sum: Vector3<f64> = (0..3).map(|axis| self.component_means[axis] * matrix.column(axis)).sum();
+        sum - self.mean_rotation * (matrix * bias)
     }
 
-    /// Mean of R f.
+    /// Returns the mean of R f.
     pub(crate) fn force_m_s2(&self) -> Vector3<f64> {
         self.corrected(&Matrix3::identity(), &Vector3::zeros())
     }
 }
 
-/// Makes windows while readings come.
+/// Collector of motion windows.
 #[derive(Debug, Clone)]
-pub(crate) struct Windows {
+pub(crate) struct MotionWindows {
     gyro: Calibration,
-    whole: Vec<Seen>,
-    open: Option<Open>,
+    complete: Vec<MeanForce>,
+    open: Option<OpenWindow>,
 }
 
 #[derive(Debug, Clone)]
-struct Open {
-    since_ns: i64,
+struct OpenWindow {
+    start_ns: i64,
     last_ns: i64,
     attitude: UnitQuaternion<f64>,
-    turned: [Matrix3<f64>; 3],
-    turn: Matrix3<f64>,
+    component_sums: [Matrix3<f64>; 3],
+    rotation_sum: Matrix3<f64>,
     weight: f64,
     count: usize,
-    /// Readings with each side up.
+    /// Number of readings with each side up.
     sides_up: [usize; 6],
     is_slow: bool,
 }
 
-impl Open {
-    fn mean(&self) -> Seen {
+impl OpenWindow {
+    fn mean_force(&self) -> MeanForce {
         let share = self.weight.recip();
-        let is_long = |count: usize| count as f64 / self.count as f64 * WINDOW_NS as f64 >= UP_NS;
-        Seen {
-            turned: self.turned.map(|sum| sum * share),
-            turn: self.turn * share,
+        let is_long = |count: usize| count as f64 / self.count as f64 * WINDOW_NS as f64 >= MIN_SIDE_UP_NS;
+        MeanForce {
+            component_means: self.component_sums.map(|sum| sum * share),
+            mean_rotation: self.rotation_sum * share,
             sides_up: self.sides_up.map(is_long),
         }
     }
 }
 
-impl Windows {
+impl MotionWindows {
     pub(crate) fn new(gyro: Calibration) -> Self {
-        Self { gyro, whole: Vec::new(), open: None }
+        Self { gyro, complete: Vec::new(), open: None }
     }
 
-    pub(crate) fn take(&mut self, sample: &Sample) {
-        if self.whole.len() >= MAX_WINDOWS {
+    pub(crate) fn push(&mut self, sample: &Sample) {
+        if self.complete.len() >= MAX_WINDOWS {
             return;
         }
         let rate_rad_s = self.gyro.apply(sample.rate_rad_s);
-        let goes_on = |open: &Open| sample.t_ns - open.last_ns <= GAP_NS && sample.t_ns - open.since_ns < WINDOW_NS;
-        if let Some(ended) = self.open.take_if(|open| !goes_on(open)) {
-            let is_whole = ended.last_ns - ended.since_ns >= WINDOW_NS - GAP_NS && ended.count >= MIN_READINGS;
-            if is_whole && ended.is_slow {
-                let mean = ended.mean();
-                let feels_gravity = (0.5..2.0).contains(&(mean.force_m_s2().norm() / GRAVITY_M_S2));
-                self.whole.extend(feels_gravity.then_some(mean));
+        let continues =
+            |open: &OpenWindow| sample.t_ns - open.last_ns <= MAX_GAP_NS && sample.t_ns - open.start_ns < WINDOW_NS;
+        if let Some(ended) = self.open.take_if(|open| !continues(open)) {
+            let is_complete = ended.last_ns - ended.start_ns >= WINDOW_NS - MAX_GAP_NS && ended.count >= MIN_READINGS;
+            if is_complete && ended.is_slow {
+                let mean = ended.mean_force();
+                let is_plausible_gravity = (0.5..2.0).contains(&(mean.force_m_s2().norm() / GRAVITY_M_S2));
+                self.complete.extend(is_plausible_gravity.then_some(mean));
             }
         }
-        let begun = Open {
-            since_ns: sample.t_ns,
+        let new_window = OpenWindow {
+            start_ns: sample.t_ns,
             last_ns: sample.t_ns,
             attitude: UnitQuaternion::identity(),
-            turned: [Matrix3::zeros(); 3],
-            turn: Matrix3::zeros(),
+            component_sums: [Matrix3::zeros(); 3],
+            rotation_sum: Matrix3::zeros(),
             weight: 0.0,
             count: 0,
             sides_up: [0; 6],
             is_slow: true,
         };
-        let open = self.open.get_or_insert(begun);
+        let open = self.open.get_or_insert(new_window);
         let dt_s = (sample.t_ns - open.last_ns) as f64 * 1e-9;
         open.attitude *= UnitQuaternion::from_scaled_axis(rate_rad_s * dt_s);
-        let turn = open.attitude.to_rotation_matrix().into_inner();
-        let weight = 1.0 - ((sample.t_ns - open.since_ns) as f64 / WINDOW_NS as f64 * std::f64::consts::TAU).cos();
+        let rotation = open.attitude.to_rotation_matrix().into_inner();
+        let weight = 1.0 - ((sample.t_ns - open.start_ns) as f64 / WINDOW_NS as f64 * std::f64::consts::TAU).cos();
         open.weight += weight;
-        open.turn += turn * weight;
-        (0..3).for_each(|axis| open.turned[axis] += turn * (weight * sample.force_m_s2[axis]));
+        open.rotation_sum += rotation * weight;
+        (0..3).for_each(|axis| open.component_sums[axis] += rotation * (weight * sample.force_m_s2[axis]));
         open.last_ns = sample.t_ns;
         open.count += 1;
         open.sides_up[face(&sample.force_m_s2)] += 1;
         open.is_slow &= rate_rad_s.norm() <= MAX_RATE_RAD_S;
     }
 
-    /// The windows so far.
-    pub(crate) fn whole(&self) -> &[Seen] {
-        &self.whole
+    /// Returns the complete windows so far.
+    pub(crate) fn complete(&self) -> &[MeanForce] {
+        &self.complete
     }
 }
 
@@ -141,8 +149,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn accelerations_of_a_unit_that_stays_where_it_is_cancel() {
-        let mut windows = Windows::new(Calibration::default());
+    fn oscillating_acceleration_averages_out() {
+        let mut windows = MotionWindows::new(Calibration::default());
         let (gravity, wobble) = (Vector3::new(0.0, 0.0, 9.8), Vector3::new(2.0, -1.0, 3.0));
         for i in 0..2001 {
             let t_s = f64::from(i) * 0.01;
@@ -150,10 +158,10 @@ mod tests {
             let rate_rad_s = Vector3::new(1.0, 0.0, 0.0);
             let attitude = UnitQuaternion::from_scaled_axis(rate_rad_s * t_s);
             let force_m_s2 = attitude.inverse() * force;
-            windows.take(&Sample { t_ns: i64::from(i) * 10_000_000, rate_rad_s, force_m_s2, field_ut: None });
+            windows.push(&Sample { t_ns: i64::from(i) * 10_000_000, rate_rad_s, force_m_s2, field_ut: None });
         }
-        assert_eq!(windows.whole().len(), 10);
-        for (i, window) in windows.whole().iter().enumerate() {
+        assert_eq!(windows.complete().len(), 10);
+        for (i, window) in windows.complete().iter().enumerate() {
             let up = UnitQuaternion::from_scaled_axis(Vector3::x() * (2.0 * i as f64)).inverse() * gravity;
             assert!((window.force_m_s2() - up).amax() < 0.02, "{i}: {} {up}", window.force_m_s2());
         }

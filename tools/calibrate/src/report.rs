@@ -1,4 +1,4 @@
-//! What is printed: what was found with its standard deviations, or what is missing.
+//! Calibration report: the estimates with standard deviations, or what is missing.
 
 use std::fmt;
 
@@ -7,34 +7,34 @@ use serde::Serialize;
 
 use crate::Kind;
 
-/// How far the readings suffice.
+/// Coverage of what a calibration needs by the readings so far.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Coverage {
-    /// 0 to 1; at 1 there is enough of everything that can be counted beforehand.
+    /// Fraction of what can be counted in advance, 0 to 1.
     pub share: f64,
-    /// What there is, for people.
-    pub found: String,
-    /// What is still to be done, for people; empty at a share of 1.
+    /// Summary of the readings, one phrase.
+    pub summary: String,
+    /// Missing conditions, each with an instruction; empty if `share` is 1.
     pub missing: Vec<String>,
 }
 
 impl Coverage {
-    /// The share in whole per cent, never more than it is.
+    /// Returns the share in whole per cent, rounded down.
     pub fn percent(&self) -> f64 {
         (100.0 * self.share).floor()
     }
 }
 
-/// One quantity that was found.
+/// Estimated quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Value {
-    /// What it is.
+    /// Name of the quantity.
     pub name: &'static str,
-    /// Its parts.
+    /// Components.
     pub value: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of the components.
     pub sd: Vec<f64>,
-    /// Of both.
+    /// Unit of `value` and `sd`; empty if dimensionless.
     pub unit: &'static str,
 }
 
@@ -44,68 +44,72 @@ impl Value {
     }
 }
 
-/// What is left of the readings' disagreement with the model.
+/// Residuals of the readings relative to the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Residual {
-    /// What it is, for people.
-    pub of: &'static str,
-    /// Root of the mean square of the raw readings.
+    /// Description of the residual.
+    pub quantity: &'static str,
+    /// Root mean square of the raw readings.
     pub before: f64,
-    /// The same with what was found.
+    /// Root mean square of the calibrated readings.
     pub after: f64,
-    /// Of both.
+    /// Unit of `before` and `after`.
     pub unit: &'static str,
 }
 
-/// A calibration.
+/// Result of a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// What was calibrated.
+    /// Name of the sensor or quantity, as [`Kind`] displays it.
     pub kind: &'static str,
-    /// What was found.
+    /// Estimated quantities.
     pub values: Vec<Value>,
-    /// Before and after.
+    /// Residuals before and after.
     pub residual: Residual,
-    /// Of the readings.
+    /// Coverage by the readings.
     pub coverage: Coverage,
-    /// What else is to be known about it.
+    /// Remarks for the user.
     pub notes: Vec<String>,
-    /// What it takes the place of in a launch file.
+    /// Section of the launch file that `block` replaces.
     pub replaces: &'static str,
-    /// The piece of a launch file.
+    /// Section for the launch file, TOML.
     pub block: String,
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, values, residual, coverage, notes, replaces, block } = self;
-        writeln!(f, "{kind}: {}; coverage {:.0} %", coverage.found, coverage.percent())?;
+        writeln!(f, "{kind}: {}; coverage {:.0} %", coverage.summary, coverage.percent())?;
         for Value { name, value, sd, unit } in values {
-            let list = |numbers: &[f64]| numbers.iter().map(|x| significant(*x, sd)).collect::<Vec<_>>().join("  ");
+            let list = |numbers: &[f64]| numbers.iter().map(|x| format_value(*x, sd)).collect::<Vec<_>>().join("  ");
             let sds = sd.iter().map(|x| format!("{x:.2}", x = Rounded(*x))).collect::<Vec<_>>().join("  ");
             writeln!(f, "  {name:<18} {}  ± {sds} {unit}", list(value))?;
         }
-        let Residual { of, before, after, unit } = residual;
-        writeln!(f, "  {of}: {:.3} {unit} before, {:.3} {unit} after", Rounded(*before), Rounded(*after))?;
+        let Residual { quantity, before, after, unit } = residual;
+        writeln!(f, "  {quantity}: {:.3} {unit} before, {:.3} {unit} after", Rounded(*before), Rounded(*after))?;
         notes.iter().try_for_each(|note| writeln!(f, "  {note}"))?;
-        write!(f, "\nIn launch.toml, in place of {replaces}:\n\n{block}")
+        write!(f, "\nAdd to launch.toml, replacing any existing {replaces}:\n\n{block}")
     }
 }
 
-/// As many decimals as the largest standard deviation leaves, and one more.
-fn significant(value: f64, sd: &[f64]) -> String {
+/// Formats a value with two significant digits of the largest standard deviation.
+fn format_value(value: f64, sd: &[f64]) -> String {
     let largest = sd.iter().copied().fold(0.0, f64::max);
     let decimals = if largest > 0.0 { (1.0 - largest.log10().floor()).clamp(0.0, 7.0) as usize } else { 6 };
     format!("{value:.decimals$}")
 }
 
-/// A number by so many significant digits.
+/// Number that is displayed with the given precision as significant digits (default 3).
 struct Rounded(f64);
 
 impl fmt::Display for Rounded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = f.precision().unwrap_or(3) as f64;
-        if self.0 == 0.0 || !self.0.is_finite() {
+        // The residuals of an exactly determined fit are rounding errors.
+        if self.0.abs() < 1e-9 {
+            return f.write_str("0");
+        }
+        if !self.0.is_finite() {
             return write!(f, "{}", self.0);
         }
         let decimals = (digits - 1.0 - self.0.abs().log10().floor()).clamp(0.0, 12.0) as usize;
@@ -113,40 +117,46 @@ impl fmt::Display for Rounded {
     }
 }
 
-/// Why there is no calibration.
+/// Reason why the readings yield no calibration.
 #[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
-#[error("calibrating the {kind}: {} ({})\n{}", match coverage.share < 1.0 {
+#[error("{kind} calibration failed: {} ({})\n{}", match coverage.share < 1.0 {
     true => format!("the readings cover {:.0} % of what is needed", coverage.percent()),
-    false => "the readings do not suffice".into(),
-}, coverage.found, missing.iter().map(|what| format!("  missing: {what}")).collect::<Vec<_>>().join("\n"))]
-pub struct Refusal {
-    /// What was to be calibrated.
+    false => "the readings are not sufficient".into(),
+}, coverage.summary, missing.iter().map(|need| format!("  missing: {need}")).collect::<Vec<_>>().join("\n"))]
+pub struct Rejection {
+    /// Name of the sensor or quantity, as [`Kind`] displays it.
     pub kind: String,
-    /// Of the readings.
+    /// Coverage by the readings.
     pub coverage: Coverage,
-    /// What is to be done, for people.
+    /// Missing conditions, each with an instruction.
     pub missing: Vec<String>,
 }
 
-impl Refusal {
-    /// Thin coverage.
-    pub(crate) fn thin(kind: Kind, coverage: Coverage) -> Self {
+impl Rejection {
+    /// Creates a rejection for incomplete coverage.
+    pub(crate) fn incomplete(kind: Kind, coverage: Coverage) -> Self {
         Self { kind: kind.to_string(), missing: coverage.missing.clone(), coverage }
     }
 
-    /// Coverage of which too little follows.
-    pub(crate) fn weak(kind: Kind, coverage: Coverage, missing: String) -> Self {
+    /// Creates a rejection for complete coverage with an unusable result.
+    pub(crate) fn unreliable(kind: Kind, coverage: Coverage, missing: String) -> Self {
         Self { kind: kind.to_string(), missing: vec![missing], coverage }
     }
 }
 
-/// An array of TOML.
+/// Formats a TOML array.
 pub(crate) fn array(values: &[f64]) -> String {
-    // 0 for −0, and no more digits than any sensor has.
+    // `+ 0.0` turns −0 into 0. No sensor resolves more than seven decimals.
     format!("[{}]", values.iter().map(|x| format!("{:.7}", x + 0.0)).collect::<Vec<_>>().join(", "))
 }
 
-/// Rows of TOML.
+/// Formats a number with a noun, in the plural unless the number is 1.
+pub(crate) fn pluralize(number: usize, noun: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
+}
+
+/// Formats the rows of a matrix as a TOML array of arrays.
 pub(crate) fn rows(matrix: &Matrix3<f64>) -> String {
     let rows = matrix.row_iter().map(|row| array(&row.iter().copied().collect::<Vec<_>>()));
     format!("[{}]", rows.collect::<Vec<_>>().join(", "))

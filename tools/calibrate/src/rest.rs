@@ -1,149 +1,152 @@
-//! When the unit rests, and how exactly the mean of a rest is known.
+//! Detection of rests and the uncertainty of their means.
 //!
-//! Readings are taken together in blocks of a quarter of a second. A block is quiet where neither rate nor force spreads by more than a
-//! few times what the quietest tenth of all blocks spreads. A rest is a run of quiet blocks with one mean rate and one mean force: a
-//! steady turn is no rest, for gravity turns with it. Its first and last block are left out, for a hand is seldom still at once.
+//! Readings are grouped into blocks of a quarter of a second. A block is quiet if its standard
+//! deviations of rate and force are at most a few times those of the quietest tenth of all blocks.
+//!
+//! A rest is a run of quiet blocks with constant mean rate and mean force. A steady turn is not a
+//! rest, because the direction of gravity rotates with it. The first and last block of a run are
+//! discarded, because the unit is usually still being put down or picked up in them.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
 use crate::Sample;
 
-/// Length of a block, ns, and the fewest readings of one.
+/// Length of a block, ns, and its minimum number of readings.
 const BLOCK_NS: i64 = 250_000_000;
 const MIN_BLOCK_SAMPLES: u32 = 5;
-/// Blocks kept: 14 hours of a quarter of a second each. What comes later is not looked at.
+/// Maximum number of blocks kept: 14 hours. Later readings are ignored.
 const MAX_BLOCKS: usize = 200_000;
-/// A longer interval between readings ends a block and a rest, ns.
-const GAP_NS: i64 = 500_000_000;
-/// Blocks of a rest, without its first and last: a second.
+/// Longest interval between readings within a rest, ns.
+const MAX_GAP_NS: i64 = 500_000_000;
+/// Minimum number of blocks of a rest, without its first and last: one second.
 const MIN_REST_BLOCKS: usize = 4;
 
-/// A quiet block spreads by no more than this many times the quietest tenth.
+/// Maximum standard deviation of a quiet block, as a multiple of that of the quietest tenth.
 const QUIET_FACTOR: f64 = 3.0;
-/// Nor is it asked to spread by less than the first, nor allowed to by more than the second: rad/s, and m/s².
-const RATE_SPREAD_RAD_S: (f64, f64) = (0.005, 0.06);
-const FORCE_SPREAD_M_S2: (f64, f64) = (0.05, 0.6);
-/// The largest rate that may be a bias, rad/s: 20 °/s, as data sheets of consumer gyros allow.
+/// Range to which the limit for a quiet block is clamped, rad/s and m/s².
+const RATE_SD_RANGE_RAD_S: (f64, f64) = (0.005, 0.06);
+const FORCE_SD_RANGE_M_S2: (f64, f64) = (0.05, 0.6);
+/// Largest rate that can be a bias, rad/s: 20 °/s, as data sheets of consumer gyros allow.
 const MAX_BIAS_RAD_S: f64 = 0.35;
-/// How far the mean of a block may be from that of its rest beyond noise: rad/s, and m/s² (0.3° of a tilt).
-const RATE_STEADY_RAD_S: f64 = 0.003;
-const FORCE_STEADY_M_S2: f64 = 0.05;
+/// Maximum deviation of a block mean from the mean of its rest beyond noise, rad/s and m/s² (0.3°
+/// of tilt).
+const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
+const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 
-/// Differences that a variance must be made of.
+/// Minimum number of differences for an Allan variance.
 const MIN_DIFFERENCES: usize = 8;
 
-/// A quarter of a second.
+/// Statistics over a quarter of a second.
 #[derive(Debug, Clone, Copy)]
 struct Block {
     t_start_ns: i64,
     t_end_ns: i64,
-    /// It goes on where the one before ended.
-    follows: bool,
+    /// `true` if the block follows the previous one without a gap.
+    is_contiguous: bool,
     count: u32,
-    rate_rad_s: Spread,
-    force_m_s2: Spread,
+    rate_rad_s: RunningStats,
+    force_m_s2: RunningStats,
 }
 
-/// Mean and sum of squares about it, by Welford.
+/// Mean and sum of squared deviations by Welford's method.
 #[derive(Debug, Clone, Copy, Default)]
-struct Spread {
+struct RunningStats {
     mean: Vector3<f64>,
     squares: Vector3<f64>,
 }
 
-impl Spread {
-    fn take(&mut self, value: &Vector3<f64>, count: u32) {
-        let off = value - self.mean;
-        self.mean += off / f64::from(count);
-        self.squares += off.component_mul(&(value - self.mean));
+impl RunningStats {
+    fn push(&mut self, value: &Vector3<f64>, count: u32) {
+        let deviation = value - self.mean;
+        self.mean += deviation / f64::from(count);
+        self.squares += deviation.component_mul(&(value - self.mean));
     }
 
-    /// Standard deviation of a reading on the axis with the largest.
+    /// Returns the standard deviation of a reading, the largest of the three axes.
     fn sd(&self, count: u32) -> f64 {
         (self.squares.max() / f64::from(count.max(2) - 1)).sqrt()
     }
 }
 
-/// Finds rests while readings come.
+/// Online detector of rests.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RestFinder {
-    open: Option<Block>,
+    current: Option<Block>,
     blocks: Vec<Block>,
     start_ns: Option<i64>,
 }
 
-/// The unit did not move.
+/// Interval in which the unit did not move.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Rest {
-    /// Since the first reading, s.
-    pub(crate) from_s: f64,
-    pub(crate) until_s: f64,
-    /// Means of the blocks, in their order.
+    /// Start and end, s since the first reading.
+    pub(crate) start_s: f64,
+    pub(crate) end_s: f64,
+    /// Block means in time order.
     pub(crate) rates_rad_s: Vec<Vector3<f64>>,
     pub(crate) forces_m_s2: Vec<Vector3<f64>>,
 }
 
 impl Rest {
     pub(crate) fn duration_s(&self) -> f64 {
-        self.until_s - self.from_s
+        self.end_s - self.start_s
     }
 
     pub(crate) fn force_m_s2(&self) -> Vector3<f64> {
         mean(&self.forces_m_s2)
     }
 
-    /// What it feels can be gravity: half of it to twice as much.
-    pub(crate) fn feels_gravity(&self) -> bool {
+    /// Returns `true` if the mean force has 0.5 to 2 times the strength of gravity.
+    pub(crate) fn is_plausible_gravity(&self) -> bool {
         (0.5..2.0).contains(&(self.force_m_s2().norm() / GRAVITY_M_S2))
     }
 }
 
-/// The mean of vectors.
 pub(crate) fn mean(vectors: &[Vector3<f64>]) -> Vector3<f64> {
     vectors.iter().sum::<Vector3<f64>>() / vectors.len().max(1) as f64
 }
 
 impl RestFinder {
-    pub(crate) fn take(&mut self, sample: &Sample) {
+    pub(crate) fn push(&mut self, sample: &Sample) {
         let t_ns = sample.t_ns;
         self.start_ns.get_or_insert(t_ns);
-        let mut follows = !self.blocks.is_empty();
-        if let Some(open) = self.open {
-            let is_gap = t_ns - open.t_end_ns > GAP_NS;
-            let is_full = t_ns - open.t_start_ns >= BLOCK_NS && open.count >= MIN_BLOCK_SAMPLES;
+        let mut is_contiguous = !self.blocks.is_empty();
+        if let Some(block) = self.current {
+            let is_gap = t_ns - block.t_end_ns > MAX_GAP_NS;
+            let is_full = t_ns - block.t_start_ns >= BLOCK_NS && block.count >= MIN_BLOCK_SAMPLES;
             if is_full && self.blocks.len() < MAX_BLOCKS {
-                self.blocks.push(open);
+                self.blocks.push(block);
             }
-            follows = !is_gap;
+            is_contiguous = !is_gap;
             if is_full || is_gap {
-                self.open = None;
+                self.current = None;
             }
         }
-        let begun = Block {
+        let new_block = Block {
             t_start_ns: t_ns,
             t_end_ns: t_ns,
-            follows,
+            is_contiguous,
             count: 0,
-            rate_rad_s: Spread::default(),
-            force_m_s2: Spread::default(),
+            rate_rad_s: RunningStats::default(),
+            force_m_s2: RunningStats::default(),
         };
-        let open = self.open.get_or_insert(begun);
-        open.t_end_ns = t_ns;
-        open.count += 1;
-        open.rate_rad_s.take(&sample.rate_rad_s, open.count);
-        open.force_m_s2.take(&sample.force_m_s2, open.count);
+        let block = self.current.get_or_insert(new_block);
+        block.t_end_ns = t_ns;
+        block.count += 1;
+        block.rate_rad_s.push(&sample.rate_rad_s, block.count);
+        block.force_m_s2.push(&sample.force_m_s2, block.count);
     }
 
-    /// The rests so far.
+    /// Returns the rests so far.
     pub(crate) fn rests(&self) -> Vec<Rest> {
-        let limit = |(least, most): (f64, f64), sd: &dyn Fn(&Block) -> f64| {
+        let limit = |(min, max): (f64, f64), sd: &dyn Fn(&Block) -> f64| {
             let mut sds: Vec<_> = self.blocks.iter().map(sd).collect();
-            let tenth = sds.len() / 10;
-            let quiet = if sds.is_empty() { 0.0 } else { *sds.select_nth_unstable_by(tenth, f64::total_cmp).1 };
-            (QUIET_FACTOR * quiet).clamp(least, most)
+            let decile = sds.len() / 10;
+            let quiet = if sds.is_empty() { 0.0 } else { *sds.select_nth_unstable_by(decile, f64::total_cmp).1 };
+            (QUIET_FACTOR * quiet).clamp(min, max)
         };
         let (rate_sd, force_sd) = (|b: &Block| b.rate_rad_s.sd(b.count), |b: &Block| b.force_m_s2.sd(b.count));
-        let (rate_limit, force_limit) = (limit(RATE_SPREAD_RAD_S, &rate_sd), limit(FORCE_SPREAD_M_S2, &force_sd));
+        let (rate_limit, force_limit) = (limit(RATE_SD_RANGE_RAD_S, &rate_sd), limit(FORCE_SD_RANGE_M_S2, &force_sd));
         let is_quiet = |block: &Block| {
             rate_sd(block) <= rate_limit
                 && force_sd(block) <= force_limit
@@ -152,32 +155,32 @@ impl RestFinder {
         let mut rests = Vec::new();
         let mut run = Run::default();
         for block in &self.blocks {
-            if !(is_quiet(block) && block.follows && run.goes_on_with(block)) {
+            if !(is_quiet(block) && block.is_contiguous && run.continues_with(block)) {
                 rests.extend(self.rest(&std::mem::take(&mut run)));
             }
             if is_quiet(block) {
-                run.take(block);
+                run.push(block);
             }
         }
         rests.extend(self.rest(&run));
         rests
     }
 
-    /// The rest in a run of quiet blocks.
+    /// Returns the rest in a run of quiet blocks, or `None` if the run is too short.
     fn rest(&self, run: &Run<'_>) -> Option<Rest> {
         let inner = run.blocks.get(1..run.blocks.len().checked_sub(1)?)?;
         let (first, last) = (inner.first()?, inner.last()?);
         let since_s = |t_ns: i64| (t_ns - self.start_ns.unwrap_or(t_ns)) as f64 * 1e-9;
         (inner.len() >= MIN_REST_BLOCKS).then(|| Rest {
-            from_s: since_s(first.t_start_ns),
-            until_s: since_s(last.t_end_ns),
+            start_s: since_s(first.t_start_ns),
+            end_s: since_s(last.t_end_ns),
             rates_rad_s: inner.iter().map(|block| block.rate_rad_s.mean).collect(),
             forces_m_s2: inner.iter().map(|block| block.force_m_s2.mean).collect(),
         })
     }
 }
 
-/// Quiet blocks with one mean.
+/// Run of quiet blocks with a common mean.
 #[derive(Default)]
 struct Run<'a> {
     blocks: Vec<&'a Block>,
@@ -186,34 +189,35 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn take(&mut self, block: &'a Block) {
+    fn push(&mut self, block: &'a Block) {
         self.blocks.push(block);
         let share = 1.0 / self.blocks.len() as f64;
         self.rate_rad_s += (block.rate_rad_s.mean - self.rate_rad_s) * share;
         self.force_m_s2 += (block.force_m_s2.mean - self.force_m_s2) * share;
     }
 
-    fn goes_on_with(&self, block: &Block) -> bool {
-        let noise = |spread: &Spread| 4.0 * spread.sd(block.count) / f64::from(block.count).sqrt();
+    fn continues_with(&self, block: &Block) -> bool {
+        let noise = |stats: &RunningStats| 4.0 * stats.sd(block.count) / f64::from(block.count).sqrt();
         self.blocks.is_empty()
-            || (block.rate_rad_s.mean - self.rate_rad_s).amax() <= RATE_STEADY_RAD_S + noise(&block.rate_rad_s)
-                && (block.force_m_s2.mean - self.force_m_s2).amax() <= FORCE_STEADY_M_S2 + noise(&block.force_m_s2)
+            || (block.rate_rad_s.mean - self.rate_rad_s).amax() <= MAX_RATE_DRIFT_RAD_S + noise(&block.rate_rad_s)
+                && (block.force_m_s2.mean - self.force_m_s2).amax() <= MAX_FORCE_DRIFT_M_S2 + noise(&block.force_m_s2)
     }
 }
 
-/// How far the mean of a series of blocks may be from the truth, by the Allan deviations of the blocks.
+/// Uncertainty of the mean of a series of blocks, from the Allan deviations of the blocks.
 ///
-/// White noise makes the mean of K blocks σ(m) √(m/K) uncertain for every m. Where the deviations of longer means fall more slowly, as
-/// flicker and drift make them, the largest of these holds. (IEEE 952-1997, annex C.)
+/// For white noise the standard deviation of the mean of K blocks is σ(m) √(m/K) for every
+/// averaging length m. Flicker noise and drift make σ(m) fall more slowly, so the largest value
+/// over m is used. (IEEE 952-1997, annex C.)
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct MeanNoise {
-    /// Allan variances of means of 1, 2, 4, … blocks, each axis.
+    /// Allan variances of means of 1, 2, 4, … blocks, per axis.
     variances: Vec<Vector3<f64>>,
 }
 
 impl MeanNoise {
-    /// By all series together.
-    pub(crate) fn of(series: &[&[Vector3<f64>]]) -> Self {
+    /// Estimates the noise from all series together.
+    pub(crate) fn from_series(series: &[&[Vector3<f64>]]) -> Self {
         let mut variances = Vec::new();
         let mut means: Vec<Vec<Vector3<f64>>> = series.iter().map(|blocks| blocks.to_vec()).collect();
         loop {
@@ -233,11 +237,13 @@ impl MeanNoise {
         }
     }
 
-    /// Standard deviation of the mean of so many blocks, each axis.
+    /// Returns the standard deviation of the mean of `blocks` blocks, per axis.
     pub(crate) fn sd(&self, blocks: usize) -> Vector3<f64> {
         let scales = (0..).map(|power| (1u64 << power) as f64);
-        let of_scale = |(variance, scale): (&Vector3<f64>, f64)| variance * (scale / blocks.max(1) as f64).min(1.0);
-        self.variances.iter().zip(scales).map(of_scale).fold(Vector3::zeros(), |a, b| a.sup(&b)).map(f64::sqrt)
+        let variance_of_mean =
+            |(variance, scale): (&Vector3<f64>, f64)| variance * (scale / blocks.max(1) as f64).min(1.0);
+        let largest = self.variances.iter().zip(scales).map(variance_of_mean).fold(Vector3::zeros(), |a, b| a.sup(&b));
+        largest.map(f64::sqrt)
     }
 }
 
@@ -245,21 +251,21 @@ impl MeanNoise {
 mod tests {
     use super::*;
 
-    /// Readings at 100 Hz of what `at` says of each time.
-    fn found(duration_s: f64, at: impl Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Rest> {
+    /// Returns the rests in readings at 100 Hz, given rate and force as functions of time.
+    fn find_rests(duration_s: f64, reading: impl Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Rest> {
         let mut finder = RestFinder::default();
         for i in 0..(100.0 * duration_s) as i64 {
-            let (rate_rad_s, force_m_s2) = at(i as f64 * 0.01);
-            finder.take(&Sample { t_ns: i * 10_000_000, rate_rad_s, force_m_s2, field_ut: None });
+            let (rate_rad_s, force_m_s2) = reading(i as f64 * 0.01);
+            finder.push(&Sample { t_ns: i * 10_000_000, rate_rad_s, force_m_s2, field_ut: None });
         }
         finder.rests()
     }
 
     #[test]
-    fn a_rest_is_found_between_motions_and_not_in_a_steady_turn() {
+    fn rests_found_between_motions_but_not_in_steady_turn() {
         let up = Vector3::new(0.0, 0.0, 9.8);
         let bias = Vector3::new(0.05, -0.1, 0.02);
-        let rests = found(20.0, |t_s| match t_s {
+        let rests = find_rests(20.0, |t_s| match t_s {
             0.0..5.0 => (bias, up),
             5.0..10.0 => (bias + Vector3::x() * (9.0 * t_s).sin(), up + Vector3::y() * (9.0 * t_s).cos()),
             10.0..15.0 => {
@@ -269,16 +275,16 @@ mod tests {
             _ => (bias, -up),
         });
         assert_eq!(rests.len(), 2, "{rests:?}");
-        assert!(rests[0].from_s < 0.6 && (4.0..5.0).contains(&rests[0].until_s));
-        assert!((15.0..15.8).contains(&rests[1].from_s) && rests[1].duration_s() > 3.5);
+        assert!(rests[0].start_s < 0.6 && (4.0..5.0).contains(&rests[0].end_s));
+        assert!((15.0..15.8).contains(&rests[1].start_s) && rests[1].duration_s() > 3.5);
         assert!((mean(&rests[0].rates_rad_s) - bias).amax() < 1e-12);
     }
 
     #[test]
-    fn a_drifting_mean_is_less_certain_than_white_noise_says() {
+    fn mean_sd_grows_with_drift() {
         let drift: Vec<_> = (0..64).map(|i| Vector3::repeat(0.01 * f64::from(i))).collect();
         let white: Vec<_> = (0..64).map(|i| Vector3::repeat(if i % 2 == 0 { 0.01 } else { -0.01 })).collect();
-        let sd = |blocks: &[Vector3<f64>]| MeanNoise::of(&[blocks]).sd(64).x;
+        let sd = |blocks: &[Vector3<f64>]| MeanNoise::from_series(&[blocks]).sd(64).x;
         assert!((sd(&white) - 0.02 / 2f64.sqrt() / 8.0).abs() < 1e-12, "{}", sd(&white));
         assert!(sd(&drift) > 0.005, "{}", sd(&drift));
     }

@@ -1,52 +1,55 @@
-//! In which directions there was a reading: the sphere in 24 cells, four on each face of a cube.
+//! Coverage of directions: the sphere in 24 sectors, four on each face of a cube.
 
 use attitude::Vector3;
 
-/// Parts of the sphere: four on each face of a cube, +x, −x, +y, −y, +z, −z, by the signs of the two axes that follow in turn: ++, +−, −+, −−.
-pub const PARTS: usize = 24;
+/// Number of sectors of the sphere: four on each of the cube faces +x, −x, +y, −y, +z, −z.
+///
+/// The four sectors of a face are ordered by the signs of the two following axes (cyclic): ++, +−,
+/// −+, −−.
+pub const SECTORS: usize = 24;
 
-/// Directions that occurred.
+/// Numbers of readings by sector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Sphere {
-    counts: [u32; PARTS],
+    counts: [u32; SECTORS],
 }
 
-/// The face of a direction of any length: +x, −x, +y, −y, +z, −z.
+/// Returns the face of a direction of any length: +x, −x, +y, −y, +z, −z.
 pub(crate) fn face(direction: &Vector3<f64>) -> usize {
-    cell(direction) / 4
+    sector(direction) / 4
 }
 
-/// The cell of a direction of any length: 4 · face + quadrant; the faces are +x, −x, +y, −y, +z, −z.
-pub(crate) fn cell(direction: &Vector3<f64>) -> usize {
+/// Returns the sector of a direction of any length: 4 · face + quadrant.
+pub(crate) fn sector(direction: &Vector3<f64>) -> usize {
     let axis = direction.iamax();
     let is_negative = |i: usize| usize::from(direction[i % 3] < 0.0);
     4 * (2 * axis + is_negative(axis)) + 2 * is_negative(axis + 1) + is_negative(axis + 2)
 }
 
 impl Sphere {
-    pub(crate) fn of<'a>(directions: impl IntoIterator<Item = &'a Vector3<f64>>) -> Self {
+    pub(crate) fn from_directions<'a>(directions: impl IntoIterator<Item = &'a Vector3<f64>>) -> Self {
         let mut sphere = Self::default();
-        directions.into_iter().for_each(|direction| sphere.counts[cell(direction)] += 1);
+        directions.into_iter().for_each(|direction| sphere.counts[sector(direction)] += 1);
         sphere
     }
 
-    /// Readings in a direction's cell.
+    /// Returns the number of readings in the sector of `direction`.
     pub(crate) fn count(&self, direction: &Vector3<f64>) -> u32 {
-        self.counts[cell(direction)]
+        self.counts[sector(direction)]
     }
 
-    /// Cells with a reading.
-    pub(crate) fn cells(&self) -> usize {
+    /// Returns the number of sectors with a reading.
+    pub(crate) fn covered_count(&self) -> usize {
         self.counts.iter().filter(|count| **count > 0).count()
     }
 
-    /// Whether each cell has a reading.
-    pub(crate) fn parts(&self) -> [bool; PARTS] {
+    /// Returns for each sector whether it has a reading.
+    pub(crate) fn covered_sectors(&self) -> [bool; SECTORS] {
         self.counts.map(|count| count > 0)
     }
 
-    /// Whether each face has a reading: +x, −x, +y, −y, +z, −z.
-    pub(crate) fn faces(&self) -> [bool; 6] {
+    /// Returns for each face whether it has a reading: +x, −x, +y, −y, +z, −z.
+    pub(crate) fn covered_faces(&self) -> [bool; 6] {
         std::array::from_fn(|face| self.counts[4 * face..4 * face + 4].iter().any(|count| *count > 0))
     }
 }
@@ -56,9 +59,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_axis_has_its_face_and_the_corners_of_a_cube_their_cells() {
+    fn axes_map_to_faces_and_cube_corners_to_sectors() {
         for (i, axis) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
-            assert_eq!([cell(&axis) / 4, cell(&-axis) / 4], [2 * i, 2 * i + 1]);
+            assert_eq!([sector(&axis) / 4, sector(&-axis) / 4], [2 * i, 2 * i + 1]);
         }
         let signs = [-1.0, 1.0];
         let mut all = Vec::new();
@@ -69,6 +72,6 @@ mod tests {
                 all.push(direction);
             }
         }
-        assert_eq!(Sphere::of(&all).cells(), PARTS);
+        assert_eq!(Sphere::from_directions(&all).covered_count(), SECTORS);
     }
 }

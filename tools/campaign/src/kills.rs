@@ -1,4 +1,4 @@
-//! Services killed at random moments.
+//! Campaign that kills services at random times.
 
 use std::{fmt, time::Duration};
 
@@ -10,64 +10,68 @@ use rand_chacha::{
 use runtime::clock::monotonic_ns;
 use serde::Serialize;
 
-use crate::{CampaignError, DistributionMs, load::Load, system_under_test::SystemUnderTest, times_ns};
+use crate::{CampaignError, DistributionMs, load::Load, system_under_test::SystemUnderTest, new_histogram_ns};
 
 /// Pause between two kills, ms.
-const PAUSE_MS: std::ops::Range<u64> = 100..400;
-/// After the last kill the system may take this long to come to its end.
-const END_LIMIT: Duration = Duration::from_secs(60);
+const PAUSE_RANGE_MS: std::ops::Range<u64> = 100..400;
+/// Timeout for the system to end after the last kill.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// What is done.
+/// Parameters of the campaign.
 #[derive(Debug, Clone, Copy)]
-pub struct Kills {
-    /// How many.
+pub struct KillCampaign {
+    /// Number of kills.
     pub count: u32,
-    /// Of the moments and the services.
+    /// Seed for the times and the services.
     pub seed: u64,
     /// Samples per second.
     pub rate_hz: u32,
-    /// Threads that take the machine from the system.
-    pub load: u32,
+    /// Number of threads that compete with the system for the CPU.
+    pub load_threads: u32,
 }
 
-/// What came of it.
+/// Result of the campaign.
 #[derive(Debug, Clone, Serialize)]
-pub struct KillsReport {
+pub struct KillCampaignReport {
     /// Services killed.
     pub kills: u32,
     /// Ticks with an attitude.
     pub ticks: u64,
-    /// Ticks without.
+    /// Ticks without an attitude.
     pub lost: u64,
-    /// Attitudes that came twice.
+    /// Attitudes published twice.
     pub duplicated: u64,
-    /// The attitudes are those of an undisturbed run, byte for byte.
+    /// Equality with the output of an undisturbed run, byte for byte.
     pub same_bytes: bool,
-    /// From the kill to the first attitude of a sample that was taken after it.
+    /// Time from a kill to the first attitude of a sample taken after the kill.
     pub recovery_ms: DistributionMs,
 }
 
-impl Kills {
-    /// Runs a system, kills its services, and compares what it gave out with an undisturbed run.
-    pub fn run(&self) -> Result<KillsReport, CampaignError> {
-        let Self { count, seed, rate_hz, load } = *self;
+impl KillCampaign {
+    /// Runs a system, kills its services and compares the output with an undisturbed run.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system or the undisturbed run fails.
+    pub fn run(&self) -> Result<KillCampaignReport, CampaignError> {
+        let Self { count, seed, rate_hz, load_threads } = *self;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let name = format!("kills-{}", std::process::id());
-        let pauses_ms: Vec<_> = (0..count).map(|_| within(&mut random, PAUSE_MS)).collect();
+        let pauses_ms: Vec<_> = (0..count).map(|_| random_in_range(&mut random, PAUSE_RANGE_MS)).collect();
         let duration_s = 2.0 + pauses_ms.iter().sum::<u64>() as f64 * 1e-3;
         let text = launch_file(&name, rate_hz);
-        let mut recovery_ns = times_ns();
-        let (outcome, bytes) = {
-            let _load = Load::start(load);
+        let mut recovery_ns = new_histogram_ns();
+        let (totals, bytes) = {
+            let _load = Load::start(load_threads);
             let mut system = SystemUnderTest::start(&name, &text, Some(duration_s), 2 * rate_hz as usize)?;
             let mut kills = Vec::new();
             for pause_ms in pauses_ms {
-                system.watch_until(monotonic_ns() + pause_ms * 1_000_000)?;
-                let service = Service::SLOTS[within(&mut random, 0..Service::SLOTS.len() as u64) as usize];
+                system.poll_until(monotonic_ns() + pause_ms * 1_000_000)?;
+                let service = Service::SLOTS[random_in_range(&mut random, 0..Service::SLOTS.len() as u64) as usize];
                 let next_tick = system.next_tick();
                 kills.extend(system.kill(service).map(|at_ns| (at_ns, next_tick)));
             }
-            system.watch_until(monotonic_ns() + 1_000_000_000)?;
+            system.poll_until(monotonic_ns() + 1_000_000_000)?;
             let mut outputs = system.outputs().iter();
             for (at_ns, next_tick) in kills {
                 let next = outputs.find(|output| output.header.tick >= next_tick && output.header.t_sent_ns > at_ns);
@@ -75,45 +79,45 @@ impl Kills {
                     recovery_ns.saturating_record(next.header.t_sent_ns - at_ns);
                 }
             }
-            system.end(END_LIMIT)?
+            system.wait_for_end(SHUTDOWN_TIMEOUT)?
         };
-        let undisturbed = crate::undisturbed(&name, &text, duration_s)?;
-        Ok(KillsReport {
+        let undisturbed = crate::run_undisturbed(&name, &text, duration_s)?;
+        Ok(KillCampaignReport {
             kills: recovery_ns.len() as u32,
-            ticks: outcome.ticks_out,
-            lost: outcome.lost,
-            duplicated: outcome.duplicated,
+            ticks: totals.ticks_out,
+            lost: totals.lost,
+            duplicated: totals.duplicated,
             same_bytes: bytes == undisturbed,
-            recovery_ms: DistributionMs::of(&recovery_ns),
+            recovery_ms: DistributionMs::from_histogram(&recovery_ns),
         })
     }
 }
 
-impl KillsReport {
-    /// Nothing was lost, nothing came twice, and every byte is the same.
-    pub fn holds(&self) -> bool {
+impl KillCampaignReport {
+    /// Returns `true` if no tick was lost or duplicated and the bytes are the same.
+    pub fn passed(&self) -> bool {
         self.lost == 0 && self.duplicated == 0 && self.same_bytes
     }
 }
 
-impl fmt::Display for KillsReport {
+impl fmt::Display for KillCampaignReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kills, ticks, lost, duplicated, same_bytes, recovery_ms } = self;
-        let bytes = if *same_bytes { "the same bytes as undisturbed" } else { "NOT the bytes of an undisturbed run" };
+        let bytes = if *same_bytes { "identical to an undisturbed run" } else { "NOT identical to an undisturbed run" };
         let (kills, ticks) = (pluralize((*kills).into(), "kill"), pluralize(*ticks, "tick"));
         writeln!(f, "{kills} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
-        write!(f, "from the kill to the next attitude: {recovery_ms}")
+        write!(f, "time from a kill to the next attitude: {recovery_ms}")
     }
 }
 
-/// A system for campaigns: its services may die as often as it pleases.
+/// Returns the text of a launch file that allows any number of restarts.
 pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
     format!(
         "name = \"{name}\"\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
     )
 }
 
-/// A number of the range, each as likely but for what the remainder makes of it.
-pub(crate) fn within(random: &mut ChaCha8Rng, range: std::ops::Range<u64>) -> u64 {
+/// Returns a random number of the range, uniform except for the modulo bias.
+pub(crate) fn random_in_range(random: &mut ChaCha8Rng, range: std::ops::Range<u64>) -> u64 {
     range.start + random.next_u64() % (range.end - range.start)
 }

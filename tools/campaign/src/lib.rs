@@ -1,7 +1,9 @@
-//! Campaigns against a running system: what becomes of its output when services are killed or swapped at random moments.
+//! Stress tests of a running system: services are killed or stages swapped at random times.
 //!
-//! Input: how often, and a seed. Output: what was lost, whether the bytes are those of an undisturbed run, and the distribution of the
-//! times. Time: the clock, for the moments and the measures. Failure: a system that does not start, or does not come to its end.
+//! - Input: the number of disturbances and a seed.
+//! - Output: lost ticks, comparison with an undisturbed run, and distributions of times.
+//! - Time: the clock, for the random times and for measurements.
+//! - Failure: an error if the system does not start or does not end.
 #![forbid(unsafe_code)]
 
 mod kills;
@@ -18,71 +20,71 @@ use runtime::Pace;
 use serde::Serialize;
 use supervisor::{Request, UpError};
 
-pub use kills::{Kills, KillsReport};
-pub use swaps::{Swaps, SwapsReport};
+pub use kills::{KillCampaign, KillCampaignReport};
+pub use swaps::{SwapCampaign, SwapCampaignReport};
 
-/// Why a campaign could not be carried out.
+/// A campaign cannot be carried out.
 #[derive(Debug, thiserror::Error)]
 pub enum CampaignError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The system did not answer a request.
+    /// The control socket of the system failed.
     #[error(transparent)]
-    Door(#[from] ControlError),
+    Control(#[from] ControlError),
     /// The undisturbed run failed.
-    #[error("running the same without a disturbance: {0}")]
-    Undisturbed(Box<UpError>),
-    /// The undisturbed run is not whole.
-    #[error("running the same without a disturbance: {0}")]
-    NotWhole(String),
-    /// A process or a file failed.
-    #[error("{doing}: {cause}")]
-    System {
-        /// What was being done.
-        doing: &'static str,
-        /// What the system answered.
+    #[error("running the undisturbed reference: {0}")]
+    UndisturbedRun(Box<UpError>),
+    /// The undisturbed run ended early.
+    #[error("running the undisturbed reference: {0}")]
+    IncompleteUndisturbedRun(String),
+    /// A process or file operation failed.
+    #[error("{action}: {cause}")]
+    Io {
+        /// Failed operation.
+        action: &'static str,
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The system ended by itself.
-    #[error("the system ended before the campaign did; what it said is in {log}")]
-    Ended {
-        /// Its log.
+    /// The system ended during the campaign.
+    #[error("the system ended during the campaign; see its log {log}")]
+    EarlyExit {
+        /// Log of the system.
         log: PathBuf,
     },
-    /// The system does not run.
-    #[error("the system did not give an attitude within {limit_s} s; what it said is in {log}")]
-    Silent {
-        /// How long it was waited for.
-        limit_s: u64,
-        /// Its log.
+    /// The system did not start or did not end in time.
+    #[error("the system did not start or end within {timeout_s} s; see its log {log}")]
+    Timeout {
+        /// Time waited, s.
+        timeout_s: u64,
+        /// Log of the system.
         log: PathBuf,
     },
 }
 
 impl From<UpError> for CampaignError {
     fn from(error: UpError) -> Self {
-        Self::Undisturbed(Box::new(error))
+        Self::UndisturbedRun(Box::new(error))
     }
 }
 
-/// The distribution of times, ms.
+/// Distribution of times, ms.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct DistributionMs {
-    /// Smallest.
+    /// Minimum.
     pub min: f64,
     /// Median.
     pub p50: f64,
-    /// 90 %.
+    /// 90th percentile.
     pub p90: f64,
-    /// 99 %.
+    /// 99th percentile.
     pub p99: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl DistributionMs {
-    fn of(histogram: &Histogram<u64>) -> Self {
+    fn from_histogram(histogram: &Histogram<u64>) -> Self {
         let ms = |ns: u64| ns as f64 * 1e-6;
         let at = |quantile| ms(histogram.value_at_quantile(quantile));
         Self { min: ms(histogram.min()), p50: at(0.5), p90: at(0.9), p99: at(0.99), max: ms(histogram.max()) }
@@ -96,17 +98,18 @@ impl std::fmt::Display for DistributionMs {
     }
 }
 
-/// Times up to a minute to three digits.
-fn times_ns() -> Histogram<u64> {
+/// Creates a histogram of times up to one minute, ns, with three significant digits.
+fn new_histogram_ns() -> Histogram<u64> {
     Histogram::new_with_bounds(1, 60_000_000_000, 3).unwrap_or_else(|_| unreachable!("the bounds are in order"))
 }
 
-/// The attitudes of the same launch file in one process without a bus, as a file of `plumb up --out`.
-fn undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, CampaignError> {
-    let system = |doing| move |cause| CampaignError::System { doing, cause };
-    let folder = tempfile::tempdir().map_err(system("making a folder"))?;
+/// Runs the launch file in one process without a bus and returns the attitudes as a file of `plumb
+/// up --out`.
+fn run_undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, CampaignError> {
+    let io_error = |action| move |cause| CampaignError::Io { action, cause };
+    let folder = tempfile::tempdir().map_err(io_error("creating a folder"))?;
     let (launch, out) = (folder.path().join(format!("{name}.toml")), folder.path().join("attitude.csv"));
-    std::fs::write(&launch, text).map_err(system("writing the launch file"))?;
+    std::fs::write(&launch, text).map_err(io_error("writing the launch file"))?;
     let request = Request {
         launch: Some(launch),
         pace: Some(Pace::Max),
@@ -116,6 +119,6 @@ fn undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, Campa
         ..Request::default()
     };
     let report = supervisor::up(&request, None)?;
-    report.error.map_or(Ok(()), |error| Err(CampaignError::NotWhole(error)))?;
-    std::fs::read(out).map_err(system("reading the result"))
+    report.error.map_or(Ok(()), |error| Err(CampaignError::IncompleteUndisturbedRun(error)))?;
+    std::fs::read(out).map_err(io_error("reading the result"))
 }

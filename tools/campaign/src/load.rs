@@ -1,4 +1,4 @@
-//! Threads that take the machine from the system under test.
+//! CPU load in competition with the system under test.
 
 use std::{
     sync::{
@@ -8,9 +8,9 @@ use std::{
     thread::JoinHandle,
 };
 
-/// So many threads compute until this is dropped.
+/// Busy threads that run until this is dropped.
 pub(crate) struct Load {
-    ends: Arc<AtomicBool>,
+    stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -18,15 +18,15 @@ impl Load {
     pub(crate) fn start(threads: u32) -> Self {
         let ends = Arc::new(AtomicBool::new(false));
         let spin = |ends: Arc<AtomicBool>| move || while !ends.load(Ordering::Relaxed) {};
-        Self { threads: (0..threads).map(|_| std::thread::spawn(spin(ends.clone()))).collect(), ends }
+        Self { threads: (0..threads).map(|_| std::thread::spawn(spin(ends.clone()))).collect(), stop: ends }
     }
 }
 
 impl Drop for Load {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
+        self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // A thread that only computes does not panic.
+            // The thread cannot panic.
             let _ = thread.join();
         }
     }

@@ -1,4 +1,4 @@
-//! The system under test: `plumb up` as a process, watched from the bus.
+//! System under test: `plumb up` as a process, observed on the bus.
 
 use std::{
     fs::{self, File},
@@ -18,12 +18,11 @@ use tempfile::TempDir;
 
 use crate::CampaignError;
 
-/// From the start until the first attitude.
-const START_LIMIT: Duration = Duration::from_secs(20);
-/// Messages taken at a look.
-const LOOK: usize = 4096;
+/// Timeout for the first attitude.
+const START_TIMEOUT: Duration = Duration::from_secs(20);
+/// Maximum number of messages read from a topic at once.
+const MAX_MESSAGES_PER_POLL: usize = 4096;
 
-/// A running system.
 pub(crate) struct SystemUnderTest {
     child: Child,
     folder: TempDir,
@@ -32,27 +31,30 @@ pub(crate) struct SystemUnderTest {
     pids: [u32; Service::PATH.len()],
     killed: [u32; Service::PATH.len()],
     outputs: Vec<AttitudeOutput>,
-    _bus: Bus,
+    bus: Bus,
 }
 
-/// What `plumb up --json` says at its end, as far as it matters here.
+/// Totals from the report of `plumb up --json`.
 #[derive(Debug, Clone, Copy, Deserialize)]
-pub(crate) struct Outcome {
+pub(crate) struct RunTotals {
     pub(crate) ticks_out: u64,
     pub(crate) lost: u64,
     pub(crate) duplicated: u64,
 }
 
 impl SystemUnderTest {
-    /// Starts the launch file `text` for so long, or until it is ended, and waits for the first attitude. `buffer` is what its topics hold.
+    /// Starts a system with the launch file `text` and waits for its first attitude.
+    ///
+    /// The system ends after `duration_s`, or when interrupted. `buffer` is the number of messages
+    /// buffered per topic.
     pub(crate) fn start(name: &str, text: &str, duration_s: Option<f64>, buffer: usize) -> Result<Self, CampaignError> {
-        let system = |doing| move |cause| CampaignError::System { doing, cause };
-        let folder = tempfile::tempdir().map_err(system("making a folder"))?;
+        let io_error = |action| move |cause| CampaignError::Io { action, cause };
+        let folder = tempfile::tempdir().map_err(io_error("creating a folder"))?;
         let file = folder.path().join("launch.toml");
-        fs::write(&file, text).map_err(system("writing the launch file"))?;
-        let log = File::create(folder.path().join("log")).map_err(system("writing the log"))?;
-        let report = File::create(folder.path().join("report")).map_err(system("writing the report"))?;
-        let child = Command::new(std::env::current_exe().map_err(system("finding plumb"))?)
+        fs::write(&file, text).map_err(io_error("writing the launch file"))?;
+        let log = File::create(folder.path().join("log")).map_err(io_error("writing the log"))?;
+        let report = File::create(folder.path().join("report")).map_err(io_error("writing the report"))?;
+        let child = Command::new(std::env::current_exe().map_err(io_error("finding plumb"))?)
             .arg("up")
             .arg(&file)
             .arg("--json")
@@ -63,23 +65,23 @@ impl SystemUnderTest {
             .stdout(report)
             .stderr(log)
             .spawn()
-            .map_err(system("starting plumb up"))?;
+            .map_err(io_error("starting plumb up"))?;
         let bus = Self::join(name)?;
         let mut system = Self {
             child,
             attitude: bus.subscriber(buffer)?,
-            health: bus.subscriber(LOOK / 64)?,
+            health: bus.subscriber(MAX_MESSAGES_PER_POLL / 64)?,
             pids: [0; Service::PATH.len()],
             killed: [0; Service::PATH.len()],
             outputs: Vec::new(),
             folder,
-            _bus: bus,
+            bus,
         };
-        let deadline = Instant::now() + START_LIMIT;
+        let deadline = Instant::now() + START_TIMEOUT;
         while system.outputs.is_empty() || system.pids.contains(&0) {
-            system.look()?;
+            system.poll()?;
             if Instant::now() > deadline {
-                return Err(CampaignError::Silent { limit_s: START_LIMIT.as_secs(), log: system.keep_log() });
+                return Err(CampaignError::Timeout { timeout_s: START_TIMEOUT.as_secs(), log: system.keep_log() });
             }
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -88,7 +90,7 @@ impl SystemUnderTest {
 
     fn join(name: &str) -> Result<Bus, CampaignError> {
         let system_name = SystemName::new(name)?;
-        let deadline = Instant::now() + START_LIMIT;
+        let deadline = Instant::now() + START_TIMEOUT;
         loop {
             match Bus::join(&system_name, "campaign") {
                 Ok(bus) => return Ok(bus),
@@ -98,11 +100,11 @@ impl SystemUnderTest {
         }
     }
 
-    /// Takes what was published since the last look, and sees that the system runs.
-    pub(crate) fn look(&mut self) -> Result<(), CampaignError> {
+    /// Reads new messages and checks that the system still runs.
+    pub(crate) fn poll(&mut self) -> Result<(), CampaignError> {
         let Self { attitude, health, pids, killed, outputs, .. } = self;
-        attitude.drain(LOOK, |output| outputs.push(output))?;
-        health.drain(LOOK, |health| {
+        attitude.drain(MAX_MESSAGES_PER_POLL, |output| outputs.push(output))?;
+        health.drain(MAX_MESSAGES_PER_POLL, |health| {
             if let Some((pid, last)) = pids.get_mut(health.service as usize).zip(killed.get(health.service as usize))
                 && health.pid != *last
             {
@@ -111,36 +113,37 @@ impl SystemUnderTest {
         })?;
         match self.child.try_wait() {
             Ok(None) => Ok(()),
-            _ => Err(CampaignError::Ended { log: self.keep_log() }),
+            _ => Err(CampaignError::EarlyExit { log: self.keep_log() }),
         }
     }
 
-    /// Looks until `at_ns`.
-    pub(crate) fn watch_until(&mut self, at_ns: u64) -> Result<(), CampaignError> {
+    /// Polls until `at_ns` (CLOCK_MONOTONIC).
+    pub(crate) fn poll_until(&mut self, at_ns: u64) -> Result<(), CampaignError> {
         while monotonic_ns() < at_ns {
-            self.look()?;
+            self.poll()?;
             std::thread::sleep(Duration::from_millis(1));
         }
         Ok(())
     }
 
-    /// Every attitude seen so far.
+    /// Returns the attitudes received since the start or the last [`Self::clear_outputs`].
     pub(crate) fn outputs(&self) -> &[AttitudeOutput] {
         &self.outputs
     }
 
-    /// Forgets the attitudes seen so far.
-    pub(crate) fn forget(&mut self) {
+    /// Discards the attitudes received so far.
+    pub(crate) fn clear_outputs(&mut self) {
         self.outputs.clear();
     }
 
-    /// Asks the system to end.
+    /// Requests the system to end.
     pub(crate) fn interrupt(&self) {
-        // One that has ended is found by whoever waits for its end.
+        // If the process has ended already, `wait_for_end` finds that.
         let _ = Pid::from_raw(self.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
-    /// Kills a service; when, ns. One that has not spoken since it was killed last is left alone.
+    /// Kills a service and returns the time, ns. Returns `None` if the service has not reported a
+    /// new process since it was last killed.
     pub(crate) fn kill(&mut self, service: Service) -> Option<u64> {
         let pid = Pid::from_raw(std::mem::take(&mut self.pids[service as usize]) as i32)?;
         self.killed[service as usize] = pid.as_raw_nonzero().get() as u32;
@@ -148,29 +151,29 @@ impl SystemUnderTest {
         kill_process(pid, Signal::KILL).ok().map(|()| at_ns)
     }
 
-    /// The tick after the newest sample.
+    /// Returns the tick after the newest sample.
     pub(crate) fn next_tick(&self) -> u64 {
-        self._bus.next_tick(graph::Topic::Imu.entry())
+        self.bus.next_tick(graph::Topic::Imu.entry())
     }
 
-    /// Waits for the end; what the system said, and the attitudes it wrote.
-    pub(crate) fn end(mut self, limit: Duration) -> Result<(Outcome, Vec<u8>), CampaignError> {
-        let system = |doing| move |cause| CampaignError::System { doing, cause };
-        let deadline = Instant::now() + limit;
-        while self.child.try_wait().map_err(system("waiting for the end"))?.is_none() {
-            // Whoever is not read holds up nobody; it is read so that nothing grows.
-            self.attitude.drain(LOOK, |output| self.outputs.push(output))?;
+    /// Waits for the end and returns the totals and the attitude file of the system.
+    pub(crate) fn wait_for_end(mut self, timeout: Duration) -> Result<(RunTotals, Vec<u8>), CampaignError> {
+        let io_error = |action| move |cause| CampaignError::Io { action, cause };
+        let deadline = Instant::now() + timeout;
+        while self.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
+            // An unread topic does not block the system. Reading keeps its buffer from overflowing.
+            self.attitude.drain(MAX_MESSAGES_PER_POLL, |output| self.outputs.push(output))?;
             if Instant::now() > deadline {
-                return Err(CampaignError::Silent { limit_s: limit.as_secs(), log: self.keep_log() });
+                return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.keep_log() });
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        let read = |name: &str| fs::read(self.folder.path().join(name)).map_err(system("reading the result"));
-        let report = read("report")?;
+        let read_file = |name: &str| fs::read(self.folder.path().join(name)).map_err(io_error("reading the result"));
+        let report = read_file("report")?;
         let last = report.trim_ascii().rsplit(|byte| *byte == b'\n').next().unwrap_or_default();
-        let outcome = serde_json::from_slice(last)
-            .map_err(|cause| CampaignError::System { doing: "reading the report", cause: io::Error::from(cause) })?;
-        Ok((outcome, read("attitude.csv")?))
+        let totals = serde_json::from_slice(last)
+            .map_err(|cause| CampaignError::Io { action: "reading the report", cause: io::Error::from(cause) })?;
+        Ok((totals, read_file("attitude.csv")?))
     }
 
     fn keep_log(&mut self) -> PathBuf {
@@ -182,7 +185,7 @@ impl SystemUnderTest {
 impl Drop for SystemUnderTest {
     fn drop(&mut self) {
         if let (Ok(None), Some(pid)) = (self.child.try_wait(), Pid::from_raw(self.child.id() as i32)) {
-            // It ends its services and removes its name.
+            // On SIGTERM, the system ends its services and removes its files.
             let _ = kill_process(pid, Signal::TERM);
             let _ = self.child.wait();
         }

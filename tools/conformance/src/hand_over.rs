@@ -1,107 +1,112 @@
-//! Another stage of the slot goes on where one was.
+//! Checks that a stage continues from the common state of any other stage of the slot.
 
 use crate::{
-    report::{Check, Figure},
-    run::{angle_deg, inclination_deg, rms, unsound_at},
+    report::{Check, Measurement},
+    run::{angle_deg, inclination_deg, rms, describe_invalid_output},
     script::S1,
-    slot::{Fills, Slot},
+    slot::{SlotStage, SlotSpec},
 };
 
-/// Inputs before the hand-over, and those after which the receiver has settled.
-const BEFORE: usize = 4000;
-const SETTLED: usize = 8000;
-/// Most that the attitude may differ at the tick after the hand-over, degrees.
-const JUMP_DEG: f64 = 0.5;
-/// The receiver's later error may be above its own by this factor, and this much.
-const WORSE: f64 = 1.5;
-const WORSE_DEG: f64 = 0.05;
+/// Number of inputs before the hand-over.
+const HAND_OVER_INPUT: usize = 4000;
+/// Index of the first tick at which the receiving stage has settled.
+const SETTLED_INPUT: usize = 8000;
+/// Largest difference between the attitudes of both stages at the tick after the hand-over,
+/// degrees.
+const MAX_JUMP_DEG: f64 = 0.5;
+/// Largest ratio of the receiving stage's error to its error without a hand-over.
+const MAX_ERROR_FACTOR: f64 = 1.5;
+/// Error that is allowed in addition, degrees.
+const ERROR_MARGIN_DEG: f64 = 0.05;
 
-pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let own = make().name();
-    let others = || L::NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::named(name)?)));
+    let others = || L::STAGE_NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)));
     let mut checks = Vec::new();
     let inputs = L::inputs(&S1);
-    let mut giver = make();
-    step_all::<L, S>(&mut giver, &inputs[..BEFORE]);
+    let mut donor = make();
+    step_all::<L, S>(&mut donor, &inputs[..HAND_OVER_INPUT]);
     for (name, other) in others() {
-        let alone_deg = alone_deg::<L, L::Own>(other.clone(), &inputs);
-        checks.extend(hand_over::<L, S, L::Own>(&giver, &other, &inputs, alone_deg, &format!("hand-over to {name}")));
+        let rmse_deg = undisturbed_rmse_deg::<L, L::BuiltIn>(other.clone(), &inputs);
+        checks.extend(check_hand_over::<L, S, L::BuiltIn>(&donor, &other, &inputs, rmse_deg, &format!("hand-over to {name}")));
     }
-    let alone_deg = alone_deg::<L, S>(make(), &inputs);
+    let rmse_deg = undisturbed_rmse_deg::<L, S>(make(), &inputs);
     for (name, mut other) in others() {
-        step_all::<L, L::Own>(&mut other, &inputs[..BEFORE]);
-        checks.extend(hand_over::<L, L::Own, S>(
+        step_all::<L, L::BuiltIn>(&mut other, &inputs[..HAND_OVER_INPUT]);
+        checks.extend(check_hand_over::<L, L::BuiltIn, S>(
             &other,
             &make(),
             &inputs,
-            alone_deg,
+            rmse_deg,
             &format!("hand-over from {name}"),
         ));
     }
-    checks.extend(hand_over::<L, S, S>(&giver, &make(), &inputs, alone_deg, "hand-over to itself"));
+    checks.extend(check_hand_over::<L, S, S>(&donor, &make(), &inputs, rmse_deg, "hand-over to itself"));
     checks
 }
 
-fn step_all<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)]) {
+fn step_all<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::Input)]) {
     inputs.iter().for_each(|(_, input)| {
         stage.step(input);
     });
 }
 
-/// The later error of a stage that has had every input, where its level counts.
-fn alone_deg<L: Slot, S: Fills<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
-    if L::LEVELS { later::<L, S>(&mut stage, inputs, "alone").rmse_deg } else { 0.0 }
+/// Returns the settled inclination RMSE of a stage that receives every input, degrees; 0 if the
+/// slot has no exact level.
+fn undisturbed_rmse_deg<L: SlotSpec, S: SlotStage<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
+    if L::HAS_EXACT_LEVEL { run_to_end::<L, S>(&mut stage, inputs, "without hand-over").rmse_deg } else { 0.0 }
 }
 
-/// The giver has had the inputs before; the receiver, fresh, has this error later when it is alone.
-fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(
-    giver: &G,
+/// Checks a hand-over from `donor`, which has processed the inputs before it, to the new stage
+/// `receiver`.
+fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
+    donor: &G,
     receiver: &R,
     inputs: &[(usize, L::Input)],
-    alone_deg: f64,
-    what: &str,
+    undisturbed_rmse_deg: f64,
+    name: &str,
 ) -> Vec<Check> {
-    let (mut giver, mut receiver) = (giver.clone(), receiver.clone());
-    if let Err(refusal) = receiver.adopt(&giver.common()) {
-        return vec![Check::holds(what, Some(refusal.to_string()))];
+    let (mut donor, mut receiver) = (donor.clone(), receiver.clone());
+    if let Err(error) = receiver.adopt(&donor.common()) {
+        return vec![Check::property(name, Some(error.to_string()))];
     }
-    let (_, next) = &inputs[BEFORE];
-    let (given, taken) = (giver.step(next), receiver.clone().step(next));
-    // A receiver that knows north where the giver did not sets the heading anew.
-    let heading = L::heading(&given).filter(|reference| L::heading(&taken) == Some(*reference));
+    let (_, next) = &inputs[HAND_OVER_INPUT];
+    let (expected, actual) = (donor.step(next), receiver.clone().step(next));
+    // A receiver with a known north re-initialises the heading if the donor had none.
+    let heading = L::heading_reference(&expected).filter(|reference| L::heading_reference(&actual) == Some(*reference));
     let angle = if heading.is_some() { angle_deg } else { inclination_deg };
-    let (given, taken) = (L::quaternion(&given), L::quaternion(&taken));
-    let jump = Figure { value: Some(angle(given, taken)), limit: Some(JUMP_DEG), unit: "°" };
-    let jump = Check::most(format!("{what}: the attitude goes on"), jump, || {
-        format!("{:.3}° of it inclination", inclination_deg(given, taken))
+    let (expected, actual) = (L::quaternion(&expected), L::quaternion(&actual));
+    let jump = Measurement { value: Some(angle(expected, actual)), limit: Some(MAX_JUMP_DEG), unit: "°" };
+    let jump = Check::at_most(format!("{name}: the attitude is continuous"), jump, || {
+        format!("inclination: {:.3}°", inclination_deg(expected, actual))
     });
-    let later = later::<L, R>(&mut receiver, &inputs[BEFORE..], what);
-    let sound = Check::holds(format!("{what}: outputs are finite and rotations"), later.flaw);
-    let mut checks = vec![jump, sound];
-    if L::LEVELS {
-        let figure = Figure { value: Some(later.rmse_deg), limit: Some(WORSE * alone_deg + WORSE_DEG), unit: "°" };
+    let result = run_to_end::<L, R>(&mut receiver, &inputs[HAND_OVER_INPUT..], name);
+    let valid = Check::property(format!("{name}: outputs are valid"), result.invalid_output);
+    let mut checks = vec![jump, valid];
+    if L::HAS_EXACT_LEVEL {
+        let rmse = Measurement { value: Some(result.rmse_deg), limit: Some(MAX_ERROR_FACTOR * undisturbed_rmse_deg + ERROR_MARGIN_DEG), unit: "°" };
         checks
-            .push(Check::most(format!("{what}: later inclination RMSE"), figure, || format!("alone {alone_deg:.3}°")));
+            .push(Check::at_most(format!("{name}: inclination RMSE afterwards"), rmse, || format!("without hand-over {undisturbed_rmse_deg:.3}°")));
     }
     checks
 }
 
-/// What a stage did with the inputs up to the script's end.
-struct Later {
-    /// Inclination from [`SETTLED`] on, degrees.
+/// Result of a run to the end of the script.
+struct RunResult {
+    /// Inclination RMSE from [`SETTLED_INPUT`] on, degrees.
     rmse_deg: f64,
-    /// The first bad output.
-    flaw: Option<String>,
+    /// First invalid output.
+    invalid_output: Option<String>,
 }
 
-fn later<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)], what: &str) -> Later {
-    let (mut errors_deg, mut flaw) = (Vec::new(), None);
+fn run_to_end<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::Input)], name: &str) -> RunResult {
+    let (mut errors_deg, mut invalid_output) = (Vec::new(), None);
     for (i, input) in inputs {
         let output = stage.step(input);
-        flaw = flaw.or_else(|| unsound_at::<L, S>(&output, stage, what, *i));
-        if *i >= SETTLED {
+        invalid_output = invalid_output.or_else(|| describe_invalid_output::<L, S>(&output, stage, name, *i));
+        if *i >= SETTLED_INPUT {
             errors_deg.push(inclination_deg(L::quaternion(&output), S1.ticks[*i].truth.quaternion()));
         }
     }
-    Later { rmse_deg: rms(errors_deg.into_iter()), flaw }
+    RunResult { rmse_deg: rms(errors_deg.into_iter()), invalid_output }
 }

@@ -1,7 +1,12 @@
-//! What a stage must be able to do, whatever it computes: one body of checks for each slot.
+//! Conformance checks that every stage must pass, with one set of checks per slot.
 //!
-//! Input: a way to make a stage. Output: a [`Report`] with each check, its figure and where it failed. Time: the scripts' own; a
-//! second or two per stage. Failure: a stage that panics takes the kit with it.
+//! Input: a function that creates a stage.
+//!
+//! Output: a [`Report`] with the result of each check.
+//!
+//! Time: the timestamps of the scripts. A stage takes one or two seconds.
+//!
+//! Failure: a panic of a stage is not caught.
 //!
 //! ```no_run
 //! use attitude::fuser::wz_closed::WzClosed;
@@ -10,35 +15,35 @@
 //! println!("{report}");
 //! ```
 //!
-//! | module | what a stage must be able to do |
+//! | module | contents |
 //! | --- | --- |
-//! | `soundness` | stay finite and a rotation, whatever the sensors do |
-//! | `repetition` | give the same bits again, also over a snapshot |
-//! | `refusal` | refuse what is not a state, unchanged |
-//! | `hand_over` | go on where another stage was |
-//! | `tumbling` | turn over without a jump |
-//! | `settings` | stay sound with every allowed parameter |
-//! | `recovery` | be level again after a fault, in the time that `recovery.csv` allows, and sound until then |
-//! | [`script`], [`fault`] | what the sensors give, and what goes wrong with them |
-//! | `slot`, `run` | what the kit knows of a slot; running a stage |
-//! | `program`, `processor` | a stage that is a program of its own, and what a step of it costs |
-//! | [`golden`] | what a stage gave when its mathematics was last looked at |
+//! | `validity` | outputs are finite and valid rotations under any fault |
+//! | `repeatability` | equal inputs yield bit-identical outputs, also after a restore |
+//! | `rejection` | invalid states are rejected and leave the stage unchanged |
+//! | `hand_over` | a stage continues from the state of another stage |
+//! | `tumbling` | the attitude is continuous in any orientation |
+//! | `settings` | every allowed parameter value works |
+//! | `recovery` | the level recovers from each fault within the limits of `recovery.csv` |
+//! | [`script`], [`fault`] | simulated sensors and their faults |
+//! | `slot`, `run` | properties of the slots, runs of a stage |
+//! | `external`, `cpu_affinity` | stages in a separate program, and the cost of their steps |
+//! | [`golden`] | golden traces of the outputs |
 #![forbid(unsafe_code)]
 
 pub mod fault;
 pub mod golden;
 mod hand_over;
-mod processor;
-mod program;
+mod cpu_affinity;
+mod external;
 mod recovery;
-mod refusal;
-mod repetition;
+mod rejection;
+mod repeatability;
 pub mod report;
 mod run;
 pub mod script;
 mod settings;
 mod slot;
-mod soundness;
+mod validity;
 mod tumbling;
 
 use attitude::{
@@ -51,25 +56,25 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-pub use program::program;
-pub use report::{Check, Figure, Report};
-use slot::{AccelSlot, CourseSlot, Fills, FuserSlot, GyroSlot, Slot};
+pub use external::run_external;
+pub use report::{Check, Measurement, Report};
+use slot::{AccelSlot, CourseSlot, SlotStage, FuserSlot, GyroSlot, SlotSpec};
 
-/// Every stage of every slot, as (slot, stage).
+/// Returns every built-in stage as (slot, stage).
 pub fn stages() -> impl Iterator<Item = (&'static str, &'static str)> {
-    fn of<L: Slot>() -> impl Iterator<Item = (&'static str, &'static str)> {
-        L::NAMES.iter().map(|name| (L::NAME, *name))
+    fn names_of<L: SlotSpec>() -> impl Iterator<Item = (&'static str, &'static str)> {
+        L::STAGE_NAMES.iter().map(|name| (L::SLOT_NAME, *name))
     }
-    of::<GyroSlot>().chain(of::<AccelSlot>()).chain(of::<FuserSlot>()).chain(of::<CourseSlot>())
+    names_of::<GyroSlot>().chain(names_of::<AccelSlot>()).chain(names_of::<FuserSlot>()).chain(names_of::<CourseSlot>())
 }
 
-/// Checks the stage of that name; `None` when there is none.
+/// Checks a built-in stage. Returns `None` if there is no such stage.
 pub fn run(slot: &str, name: &str) -> Option<Report> {
     match slot {
-        GyroSlot::NAME => named::<GyroSlot>(name),
-        AccelSlot::NAME => named::<AccelSlot>(name),
-        FuserSlot::NAME => named::<FuserSlot>(name),
-        CourseSlot::NAME => named::<CourseSlot>(name),
+        GyroSlot::SLOT_NAME => run_in_slot::<GyroSlot>(name),
+        AccelSlot::SLOT_NAME => run_in_slot::<AccelSlot>(name),
+        FuserSlot::SLOT_NAME => run_in_slot::<FuserSlot>(name),
+        CourseSlot::SLOT_NAME => run_in_slot::<CourseSlot>(name),
         _ => None,
     }
 }
@@ -106,34 +111,34 @@ where
     report::<CourseSlot, S>(&make, &mut |_| {})
 }
 
-fn named<L: Slot>(name: &str) -> Option<Report> {
-    let stage = L::named(name)?;
-    let mut report = report::<L, L::Own>(&|| stage.clone(), &mut |_| {});
-    let own = stage.name();
-    let misnamed = (own != name).then(|| format!("it calls itself {own}"));
+fn run_in_slot<L: SlotSpec>(name: &str) -> Option<Report> {
+    let stage = L::from_name(name)?;
+    let mut report = report::<L, L::BuiltIn>(&|| stage.clone(), &mut |_| {});
+    let reported = stage.name();
+    let misnamed = (reported != name).then(|| format!("it reports {reported}"));
     report.stage = name.into();
-    report.checks.insert(0, Check::holds("its name is the one by which it is chosen", misnamed));
+    report.checks.insert(0, Check::property("the stage reports the name that selects it", misnamed));
     Some(report)
 }
 
-/// Checks of one kind, of the stages that a function makes.
-type Checks<M> = fn(&M) -> Vec<Check>;
+/// Function that runs one group of checks on the stages that a constructor returns.
+type CheckGroup<M> = fn(&M) -> Vec<Check>;
 
-/// Makes every check; `on_begin` is told which kind of them begins.
-fn report<L: Slot, S: Fills<L>>(make: &impl Fn() -> S, on_begin: &mut dyn FnMut(&str)) -> Report {
-    let kinds: [(&str, Checks<_>); 7] = [
-        ("soundness", soundness::checks::<L, S>),
-        ("repetition", repetition::checks::<L, S>),
-        ("refusal", refusal::checks::<L, S>),
+/// Runs all checks. `on_group_start` receives the name of each group.
+fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, on_group_start: &mut dyn FnMut(&str)) -> Report {
+    let groups: [(&str, CheckGroup<_>); 7] = [
+        ("validity", validity::checks::<L, S>),
+        ("repeatability", repeatability::checks::<L, S>),
+        ("rejection", rejection::checks::<L, S>),
         ("hand-over", hand_over::checks::<L, S>),
         ("tumbling", tumbling::checks::<L, S>),
         ("settings", settings::checks::<L, S>),
         ("recovery", recovery::checks::<L, S>),
     ];
     let mut checks = Vec::new();
-    for (kind, of_kind) in kinds {
-        on_begin(kind);
-        checks.extend(of_kind(make));
+    for (name, run_group) in groups {
+        on_group_start(name);
+        checks.extend(run_group(make));
     }
-    Report { slot: L::NAME, stage: make().name().into(), checks }
+    Report { slot: L::SLOT_NAME, stage: make().name().into(), checks }
 }

@@ -1,67 +1,68 @@
-//! What the kit found: one line for each check.
+//! Report of the conformance checks, with one line per check.
 
 use std::fmt;
 
 use launch::pluralize;
 use serde::Serialize;
 
-/// How a stage did.
+/// Results of all checks of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// The slot that the stage fills.
+    /// Slot of the stage.
     pub slot: &'static str,
-    /// The stage's name.
+    /// Name of the stage.
     pub stage: String,
-    /// In the order in which they were made.
+    /// Checks in the order in which they ran.
     pub checks: Vec<Check>,
 }
 
-/// One property that a stage has or has not.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// The property, as a sentence.
+    /// Property that the check verifies, as a sentence.
     pub name: String,
-    /// The stage has it.
+    /// Whether the stage has the property.
     pub passed: bool,
-    /// What was measured, where the property is a number.
-    pub figure: Option<Figure>,
-    /// Where it failed first, and how.
-    pub failed_at: Option<String>,
+    /// Measured value, if the property is a number.
+    pub measurement: Option<Measurement>,
+    /// First violation of the property; `None` if the check passed.
+    pub failure: Option<String>,
 }
 
-/// A measured number.
+/// Measured number with its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Figure {
-    /// The number; `None` where the event never came.
+pub struct Measurement {
+    /// Measured number; `None` if the event did not occur.
     pub value: Option<f64>,
-    /// The most that is allowed; `None` where nothing is demanded.
+    /// Largest allowed value; `None` if there is no requirement.
     pub limit: Option<f64>,
-    /// Its unit.
+    /// Unit of the number and its limit.
     pub unit: &'static str,
 }
 
 impl Report {
-    /// The stage has every property.
+    /// Returns `true` if every check passed.
     pub fn passed(&self) -> bool {
         self.checks.iter().all(|check| check.passed)
     }
 
-    /// The checks that failed.
+    /// Returns the checks that failed.
     pub fn failures(&self) -> impl Iterator<Item = &Check> {
         self.checks.iter().filter(|check| !check.passed)
     }
 }
 
 impl Check {
-    /// A property that holds, or fails at the place told.
-    pub fn holds(name: impl Into<String>, failed_at: Option<String>) -> Self {
-        Self { name: name.into(), passed: failed_at.is_none(), figure: None, failed_at }
+    /// Creates a check that fails with the given violation, or passes for `None`.
+    pub fn property(name: impl Into<String>, failure: Option<String>) -> Self {
+        Self { name: name.into(), passed: failure.is_none(), measurement: None, failure }
     }
 
-    /// A number that may not be above its limit.
-    pub fn most(name: impl Into<String>, figure: Figure, at: impl FnOnce() -> String) -> Self {
-        let passed = figure.limit.is_none_or(|limit| figure.value.is_some_and(|value| value <= limit));
-        Self { name: name.into(), passed, figure: Some(figure), failed_at: (!passed).then(at) }
+    /// Creates a check that passes if the measurement does not exceed its limit. `failure`
+    /// describes the violation.
+    pub fn at_most(name: impl Into<String>, measurement: Measurement, failure: impl FnOnce() -> String) -> Self {
+        let passed = measurement.limit.is_none_or(|limit| measurement.value.is_some_and(|value| value <= limit));
+        Self { name: name.into(), passed, measurement: Some(measurement), failure: (!passed).then(failure) }
     }
 }
 
@@ -79,18 +80,18 @@ impl fmt::Display for Report {
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "  {}  {}", if self.passed { "ok    " } else { "FAILED" }, self.name)?;
-        if let Some(figure) = &self.figure {
-            write!(f, ": {figure}")?;
+        if let Some(measurement) = &self.measurement {
+            write!(f, ": {measurement}")?;
         }
-        self.failed_at.as_ref().map_or(Ok(()), |at| write!(f, " ({at})"))
+        self.failure.as_ref().map_or(Ok(()), |failure| write!(f, " ({failure})"))
     }
 }
 
-impl fmt::Display for Figure {
+impl fmt::Display for Measurement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.value {
             Some(value) => write!(f, "{value:.3} {}", self.unit)?,
-            None => write!(f, "never")?,
+            None => write!(f, "not reached")?,
         }
         match self.limit {
             Some(limit) => write!(f, ", at most {limit:.3}"),

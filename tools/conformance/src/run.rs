@@ -1,4 +1,4 @@
-//! Running a stage on a script, and what can be said of two runs.
+//! Runs of a stage on a script, and comparisons of runs.
 
 use std::marker::PhantomData;
 
@@ -6,99 +6,100 @@ use attitude::{Quaternion, stage::Stage};
 
 use crate::{
     script::Script,
-    slot::{Fills, Slot},
+    slot::{SlotStage, SlotSpec},
 };
 
-/// Runs a stage over a script; the first tick with a bad output, and what is wrong with it.
-pub(crate) fn unsound<L: Slot, S: Fills<L>>(stage: &mut S, script: &Script) -> Option<String> {
-    L::inputs(script).iter().find_map(|(i, input)| unsound_at::<L, S>(&stage.step(input), stage, &script.name, *i))
+/// Runs a stage on a script and describes the first invalid output.
+pub(crate) fn first_invalid_output<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, script: &Script) -> Option<String> {
+    L::inputs(script).iter().find_map(|(i, input)| describe_invalid_output::<L, S>(&stage.step(input), stage, &script.name, *i))
 }
 
-/// What is wrong with the output of a tick.
-pub(crate) fn unsound_at<L: Slot, S: Fills<L>>(
+/// Describes the error of an invalid output, or returns `None` if it is valid.
+pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
     output: &L::Output,
     stage: &S,
     script: &str,
-    i: usize,
+    tick: usize,
 ) -> Option<String> {
-    let flaw = L::unsound(output)?;
+    let error = L::output_error(output)?;
     let failure = stage.failure().map_or(String::new(), |failure| format!(", {failure}"));
-    Some(format!("{script}, tick {i}: {flaw}{failure}"))
+    Some(format!("{script}, tick {tick}: {error}{failure}"))
 }
 
-/// A stage that has run over the first ticks of a script: what differs only later begins here. Of a program that is another process with
-/// the same state; what a program keeps beside its state is found by `repetition`.
-pub(crate) struct Begun<L: Slot, S> {
+/// Stage after the first ticks of a script, shared by scripts that differ only later.
+///
+/// A copy of an external stage is another process with the same state. The repeatability checks
+/// detect data that a program keeps outside its state.
+pub(crate) struct PrefixRun<L: SlotSpec, S> {
     stage: S,
-    /// Inputs of those ticks.
-    inputs: usize,
-    /// What was wrong in them.
-    flaw: Option<String>,
+    /// Number of inputs processed.
+    input_count: usize,
+    /// First invalid output.
+    invalid_output: Option<String>,
     slot: PhantomData<L>,
 }
 
-/// What a stage did from there on.
-pub(crate) struct Outcome<S> {
+/// Result of a run after the shared ticks.
+pub(crate) struct RunOutcome<S> {
     pub(crate) stage: S,
-    /// Inclination error at each time, s and degrees, up to the first bad output.
+    /// Time, s, and inclination error, degrees, of each tick up to the first invalid output.
     pub(crate) errors_deg: Vec<(f64, f64)>,
-    /// What was wrong first.
-    pub(crate) flaw: Option<String>,
+    /// First invalid output, also in the shared ticks.
+    pub(crate) invalid_output: Option<String>,
 }
 
-impl<L: Slot, S: Fills<L>> Begun<L, S> {
-    /// Runs over that many ticks.
+impl<L: SlotSpec, S: SlotStage<L>> PrefixRun<L, S> {
+    /// Runs `stage` on the first `ticks` ticks of a script.
     pub(crate) fn new(mut stage: S, script: &Script, ticks: usize) -> Self {
         let inputs = L::inputs(script);
-        let first = inputs.partition_point(|(i, _)| *i < ticks);
-        let mut step =
-            |(i, input): &(usize, L::Input)| unsound_at::<L, S>(&stage.step(input), &stage, &script.name, *i);
-        let flaw = inputs[..first].iter().find_map(&mut step);
-        Self { stage, inputs: first, flaw, slot: PhantomData }
+        let input_count = inputs.partition_point(|(i, _)| *i < ticks);
+        let mut invalid_output_of =
+            |(i, input): &(usize, L::Input)| describe_invalid_output::<L, S>(&stage.step(input), &stage, &script.name, *i);
+        let invalid_output = inputs[..input_count].iter().find_map(&mut invalid_output_of);
+        Self { stage, input_count, invalid_output, slot: PhantomData }
     }
 
-    /// A copy goes on with the rest of a script that begins with the same ticks.
-    pub(crate) fn on(&self, script: &Script) -> Outcome<S> {
-        let (mut stage, mut flaw, mut errors_deg) = (self.stage.clone(), self.flaw.clone(), Vec::new());
-        for (i, input) in &L::inputs(script)[self.inputs..] {
-            if flaw.is_some() {
+    /// Runs a copy of the stage on the rest of a script that starts with the same ticks.
+    pub(crate) fn resume(&self, script: &Script) -> RunOutcome<S> {
+        let (mut stage, mut invalid_output, mut errors_deg) = (self.stage.clone(), self.invalid_output.clone(), Vec::new());
+        for (i, input) in &L::inputs(script)[self.input_count..] {
+            if invalid_output.is_some() {
                 break;
             }
             let (tick, output) = (&script.ticks[*i], stage.step(input));
             errors_deg.push((tick.t_s, inclination_deg(L::quaternion(&output), tick.truth.quaternion())));
-            flaw = unsound_at::<L, S>(&output, &stage, &script.name, *i);
+            invalid_output = describe_invalid_output::<L, S>(&output, &stage, &script.name, *i);
         }
-        Outcome { stage, errors_deg, flaw }
+        RunOutcome { stage, errors_deg, invalid_output }
     }
 }
 
-/// A number that tells one output's bits from another's: FNV-1a.
-pub(crate) fn print<L: Slot>(output: &L::Output) -> u64 {
-    let mut print = 0xcbf2_9ce4_8422_2325u64;
-    L::visit(output, &mut |_, value| print = (print ^ value.to_bits()).wrapping_mul(0x100_0000_01b3));
-    print
+/// Returns the FNV-1a hash of an output's bits.
+pub(crate) fn output_hash<L: SlotSpec>(output: &L::Output) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325u64;
+    L::visit_numbers(output, &mut |_, value| hash = (hash ^ value.to_bits()).wrapping_mul(0x100_0000_01b3));
+    hash
 }
 
-/// Runs both; the first tick at which their outputs differ in a bit.
-pub(crate) fn parting<L: Slot, S: Fills<L>>(one: &mut S, other: &mut S, inputs: &[(usize, L::Input)]) -> Option<usize> {
-    let parts = |input| print::<L>(&one.step(input)) != print::<L>(&other.step(input));
-    let mut parts = parts;
-    inputs.iter().find(|(_, input)| parts(input)).map(|(i, _)| *i)
+/// Runs two stages and returns the first tick at which their outputs are not bit-identical.
+pub(crate) fn first_difference<L: SlotSpec, S: SlotStage<L>>(one: &mut S, other: &mut S, inputs: &[(usize, L::Input)]) -> Option<usize> {
+    let mut differs = |input| output_hash::<L>(&one.step(input)) != output_hash::<L>(&other.step(input));
+    inputs.iter().find(|(_, input)| differs(input)).map(|(i, _)| *i)
 }
 
-/// The bits of a stage's state.
+/// Returns the bits of a stage's state.
 pub(crate) fn state_bits(stage: &(impl Stage + Clone)) -> Vec<u64> {
-    let record = stage.snapshot();
-    record.values[..record.len].iter().map(|value| value.to_bits()).collect()
+    let snapshot = stage.snapshot();
+    snapshot.values[..snapshot.len].iter().map(|value| value.to_bits()).collect()
 }
 
-/// The whole angle between two attitudes, degrees.
+/// Returns the rotation angle between two attitudes, degrees.
 pub(crate) fn angle_deg(one: Quaternion<f64>, other: Quaternion<f64>) -> f64 {
     let d = one.conjugate() * other;
     (2.0 * d.imag().norm().atan2(d.w.abs())).to_degrees()
 }
 
-/// The angle between the up vectors of two attitudes, degrees (Laidig 2021).
+/// Returns the angle between the up vectors of two attitudes, degrees (Laidig 2021).
 pub(crate) fn inclination_deg(one: Quaternion<f64>, other: Quaternion<f64>) -> f64 {
     let e = one * other.conjugate();
     (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).to_degrees()

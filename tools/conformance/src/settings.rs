@@ -1,18 +1,18 @@
-//! Parameters: their table tells the truth, and no allowed value makes a stage unsound.
+//! Checks the declarations of the parameters, and that a stage works with every allowed value.
 
 use attitude::parameters::{Parameter, ParameterError};
 
 use crate::{
-    fault::{BEGIN_S, CATALOGUE},
-    repetition::resumed,
+    fault::{FAULT_START_S, CATALOGUE},
+    repeatability::restored_run_difference,
     report::Check,
-    run::{Begun, parting, unsound},
-    script::{S1, SHORT},
-    slot::{Fills, Slot},
+    run::{PrefixRun, first_difference, first_invalid_output},
+    script::{S1, SHORT_SCRIPTS},
+    slot::{SlotStage, SlotSpec},
 };
 
-/// Units as the end of a name has them.
-const UNITS: [(&str, &str); 12] = [
+/// Units and the suffixes of parameter names.
+const UNIT_SUFFIXES: [(&str, &str); 12] = [
     ("s", "_s"),
     ("Hz", "_hz"),
     ("°", "_deg"),
@@ -27,70 +27,70 @@ const UNITS: [(&str, &str); 12] = [
     ("m", "_m"),
 ];
 
-pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let table = make().parameters();
-    let untold = table.iter().find_map(|parameter| told(parameter).map(|flaw| format!("{}: {flaw}", parameter.name)));
-    let mut checks = vec![Check::holds("parameters tell unit, range and meaning", untold)];
-    checks.push(Check::holds("what is no parameter, or outside its range, is refused", refused::<L, S>(make, table)));
-    let same = table.iter().find_map(|parameter| {
+    let undeclared = table.iter().find_map(|parameter| declaration_error(parameter).map(|error| format!("{}: {error}", parameter.name)));
+    let mut checks = vec![Check::property("parameters declare unit, range and description", undeclared)];
+    checks.push(Check::property("unknown parameters and values out of range are rejected", rejection_error::<L, S>(make, table)));
+    let changed = table.iter().find_map(|parameter| {
         let mut stage = make();
-        let set =
+        let errors =
             [parameter.max, parameter.min, parameter.default].map(|value| stage.set(parameter.name, value).err());
-        if let Some(refusal) = set.into_iter().flatten().next() {
-            return Some(refusal.to_string());
+        if let Some(error) = errors.into_iter().flatten().next() {
+            return Some(error.to_string());
         }
-        let tick = parting::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT[0]))?;
-        Some(format!("{} set to its default: another output at tick {tick}", parameter.name))
+        let tick = first_difference::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT_SCRIPTS[0]))?;
+        Some(format!("{} set to its default: the output differs at tick {tick}", parameter.name))
     });
-    checks.push(Check::holds("a parameter set to its default changes nothing", same));
+    checks.push(Check::property("a parameter set to its default changes nothing", changed));
     for parameter in table {
         for value in [parameter.min, parameter.max] {
-            let name = format!("sound and resumable with {} = {value} {}", parameter.name, parameter.unit);
-            checks.push(Check::holds(name.trim_end(), bad_with::<L, S>(make, parameter, value)));
+            let name = format!("valid and repeatable with {} = {value} {}", parameter.name, parameter.unit);
+            checks.push(Check::property(name.trim_end(), invalid_with::<L, S>(make, parameter, value)));
         }
     }
     checks
 }
 
-fn told(parameter: &Parameter) -> Option<String> {
-    let Parameter { name, unit, default, min: least, max: most, description: about } = parameter;
-    if !(least <= default && default <= most && least < most) {
-        return Some(format!("default {default} in {least} to {most}"));
+fn declaration_error(parameter: &Parameter) -> Option<String> {
+    let Parameter { name, unit, default, min, max, description } = parameter;
+    if !(min <= default && default <= max && min < max) {
+        return Some(format!("default {default} is not within {min} to {max}"));
     }
-    if about.is_empty() {
-        return Some("its meaning is not told".into());
+    if description.is_empty() {
+        return Some("it has no description".into());
     }
-    let ending = UNITS.iter().find(|(known, _)| known == unit).map(|(_, ending)| ending);
-    ending.filter(|ending| !name.ends_with(**ending)).map(|ending| format!("its name does not end in {ending}"))
+    let suffix = UNIT_SUFFIXES.iter().find(|(known, _)| known == unit).map(|(_, suffix)| suffix);
+    suffix.filter(|suffix| !name.ends_with(**suffix)).map(|suffix| format!("its name does not end in {suffix}"))
 }
 
-fn refused<L: Slot, S: Fills<L>>(make: &impl Fn() -> S, table: &'static [Parameter]) -> Option<String> {
+fn rejection_error<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, table: &'static [Parameter]) -> Option<String> {
     let mut stage = make();
     if !matches!(stage.set("no_such_parameter", 1.0), Err(ParameterError::Unknown { .. })) {
-        return Some("no_such_parameter is taken".into());
+        return Some("no_such_parameter is accepted".into());
     }
-    for Parameter { name, min: least, max: most, .. } in table {
-        let beyond = |x: f64| x.abs().max(1.0) * 1e-9;
-        for value in [least - beyond(*least), most + beyond(*most), f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+    for Parameter { name, min, max, .. } in table {
+        let margin = |x: f64| x.abs().max(1.0) * 1e-9;
+        for value in [min - margin(*min), max + margin(*max), f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             if !matches!(stage.set(name, value), Err(ParameterError::OutOfRange { .. })) {
-                return Some(format!("{name} = {value} is taken"));
+                return Some(format!("{name} = {value} is accepted"));
             }
         }
     }
-    let tick = parting::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT[0]))?;
-    Some(format!("what was refused changed the output at tick {tick}"))
+    let tick = first_difference::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT_SCRIPTS[0]))?;
+    Some(format!("a rejected value changed the output at tick {tick}"))
 }
 
-fn bad_with<L: Slot, S: Fills<L>>(make: &impl Fn() -> S, parameter: &Parameter, value: f64) -> Option<String> {
-    let mut set = make();
-    if let Err(refusal) = set.set(parameter.name, value) {
-        return Some(refusal.to_string());
+fn invalid_with<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, parameter: &Parameter, value: f64) -> Option<String> {
+    let mut stage = make();
+    if let Err(error) = stage.set(parameter.name, value) {
+        return Some(error.to_string());
     }
     let in_faults = || {
-        let begun = Begun::<L, S>::new(set.clone(), &SHORT[0], SHORT[0].ticks_before(BEGIN_S));
-        CATALOGUE.iter().find_map(|fault| begun.on(&fault.put_in(&SHORT[0])).flaw)
+        let prefix = PrefixRun::<L, S>::new(stage.clone(), &SHORT_SCRIPTS[0], SHORT_SCRIPTS[0].ticks_before(FAULT_START_S));
+        CATALOGUE.iter().find_map(|fault| prefix.resume(&fault.apply(&SHORT_SCRIPTS[0])).invalid_output)
     };
-    unsound::<L, S>(&mut set.clone(), &SHORT[1])
+    first_invalid_output::<L, S>(&mut stage.clone(), &SHORT_SCRIPTS[1])
         .or_else(in_faults)
-        .or_else(|| resumed::<L, S>(&|| set.clone(), &S1, 500))
+        .or_else(|| restored_run_difference::<L, S>(&|| stage.clone(), &S1, 500))
 }

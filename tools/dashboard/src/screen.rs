@@ -1,4 +1,4 @@
-//! The terminal: taken over as a whole, given back as it was.
+//! The terminal: full-screen mode, keys and restoration.
 
 use std::{
     io::{self, IsTerminal},
@@ -11,48 +11,64 @@ use ratatui::{
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::{Picture, drawing};
+use crate::{Snapshot, drawing};
 
-/// A terminal that is drawn upon as a whole. It is given back when this is dropped, and by a panic.
+/// Terminal in full-screen mode. It is restored on drop and on a panic.
 #[derive(Debug)]
 pub struct Screen(DefaultTerminal);
 
-/// What somebody asks by a key.
+/// Key with a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
-    /// To end: q, Ctrl-C.
-    End,
-    /// The one before: up.
-    Before,
-    /// The one after: down.
-    After,
+    /// Quit: q, Ctrl-C.
+    Quit,
+    /// Select the previous item: up, k.
+    Previous,
+    /// Select the next item: down, j.
+    Next,
 }
 
 impl Screen {
-    /// There is a terminal that can be drawn upon and that keys come from.
-    pub fn is_there() -> bool {
-        let is_able = std::env::var_os("TERM").is_some_and(|name| name != "dumb");
-        is_able && io::stdout().is_terminal() && io::stdin().is_terminal()
+    /// Returns `true` if standard input and output are a terminal that can be drawn on.
+    pub fn is_available() -> bool {
+        let has_terminal_type = std::env::var_os("TERM").is_some_and(|name| name != "dumb");
+        has_terminal_type && io::stdout().is_terminal() && io::stdin().is_terminal()
     }
 
-    /// Takes the terminal over.
+    /// Switches the terminal to full-screen mode.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the terminal cannot be switched; it is restored.
     pub fn open() -> io::Result<Self> {
         ratatui::try_init().map(Self).inspect_err(|_| ratatui::restore())
     }
 
-    /// Columns there are.
+    /// Returns the width of the terminal in columns.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the size cannot be read.
     pub fn columns(&self) -> io::Result<usize> {
         Ok(self.0.size()?.width.into())
     }
 
-    /// Draws a picture in the place of the one before, as large as the terminal is now.
-    pub fn draw(&mut self, picture: &Picture) -> io::Result<()> {
-        self.0.draw(|frame| drawing::draw(frame, picture)).map(drop)
+    /// Draws a snapshot over the whole terminal.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the terminal cannot be written.
+    pub fn draw(&mut self, snapshot: &Snapshot) -> io::Result<()> {
+        self.0.draw(|frame| drawing::draw(frame, snapshot)).map(drop)
     }
 
-    /// The next key that means something, if there is one.
-    pub fn key(&self) -> io::Result<Option<Key>> {
-        // Of a terminal that is gone crossterm would read for ever.
+    /// Returns the next pressed key that has a function, if any, without waiting.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the terminal is closed or cannot be read.
+    pub fn poll_key(&self) -> io::Result<Option<Key>> {
+        // crossterm would read from a closed terminal forever.
         let stdin = io::stdin();
         let mut fd = [PollFd::new(&stdin, PollFlags::IN)];
         poll(&mut fd, Some(&Timespec::default()))?;
@@ -60,7 +76,7 @@ impl Screen {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
         while event::poll(Duration::ZERO)? {
-            if let Some(key) = meaning(&event::read()?) {
+            if let Some(key) = to_key(&event::read()?) {
                 return Ok(Some(key));
             }
         }
@@ -74,16 +90,16 @@ impl Drop for Screen {
     }
 }
 
-fn meaning(event: &Event) -> Option<Key> {
+fn to_key(event: &Event) -> Option<Key> {
     let Event::Key(key) = event else { return None };
     if key.kind == KeyEventKind::Release {
         return None;
     }
     match key.code {
-        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::End),
-        KeyCode::Char('q') => Some(Key::End),
-        KeyCode::Up | KeyCode::Char('k') => Some(Key::Before),
-        KeyCode::Down | KeyCode::Char('j') => Some(Key::After),
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::Quit),
+        KeyCode::Char('q') => Some(Key::Quit),
+        KeyCode::Up | KeyCode::Char('k') => Some(Key::Previous),
+        KeyCode::Down | KeyCode::Char('j') => Some(Key::Next),
         _ => None,
     }
 }

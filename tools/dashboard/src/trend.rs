@@ -1,40 +1,40 @@
-//! The last minute of a value.
+//! Values of the last minute.
 
 use std::{collections::VecDeque, time::Duration};
 
-use crate::{Attitude, Facts, drawing::signed};
+use crate::{Attitude, Figures, drawing::format_signed};
 
-/// Between two values of a trend.
-pub const STEP: Duration = Duration::from_millis(500);
-/// Values kept: the last minute.
-const MAX_VALUES: usize = 120;
+/// Interval between two values of a trend.
+pub const SAMPLE_INTERVAL: Duration = Duration::from_millis(500);
+/// Number of values kept: one minute.
+const MAX_SAMPLES: usize = 120;
 
-/// The last minute of a value.
+/// Values of one quantity over the last minute.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trend {
-    /// What it is.
+    /// Name of the quantity.
     pub name: &'static str,
-    /// In which unit.
+    /// Unit; empty for a count.
     pub unit: &'static str,
-    /// It is counted from 0: the smallest is drawn as nothing.
+    /// The scale starts at 0, so that 0 is an empty bar. Otherwise it starts at the minimum.
     from_zero: bool,
     values: VecDeque<Option<f64>>,
 }
 
-/// What is followed of a system.
+/// Trends of a system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trends {
-    lost: Option<u64>,
-    /// Roll, pitch, yaw, rate, latency, losses.
-    pub each: [Trend; 6],
+    previous_lost: Option<u64>,
+    /// Roll, pitch, yaw, rate, 99th percentile of the latency, losses per interval.
+    pub all: [Trend; 6],
 }
 
 impl Default for Trends {
     fn default() -> Self {
         let trend = |name, unit, from_zero| Trend { name, unit, from_zero, values: VecDeque::new() };
         Self {
-            lost: None,
-            each: [
+            previous_lost: None,
+            all: [
                 trend("roll", "°", false),
                 trend("pitch", "°", false),
                 trend("yaw", "°", false),
@@ -47,13 +47,13 @@ impl Default for Trends {
 }
 
 impl Trends {
-    /// What is known now, once each [`STEP`].
-    pub fn step(&mut self, facts: &Facts, attitude: Option<&Attitude>) {
-        let lost = facts.lost.zip(self.lost).map(|(now, before)| now.saturating_sub(before) as f64);
-        self.lost = facts.lost;
+    /// Adds the current values. Call this once per [`SAMPLE_INTERVAL`].
+    pub fn push(&mut self, figures: &Figures, attitude: Option<&Attitude>) {
+        let lost = figures.lost.zip(self.previous_lost).map(|(now, before)| now.saturating_sub(before) as f64);
+        self.previous_lost = figures.lost;
         let angles = attitude.map_or([None; 3], |attitude| attitude.roll_pitch_yaw_deg.map(Some));
-        let others = [facts.rate_hz, facts.latency_us.map(|[_, p99]| p99), lost];
-        for (trend, value) in self.each.iter_mut().zip(angles.into_iter().chain(others)) {
+        let others = [figures.rate_hz, figures.latency_us.map(|[_, p99]| p99), lost];
+        for (trend, value) in self.all.iter_mut().zip(angles.into_iter().chain(others)) {
             trend.push(value);
         }
     }
@@ -61,42 +61,45 @@ impl Trends {
 
 impl Trend {
     fn push(&mut self, value: Option<f64>) {
-        if self.values.len() == MAX_VALUES {
+        if self.values.len() == MAX_SAMPLES {
             self.values.pop_front();
         }
         self.values.push_back(value.filter(|value| value.is_finite()));
     }
 
-    /// The newest with its unit.
+    /// Returns the newest value with its unit, or a dash if unknown.
     pub fn newest(&self) -> String {
         let value = self.values.back().copied().flatten();
         value.map_or("–".into(), |value| match (self.from_zero, self.unit) {
-            (false, unit) => format!("{}{unit}", signed(value)),
+            (false, unit) => format!("{}{unit}", format_signed(value)),
             (true, "") => format!("{value:.0}"),
             (true, unit) => format!("{value:.0} {unit}"),
         })
     }
 
-    /// The last minute as so many bars of a height from 1 to `height`, 0 where it is counted from 0 and is none; the newest last. Of values that share
-    /// a bar the one farthest from the newest before it is drawn, so that no peak is left out; `None` where nothing was known.
+    /// Returns `count` bars over the last minute, the newest last, in steps from 0 to `height`.
+    ///
+    /// A bar is `None` if all its values are unknown, and 0 only for the value 0 of a scale that
+    /// starts at 0. A bar that covers several values shows the one farthest from the middle of the
+    /// scale, so that peaks stay visible.
     pub fn bars(&self, count: usize, height: u64) -> Vec<Option<u64>> {
         let known = self.values.iter().copied().flatten();
-        let most = known.clone().fold(f64::NEG_INFINITY, f64::max);
-        let least = if self.from_zero { 0.0 } else { known.fold(f64::INFINITY, f64::min) };
-        let per_bar = MAX_VALUES.div_ceil(count.max(1));
-        let lowest = u64::from(!self.from_zero);
+        let max = known.clone().fold(f64::NEG_INFINITY, f64::max);
+        let min = if self.from_zero { 0.0 } else { known.fold(f64::INFINITY, f64::min) };
+        let per_bar = MAX_SAMPLES.div_ceil(count.max(1));
+        let min_steps = u64::from(!self.from_zero);
         let bar = |values: &[Option<f64>]| {
             let known = values.iter().copied().flatten();
-            let middle = f64::midpoint(most, least);
+            let middle = f64::midpoint(max, min);
             let value = known.max_by(|a, b| (a - middle).abs().total_cmp(&(b - middle).abs()))?;
-            let share = match most > least {
-                true => (value - least) / (most - least),
-                // It has not changed.
+            let share = match max > min {
+                true => (value - min) / (max - min),
+                // All values are equal.
                 false if self.from_zero && value <= 0.0 => 0.0,
                 false => 0.5,
             };
-            let steps = (height.saturating_sub(lowest)) as f64;
-            Some(lowest + (share * steps).ceil().clamp(0.0, steps) as u64)
+            let steps = (height.saturating_sub(min_steps)) as f64;
+            Some(min_steps + (share * steps).ceil().clamp(0.0, steps) as u64)
         };
         let values: Vec<_> = self.values.iter().copied().collect();
         let bars: Vec<_> = values.rchunks(per_bar).rev().map(bar).collect();
@@ -112,15 +115,15 @@ mod tests {
     fn trends_of(rates_hz: impl IntoIterator<Item = f64>) -> Trends {
         let mut trends = Trends::default();
         for rate_hz in rates_hz {
-            trends.step(&Facts { rate_hz: Some(rate_hz), ..Facts::default() }, None);
+            trends.push(&Figures { rate_hz: Some(rate_hz), ..Figures::default() }, None);
         }
         trends
     }
 
     #[test]
-    fn a_minute_is_kept_and_a_peak_is_seen_however_few_bars_there_are() {
+    fn peak_is_visible_for_any_bar_count() {
         let trends = trends_of((0..300).map(|i| if i == 250 { 1000.0 } else { 100.0 }));
-        let rate = &trends.each[3];
+        let rate = &trends.all[3];
         assert_eq!(rate.newest(), "100 Hz");
         for count in [10, 24, 60, 120] {
             let bars = rate.bars(count, 8);
@@ -128,17 +131,17 @@ mod tests {
             assert_eq!(bars.iter().filter(|bar| **bar == Some(8)).count(), 1, "{count}: {bars:?}");
         }
         assert!(
-            !trends_of((0..400).map(|i| if i == 250 { 1000.0 } else { 100.0 })).each[3].bars(10, 8).contains(&Some(1))
+            !trends_of((0..400).map(|i| if i == 250 { 1000.0 } else { 100.0 })).all[3].bars(10, 8).contains(&Some(1))
         );
     }
 
     #[test]
-    fn what_is_unknown_is_no_bar_and_a_loss_counts_once() {
+    fn unknown_value_has_no_bar_and_loss_counts_once() {
         let mut trends = Trends::default();
         for lost in [5, 5, 9, 9] {
-            trends.step(&Facts { lost: Some(lost), ..Facts::default() }, None);
+            trends.push(&Figures { lost: Some(lost), ..Figures::default() }, None);
         }
-        let [roll, .., lost] = &trends.each;
+        let [roll, .., lost] = &trends.all;
         assert_eq!((roll.newest().as_str(), roll.bars(3, 8)), ("–", vec![None; 3]));
         assert_eq!(lost.bars(120, 8)[116..], [None, Some(0), Some(8), Some(0)]);
     }

@@ -1,4 +1,4 @@
-//! The terminal is given back by a panic, too: on a real pseudo-terminal.
+//! Restoration of the terminal after a panic, on a real pseudo-terminal.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 #[path = "../../../tests/common/terminal.rs"]
@@ -7,30 +7,30 @@ mod terminal;
 
 use std::{env, process::Command, thread, time::Duration};
 
-use dashboard::{Picture, Screen};
+use dashboard::{Snapshot, Screen};
 use terminal::OnTerminal;
 
-/// In the environment of the process that panics.
-const PANICS: &str = "PLUMBLINE_PANICS_WHILE_IT_DRAWS";
+/// Environment variable that makes the test process panic.
+const PANIC_VARIABLE: &str = "PLUMBLINE_PANIC_WHILE_DRAWING";
 
-/// Of the process that the test starts.
-fn panic_while_it_draws() {
+/// Draws, then panics; runs in a child process.
+fn draw_and_panic() {
     let mut screen = Screen::open().unwrap();
-    screen.draw(&Picture { name: "boat".into(), ..Picture::default() }).unwrap();
-    // Until the picture has been seen.
-    while screen.key().unwrap().is_none() {
+    screen.draw(&Snapshot { name: "boat".into(), ..Snapshot::default() }).unwrap();
+    // Wait until the parent has seen the frame.
+    while screen.poll_key().unwrap().is_none() {
         thread::sleep(Duration::from_millis(5));
     }
     panic!("the hull leaks");
 }
 
 #[test]
-fn a_panic_gives_the_terminal_back_and_is_read_there() {
-    if env::var_os(PANICS).is_some() {
-        return panic_while_it_draws();
+fn panic_restores_terminal_and_is_printed() {
+    if env::var_os(PANIC_VARIABLE).is_some() {
+        return draw_and_panic();
     }
     let mut command = Command::new(env::current_exe().unwrap());
-    command.args(["--exact", "a_panic_gives_the_terminal_back_and_is_read_there", "--nocapture"]).env(PANICS, "");
+    command.args(["--exact", "panic_restores_terminal_and_is_printed", "--nocapture"]).env(PANIC_VARIABLE, "");
     let mut terminal = OnTerminal::start(command, (24, 80));
     terminal.shows(&["boat  connecting"]);
     assert!(terminal.is_taken_over());
@@ -38,5 +38,5 @@ fn a_panic_gives_the_terminal_back_and_is_read_there() {
     assert!(!terminal.ends().success());
     let text = terminal.shows(&["the hull leaks"]);
     assert!(terminal.is_given_back(), "{text}");
-    assert!(!text.contains("connecting"), "the picture has gone with the view: {text}");
+    assert!(!text.contains("connecting"), "the frame is removed with the full-screen mode: {text}");
 }

@@ -1,4 +1,4 @@
-//! What can be drawn, and the bytes it becomes.
+//! Rendering of drawings to SVG and PNG.
 
 use std::error::Error;
 
@@ -6,39 +6,49 @@ use plotters::{coord::Shift, prelude::*};
 
 use crate::{font::Typeface, png::Pixels};
 
-/// How a drawing went.
-pub type Drawn = Result<(), Box<dyn Error + Send + Sync>>;
-/// Where something is drawn.
+/// Result of drawing.
+pub type DrawResult = Result<(), Box<dyn Error + Send + Sync>>;
+/// Area of a canvas.
 pub type Area<B> = DrawingArea<B, Shift>;
 
-/// What can be drawn, in vectors as in pixels.
+/// A drawing, independent of the output format.
 pub trait Draw {
-    /// Draws it over the whole area.
-    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    /// Draws over the whole area.
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static;
 }
 
-/// The text of an SVG of this size, pixels.
-pub fn svg(size: (u32, u32), of: &impl Draw) -> Result<String, Box<dyn Error + Send + Sync>> {
+/// Returns the text of an SVG of `size`, pixels.
+///
+/// # Errors
+///
+/// Returns the error of the drawing or of the SVG backend.
+pub fn svg(size: (u32, u32), drawing: &impl Draw) -> Result<String, Box<dyn Error + Send + Sync>> {
     let mut text = String::new();
-    drawn(&SVGBackend::with_string(&mut text, size).into_drawing_area(), of)?;
+    draw_on(&SVGBackend::with_string(&mut text, size).into_drawing_area(), drawing)?;
     Ok(text)
 }
 
-/// The bytes of a PNG of this size, pixels; every length is doubled, so that it stays sharp.
-pub fn png(size: (u32, u32), of: &impl Draw, typeface: &Typeface) -> Result<Vec<u8>, Box<dyn Error + Send + Sync>> {
+/// Returns the bytes of a PNG of `size`, pixels.
+///
+/// Every length is doubled, so that the picture stays sharp on a high-density screen.
+///
+/// # Errors
+///
+/// Returns the error of the drawing, of the pixel backend or of the compression.
+pub fn png(size: (u32, u32), drawing: &impl Draw, typeface: &Typeface) -> Result<Vec<u8>, Box<dyn Error + Send + Sync>> {
     let mut pixels = Pixels::new(size);
-    drawn(&pixels.canvas(typeface).into_drawing_area(), of)?;
-    Ok(pixels.encoded()?)
+    draw_on(&pixels.canvas(typeface).into_drawing_area(), drawing)?;
+    Ok(pixels.encode()?)
 }
 
-fn drawn<B: DrawingBackend>(area: &Area<B>, of: &impl Draw) -> Drawn
+fn draw_on<B: DrawingBackend>(area: &Area<B>, drawing: &impl Draw) -> DrawResult
 where
     B::ErrorType: 'static,
 {
     area.fill(&WHITE)?;
-    of.draw(area)?;
+    drawing.draw(area)?;
     area.present()?;
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Curves over an axis, with the names of the curves beside them, and charts one above the other.
+//! Charts: curves in a pair of axes with a legend, and charts stacked vertically.
 
 use std::{borrow::Cow, error::Error, ops::Range};
 
@@ -8,104 +8,107 @@ use plotters::{
 };
 
 use crate::{
-    canvas::{Area, Draw, Drawn},
+    canvas::{Area, Draw, DrawResult},
     dashes::dashes,
-    style::{Style, TEXT, TITLE, number},
+    style::{LineStyle, TEXT, TITLE, format_number},
 };
 
-/// Most points of a curve over time.
-const POINTS: usize = 2000;
-/// Room for the names of the curves, pixels.
+/// Approximate maximum number of points of a curve over time.
+const MAX_POINTS: usize = 2000;
+/// Width of the legend, pixels.
 const LEGEND_WIDTH: u32 = 168;
-/// Above and below a chart, and for each label beside it, pixels.
-const BESIDE_HEIGHT: u32 = 56;
-const LABEL_HEIGHT: u32 = 24;
-/// The least size of a title.
+/// Height of the margins of a chart, and minimum height per label of the vertical axis, pixels.
+const LABEL_MARGIN_HEIGHT: u32 = 56;
+const MIN_LABEL_HEIGHT: u32 = 24;
+/// Minimum size of a title.
 const MIN_TITLE_SIZE: u32 = 9;
 
 /// Curves in one pair of axes.
 #[derive(Debug)]
 pub struct Chart {
-    /// Above it; nothing where it needs none.
+    /// Title above the chart; empty for none.
     pub title: String,
-    /// Across.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Upwards.
+    /// Vertical axis.
     pub y: Axis,
-    /// In the order in which they are drawn.
+    /// Curves in drawing order.
     pub curves: Vec<Curve>,
-    /// The curves' names stand beside them.
-    pub named: bool,
+    /// Whether a legend with the names of the curves is drawn to the right.
+    pub has_legend: bool,
 }
 
-/// An axis, what it shows with its unit, and from where to where.
+/// An axis: its label, range and scale.
 #[derive(Debug)]
 pub struct Axis {
-    /// What it shows, with the unit.
+    /// Label with the unit.
     pub label: Cow<'static, str>,
-    /// From where to where.
+    /// Values at the two ends.
     pub range: Range<f64>,
-    /// Equal factors are equally far apart.
-    pub by_factors: bool,
+    /// Whether the scale is logarithmic; the range must then be positive.
+    pub is_log: bool,
 }
 
-/// A curve or a cloud of dots; points that are not finite, or outside the axis, break it.
+/// A curve or a cloud of dots. Points that are not finite or outside the vertical range break it.
 #[derive(Debug)]
 pub struct Curve {
-    /// In the legend; nothing where another curve stands for it.
+    /// Name in the legend; empty for a curve without an entry.
     pub name: String,
-    /// Its colour.
+    /// Colour.
     pub color: RGBColor,
-    /// How its line is drawn.
-    pub style: Style,
-    /// In their order.
+    /// Line style.
+    pub style: LineStyle,
+    /// Points in drawing order.
     pub points: Vec<(f64, f64)>,
 }
 
 impl Axis {
-    /// An axis of equal steps.
+    /// Creates a linear axis.
     pub fn new(label: impl Into<Cow<'static, str>>, range: Range<f64>) -> Self {
-        Self { label: label.into(), range, by_factors: false }
+        Self { label: label.into(), range, is_log: false }
     }
 
-    /// Where a value is between the ends.
-    fn at(&self, value: f64) -> f64 {
-        if self.by_factors { value.log10() } else { value }
+    /// Returns the position of a value on the scale of the axis.
+    fn to_scale(&self, value: f64) -> f64 {
+        if self.is_log { value.log10() } else { value }
     }
 
     fn ends(&self) -> Range<f64> {
-        self.at(self.range.start)..self.at(self.range.end)
+        self.to_scale(self.range.start)..self.to_scale(self.range.end)
     }
 
-    fn told(&self, place: f64) -> String {
-        if !self.by_factors {
-            return number(&place);
+    fn tick_label(&self, position: f64) -> String {
+        if !self.is_log {
+            return format_number(&position);
         }
-        let value = 10f64.powf(place);
-        // Two digits tell a factor.
+        let value = 10f64.powf(position);
+        // Two digits are enough on a logarithmic scale.
         let rounded = format!("{value:.1e}").parse().unwrap_or(value);
-        if rounded < 0.01 { format!("{rounded:e}").replace('-', "−") } else { number(&rounded) }
+        if rounded < 0.01 { format!("{rounded:e}").replace('-', "−") } else { format_number(&rounded) }
     }
 }
 
 impl Curve {
-    /// A curve of these points.
-    pub fn new(name: impl Into<String>, color: RGBColor, style: Style, points: Vec<(f64, f64)>) -> Self {
+    /// Creates a curve from points.
+    pub fn new(name: impl Into<String>, color: RGBColor, style: LineStyle, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), color, style, points }
     }
 
-    /// A curve over time, of which each bin keeps its least and its largest value; broken where it jumps by more than `jump`.
-    pub fn over_time(name: impl Into<String>, color: RGBColor, style: Style, values: &[(f64, f64)], jump: f64) -> Self {
-        let bin = (2 * values.len()).div_ceil(POINTS).max(1);
+    /// Creates a decimated curve over time: each bin keeps its smallest and largest value.
+    ///
+    /// A step of more than `max_step` between consecutive points breaks the curve, such as the wrap
+    /// of an angle.
+    pub fn over_time(name: impl Into<String>, color: RGBColor, style: LineStyle, values: &[(f64, f64)], max_step: f64) -> Self {
+        let bin_size = (2 * values.len()).div_ceil(MAX_POINTS).max(1);
         let mut points: Vec<(f64, f64)> = Vec::new();
-        for bin in values.chunks(bin) {
-            let least = bin.iter().copied().reduce(|a, b| if b.1 < a.1 { b } else { a });
-            let most = bin.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
-            let mut ends: Vec<_> = least.into_iter().chain(most).collect();
+        for bin in values.chunks(bin_size) {
+            let min = bin.iter().copied().reduce(|a, b| if b.1 < a.1 { b } else { a });
+            let max = bin.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
+            let mut ends: Vec<_> = min.into_iter().chain(max).collect();
             ends.sort_by(|a, b| a.0.total_cmp(&b.0));
             ends.dedup();
             for end in ends {
-                if points.last().is_some_and(|last| (last.1 - end.1).abs() > jump) {
+                if points.last().is_some_and(|last| (last.1 - end.1).abs() > max_step) {
                     points.push((end.0, f64::NAN));
                 }
                 points.push(end);
@@ -116,18 +119,18 @@ impl Curve {
 }
 
 impl Draw for Chart {
-    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
         let mut builder = ChartBuilder::on(area);
         builder
             .margin(8)
-            .margin_right(if self.named { LEGEND_WIDTH } else { 24 })
+            .margin_right(if self.has_legend { LEGEND_WIDTH } else { 24 })
             .x_label_area_size(40)
             .y_label_area_size(66);
         if !self.title.is_empty() {
-            builder.caption(&self.title, fitting(area, &self.title)?);
+            builder.caption(&self.title, title_style(area, &self.title)?);
         }
         let mut chart = builder.build_cartesian_2d(self.x.ends(), self.y.ends())?;
         chart
@@ -138,23 +141,23 @@ impl Draw for Chart {
             .axis_desc_style(TEXT)
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.14))
-            .x_labels(if self.named { 11 } else { 6 })
-            .y_labels((area.dim_in_pixel().1.saturating_sub(BESIDE_HEIGHT) / LABEL_HEIGHT).clamp(2, 9) as usize)
-            .x_label_formatter(&|place| self.x.told(*place))
-            .y_label_formatter(&|place| self.y.told(*place))
+            .x_labels(if self.has_legend { 11 } else { 6 })
+            .y_labels((area.dim_in_pixel().1.saturating_sub(LABEL_MARGIN_HEIGHT) / MIN_LABEL_HEIGHT).clamp(2, 9) as usize)
+            .x_label_formatter(&|place| self.x.tick_label(*place))
+            .y_label_formatter(&|place| self.y.tick_label(*place))
             .draw()?;
         let width = f64::from(chart.plotting_area().dim_in_pixel().0.max(1));
         let (from, unit) = (self.x.ends().start, (self.x.ends().end - self.x.ends().start) / width);
         for Curve { color, style, points, .. } in &self.curves {
-            let points: Vec<_> = points.iter().map(|(x, y)| (self.x.at(*x), self.y.at(*y))).collect();
-            if *style == Style::Dots {
+            let points: Vec<_> = points.iter().map(|(x, y)| (self.x.to_scale(*x), self.y.to_scale(*y))).collect();
+            if *style == LineStyle::Dots {
                 chart.draw_series(points.iter().map(|point| Circle::new(*point, 1, color.mix(0.55).filled())))?;
                 continue;
             }
             let outside = |point: &(f64, f64)| !(self.y.ends().start..=self.y.ends().end).contains(&point.1);
             let runs = points.split(outside).filter(|run| run.len() > 1);
             let stroke = color.stroke_width(style.width());
-            if let Style::Dashed(on, off) = *style {
+            if let LineStyle::Dashed(on, off) = *style {
                 let [on, off] = [on, off].map(|pixels| f64::from(pixels) * unit);
                 let pieces = runs.flat_map(|run| dashes(run, from, on, off));
                 chart.draw_series(pieces.map(|piece| PathElement::new(piece, stroke)))?;
@@ -162,13 +165,13 @@ impl Draw for Chart {
                 chart.draw_series(runs.map(|run| PathElement::new(run.to_vec(), stroke)))?;
             }
         }
-        if self.named { self.legend(area) } else { Ok(()) }
+        if self.has_legend { self.draw_legend(area) } else { Ok(()) }
     }
 }
 
 impl Chart {
-    /// The names of the curves, to the right of them.
-    fn legend<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    /// Draws the legend to the right of the curves.
+    fn draw_legend<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
@@ -179,9 +182,9 @@ impl Chart {
         let first = (height / 4).min(44);
         let step = ((height - first) / named.len().max(1)).clamp(14, 24);
         for (Curve { name, color, style, .. }, y) in named.into_iter().zip((first as i32..).step_by(step)) {
-            if *style == Style::Dots {
+            if *style == LineStyle::Dots {
                 area.draw(&Circle::new((left + 10, y), 3, color.filled()))?;
-            } else if let Style::Dashed(on, off) = *style {
+            } else if let LineStyle::Dashed(on, off) = *style {
                 let line = [(f64::from(left), 0.0), (f64::from(left + 20), 0.0)];
                 for piece in dashes(&line, f64::from(left), f64::from(on.min(12)), f64::from(off)) {
                     let piece: Vec<_> = piece.iter().map(|(x, _)| (x.round() as i32, y)).collect();
@@ -196,8 +199,8 @@ impl Chart {
     }
 }
 
-/// How a title is written that is not to be wider than the figure.
-fn fitting<B: DrawingBackend>(area: &Area<B>, title: &str) -> Result<(&'static str, u32), Box<dyn Error + Send + Sync>>
+/// Returns the font of a title, reduced in size if the title is wider than the figure.
+fn title_style<B: DrawingBackend>(area: &Area<B>, title: &str) -> Result<(&'static str, u32), Box<dyn Error + Send + Sync>>
 where
     B::ErrorType: 'static,
 {
@@ -207,21 +210,21 @@ where
     Ok((name, if width > room { (size * room / width).max(MIN_TITLE_SIZE) } else { size }))
 }
 
-/// Charts one above the other.
+/// Charts stacked vertically.
 #[derive(Debug)]
 pub struct Stack {
-    /// Above them all.
+    /// Title above all charts.
     pub title: String,
-    /// From the top.
+    /// Charts from the top.
     pub charts: Vec<Chart>,
 }
 
 impl Draw for Stack {
-    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
-        let area = area.titled(&self.title, fitting(area, &self.title)?)?;
+        let area = area.titled(&self.title, title_style(area, &self.title)?)?;
         let areas = area.split_evenly((self.charts.len().max(1), 1));
         areas.iter().zip(&self.charts).try_for_each(|(area, chart)| chart.draw(area))
     }
@@ -234,15 +237,15 @@ mod tests {
     use crate::{canvas::svg, style};
 
     #[test]
-    fn a_dashed_curve_is_in_pieces_and_a_wide_range_is_by_factors() {
+    fn dashes_are_separate_lines_and_log_axis_has_decade_ticks() {
         let chart = |style| {
             let line = (0..=100).map(|k| (10f64.powf(f64::from(k) * 0.04 - 2.0), f64::from(k))).collect();
-            let x = Axis { by_factors: true, ..Axis::new("β, rad/s", 0.01..100.0) };
+            let x = Axis { is_log: true, ..Axis::new("β, rad/s", 0.01..100.0) };
             let curves = vec![Curve::new("one", style::BLUE, style, line)];
-            let chart = Chart { title: String::new(), x, y: Axis::new("error, °", 0.0..100.0), curves, named: true };
+            let chart = Chart { title: String::new(), x, y: Axis::new("error, °", 0.0..100.0), curves, has_legend: true };
             svg((600, 400), &Stack { title: "all".into(), charts: vec![chart] }).unwrap()
         };
-        let [whole, broken] = [Style::Thick, Style::Dashed(10, 10)].map(chart);
+        let [whole, broken] = [LineStyle::Thick, LineStyle::Dashed(10, 10)].map(chart);
         let lines = |text: &str| text.matches("<polyline").count();
         assert!((15..40).contains(&(lines(&broken) - lines(&whole))), "{} {}", lines(&whole), lines(&broken));
         for words in ["β, rad/s", "error, °", "all", "one", ">\n0.1\n<", ">\n10\n<"] {

@@ -1,11 +1,13 @@
-//! A line with gaps.
+//! Dashed lines.
 //!
-//! Dashes are measured along the axis, not along the line, so that a noisy curve has no more of them than a smooth one.
+//! Dashes are measured along the horizontal axis instead of along the line, so that a noisy curve
+//! has as many dashes as a smooth one.
 
-/// The pieces of a line that are drawn, of `on` and `off` units of x by turns from x = `from`.
+/// Returns the drawn pieces of a dashed line. Dashes of `on` and gaps of `off` units of x alternate
+/// from x = `from`.
 pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<Vec<(f64, f64)>> {
     let period = on + off;
-    let ends = |x: f64| {
+    let period_bounds = |x: f64| {
         let start = from + ((x - from) / period).floor() * period;
         (start + on, start + period)
     };
@@ -14,15 +16,15 @@ pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<V
     for pair in line.windows(2) {
         let ((mut x, mut y), (x_end, y_end)) = (pair[0], pair[1]);
         loop {
-            let (drawn_until, until) = ends(x);
-            let is_drawn = x < drawn_until;
+            let (dash_end, period_end) = period_bounds(x);
+            let is_drawn = x < dash_end;
             match is_drawn {
                 true if piece.is_empty() => piece.push((x, y)),
                 false if !piece.is_empty() => pieces.push(std::mem::take(&mut piece)),
                 _ => {}
             }
-            let next = if is_drawn { drawn_until } else { until };
-            // A line that stands still or goes back is one piece; so is one step of rounding.
+            let next = if is_drawn { dash_end } else { period_end };
+            // A vertical or backward line stays one piece, and so does a step lost to rounding.
             if next >= x_end || next <= x {
                 if is_drawn {
                     piece.push((x_end, y_end));
@@ -46,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_drawn_and_left_out_by_turns() {
+    fn dashes_alternate_with_gaps() {
         let line = [(0.0, 0.0), (5.0, 5.0), (10.0, 0.0)];
         let expected =
             [vec![(0.0, 0.0), (3.0, 3.0)], vec![(4.0, 4.0), (5.0, 5.0), (7.0, 3.0)], vec![(8.0, 2.0), (10.0, 0.0)]];
@@ -54,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_makes_no_more_dashes_and_dashes_end_whatever_the_numbers() {
+    fn dash_count_ignores_noise_and_rounding() {
         let noise: Vec<_> = (0..10_000).map(|k| (f64::from(k) * 0.1, f64::from(k % 7))).collect();
         assert_eq!(dashes(&noise, 0.0, 7.0, 3.0).len(), 100);
         let steep = [(1e9, 0.0), (1e9, 5.0), (1e9 + 1e-7, 0.0)];

@@ -1,7 +1,10 @@
-//! The typeface of the PNGs: one that the system has.
+//! Installed typeface used for PNG.
 //!
-//! Input: the folders in which systems keep typefaces. Output: the first of a few wide-spread ones that have Greek letters. Failure: none is there,
-//! and what to install is said; an SVG needs none, its viewer brings the typeface.
+//! Input: the standard typeface folders of the system.
+//!
+//! Output: the first match in a list of widespread typefaces with Greek letters.
+//!
+//! Failure: a message with the package to install if no supported typeface is found.
 
 use std::path::{Path, PathBuf};
 
@@ -11,37 +14,43 @@ const FOLDERS: [&str; 4] =
     ["/usr/share/fonts", "/usr/local/share/fonts", "/run/current-system/sw/share/X11/fonts", "/Library/Fonts"];
 const NAMES: [&str; 5] =
     ["DejaVuSans.ttf", "LiberationSans-Regular.ttf", "NotoSans-Regular.ttf", "FreeSans.ttf", "Arial Unicode.ttf"];
-/// Folders within each other, and entries in all: a limit for a tree with loops.
+/// Maximum folder depth and maximum number of entries visited. Both bound the search in a tree with
+/// link loops.
 const MAX_DEPTH: usize = 5;
 const MAX_ENTRIES: usize = 20_000;
 
-/// A typeface that text is drawn with.
+/// Typeface for the text of a PNG.
 pub struct Typeface(FontVec);
 
 impl Typeface {
-    /// The first there is; or what to do about it.
+    /// Finds the preferred typeface among those installed.
+    ///
+    /// # Errors
+    ///
+    /// Returns a message with the remedy if none of the supported typefaces is installed.
     pub fn find() -> Result<Self, String> {
         let mut found = Vec::new();
         let mut left = MAX_ENTRIES;
-        FOLDERS.iter().for_each(|folder| collect(Path::new(folder), MAX_DEPTH, &mut left, &mut found));
+        FOLDERS.iter().for_each(|folder| collect_typefaces(Path::new(folder), MAX_DEPTH, &mut left, &mut found));
         found.sort();
         let typeface = found.iter().find_map(|(_, path)| FontVec::try_from_vec(std::fs::read(path).ok()?).ok());
         typeface.map(Self).ok_or_else(|| {
             format!(
-                "none of the typefaces {} is under {}; install one, as with `apt-get install fonts-dejavu-core`",
+                "no supported typeface ({}) under {}; install one, for example `apt-get install fonts-dejavu-core`",
                 NAMES.join(", "),
                 FOLDERS.join(", ")
             )
         })
     }
 
-    /// Width and height of a line of text whose em is `em` pixels.
+    /// Returns width and height of a line of text, pixels, for a font size of `em` pixels.
     pub(crate) fn size(&self, text: &str, em: f32) -> (f32, f32) {
         let font = self.0.as_scaled(self.scale(em));
         (text.chars().map(|c| font.h_advance(font.glyph_id(c))).sum(), font.height())
     }
 
-    /// Gives each pixel of a line of text, from its upper left corner, with how much of it is covered.
+    /// Calls `pixel` with position and coverage, 0 to 1, of each pixel of a line of text. The
+    /// origin is the upper left corner.
     pub(crate) fn draw(&self, text: &str, em: f32, mut pixel: impl FnMut(i32, i32, f32)) {
         let font = self.0.as_scaled(self.scale(em));
         let mut x = 0.0;
@@ -61,8 +70,8 @@ impl Typeface {
     }
 }
 
-/// Adds what has one of the names, with the name's rank.
-fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut Vec<(usize, PathBuf)>) {
+/// Collects the files with a supported name, each with the rank of its name.
+fn collect_typefaces(folder: &Path, depth: usize, left: &mut usize, found: &mut Vec<(usize, PathBuf)>) {
     let Ok(entries) = folder.read_dir() else { return };
     for path in entries.flatten().map(|entry| entry.path()) {
         if *left == 0 {
@@ -73,7 +82,7 @@ fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut Vec<(usize
         if let Some(rank) = NAMES.iter().position(|known| *known == name) {
             found.push((rank, path));
         } else if depth > 0 && path.is_dir() {
-            collect(&path, depth - 1, left, found);
+            collect_typefaces(&path, depth - 1, left, found);
         }
     }
 }

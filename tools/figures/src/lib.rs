@@ -1,14 +1,18 @@
-//! Figures as SVG and as PNG.
+//! Figures as SVG and PNG.
 //!
-//! Input: what is to be drawn, and how large. Output: the bytes of a file. Time: none. Failure: a PNG needs a typeface of the system; where there is none, what to
-//! install is said. An SVG needs none, its viewer brings the typeface.
+//! Input: a [`Draw`] value and a size in pixels.
 //!
-//! | module | what it holds |
+//! Output: the bytes of a file.
+//!
+//! Failure: PNG needs an installed typeface; if none is found, the error names the package to
+//! install. SVG needs none, because the viewer supplies the typeface.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`canvas`] | what can be drawn, and the bytes it becomes |
-//! | [`chart`] | curves over an axis, charts one above the other |
-//! | [`style`] | colours, sizes of text, how lines differ |
-//! | [`font`], `png` | a typeface of the system; a picture of pixels |
+//! | [`canvas`] | the [`Draw`] trait and its rendering to SVG or PNG |
+//! | [`chart`] | curves in a pair of axes, and stacked charts |
+//! | [`style`] | colours, text sizes, line styles |
+//! | [`font`], `png` | an installed typeface; the pixel backend of PNG |
 #![forbid(unsafe_code)]
 
 pub mod canvas;
@@ -18,6 +22,6 @@ pub mod font;
 mod png;
 pub mod style;
 
-pub use canvas::{Area, Draw, Drawn, png, svg};
+pub use canvas::{Area, Draw, DrawResult, png, svg};
 pub use chart::{Axis, Chart, Curve, Stack};
 pub use font::Typeface;

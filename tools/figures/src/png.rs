@@ -1,6 +1,7 @@
-//! A picture of pixels, and its file.
+//! Pixel backend and PNG encoder.
 //!
-//! Every length is doubled, so that a picture stays sharp on a screen of many pixels; text is drawn with a typeface of the system.
+//! Every length is doubled, so that a picture stays sharp on a high-density screen. Text is drawn
+//! with an installed typeface.
 
 use std::io::{self, Write};
 
@@ -13,38 +14,39 @@ use plotters_bitmap::{BitMapBackend, BitMapBackendError};
 
 use crate::font::Typeface;
 
-/// Pixels for each unit of length.
+/// Pixels per unit of length.
 const SCALE: u32 = 2;
-/// Bytes of a pixel.
+/// Bytes per pixel.
 const CHANNELS: usize = 3;
 
-type Drawn = Result<(), DrawingErrorKind<BitMapBackendError>>;
+type DrawResult = Result<(), DrawingErrorKind<BitMapBackendError>>;
 
-/// The pixels of a picture.
+/// Pixel buffer of a picture.
 pub(crate) struct Pixels {
     size: (u32, u32),
     rgb: Vec<u8>,
 }
 
 impl Pixels {
-    /// Of a picture of this size.
+    /// Creates a white picture of `size` units; each unit is `SCALE` pixels.
     pub(crate) fn new(size: (u32, u32)) -> Self {
         let size = (size.0 * SCALE, size.1 * SCALE);
         Self { size, rgb: vec![255; size.0 as usize * size.1 as usize * CHANNELS] }
     }
 
-    /// To be drawn on.
+    /// Returns a drawing backend for the buffer.
     pub(crate) fn canvas<'a>(&'a mut self, typeface: &'a Typeface) -> Canvas<'a> {
         Canvas { bitmap: BitMapBackend::with_buffer(&mut self.rgb, self.size), typeface }
     }
 
-    /// The file: one stream of unfiltered rows — PNG (ISO/IEC 15948), 5 and 11.
-    pub(crate) fn encoded(&self) -> io::Result<Vec<u8>> {
+    /// Encodes the picture as PNG with unfiltered rows in one stream — PNG (ISO/IEC 15948), 5 and
+    /// 11.
+    pub(crate) fn encode(&self) -> io::Result<Vec<u8>> {
         let (width, height) = self.size;
         let mut header = Vec::with_capacity(13);
         header.extend(width.to_be_bytes());
         header.extend(height.to_be_bytes());
-        // 8 bits, RGB, deflate, adaptive filters, not interlaced.
+        // 8 bits per channel, RGB, deflate, adaptive filtering, not interlaced.
         header.extend([8, 2, 0, 0, 0]);
         let mut rows = ZlibEncoder::new(Vec::new(), Compression::default());
         for row in self.rgb.chunks(width as usize * CHANNELS) {
@@ -66,16 +68,16 @@ impl Pixels {
     }
 }
 
-/// Draws into pixels.
+/// Drawing backend that scales all lengths by `SCALE`.
 pub(crate) struct Canvas<'a> {
     bitmap: BitMapBackend<'a>,
     typeface: &'a Typeface,
 }
 
-/// A style with its stroke doubled.
-struct Doubled<'a, S>(&'a S);
+/// A style with its stroke scaled by `SCALE`.
+struct ScaledStyle<'a, S>(&'a S);
 
-impl<S: BackendStyle> BackendStyle for Doubled<'_, S> {
+impl<S: BackendStyle> BackendStyle for ScaledStyle<'_, S> {
     fn color(&self) -> BackendColor {
         self.0.color()
     }
@@ -85,7 +87,7 @@ impl<S: BackendStyle> BackendStyle for Doubled<'_, S> {
     }
 }
 
-fn doubled((x, y): BackendCoord) -> BackendCoord {
+fn scaled((x, y): BackendCoord) -> BackendCoord {
     (x * SCALE as i32, y * SCALE as i32)
 }
 
@@ -97,31 +99,31 @@ impl DrawingBackend for Canvas<'_> {
         (width / SCALE, height / SCALE)
     }
 
-    fn ensure_prepared(&mut self) -> Drawn {
+    fn ensure_prepared(&mut self) -> DrawResult {
         self.bitmap.ensure_prepared()
     }
 
-    fn present(&mut self) -> Drawn {
+    fn present(&mut self) -> DrawResult {
         self.bitmap.present()
     }
 
-    fn draw_pixel(&mut self, point: BackendCoord, color: BackendColor) -> Drawn {
-        let (x, y) = doubled(point);
+    fn draw_pixel(&mut self, point: BackendCoord, color: BackendColor) -> DrawResult {
+        let (x, y) = scaled(point);
         let corner = (x + SCALE as i32 - 1, y + SCALE as i32 - 1);
         self.bitmap.draw_rect((x, y), corner, &color, true)
     }
 
-    /// As many thin lines side by side as the stroke is wide: a stroke as a polygon has holes where it turns sharply.
-    fn draw_line<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S) -> Drawn {
-        let (from, to, color) = (doubled(from), doubled(to), style.color());
-        let wide = (style.stroke_width() * SCALE) as i32;
-        let level = (to.0 - from.0).abs() >= (to.1 - from.1).abs();
-        for line in 0..wide {
-            let off = line - wide / 2;
-            let aside = |(x, y): BackendCoord| if level { (x, y + off) } else { (x + off, y) };
-            self.bitmap.draw_line(aside(from), aside(to), &color)?;
-            // Of a level line the last pixel is missing.
-            self.bitmap.draw_pixel(aside(to), color)?;
+    /// Draws a stroke as parallel thin lines: a stroke drawn as a polygon has holes at sharp bends.
+    fn draw_line<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S) -> DrawResult {
+        let (from, to, color) = (scaled(from), scaled(to), style.color());
+        let width = (style.stroke_width() * SCALE) as i32;
+        let is_horizontal = (to.0 - from.0).abs() >= (to.1 - from.1).abs();
+        for line in 0..width {
+            let offset = line - width / 2;
+            let shifted = |(x, y): BackendCoord| if is_horizontal { (x, y + offset) } else { (x + offset, y) };
+            self.bitmap.draw_line(shifted(from), shifted(to), &color)?;
+            // The bitmap backend omits the last pixel of a horizontal line.
+            self.bitmap.draw_pixel(shifted(to), color)?;
         }
         Ok(())
     }
@@ -132,29 +134,29 @@ impl DrawingBackend for Canvas<'_> {
         bottom_right: BackendCoord,
         style: &S,
         fill: bool,
-    ) -> Drawn {
-        self.bitmap.draw_rect(doubled(upper_left), doubled(bottom_right), &Doubled(style), fill)
+    ) -> DrawResult {
+        self.bitmap.draw_rect(scaled(upper_left), scaled(bottom_right), &ScaledStyle(style), fill)
     }
 
-    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, path: I, style: &S) -> Drawn {
+    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, path: I, style: &S) -> DrawResult {
         let mut path = path.into_iter();
-        let Some(mut before) = path.next() else { return Ok(()) };
+        let Some(mut previous) = path.next() else { return Ok(()) };
         for point in path {
-            self.draw_line(before, point, style)?;
-            before = point;
+            self.draw_line(previous, point, style)?;
+            previous = point;
         }
         Ok(())
     }
 
-    fn draw_circle<S: BackendStyle>(&mut self, center: BackendCoord, radius: u32, style: &S, fill: bool) -> Drawn {
-        self.bitmap.draw_circle(doubled(center), radius * SCALE, &Doubled(style), fill)
+    fn draw_circle<S: BackendStyle>(&mut self, center: BackendCoord, radius: u32, style: &S, fill: bool) -> DrawResult {
+        self.bitmap.draw_circle(scaled(center), radius * SCALE, &ScaledStyle(style), fill)
     }
 
-    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, vert: I, style: &S) -> Drawn {
-        self.bitmap.fill_polygon(vert.into_iter().map(doubled), &Doubled(style))
+    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, vert: I, style: &S) -> DrawResult {
+        self.bitmap.fill_polygon(vert.into_iter().map(scaled), &ScaledStyle(style))
     }
 
-    fn draw_text<T: BackendTextStyle>(&mut self, text: &str, style: &T, at: BackendCoord) -> Drawn {
+    fn draw_text<T: BackendTextStyle>(&mut self, text: &str, style: &T, at: BackendCoord) -> DrawResult {
         let em = style.size() as f32 * SCALE as f32;
         let (width, height) = self.typeface.size(text, em);
         let anchor = style.anchor();
@@ -168,7 +170,7 @@ impl DrawingBackend for Canvas<'_> {
             VPos::Center => -0.5 * height,
             VPos::Bottom => -height,
         };
-        let (at, transform, color) = (doubled(at), style.transform(), style.color());
+        let (at, transform, color) = (scaled(at), style.transform(), style.color());
         let (bitmap, mut drawn) = (&mut self.bitmap, Ok(()));
         self.typeface.draw(text, em, |x, y, covered| {
             let (x, y) = transform.transform(x + left as i32, y + top as i32);

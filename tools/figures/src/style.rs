@@ -1,8 +1,8 @@
-//! Colours, sizes of text, how lines differ.
+//! Colours, text sizes and line styles.
 
 use plotters::style::RGBColor;
 
-/// Colours of Okabe and Ito 2008, which people of any colour vision tell apart.
+/// Blue. The palette is that of Okabe and Ito 2008, distinguishable with any colour vision.
 pub const BLUE: RGBColor = RGBColor(0, 114, 178);
 /// Vermilion.
 pub const ORANGE: RGBColor = RGBColor(213, 94, 0);
@@ -12,35 +12,35 @@ pub const GREEN: RGBColor = RGBColor(0, 158, 115);
 pub const PURPLE: RGBColor = RGBColor(204, 121, 167);
 /// Sky blue.
 pub const SKY: RGBColor = RGBColor(86, 180, 233);
-/// Their orange.
+/// Orange of the palette.
 pub const AMBER: RGBColor = RGBColor(230, 159, 0);
-/// Of what is beside the data.
+/// Grey for annotations.
 pub const GREY: RGBColor = RGBColor(90, 90, 90);
-/// Of text, and of the truth.
+/// Near-black for text and the reference.
 pub const TEXT_COLOR: RGBColor = RGBColor(26, 26, 26);
 
-/// Size of a title.
+/// Font family and size of titles.
 pub const TITLE: (&str, u32) = ("sans-serif", 18);
-/// Size of other text.
+/// Font family and size of other text.
 pub const TEXT: (&str, u32) = ("sans-serif", 14);
 
-/// How a line of a curve is drawn.
+/// Line style of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Style {
-    /// One pixel wide.
+pub enum LineStyle {
+    /// Line of one pixel.
     Thin,
-    /// Two.
+    /// Line of two pixels.
     Thick,
-    /// Four.
+    /// Line of four pixels.
     Wide,
-    /// A cloud of dots.
+    /// Cloud of dots instead of a line.
     Dots,
-    /// Broken: so many pixels along the axis drawn, and so many left out.
+    /// Dashed line of two pixels: lengths of dash and gap along the horizontal axis, pixels.
     Dashed(u32, u32),
 }
 
-impl Style {
-    /// Pixels.
+impl LineStyle {
+    /// Returns the line width, pixels.
     pub(crate) fn width(self) -> u32 {
         match self {
             Self::Wide => 4,
@@ -50,21 +50,21 @@ impl Style {
     }
 }
 
-/// Of the truth.
-pub const REFERENCE: (RGBColor, Style) = (TEXT_COLOR, Style::Dashed(7, 4));
+/// Colour and style of the reference.
+pub const REFERENCE: (RGBColor, LineStyle) = (TEXT_COLOR, LineStyle::Dashed(7, 4));
 
 const COLORS: [RGBColor; 6] = [BLUE, PURPLE, GREEN, AMBER, SKY, ORANGE];
-const STYLES: [Style; 5] =
-    [Style::Thick, Style::Dashed(12, 4), Style::Dashed(5, 3), Style::Dashed(20, 6), Style::Dashed(2, 3)];
+const STYLES: [LineStyle; 5] =
+    [LineStyle::Thick, LineStyle::Dashed(12, 4), LineStyle::Dashed(5, 3), LineStyle::Dashed(20, 6), LineStyle::Dashed(2, 3)];
 
-/// Of the curve at a place among several: each of the first 30 has a colour and a style that no other one has both of.
-pub fn of_place(place: usize) -> (RGBColor, Style) {
-    (COLORS[place % COLORS.len()], STYLES[place % STYLES.len()])
+/// Returns colour and style of the curve with this index. The first 30 combinations are unique.
+pub fn series_style(index: usize) -> (RGBColor, LineStyle) {
+    (COLORS[index % COLORS.len()], STYLES[index % STYLES.len()])
 }
 
-/// A number as short as it is: 20, 0.5, not 20.0, −0.0.
-pub fn number(value: &f64) -> String {
-    // What is left of a sum of ticks is none.
+/// Formats a number without trailing zeros: 20 and 0.5 instead of 20.0 and −0.0.
+pub fn format_number(value: &f64) -> String {
+    // A remainder of summed ticks counts as zero.
     let value = if value.abs() < 1e-9 { &0.0 } else { value };
     let text = if *value != 0.0 && value.abs() < 1e-3 { format!("{value:.0e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };
@@ -76,8 +76,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn curves_differ_by_colour_or_style_and_neighbours_by_both() {
-        let places: Vec<_> = (0..COLORS.len() * STYLES.len()).map(of_place).collect();
+    fn series_styles_are_unique_and_neighbours_differ_in_both() {
+        let places: Vec<_> = (0..COLORS.len() * STYLES.len()).map(series_style).collect();
         for (at, one) in places.iter().enumerate() {
             assert!(places[..at].iter().all(|other| other != one), "{at}");
         }
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_as_short_as_they_are() {
-        assert_eq!([20.0, 0.5, -0.0, -0.25, 2e-4].map(|x| number(&x)), ["20", "0.5", "0", "−0.25", "2e−4"]);
+    fn numbers_are_formatted_without_trailing_zeros() {
+        assert_eq!([20.0, 0.5, -0.0, -0.25, 2e-4].map(|x| format_number(&x)), ["20", "0.5", "0", "−0.25", "2e−4"]);
     }
 }

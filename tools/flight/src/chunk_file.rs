@@ -1,7 +1,11 @@
-//! A file that grows by whole chunks: whatever happens, it ends where one does.
+//! File that grows by complete chunks and always ends at a chunk boundary.
 //!
-//! Input: bytes, and at the end of a chunk a flush. Output: the file, under its own name from the first moment, that only this user may
-//! read. Failure: what a full disk has taken of a chunk is cut off again, and nothing more is written.
+//! Input: bytes, and a flush at the end of each chunk.
+//!
+//! Output: the file under its final name, readable by its owner only.
+//!
+//! Failure: a chunk that is written only in part, as on a full disk, is truncated. Nothing is
+//! written after that.
 
 use std::{
     fs::{File, OpenOptions},
@@ -10,32 +14,32 @@ use std::{
     path::Path,
 };
 
-use crate::error::{FlightError, creating};
+use crate::error::{FlightError, create_error};
 
 #[derive(Debug)]
 pub(crate) struct ChunkFile {
     file: File,
-    /// What the chunk under way has so far.
+    /// Bytes of the chunk under construction.
     pending: Vec<u8>,
-    /// Bytes up to the end of the last whole chunk.
-    whole_bytes: u64,
-    ended: bool,
+    /// Length of the file up to the end of the last complete chunk.
+    complete_bytes: u64,
+    has_failed: bool,
 }
 
 impl ChunkFile {
-    /// Makes the file. What is there already stays: neither replaced, nor followed where it is a link.
+    /// Creates the file. An existing file is not replaced and a symbolic link is not followed.
     pub(crate) fn create(path: &Path) -> Result<Self, FlightError> {
         let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
-        let file = file.map_err(|cause| creating(path, cause))?;
-        Ok(Self { file, pending: Vec::new(), whole_bytes: 0, ended: false })
+        let file = file.map_err(|cause| create_error(path, cause))?;
+        Ok(Self { file, pending: Vec::new(), complete_bytes: 0, has_failed: false })
     }
 
-    /// Bytes in the file.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.whole_bytes
+    /// Returns the number of bytes in the file.
+    pub(crate) fn written_bytes(&self) -> u64 {
+        self.complete_bytes
     }
 
-    /// Waits until the disk has them.
+    /// Waits until the data is on disk.
     pub(crate) fn sync(&self) -> io::Result<()> {
         self.file.sync_all()
     }
@@ -47,28 +51,28 @@ impl Write for ChunkFile {
         Ok(bytes.len())
     }
 
-    /// Ends a chunk: it is in the file, or nothing of it is.
+    /// Writes the pending chunk completely or not at all.
     fn flush(&mut self) -> io::Result<()> {
-        if self.ended {
-            return Err(io::Error::other("the file has ended"));
+        if self.has_failed {
+            return Err(io::Error::other("the file was closed after a write error"));
         }
         if let Err(cause) = self.file.write_all(&self.pending) {
-            self.ended = true;
-            // Should it fail, a reader passes over what is not whole.
-            let _ = self.file.set_len(self.whole_bytes);
+            self.has_failed = true;
+            // If truncation fails, readers skip the incomplete chunk.
+            let _ = self.file.set_len(self.complete_bytes);
             return Err(cause);
         }
-        self.whole_bytes += self.pending.len() as u64;
+        self.complete_bytes += self.pending.len() as u64;
         self.pending.clear();
         Ok(())
     }
 }
 
-/// Tells the position, which is all that is asked of a file that only grows.
+/// Supports only the query of the position.
 impl Seek for ChunkFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
-            SeekFrom::Current(0) => Ok(self.whole_bytes + self.pending.len() as u64),
+            SeekFrom::Current(0) => Ok(self.complete_bytes + self.pending.len() as u64),
             _ => Err(ErrorKind::Unsupported.into()),
         }
     }
@@ -81,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_flushed_is_not_in_the_file() {
+    fn unflushed_bytes_are_not_in_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mcap");
         let mut file = ChunkFile::create(&path).unwrap();
@@ -89,20 +93,20 @@ mod tests {
         assert_eq!((fs::read(&path).unwrap(), file.stream_position().unwrap()), (Vec::new(), 3));
         file.flush().unwrap();
         file.write_all(b"two").unwrap();
-        assert_eq!((fs::read(&path).unwrap(), file.bytes()), (b"one".to_vec(), 3));
+        assert_eq!((fs::read(&path).unwrap(), file.written_bytes()), (b"one".to_vec(), 3));
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
     #[test]
-    fn what_is_there_stays_and_a_planted_link_is_not_followed() {
+    fn existing_files_and_links_are_not_overwritten() {
         let folder = tempfile::tempdir().unwrap();
-        let [there, link, aim] = ["there", "link", "aim"].map(|name| folder.path().join(name));
-        fs::write(&there, "mine").unwrap();
-        std::os::unix::fs::symlink(&aim, &link).unwrap();
-        for path in [&there, &link] {
+        let [existing, link, target] = ["existing", "link", "target"].map(|name| folder.path().join(name));
+        fs::write(&existing, "mine").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        for path in [&existing, &link] {
             let error = ChunkFile::create(path).unwrap_err();
             assert!(matches!(error, FlightError::Exists { .. }), "{error}");
         }
-        assert_eq!((fs::read(&there).unwrap(), aim.exists()), (b"mine".to_vec(), false));
+        assert_eq!((fs::read(&existing).unwrap(), target.exists()), (b"mine".to_vec(), false));
     }
 }

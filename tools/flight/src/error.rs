@@ -1,92 +1,90 @@
-//! Why a flight is not recorded, or not read.
+//! Errors of recording and reading flights.
 
 use std::{
     io,
     path::{Path, PathBuf},
 };
 
-/// Why a flight is not recorded, or not read.
+/// Error of recording or reading a flight.
 #[derive(Debug, thiserror::Error)]
 pub enum FlightError {
-    /// The file would replace another, or a link is there.
-    #[error(
-        "recording to {path}: there is something of that name already, and it stays; give the recording another name"
-    )]
+    /// The file already exists, possibly as a symbolic link.
+    #[error("recording to {path}: the file already exists; choose another name")]
     Exists {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file or its folder cannot be made.
+    /// The file or its folder cannot be created.
     #[error("recording to {path}: {cause}")]
     Create {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file can be written no more.
+    /// Writing to the file failed.
     #[error(
-        "recording to {path}: {cause}; the file ends before its time, with a whole chunk, and nothing else does: make room, or record to another place"
+        "recording to {path}: {cause}; the file ends early with a complete chunk and the system continues: free disk space or record to another path"
     )]
-    Ends {
-        /// The file.
+    WriteFailed {
+        /// Path of the file.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system or the MCAP library.
         cause: String,
     },
-    /// The thread that writes does not answer.
-    #[error("recording to {path}: the disk took nothing for {limit_s} s, and what it has not taken is not waited for")]
-    Stuck {
-        /// The file.
+    /// The writer thread made no progress before the timeout.
+    #[error("recording to {path}: no progress of the disk for {limit_s} s, pending data is lost; check the disk")]
+    DiskTimeout {
+        /// Path of the file.
         path: PathBuf,
-        /// How long it was waited for.
+        /// Timeout, s.
         limit_s: u64,
     },
-    /// What was published and is not in the file.
+    /// Published messages are missing in the file.
     #[error(
-        "recording to {path}: published, but not in the file: {}; the recorder did not take them in time, as on a machine with too much to do",
+        "recording to {path}: {} published but not recorded, because the recorder was too slow; reduce the load of the machine",
         launch::pluralize(*missed, "message")
     )]
-    Missed {
-        /// The file.
+    MissedMessages {
+        /// Path of the file.
         path: PathBuf,
-        /// How many, at least.
+        /// Minimum number of missing messages.
         missed: u64,
     },
     /// The file cannot be read.
     #[error("reading {path}: {cause}")]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// It has no launch file.
-    #[error("reading {path}: no launch file is attached to it; name one: plumb up LAUNCH.toml --replay {path}")]
+    /// No launch file is attached to the flight.
+    #[error("reading {path}: no launch file attached; pass one: plumb up LAUNCH.toml --replay {path}")]
     NoLaunchFile {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A message that is none.
+    /// A message cannot be decoded.
     #[error("reading {path}: {cause}")]
-    Message {
-        /// The file.
+    InvalidMessage {
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Decoding error.
         cause: wire::DecodeError,
     },
-    /// It is an MCAP file whose content makes no sense.
-    #[error("reading {path}: it is no MCAP file that can be read: {cause}")]
+    /// The file is not a readable MCAP file.
+    #[error("reading {path}: not a readable MCAP file: {cause}")]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Error of the MCAP library.
         cause: mcap::McapError,
     },
 }
 
-/// What the system answered when the file at `path` was to be made.
-pub(crate) fn creating(path: &Path, cause: io::Error) -> FlightError {
+/// Returns the error for a file that cannot be created at `path`.
+pub(crate) fn create_error(path: &Path, cause: io::Error) -> FlightError {
     let path = path.to_owned();
     if cause.kind() == io::ErrorKind::AlreadyExists {
         FlightError::Exists { path }

@@ -1,38 +1,43 @@
-//! Which ticks of a topic with every tick never came, whatever the order in which they came.
+//! Count of missed ticks of a topic that has a message for every tick.
 //!
-//! Input: the tick and the losses of each message. Output: how many were published and not seen. A tick may come late, from another
-//! incarnation of the publisher, or again. Failure: beyond a number of gaps the oldest counts for good.
+//! Input: tick and upstream losses of each message, in any order. A tick may arrive late,
+//! repeatedly or from another incarnation of the publisher.
+//!
+//! Output: number of ticks that were published but not received.
+//!
+//! Failure: beyond a maximum number of open gaps the oldest one is closed, and late ticks no longer
+//! fill it.
 
-/// Gaps that may still be filled.
-const MAX_OPEN: usize = 64;
+/// Maximum number of gaps that late ticks can still fill.
+const MAX_OPEN_GAPS: usize = 64;
 
 #[derive(Debug, Default)]
 pub(crate) struct Gaps {
-    /// The tick after the newest one.
+    /// Tick after the newest one.
     next: Option<u64>,
-    /// First and last tick after each gap.
+    /// First tick and tick after the last of each open gap.
     open: Vec<(u64, u64)>,
-    /// Ticks of gaps that count for good.
-    settled: u64,
-    /// Ticks that the publisher never had: when the first message came, and now.
+    /// Number of ticks in closed gaps.
+    closed: u64,
+    /// Upstream loss counter at the first message and its maximum since.
     lost_upstream: Option<(u64, u64)>,
 }
 
 impl Gaps {
-    /// From this tick on every one is expected.
-    pub(crate) fn from(tick: u64) -> Self {
+    /// Creates a counter that expects every tick from `tick` on.
+    pub(crate) fn starting_at(tick: u64) -> Self {
         Self { next: Some(tick), lost_upstream: Some((0, 0)), ..Self::default() }
     }
 
-    pub(crate) fn take(&mut self, tick: u64, lost_upstream: u64) {
-        let (first, most) = self.lost_upstream.unwrap_or((lost_upstream, lost_upstream));
-        self.lost_upstream = Some((first, most.max(lost_upstream)));
+    pub(crate) fn record(&mut self, tick: u64, lost_upstream: u64) {
+        let (first, newest) = self.lost_upstream.unwrap_or((lost_upstream, lost_upstream));
+        self.lost_upstream = Some((first, newest.max(lost_upstream)));
         let next = self.next.unwrap_or(tick);
         self.next = Some(next.max(tick.saturating_add(1)));
         if tick > next {
-            if self.open.len() == MAX_OPEN {
+            if self.open.len() == MAX_OPEN_GAPS {
                 let (first, end) = self.open.remove(0);
-                self.settled += end - first;
+                self.closed += end - first;
             }
             self.open.push((next, tick));
         } else if tick < next {
@@ -40,18 +45,18 @@ impl Gaps {
         }
     }
 
-    /// Ticks that were published and not seen.
+    /// Returns the number of ticks that were published but not received.
     pub(crate) fn missed(&self) -> u64 {
         let open: u64 = self.open.iter().map(|(first, end)| end - first).sum();
-        let (first, most) = self.lost_upstream.unwrap_or_default();
-        (self.settled + open).saturating_sub(most.saturating_sub(first))
+        let (first, newest) = self.lost_upstream.unwrap_or_default();
+        (self.closed + open).saturating_sub(newest.saturating_sub(first))
     }
 
     fn fill(&mut self, tick: u64) {
-        let Some(at) = self.open.iter().position(|&(first, end)| (first..end).contains(&tick)) else { return };
-        let (first, end) = self.open.remove(at);
-        let left = [(first, tick), (tick + 1, end)].into_iter().filter(|(first, end)| first < end);
-        self.open.splice(at..at, left);
+        let Some(index) = self.open.iter().position(|&(first, end)| (first..end).contains(&tick)) else { return };
+        let (first, end) = self.open.remove(index);
+        let remaining = [(first, tick), (tick + 1, end)].into_iter().filter(|(first, end)| first < end);
+        self.open.splice(index..index, remaining);
     }
 }
 
@@ -61,28 +66,29 @@ mod tests {
 
     fn missed(gaps: Gaps, ticks: &[(u64, u64)]) -> u64 {
         let mut gaps = gaps;
-        ticks.iter().for_each(|&(tick, lost_upstream)| gaps.take(tick, lost_upstream));
+        ticks.iter().for_each(|&(tick, lost_upstream)| gaps.record(tick, lost_upstream));
         gaps.missed()
     }
 
     #[test]
-    fn what_never_came_is_missed_and_what_was_never_published_is_not() {
+    fn absent_ticks_are_missed_unless_lost_upstream() {
         assert_eq!(missed(Gaps::default(), &[(5, 0), (6, 0), (10, 0)]), 3);
         assert_eq!(missed(Gaps::default(), &[(5, 2), (6, 2), (10, 4)]), 1);
-        assert_eq!(missed(Gaps::from(0), &[(5, 2), (6, 2)]), 3, "the first five are expected, two were lost before");
+        let early = missed(Gaps::starting_at(0), &[(5, 2), (6, 2)]);
+        assert_eq!(early, 3, "the first five are expected, two were lost before");
     }
 
     #[test]
-    fn what_comes_late_or_again_is_not_missed() {
-        assert_eq!(missed(Gaps::from(0), &[(0, 0), (4, 0), (2, 0), (1, 0), (3, 0), (3, 0), (5, 0)]), 0);
-        assert_eq!(missed(Gaps::from(0), &[(0, 0), (4, 0), (2, 0), (2, 0)]), 2);
+    fn late_and_repeated_ticks_are_not_missed() {
+        assert_eq!(missed(Gaps::starting_at(0), &[(0, 0), (4, 0), (2, 0), (1, 0), (3, 0), (3, 0), (5, 0)]), 0);
+        assert_eq!(missed(Gaps::starting_at(0), &[(0, 0), (4, 0), (2, 0), (2, 0)]), 2);
     }
 
     #[test]
-    fn the_memory_of_gaps_is_limited_and_their_count_is_not() {
+    fn open_gaps_are_bounded_and_count_is_exact() {
         let ticks: Vec<_> = (0..1000).map(|n| (2 * n, 0)).collect();
         let mut gaps = Gaps::default();
-        ticks.iter().for_each(|&(tick, lost)| gaps.take(tick, lost));
-        assert_eq!((gaps.open.len(), gaps.missed()), (MAX_OPEN, 999));
+        ticks.iter().for_each(|&(tick, lost)| gaps.record(tick, lost));
+        assert_eq!((gaps.open.len(), gaps.missed()), (MAX_OPEN_GAPS, 999));
     }
 }

@@ -1,7 +1,11 @@
-//! What a flight holds, from its summary; and of a file that was cut, from its records, as far as they go.
+//! Content of a flight, from its summary or, if the summary is missing, from its records.
 //!
-//! Input: an MCAP file. Output: what is in it. Time: that of the file. Failure: what cannot be opened or is no MCAP is refused; a file that
-//! ends too early or is damaged is told to be cut, with what was whole before.
+//! Input: an MCAP file.
+//!
+//! Output: [`FlightInfo`].
+//!
+//! Failure: files that cannot be opened or are not MCAP are rejected. A truncated or damaged file
+//! is reported as incomplete, with the content of its readable part.
 
 use std::{
     collections::BTreeMap,
@@ -24,116 +28,122 @@ use serde::Serialize;
 
 use crate::{
     FlightError,
-    writer::{BEGINNING, END, MISSED},
+    writer::{END_METADATA, HEADER_METADATA, MISSED_METADATA},
 };
 
-/// A record of more bytes is taken for damage.
-pub(crate) const RECORD_BYTES: usize = 64 << 20;
-/// The opcode and the length before each record.
-const HEAD_BYTES: usize = 9;
+/// Maximum length of a record. A longer one is treated as damage.
+pub(crate) const MAX_RECORD_BYTES: usize = 64 << 20;
+/// Length of the opcode and the length field before each record.
+const RECORD_HEADER_BYTES: usize = 9;
 
-/// What a flight holds.
+/// Content of a flight.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct FlightInfo {
-    /// The file.
+    /// Path of the file.
     pub file: PathBuf,
-    /// Its length.
+    /// Length of the file.
     pub bytes: u64,
-    /// Why it has no summary, as where the recorder was killed; `None` of a file that is whole.
-    pub cut: Option<String>,
-    /// From the first message to the last, s.
+    /// Reason why the file is incomplete, for example because the recorder was killed; `None` if it
+    /// is complete.
+    pub incomplete: Option<String>,
+    /// Time from the first message to the last, s.
     pub seconds: f64,
-    /// Messages, those for viewers among them.
+    /// Number of messages, including those for viewers.
     pub messages: u64,
-    /// Each channel.
+    /// Channels, sorted by topic.
     pub topics: Vec<ChannelInfo>,
-    /// Messages, at least, that were published and are not in the file, by channel.
+    /// Minimum number of published messages that are not in the file, by channel.
     pub missed: BTreeMap<String, u64>,
-    /// How the recording ended; `None` where that is not known.
-    pub end: Option<String>,
-    /// What is said of the flight: its system, version, host, beginning.
+    /// Reason why the recording ended, if known.
+    pub end_reason: Option<String>,
+    /// Other metadata records by name: system, version, host, start time.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
-    /// What is attached.
+    /// Attached files.
     pub attachments: Vec<AttachmentInfo>,
 }
 
-/// A channel of a flight.
+/// Channel of a flight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChannelInfo {
-    /// Its topic.
+    /// Topic of the channel, with a leading slash.
     pub topic: String,
-    /// The name of the schema; empty where it has none.
+    /// Name of the schema; empty without a schema.
     pub schema: String,
-    /// How messages are encoded.
+    /// Encoding of the messages.
     pub encoding: String,
-    /// Messages.
+    /// Number of messages.
     pub messages: u64,
-    /// Messages per second of the flight; `None` where that is not known.
+    /// Mean message rate over the flight, if known.
     pub rate_hz: Option<f64>,
 }
 
-/// What is attached to a flight.
+/// Attachment of a flight.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AttachmentInfo {
-    /// Its name.
+    /// Name of the attachment.
     pub name: String,
-    /// What it is.
+    /// Media type.
     pub media_type: String,
-    /// Its length.
+    /// Length of the data.
     pub bytes: u64,
 }
 
 impl FlightInfo {
-    /// What the file at `path` holds.
+    /// Reads the content of the file at `path`.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`FlightError::Read`] if the file cannot be read and [`FlightError::Malformed`] if
+    /// it is not MCAP. A truncated or damaged file is no error.
     pub fn read(path: &Path) -> Result<Self, FlightError> {
-        let unread = |cause| FlightError::Read { path: path.to_owned(), cause };
-        let mut file = File::open(path).map_err(unread)?;
-        let bytes = file.metadata().map_err(unread)?.len();
-        let mut info = match of_summary(&mut file, bytes) {
+        let read_error = |cause| FlightError::Read { path: path.to_owned(), cause };
+        let mut file = File::open(path).map_err(read_error)?;
+        let bytes = file.metadata().map_err(read_error)?.len();
+        let mut info = match from_summary(&mut file, bytes) {
             Ok(Some(info)) => info,
-            not_whole => {
-                file.rewind().map_err(unread)?;
-                let mut info = Self { cut: Some("it has no summary".into()), ..Self::default() };
-                match (of_records(&mut file, &mut info), not_whole) {
+            without_summary => {
+                file.rewind().map_err(read_error)?;
+                let mut info = Self { incomplete: Some("no summary".into()), ..Self::default() };
+                match (scan_records(&mut file, &mut info), without_summary) {
                     (Err(McapError::BadMagic), _) => {
                         return Err(FlightError::Malformed { path: path.to_owned(), cause: McapError::BadMagic });
                     }
-                    // Of what cannot be decompressed the system knows nothing.
-                    (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(unread(cause)),
-                    (Err(McapError::UnexpectedEof), _) => info.cut = Some("it ends before its time".into()),
-                    (Err(damage), _) => info.cut = Some(format!("it is damaged: {damage}")),
-                    (Ok(()), Err(damage)) => info.cut = Some(format!("its summary is damaged: {damage}")),
+                    // Decompression errors have no OS error code.
+                    (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(read_error(cause)),
+                    (Err(McapError::UnexpectedEof), _) => info.incomplete = Some("the file ends early".into()),
+                    (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}")),
+                    (Ok(()), Err(damage)) => info.incomplete = Some(format!("the summary is damaged: {damage}")),
                     (Ok(()), Ok(_)) => {}
                 }
                 info
             }
         };
         (info.file, info.bytes) = (path.to_owned(), bytes);
-        info.conclude();
+        info.derive_totals();
         Ok(info)
     }
 
-    /// Fills in what follows from the rest.
-    fn conclude(&mut self) {
-        let said = self.metadata.remove(MISSED).unwrap_or_default();
-        self.missed = said.into_iter().filter_map(|(topic, count)| Some((topic, count.parse().ok()?))).collect();
-        self.end = self.metadata.remove(END).and_then(|mut end| end.remove("how"));
+    /// Derives totals and rates from the channels, and `missed` and `end_reason` from the metadata.
+    fn derive_totals(&mut self) {
+        let entries = self.metadata.remove(MISSED_METADATA).unwrap_or_default();
+        self.missed = entries.into_iter().filter_map(|(topic, count)| Some((topic, count.parse().ok()?))).collect();
+        self.end_reason = self.metadata.remove(END_METADATA).and_then(|mut end| end.remove("reason"));
         self.messages = self.topics.iter().map(|topic| topic.messages).sum();
         self.topics.sort_by(|a, b| a.topic.cmp(&b.topic));
         for topic in &mut self.topics {
-            let between = topic.messages.saturating_sub(1) as f64;
-            topic.rate_hz = Some(between / self.seconds).filter(|rate_hz| rate_hz.is_finite());
+            let intervals = topic.messages.saturating_sub(1) as f64;
+            topic.rate_hz = Some(intervals / self.seconds).filter(|rate_hz| rate_hz.is_finite());
         }
     }
 
-    fn said(&self, name: &str) -> &str {
-        self.metadata.get(BEGINNING).and_then(|said| said.get(name)).map_or("unknown", String::as_str)
+    fn header_entry(&self, name: &str) -> &str {
+        self.metadata.get(HEADER_METADATA).and_then(|entries| entries.get(name)).map_or("unknown", String::as_str)
     }
 }
 
-/// By the summary at the end; `None` where there is none.
-fn of_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
-    let options = SummaryReaderOptions::default().with_file_size(bytes).with_record_length_limit(RECORD_BYTES);
+/// Reads the summary at the end of the file; `None` if there is none.
+fn from_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
+    let options = SummaryReaderOptions::default().with_file_size(bytes).with_record_length_limit(MAX_RECORD_BYTES);
     let mut reader = SummaryReader::new_with_options(options);
     while let Some(event) = reader.next_event() {
         match event? {
@@ -160,8 +170,8 @@ fn of_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
         });
     }
     for index in &summary.metadata_indexes {
-        if let Some((name, said)) = metadata(file, index)? {
-            info.metadata.insert(name, said);
+        if let Some((name, entries)) = read_metadata(file, index)? {
+            info.metadata.insert(name, entries);
         }
     }
     info.attachments.extend(summary.attachment_indexes.into_iter().map(|index| AttachmentInfo {
@@ -172,27 +182,27 @@ fn of_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
     Ok(Some(info))
 }
 
-/// The metadata of a place in the file.
-fn metadata(file: &mut File, index: &MetadataIndex) -> McapResult<Option<(String, BTreeMap<String, String>)>> {
+/// Reads a metadata record; `None` if its position is invalid.
+fn read_metadata(file: &mut File, index: &MetadataIndex) -> McapResult<Option<(String, BTreeMap<String, String>)>> {
     let length = usize::try_from(index.length).unwrap_or(usize::MAX);
-    if !(HEAD_BYTES..=RECORD_BYTES).contains(&length) {
+    if !(RECORD_HEADER_BYTES..=MAX_RECORD_BYTES).contains(&length) {
         return Ok(None);
     }
     file.seek(SeekFrom::Start(index.offset))?;
     let mut bytes = Vec::new();
     file.take(index.length).read_to_end(&mut bytes)?;
-    let (Some(opcode), Some(body)) = (bytes.first(), bytes.get(HEAD_BYTES..)) else { return Ok(None) };
+    let (Some(opcode), Some(body)) = (bytes.first(), bytes.get(RECORD_HEADER_BYTES..)) else { return Ok(None) };
     match parse_record(*opcode, body)? {
         Record::Metadata(metadata) => Ok(Some((metadata.name, metadata.metadata))),
         _ => Ok(None),
     }
 }
 
-/// By every record from the beginning, as far as they are whole.
-fn of_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
+/// Reads all records from the start, up to the first damaged one.
+fn scan_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
     let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(true);
-    let mut reader = LinearReader::new_with_options(options.with_record_length_limit(RECORD_BYTES));
-    let (mut schemas, mut places) = (BTreeMap::new(), BTreeMap::new());
+    let mut reader = LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES));
+    let (mut schemas, mut topic_indexes) = (BTreeMap::new(), BTreeMap::new());
     let mut span_ns: Option<[u64; 2]> = None;
     while let Some(event) = reader.next_event() {
         let (opcode, data) = match event? {
@@ -207,8 +217,8 @@ fn of_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
             Record::Schema { header, .. } => {
                 schemas.insert(header.id, header.name);
             }
-            Record::Channel(channel) if !places.contains_key(&channel.id) => {
-                places.insert(channel.id, info.topics.len());
+            Record::Channel(channel) if !topic_indexes.contains_key(&channel.id) => {
+                topic_indexes.insert(channel.id, info.topics.len());
                 info.topics.push(ChannelInfo {
                     topic: channel.topic,
                     schema: schemas.get(&channel.schema_id).cloned().unwrap_or_default(),
@@ -218,7 +228,8 @@ fn of_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
                 });
             }
             Record::Message { header, .. } => {
-                if let Some(topic) = places.get(&header.channel_id).and_then(|place| info.topics.get_mut(*place)) {
+                let index = topic_indexes.get(&header.channel_id);
+                if let Some(topic) = index.and_then(|index| info.topics.get_mut(*index)) {
                     topic.messages += 1;
                 }
                 let [first, last] = span_ns.unwrap_or([header.log_time; 2]);
@@ -237,24 +248,25 @@ fn of_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
     Ok(())
 }
 
-/// For people.
 impl fmt::Display for FlightInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { file, bytes, cut, seconds, messages, topics, missed, end, attachments, metadata } = self;
+        let Self { file, bytes, incomplete, seconds, messages, topics, missed, end_reason, attachments, metadata } =
+            self;
         let size = *bytes as f64 * 1e-6;
         let messages = pluralize(*messages, "message");
         writeln!(f, "{}: MCAP, {messages} in {seconds:.1} s, {size:.1} MB", file.display())?;
-        if metadata.contains_key(BEGINNING) {
-            let [system, host, version, start] = ["system", "host", "version", "start_utc"].map(|name| self.said(name));
-            writeln!(f, "flight of {system} on {host}, plumbline {version}, from {start}")?;
+        if metadata.contains_key(HEADER_METADATA) {
+            let [system, host, version, start] =
+                ["system", "host", "version", "start_utc"].map(|name| self.header_entry(name));
+            writeln!(f, "recorded from {system} on {host}, plumbline {version}, started {start}")?;
         }
-        match (cut, end) {
-            (Some(why), _) => writeln!(f, "cut: {why}; what is above and below is in it")?,
-            (None, Some(how)) => writeln!(f, "whole; it ended because {how}")?,
-            (None, None) => writeln!(f, "whole")?,
+        match (incomplete, end_reason) {
+            (Some(reason), _) => writeln!(f, "incomplete: {reason}; only the readable part is shown")?,
+            (None, Some(reason)) => writeln!(f, "complete; {reason}")?,
+            (None, None) => writeln!(f, "complete")?,
         }
-        let all: u64 = missed.values().sum();
-        writeln!(f, "missed {}", pluralize(all, "message"))?;
+        let total: u64 = missed.values().sum();
+        writeln!(f, "missed {}", pluralize(total, "message"))?;
         for (topic, count) in missed {
             writeln!(f, "  {topic}: {count}")?;
         }

@@ -1,4 +1,4 @@
-//! The layouts for viewers in `deploy` name what a flight has.
+//! Tests that the viewer layouts in `deploy` name existing channels and fields.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -9,7 +9,7 @@ use wire::{
     schema,
 };
 
-/// Every message of a schema by its full name.
+/// Messages of all schemas with their full names.
 struct Schemas(Vec<(String, DescriptorProto)>);
 
 impl Schemas {
@@ -23,45 +23,45 @@ impl Schemas {
         Self(messages.collect())
     }
 
-    /// The path leads from the topic's message to a number.
+    /// Returns `true` if the path leads from the message of the topic to a scalar field.
     fn has(&self, topic: &str, path: &[&str]) -> bool {
         let found = channels(Topic::ALL).into_iter().find(|channel| channel.name == topic);
         let Some(Channel { schema, .. }) = found else { return false };
-        let mut here = Some(format!(".{schema}"));
+        let mut current = Some(format!(".{schema}"));
         for name in path {
-            let message = here.and_then(|here| self.0.iter().find(|(full, _)| *full == here));
+            let message = current.and_then(|current| self.0.iter().find(|(full, _)| *full == current));
             let field = message.and_then(|(_, message)| message.field.iter().find(|field| field.name() == *name));
             let Some(field) = field else { return false };
-            here = field.type_name.clone().filter(|full| self.0.iter().any(|(name, _)| name == full));
+            current = field.type_name.clone().filter(|full| self.0.iter().any(|(name, _)| name == full));
         }
-        here.is_none() || path.is_empty()
+        current.is_none() || path.is_empty()
     }
 
-    fn assert_has(&self, path: &str, between: char) {
-        // What is in braces chooses messages by a field of theirs.
+    fn assert_has(&self, path: &str, separator: char) {
+        // Braces select messages by one of their fields.
         let (topic, filter, rest) = match path.split_once('{') {
             Some((topic, rest)) => {
                 let (filter, rest) = rest.split_once('}').unwrap();
-                (topic, filter.split_once("==").map(|(field, _)| field), rest.trim_start_matches(between))
+                (topic, filter.split_once("==").map(|(field, _)| field), rest.trim_start_matches(separator))
             }
             None => {
-                let at = path[1..].find(between).map_or(path.len(), |at| at + 1);
-                (&path[..at], None, path[at..].trim_start_matches(between))
+                let end = path[1..].find(separator).map_or(path.len(), |offset| offset + 1);
+                (&path[..end], None, path[end..].trim_start_matches(separator))
             }
         };
-        let fields: Vec<_> = rest.split(between).filter(|field| !field.is_empty()).collect();
+        let fields: Vec<_> = rest.split(separator).filter(|field| !field.is_empty()).collect();
         assert!(self.has(topic, &fields), "no {path}");
         assert!(filter.is_none_or(|field| self.has(topic, &[field])), "no {filter:?} of {path}");
     }
 }
 
-fn deployed(file: &str) -> String {
+fn read_layout(file: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy").join(file)).unwrap()
 }
 
 #[test]
-fn the_layout_of_foxglove_names_channels_and_fields_that_are_there() {
-    let layout: serde_json::Value = serde_json::from_str(&deployed("foxglove/layout.json")).unwrap();
+fn foxglove_layout_names_existing_channels_and_fields() {
+    let layout: serde_json::Value = serde_json::from_str(&read_layout("foxglove/layout.json")).unwrap();
     let (schemas, mut paths) = (Schemas::all(), 0);
     let panels = layout["configById"].as_object().unwrap();
     for panel in panels.values() {
@@ -74,33 +74,33 @@ fn the_layout_of_foxglove_names_channels_and_fields_that_are_there() {
         }
     }
     assert!(paths > 10, "{paths} paths");
-    // Every panel has its place, and every place a panel.
-    let placed = layout["layout"].to_string();
-    let places: BTreeSet<_> = placed.split('"').filter(|word| word.contains('!')).collect();
+    // Panels and layout positions correspond one to one.
+    let layout_text = layout["layout"].to_string();
+    let places: BTreeSet<_> = layout_text.split('"').filter(|word| word.contains('!')).collect();
     assert_eq!(places, panels.keys().map(String::as_str).collect());
 }
 
 #[test]
-fn the_layout_of_plotjuggler_names_channels_and_fields_that_are_there() {
-    let text = deployed("plotjuggler/layout.xml");
+fn plotjuggler_layout_names_existing_channels_and_fields() {
+    let text = read_layout("plotjuggler/layout.xml");
     let layout = roxmltree::Document::parse(&text).unwrap();
     let (schemas, mut curves) = (Schemas::all(), 0);
-    let of = |tag: &'static str| layout.descendants().filter(move |node| node.has_tag_name(tag));
-    let made: Vec<_> = of("snippet").filter_map(|node| node.attribute("name")).collect();
-    for curve in of("curve").map(|node| node.attribute("name").unwrap()) {
-        if !made.contains(&curve) {
+    let elements = |tag: &'static str| layout.descendants().filter(move |node| node.has_tag_name(tag));
+    let snippets: Vec<_> = elements("snippet").filter_map(|node| node.attribute("name")).collect();
+    for curve in elements("curve").map(|node| node.attribute("name").unwrap()) {
+        if !snippets.contains(&curve) {
             schemas.assert_has(curve, '/');
         }
         curves += 1;
     }
-    for source in of("linked_source").chain(of("v1")) {
+    for source in elements("linked_source").chain(elements("v1")) {
         schemas.assert_has(source.text().unwrap(), '/');
     }
-    assert!(curves > 10 && made == ["latency_ms"], "{curves} curves, {made:?}");
+    assert!(curves > 10 && snippets == ["latency_ms"], "{curves} curves, {snippets:?}");
 }
 
 #[test]
-fn a_path_that_is_not_there_is_found() {
+fn missing_paths_are_detected() {
     let schemas = Schemas::all();
     assert!(schemas.has("/fused", &["w", "re"]) && !schemas.has("/fused", &["w", "x"]));
     assert!(!schemas.has("/fused", &["w"]), "no number");

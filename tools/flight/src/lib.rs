@@ -1,19 +1,25 @@
 //! Flights: MCAP recordings of a running system.
 //!
-//! Input: messages of the topics as bytes, from whoever reads them. Output: a file that other tools open: each topic on a channel of its name
-//! as protobuf with its schema, the attitude as viewers know it beside it, and what ran. Time: [`Stamps`] says which clock is which.
-//! Failure: nobody waits for the disk; what a full queue or a full disk costs is counted and told, and the file ends with a whole
-//! chunk. A process that is killed leaves a file that lacks its summary and half a second at most.
+//! Input: messages of the topics as bytes of the bus.
 //!
-//! | module | what it holds |
+//! Output: an MCAP file that other tools can open. It has a channel per topic (protobuf with its
+//! schema), channels for viewers, and the configuration of the run.
+//!
+//! Time: see [`Stamps`] for the clocks of the time stamps.
+//!
+//! Failure: the disk never blocks a live system. Messages lost to a full queue or a full disk are
+//! counted and reported, and the file ends with a complete chunk. If the process is killed, the
+//! file lacks its summary and at most the last half second.
+//!
+//! | module | content |
 //! | --- | --- |
-//! | [`recorder`] | what a reader hands messages to, and the thread that writes |
-//! | `writer` | the MCAP file: channels, messages, metadata, attachments |
-//! | `chunk_file` | a file that grows by whole chunks |
-//! | `gaps` | which ticks never came |
-//! | [`summary`] | what came of it |
-//! | [`reader`] | the messages of a flight, to fly it again |
-//! | [`info`] | what a flight holds |
+//! | [`recorder`] | recorder with its writer thread |
+//! | `writer` | MCAP writer: channels, messages, metadata, attachments |
+//! | `chunk_file` | file that grows by complete chunks |
+//! | `gaps` | count of missed ticks |
+//! | [`summary`] | result of a recording |
+//! | [`reader`] | messages of a flight, for replay |
+//! | [`info`] | content of a flight |
 #![forbid(unsafe_code)]
 
 mod chunk_file;
@@ -31,7 +37,7 @@ mod writer;
 
 pub use error::FlightError;
 pub use info::FlightInfo;
-pub use reader::{is_flight, launch_file, messages_of};
-pub use recorder::{Heading, Mode, Recorder, free_path};
-pub use summary::Summary;
+pub use reader::{is_flight, read_launch_file, read_messages};
+pub use recorder::{FlightHeader, Recorder, RecordingMode, unused_path};
+pub use summary::RecordingSummary;
 pub use wire::channel::Stamps;

@@ -1,7 +1,11 @@
-//! The messages of a flight, one after the other.
+//! Messages of a flight in file order.
 //!
-//! Input: an MCAP file of ours. Output: messages of a topic in the order in which they were taken down; the launch file. Time: none. Failure: a file
-//! that is no flight, or has no launch file, is refused; one that was cut ends where it was.
+//! Input: an MCAP file recorded by Plumbline.
+//!
+//! Output: messages of one or all topics in the order of recording, and the launch file.
+//!
+//! Failure: files that are not flights or lack a launch file are rejected. A truncated file ends at
+//! the truncation.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,27 +23,33 @@ use mcap::{
 };
 use wire::Payload;
 
-use crate::{FlightError, info::RECORD_BYTES, writer::LAUNCH};
+use crate::{FlightError, info::MAX_RECORD_BYTES, writer::LAUNCH_ATTACHMENT};
 
-/// How the library of our files begins.
-const LIBRARY: &str = "plumbline ";
+/// Prefix of the MCAP library field in files of Plumbline.
+const LIBRARY_PREFIX: &str = "plumbline ";
 
-/// Whether the file at `path` is a flight of ours, whatever its name.
+/// Returns `true` if the file at `path` is a Plumbline flight, whatever its name.
 pub fn is_flight(path: &Path) -> bool {
-    // To open a pipe is to wait for its writer.
+    // Opening a pipe would block until there is a writer.
     if !path.is_file() {
         return false;
     }
     let Ok(mut records) = Records::open(path) else { return false };
-    let is_ours = |record: Record<'_>| matches!(record, Record::Header(header) if header.library.starts_with(LIBRARY));
-    matches!(records.next(&mut |record| Some(is_ours(record))), Ok(Some(true)))
+    let is_ours =
+        |record: Record<'_>| matches!(record, Record::Header(header) if header.library.starts_with(LIBRARY_PREFIX));
+    matches!(records.find_map(&mut |record| Some(is_ours(record))), Ok(Some(true)))
 }
 
-/// The launch file of a flight.
-pub fn launch_file(path: &Path) -> Result<String, FlightError> {
+/// Returns the launch file attached to a flight.
+///
+/// # Errors
+///
+/// Returns [`FlightError::NoLaunchFile`] if none is attached, or an error if the file cannot be
+/// read.
+pub fn read_launch_file(path: &Path) -> Result<String, FlightError> {
     let mut records = Records::open(path)?;
-    let text = records.next(&mut |record| match record {
-        Record::Attachment { header, data, .. } if header.name == LAUNCH => {
+    let text = records.find_map(&mut |record| match record {
+        Record::Attachment { header, data, .. } if header.name == LAUNCH_ATTACHMENT => {
             Some(String::from_utf8_lossy(&data).into_owned())
         }
         _ => None,
@@ -47,15 +57,19 @@ pub fn launch_file(path: &Path) -> Result<String, FlightError> {
     text.ok_or_else(|| FlightError::NoLaunchFile { path: path.to_owned() })
 }
 
-/// The messages of a topic.
-pub fn messages_of<M: Payload>(path: &Path) -> Result<Messages<M>, FlightError> {
+/// Opens a flight and returns an iterator over the messages of the topic of `M`.
+///
+/// # Errors
+///
+/// Returns [`FlightError::Read`] if the file cannot be opened.
+pub fn read_messages<M: Payload>(path: &Path) -> Result<Messages<M>, FlightError> {
     Ok(Messages { records: Records::open(path)?, channels: BTreeSet::new(), ended: false, payload: PhantomData })
 }
 
-/// Messages of a topic, in the order in which they were taken down.
+/// Iterator over the messages of a topic in the order of recording. Ends after the first error.
 pub struct Messages<M> {
     records: Records,
-    /// Those that carry the topic.
+    /// Channels that carry the topic.
     channels: BTreeSet<u16>,
     ended: bool,
     payload: PhantomData<M>,
@@ -70,7 +84,7 @@ impl<M: Payload> Iterator for Messages<M> {
         }
         let Self { records, channels, .. } = self;
         let name = M::TOPIC.name;
-        let found = records.next(&mut |record| match record {
+        let found = records.find_map(&mut |record| match record {
             Record::Channel(channel) => {
                 if channel.topic.strip_prefix('/') == Some(name) {
                     channels.insert(channel.id);
@@ -84,7 +98,7 @@ impl<M: Payload> Iterator for Messages<M> {
         let message = match found {
             Ok(None) => None,
             Ok(Some(Ok(message))) => Some(Ok(message)),
-            Ok(Some(Err(cause))) => Some(Err(FlightError::Message { path: path.clone(), cause })),
+            Ok(Some(Err(cause))) => Some(Err(FlightError::InvalidMessage { path: path.clone(), cause })),
             Err(error) => Some(Err(error)),
         };
         self.ended = !matches!(message, Some(Ok(_)));
@@ -92,27 +106,31 @@ impl<M: Payload> Iterator for Messages<M> {
     }
 }
 
-/// When the ticks of a flight were, on the source's clock.
+/// Number and time span of the ticks of a flight, on the source's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Span {
-    /// Samples of the IMU.
+pub struct TickSpan {
+    /// Number of IMU samples.
     pub samples: u64,
-    /// The time of the first.
+    /// Time of the first sample.
     pub t_first_ns: i64,
-    /// The time of the last.
+    /// Time of the last sample.
     pub t_last_ns: i64,
 }
 
-/// The span of a flight; `None` of one without samples.
-pub fn span(path: &Path) -> Result<Option<Span>, FlightError> {
-    let (mut records, mut channels, mut found) = (Records::open(path)?, Channels::default(), None::<Span>);
-    let end: Option<()> = records.next(&mut |record| {
-        channels.see(&record);
+/// Returns the tick span of a flight, or `None` if it has no IMU samples.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be opened or is damaged.
+pub fn read_span(path: &Path) -> Result<Option<TickSpan>, FlightError> {
+    let (mut records, mut channels, mut found) = (Records::open(path)?, Channels::default(), None::<TickSpan>);
+    let end: Option<()> = records.find_map(&mut |record| {
+        channels.observe(&record);
         if let Record::Message { header, .. } = record
             && channels.topic(header.channel_id) == Some(Topic::Imu)
         {
             let t_ns = header.publish_time.cast_signed();
-            let span = found.get_or_insert(Span { samples: 0, t_first_ns: t_ns, t_last_ns: t_ns });
+            let span = found.get_or_insert(TickSpan { samples: 0, t_first_ns: t_ns, t_last_ns: t_ns });
             span.samples += 1;
             (span.t_first_ns, span.t_last_ns) = (span.t_first_ns.min(t_ns), span.t_last_ns.max(t_ns));
         }
@@ -122,12 +140,19 @@ pub fn span(path: &Path) -> Result<Option<Span>, FlightError> {
     Ok(found)
 }
 
-/// Hands over every message of the topics as it was on the bus, in the order in which they were taken down, with the source's time: of a message
-/// that has none, that of the one before it.
-pub fn every_message(path: &Path, take: &mut dyn FnMut(i64, Topic, &[u8])) -> Result<(), FlightError> {
+/// Calls `visit` with source time, topic and bus bytes of each message, in the order of recording.
+///
+/// A message of a topic without ticks has the time of the latest ticked message, or `i64::MIN`
+/// before the first one. Unknown topics are skipped.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be opened or is damaged, or at the first message that cannot
+/// be decoded.
+pub fn for_each_message(path: &Path, visit: &mut dyn FnMut(i64, Topic, &[u8])) -> Result<(), FlightError> {
     let (mut records, mut channels, mut t_ns) = (Records::open(path)?, Channels::default(), None);
-    let refused = records.next(&mut |record| {
-        channels.see(&record);
+    let error = records.find_map(&mut |record| {
+        channels.observe(&record);
         let Record::Message { header, data } = record else { return None };
         let topic = channels.topic(header.channel_id)?;
         if topic.entry().presence.is_ticked() {
@@ -135,21 +160,21 @@ pub fn every_message(path: &Path, take: &mut dyn FnMut(i64, Topic, &[u8])) -> Re
         }
         match messages::dispatch!(topic, M => M::from_bytes(&data).map(|message| bytemuck::bytes_of(&message).to_vec())) {
             Ok(bytes) => {
-                take(t_ns.unwrap_or(i64::MIN), topic, &bytes);
+                visit(t_ns.unwrap_or(i64::MIN), topic, &bytes);
                 None
             }
             Err(cause) => Some(cause),
         }
     })?;
-    refused.map_or(Ok(()), |cause| Err(FlightError::Message { path: path.to_owned(), cause }))
+    error.map_or(Ok(()), |cause| Err(FlightError::InvalidMessage { path: path.to_owned(), cause }))
 }
 
-/// Which topic a channel carries.
+/// Topics by channel.
 #[derive(Default)]
 struct Channels(BTreeMap<u16, Topic>);
 
 impl Channels {
-    fn see(&mut self, record: &Record<'_>) {
+    fn observe(&mut self, record: &Record<'_>) {
         if let Record::Channel(channel) = record
             && let Some(topic) = channel.topic.strip_prefix('/').and_then(Topic::from_name)
         {
@@ -162,7 +187,7 @@ impl Channels {
     }
 }
 
-/// The records of a file.
+/// Reader of the records of a file.
 struct Records {
     path: PathBuf,
     file: File,
@@ -173,12 +198,13 @@ impl Records {
     fn open(path: &Path) -> Result<Self, FlightError> {
         let file = File::open(path).map_err(|cause| FlightError::Read { path: path.to_owned(), cause })?;
         let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(true);
-        let reader = LinearReader::new_with_options(options.with_record_length_limit(RECORD_BYTES));
+        let reader = LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES));
         Ok(Self { path: path.to_owned(), file, reader })
     }
 
-    /// The first thing that `take` finds in the records that follow; none at the end, or where the file was cut.
-    fn next<T>(&mut self, take: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {
+    /// Returns the first `Some` of `visit` over the following records; `None` at the end or a
+    /// truncation.
+    fn find_map<T>(&mut self, visit: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {
         let Self { path, file, reader } = self;
         let malformed = |cause: McapError| FlightError::Malformed { path: path.clone(), cause };
         while let Some(event) = reader.next_event() {
@@ -189,7 +215,7 @@ impl Records {
                     reader.notify_read(read);
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
-                    if let Some(found) = take(parse_record(opcode, data).map_err(malformed)?) {
+                    if let Some(found) = visit(parse_record(opcode, data).map_err(malformed)?) {
                         return Ok(Some(found));
                     }
                 }

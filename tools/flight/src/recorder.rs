@@ -1,7 +1,13 @@
-//! What a reader hands messages to, and the thread that writes them.
+//! Recorder of bus messages with its writer thread.
 //!
-//! Input: messages of topics in their order. Output: the file. Time: what is handed over is in the file half a second later. Failure: the
-//! reader never waits for the disk, but in lockstep, where the source waits for it. What the queue does not hold is counted as missed.
+//! Input: messages of topics in order of arrival.
+//!
+//! Output: the flight file.
+//!
+//! Time: a message is in the file within half a second.
+//!
+//! Failure: recording never waits for the disk, except in lockstep, where the source waits.
+//! Messages that do not fit into the queue are counted as missed.
 
 use std::{
     collections::BTreeMap,
@@ -27,109 +33,114 @@ use time::OffsetDateTime;
 use wire::channel::{Clocks, FieldOffsets, read_u64};
 
 use crate::{
-    FlightError, Summary,
+    FlightError, RecordingSummary,
     chunk_file::ChunkFile,
-    error::creating,
+    error::create_error,
     gaps::Gaps,
     summary::TopicSummary,
-    writer::{Writer, ended, now_ns},
+    writer::{Writer, now_ns, write_error},
 };
 
-/// How often what was taken is handed to the thread that writes, and how often that puts a chunk into the file.
-const HAND_OVER: Duration = Duration::from_millis(50);
-const FLUSH: Duration = Duration::from_millis(250);
-/// A chunk is put into the file before its time after so many bytes.
+/// Interval at which messages are sent to the writer thread, and interval at which it completes a
+/// chunk.
+const BATCH_INTERVAL: Duration = Duration::from_millis(50);
+const FLUSH_INTERVAL: Duration = Duration::from_millis(250);
+/// Number of bytes after which a chunk is completed early.
 const FLUSH_BYTES: usize = 4 << 20;
-/// Bytes of messages that are handed over at once, and how many times so many may wait.
-const BATCH_BYTES: usize = 1 << 20;
-const BATCHES: usize = 32;
-/// How long the disk may take nothing at the end, and how long a source in lockstep waits for it.
-const DISK_LIMIT: Duration = Duration::from_secs(20);
-const LOCKSTEP_LIMIT: Duration = Duration::from_secs(2);
-/// Between two records of what was missed.
-const TOLD: Duration = Duration::from_secs(1);
-/// Names that are tried for a file.
-const NAMES: u32 = 1000;
+/// Maximum size of a batch of messages, bytes, and maximum number of batches in the queue.
+const MAX_BATCH_BYTES: usize = 1 << 20;
+const MAX_QUEUED_BATCHES: usize = 32;
+/// Timeout for the writer thread at the end, and longest time that a lockstep source waits for it.
+const DISK_TIMEOUT: Duration = Duration::from_secs(20);
+const LOCKSTEP_TIMEOUT: Duration = Duration::from_secs(2);
+/// Minimum interval between two metadata records of missed messages.
+const MISSED_INTERVAL: Duration = Duration::from_secs(1);
+/// Maximum number of file names that are tried.
+const MAX_NAMES: u32 = 1000;
 
-/// What is said of a flight at its beginning.
+/// Metadata at the start of a flight.
 #[derive(Debug, Clone)]
-pub struct Heading {
-    /// The version of Plumbline.
+pub struct FlightHeader {
+    /// Version of Plumbline.
     pub version: &'static str,
-    /// The system's name.
+    /// Name of the system.
     pub system: String,
-    /// The machine's name.
+    /// Host name.
     pub host: String,
-    /// The launch file's path, where it is known.
+    /// Path of the launch file, if known.
     pub launch_file: Option<PathBuf>,
-    /// The launch file as it is written, where it is known.
+    /// Text of the launch file, if known.
     pub launch: Option<String>,
-    /// What every service was told, with all that the launch file leaves to its defaults: JSON.
+    /// Configuration of the services including defaults, JSON.
     pub config: String,
-    /// Ticks per second of the source's time.
+    /// Tick rate in source time, Hz.
     pub rate_hz: f64,
-    /// In which frame the attitude left the system; the topics of the flight are in its own.
+    /// Output frame of the attitude. The recorded topics are in the frame of the system.
     pub output: Output,
 }
 
-/// What the reader of the bus is to the source.
+/// Relation of the recording to the start of the run and to the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// It came later, or the source does not wait: a full queue costs messages.
-    Live,
-    /// It is there from the first tick on and the source does not wait.
-    FromTheFirst,
-    /// It is there from the first tick on and the source waits for it: a full queue costs time.
+pub enum RecordingMode {
+    /// The recording may start at any tick and the source does not wait. A full queue loses
+    /// messages.
+    FromAnyTick,
+    /// The recording starts at the first tick and the source does not wait. A full queue loses
+    /// messages.
+    FromFirstTick,
+    /// The recording starts at the first tick and the source waits. A full queue delays the source.
     Lockstep,
 }
 
-/// A recording under way.
+/// Recording in progress.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
-    mode: Mode,
-    intakes: Vec<Option<Intake>>,
+    mode: RecordingMode,
+    intakes: Vec<Option<TopicIntake>>,
     batch: Batch,
-    handed_over: Instant,
-    queue: SyncSender<Order>,
-    ended: Receiver<Ended>,
+    sent_at: Instant,
+    commands: SyncSender<WriterCommand>,
+    result: Receiver<WriterResult>,
     failure: Arc<OnceLock<String>>,
 }
 
-/// What is known of a topic before its messages are written.
+/// Bookkeeping of a topic.
 #[derive(Debug)]
-struct Intake {
+struct TopicIntake {
     fields: FieldOffsets,
-    /// Of a topic with every tick.
+    /// Missed ticks, for a topic with a message on every tick.
     gaps: Option<Gaps>,
-    /// Messages that the queue had no room for, and of a topic without every tick the times at which its own buffer was full.
+    /// Number of messages that the queue had no room for. For other topics, overflows of the
+    /// subscriber buffer count as one each.
     dropped: u64,
 }
 
 #[derive(Debug, Default)]
 struct Batch {
+    /// Topic, length and time of arrival of each message, in the order of `bytes`.
     messages: Vec<(Topic, u32, u64)>,
     bytes: Vec<u8>,
-    /// What was missed so far.
+    /// Total number of missed messages by topic.
     missed: BTreeMap<Topic, u64>,
 }
 
 #[derive(Debug)]
-enum Order {
+enum WriterCommand {
     Write(Batch),
-    Finish { how: String, report: Option<String>, missed: BTreeMap<Topic, u64> },
+    Finish { reason: String, report: Option<String>, missed: BTreeMap<Topic, u64> },
 }
 
-/// What the thread that writes says at its end.
+/// Result of the writer thread.
 #[derive(Debug)]
-struct Ended {
+struct WriterResult {
     seconds: f64,
     bytes: u64,
     topics: Vec<TopicSummary>,
 }
 
-impl Heading {
-    /// The heading of a system of this configuration.
+impl FlightHeader {
+    /// Creates the header for a system with this configuration.
     pub fn new(version: &'static str, config: &ServiceConfig) -> Self {
         Self {
             version,
@@ -137,14 +148,15 @@ impl Heading {
             host: fs::read_to_string("/proc/sys/kernel/hostname").map_or("unknown".into(), |host| host.trim().into()),
             launch_file: None,
             launch: None,
-            // Numbers, strings, lists and maps with names always serialise.
+            // The configuration always serialises: it has only named maps, lists, numbers and
+            // strings.
             config: serde_json::to_string_pretty(config).unwrap_or_default(),
             rate_hz: config.rate_hz,
             output: config.launch.output,
         }
     }
 
-    pub(crate) fn entries(&self, clocks: Clocks) -> BTreeMap<String, String> {
+    pub(crate) fn metadata(&self, clocks: Clocks) -> BTreeMap<String, String> {
         let Self { version, system, host, launch_file, rate_hz, output, .. } = self;
         let entries = [
             ("version", Some((*version).to_owned())),
@@ -153,8 +165,8 @@ impl Heading {
             ("launch_file", launch_file.as_ref().map(|path| path.display().to_string())),
             ("start_utc", Some(utc((now_ns(clocks) / 1_000_000_000).cast_signed(), ["-", "T", ":"]))),
             ("rate_hz", Some(rate_hz.to_string())),
-            ("realtime_less_monotonic_ns", Some(clocks.offset_ns.to_string())),
-            ("world", Some("east, north, up where the course is true, else turned about the vertical".to_owned())),
+            ("realtime_minus_monotonic_ns", Some(clocks.offset_ns.to_string())),
+            ("world", Some("east, north, up if the course is true, otherwise rotated about the vertical".to_owned())),
             ("body", Some("forward, left, up".to_owned())),
             ("topics_frame", Some(Output::default().frame.name().to_owned())),
             ("output_frame", Some(output.frame.name().to_owned())),
@@ -165,50 +177,60 @@ impl Heading {
 }
 
 impl Recorder {
-    /// Begins a file with these topics.
-    pub fn begin(path: &Path, heading: &Heading, topics: &[Topic], mode: Mode) -> Result<Self, FlightError> {
+    /// Creates the file and starts the writer thread.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`FlightError::Exists`] if the file exists and [`FlightError::Create`] if it cannot
+    /// be created.
+    pub fn create(
+        path: &Path,
+        header: &FlightHeader,
+        topics: &[Topic],
+        mode: RecordingMode,
+    ) -> Result<Self, FlightError> {
         let file = ChunkFile::create(path)?;
-        let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: heading.rate_hz };
-        let (queue, orders) = sync_channel(BATCHES);
-        let (done, ended) = sync_channel(1);
+        let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: header.rate_hz };
+        let (commands, receiver) = sync_channel(MAX_QUEUED_BATCHES);
+        let (result_sender, result) = sync_channel(1);
         let failure = Arc::new(OnceLock::new());
-        let writing = {
-            let (heading, topics, failure, path) = (heading.clone(), topics.to_vec(), failure.clone(), path.to_owned());
+        let run = {
+            let (header, topics, failure, path) = (header.clone(), topics.to_vec(), failure.clone(), path.to_owned());
             move || {
-                let ended = work(file, &heading, &topics, clocks, orders, &path, &failure);
-                // Whoever asked for the end may have waited long enough.
-                let _ = done.send(ended);
+                let result = run_writer(file, &header, &topics, clocks, receiver, &path, &failure);
+                // The recorder may have given up waiting for the result.
+                let _ = result_sender.send(result);
             }
         };
-        let thread = thread::Builder::new().name("flight".into()).spawn(writing);
-        thread.map_err(|cause| creating(path, cause))?;
-        let intake = |topic: Topic| Intake {
+        let thread = thread::Builder::new().name("flight".into()).spawn(run);
+        thread.map_err(|cause| create_error(path, cause))?;
+        let intake = |topic: Topic| TopicIntake {
             fields: FieldOffsets::new(topic),
             gaps: has_every_tick(topic).then(|| match mode {
-                Mode::Live => Gaps::default(),
-                Mode::FromTheFirst | Mode::Lockstep => Gaps::from(0),
+                RecordingMode::FromAnyTick => Gaps::default(),
+                RecordingMode::FromFirstTick | RecordingMode::Lockstep => Gaps::starting_at(0),
             }),
             dropped: 0,
         };
         let mut intakes: Vec<_> = Topic::ALL.iter().map(|_| None).collect();
         topics.iter().for_each(|topic| intakes[*topic as usize] = Some(intake(*topic)));
-        let (batch, handed_over) = (Batch::default(), Instant::now());
-        Ok(Self { path: path.to_owned(), mode, intakes, batch, handed_over, queue, ended, failure })
+        let (batch, sent_at) = (Batch::default(), Instant::now());
+        Ok(Self { path: path.to_owned(), mode, intakes, batch, sent_at, commands, result, failure })
     }
 
-    /// Takes a message of a topic.
-    pub fn take(&mut self, topic: Topic, bytes: &[u8]) {
+    /// Records a message, given as the bytes of the bus. Topics that are not recorded are ignored.
+    pub fn record(&mut self, topic: Topic, bytes: &[u8]) {
         let Some(intake) = &mut self.intakes[topic as usize] else { return };
         let FieldOffsets { tick, lost_upstream, .. } = intake.fields;
-        let at = |offset: Option<usize>| offset.and_then(|offset| read_u64(bytes, offset));
+        let read_field = |offset: Option<usize>| offset.and_then(|offset| read_u64(bytes, offset));
         if let Some(gaps) = &mut intake.gaps
-            && let Some((tick, lost_upstream)) = at(tick).zip(at(lost_upstream))
+            && let Some((tick, lost_upstream)) = read_field(tick).zip(read_field(lost_upstream))
         {
-            gaps.take(tick, lost_upstream);
+            gaps.record(tick, lost_upstream);
         }
-        let has_room = |batch: &Batch| batch.bytes.len() + bytes.len() <= BATCH_BYTES;
+        let has_room = |batch: &Batch| batch.bytes.len() + bytes.len() <= MAX_BATCH_BYTES;
         if !has_room(&self.batch) {
-            self.hand_over();
+            self.send_batch();
         }
         if has_room(&self.batch) {
             self.batch.messages.push((topic, bytes.len() as u32, monotonic_ns()));
@@ -218,139 +240,146 @@ impl Recorder {
         }
     }
 
-    /// The reader's own buffer of the topic was full, so that messages may have been overwritten. Ticks tell how many, where there are any.
-    pub fn overflowed(&mut self, topic: Topic) {
+    /// Records that the subscriber buffer of `topic` was full and messages may be lost. Topics with
+    /// a message on every tick count losses by tick instead.
+    pub fn record_overflow(&mut self, topic: Topic) {
         if let Some(intake) = self.intakes[topic as usize].as_mut().filter(|intake| intake.gaps.is_none()) {
             intake.dropped += 1;
         }
     }
 
-    /// Hands over what was taken, when it is time; to be called several times a second.
-    pub fn look(&mut self) {
-        if self.handed_over.elapsed() >= HAND_OVER {
-            self.hand_over();
+    /// Sends collected messages to the writer thread when due. To be called several times a second.
+    pub fn poll(&mut self) {
+        if self.sent_at.elapsed() >= BATCH_INTERVAL {
+            self.send_batch();
         }
     }
 
-    /// Why nothing more is written.
+    /// Returns the error that stopped writing, if any.
     pub fn failure(&self) -> Option<&str> {
         self.failure.get().map(String::as_str)
     }
 
-    /// Ends the file with how the run ended and its report; what came of it.
-    pub fn end(mut self, how: &str, report: Option<String>) -> Summary {
-        self.hand_over();
-        let finish = Order::Finish { how: how.into(), report, missed: self.missed() };
-        let is_asked = self.send(finish, DISK_LIMIT).is_ok();
-        let ended = self.ended.recv_timeout(DISK_LIMIT).ok();
-        let stuck = || FlightError::Stuck { path: self.path.clone(), limit_s: DISK_LIMIT.as_secs() }.to_string();
-        let error = self.failure.get().cloned().or_else(|| (!is_asked || ended.is_none()).then(stuck));
+    /// Completes the file with the reason of the end and the report of the run.
+    ///
+    /// Errors are reported in the summary.
+    pub fn finish(mut self, reason: &str, report: Option<String>) -> RecordingSummary {
+        self.send_batch();
+        let finish = WriterCommand::Finish { reason: reason.into(), report, missed: self.missed() };
+        let is_sent = self.send(finish, DISK_TIMEOUT).is_ok();
+        let result = self.result.recv_timeout(DISK_TIMEOUT).ok();
+        let timed_out =
+            || FlightError::DiskTimeout { path: self.path.clone(), limit_s: DISK_TIMEOUT.as_secs() }.to_string();
+        let error = self.failure.get().cloned().or_else(|| (!is_sent || result.is_none()).then(timed_out));
         let missed = self.missed();
-        let Ended { seconds, bytes, mut topics } =
-            ended.unwrap_or(Ended { seconds: 0.0, bytes: 0, topics: Vec::new() });
+        let WriterResult { seconds, bytes, mut topics } =
+            result.unwrap_or(WriterResult { seconds: 0.0, bytes: 0, topics: Vec::new() });
         for topic in &mut topics {
-            let of = |it: &Topic| it.name() == topic.topic;
-            topic.missed = missed.iter().find(|(it, _)| of(it)).map_or(0, |(_, count)| *count);
+            let is_same = |other: &Topic| other.name() == topic.topic;
+            topic.missed = missed.iter().find(|(other, _)| is_same(other)).map_or(0, |(_, count)| *count);
         }
         let messages = topics.iter().map(|topic| topic.messages).sum();
-        Summary { file: self.path, seconds, bytes, messages, missed: missed.values().sum(), topics, error }.judged()
+        let missed = missed.values().sum();
+        RecordingSummary { file: self.path, seconds, bytes, messages, missed, topics, error }.with_missed_error()
     }
 
-    /// Messages that were missed so far, of the topics where there are any.
+    /// Returns the number of missed messages so far for each topic with any.
     fn missed(&self) -> BTreeMap<Topic, u64> {
-        let count = |intake: &Intake| intake.dropped + intake.gaps.as_ref().map_or(0, Gaps::missed);
+        let count = |intake: &TopicIntake| intake.dropped + intake.gaps.as_ref().map_or(0, Gaps::missed);
         let each = Topic::ALL.iter().zip(&self.intakes);
         each.filter_map(|(topic, intake)| Some((*topic, count(intake.as_ref()?)))).filter(|(_, n)| *n > 0).collect()
     }
 
-    fn hand_over(&mut self) {
-        self.handed_over = Instant::now();
+    fn send_batch(&mut self) {
+        self.sent_at = Instant::now();
         if self.batch.messages.is_empty() {
             return;
         }
         let batch = Batch { missed: self.missed(), ..std::mem::take(&mut self.batch) };
-        let patience = if self.mode == Mode::Lockstep { LOCKSTEP_LIMIT } else { Duration::ZERO };
-        if let Err(Order::Write(batch)) = self.send(Order::Write(batch), patience) {
+        let timeout = if self.mode == RecordingMode::Lockstep { LOCKSTEP_TIMEOUT } else { Duration::ZERO };
+        if let Err(WriterCommand::Write(batch)) = self.send(WriterCommand::Write(batch), timeout) {
             self.batch = batch;
-            if self.mode == Mode::Lockstep {
-                // The source has waited long enough.
-                self.mode = Mode::FromTheFirst;
+            if self.mode == RecordingMode::Lockstep {
+                // The disk is too slow for lockstep: from now on messages are dropped instead.
+                self.mode = RecordingMode::FromFirstTick;
             }
         }
     }
 
-    /// Gives the order back where there is no room for it for so long; an order to one who writes no more is done.
-    fn send(&self, order: Order, patience: Duration) -> Result<(), Order> {
-        let (mut order, since) = (order, Instant::now());
+    /// Sends a command, or returns it if the queue stays full until the timeout. A command to a
+    /// stopped writer is discarded.
+    fn send(&self, command: WriterCommand, timeout: Duration) -> Result<(), WriterCommand> {
+        let (mut command, since) = (command, Instant::now());
         loop {
-            order = match self.queue.try_send(order) {
+            command = match self.commands.try_send(command) {
                 Ok(()) | Err(TrySendError::Disconnected(_)) => return Ok(()),
-                Err(TrySendError::Full(order)) if since.elapsed() >= patience => return Err(order),
-                Err(TrySendError::Full(order)) => order,
+                Err(TrySendError::Full(command)) if since.elapsed() >= timeout => return Err(command),
+                Err(TrySendError::Full(command)) => command,
             };
             thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-/// Writes until it is told to finish, or whoever tells is gone, or the file can be written no more.
-fn work(
+/// Writes until the finish command, the end of the recorder or a write error.
+fn run_writer(
     file: ChunkFile,
-    heading: &Heading,
+    header: &FlightHeader,
     topics: &[Topic],
     clocks: Clocks,
-    orders: Receiver<Order>,
+    commands: Receiver<WriterCommand>,
     path: &Path,
     failure: &OnceLock<String>,
-) -> Ended {
-    let failed = |error| {
-        // The first failure is the one that is told.
-        let _ = failure.set(ended(path, error).to_string());
+) -> WriterResult {
+    let record_failure = |error| {
+        // Only the first failure is reported.
+        let _ = failure.set(write_error(path, error).to_string());
     };
-    let mut writer = match Writer::begin(file, heading, topics, clocks) {
+    let mut writer = match Writer::create(file, header, topics, clocks) {
         Ok(writer) => writer,
         Err(error) => {
-            failed(error);
-            return Ended { seconds: 0.0, bytes: 0, topics: Vec::new() };
+            record_failure(error);
+            return WriterResult { seconds: 0.0, bytes: 0, topics: Vec::new() };
         }
     };
-    let finished = follow(&mut writer, &orders).map_err(failed).is_ok();
-    let (mut file, seconds, topics) = writer.into_file();
-    // The summary of what the file holds.
+    let finished = process_commands(&mut writer, &commands).map_err(record_failure).is_ok();
+    let (mut file, seconds, topics) = writer.into_parts();
+    // Write the MCAP summary.
     if finished && let Err(cause) = std::io::Write::flush(&mut file).and_then(|()| file.sync()) {
-        failed(cause.into());
+        record_failure(cause.into());
     }
-    Ended { seconds, bytes: file.bytes(), topics }
+    WriterResult { seconds, bytes: file.written_bytes(), topics }
 }
 
-fn follow(writer: &mut Writer, orders: &Receiver<Order>) -> McapResult<()> {
+fn process_commands(writer: &mut Writer, commands: &Receiver<WriterCommand>) -> McapResult<()> {
     let (mut flushed, mut unflushed) = (Instant::now(), 0);
-    let (mut told, mut missed) = (None::<Instant>, BTreeMap::new());
+    let (mut missed_written_at, mut missed) = (None::<Instant>, BTreeMap::new());
     loop {
-        match orders.recv_timeout(FLUSH.saturating_sub(flushed.elapsed())) {
-            Ok(Order::Write(batch)) => {
+        match commands.recv_timeout(FLUSH_INTERVAL.saturating_sub(flushed.elapsed())) {
+            Ok(WriterCommand::Write(batch)) => {
                 let mut bytes = batch.bytes.as_slice();
-                for (topic, len, taken_ns) in &batch.messages {
+                for (topic, len, received_ns) in &batch.messages {
                     let (message, rest) = bytes.split_at((*len as usize).min(bytes.len()));
-                    writer.write(*topic, message, *taken_ns)?;
+                    writer.write(*topic, message, *received_ns)?;
                     bytes = rest;
                 }
                 unflushed += batch.bytes.len();
-                if batch.missed != missed && told.is_none_or(|told| told.elapsed() >= TOLD) {
-                    writer.missed(&batch.missed)?;
-                    (told, missed) = (Some(Instant::now()), batch.missed);
+                let is_due = missed_written_at.is_none_or(|written_at| written_at.elapsed() >= MISSED_INTERVAL);
+                if batch.missed != missed && is_due {
+                    writer.write_missed(&batch.missed)?;
+                    (missed_written_at, missed) = (Some(Instant::now()), batch.missed);
                 }
             }
-            Ok(Order::Finish { how, report, missed: all }) => {
-                if all != missed {
-                    writer.missed(&all)?;
+            Ok(WriterCommand::Finish { reason, report, missed: total }) => {
+                if total != missed {
+                    writer.write_missed(&total)?;
                 }
-                return writer.finish(&how, report.as_deref());
+                return writer.finish(&reason, report.as_deref());
             }
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return writer.finish("the recorder was left", None),
+            Err(RecvTimeoutError::Disconnected) => return writer.finish("recorder dropped", None),
         }
-        if flushed.elapsed() >= FLUSH || unflushed >= FLUSH_BYTES {
+        if flushed.elapsed() >= FLUSH_INTERVAL || unflushed >= FLUSH_BYTES {
             if unflushed > 0 {
                 writer.flush()?;
             }
@@ -359,24 +388,28 @@ fn follow(writer: &mut Writer, orders: &Receiver<Order>) -> McapResult<()> {
     }
 }
 
-/// A name in the folder that nothing has yet: the system's with the time, UTC.
-pub fn free_path(folder: &Path, system: &str) -> Result<PathBuf, FlightError> {
+/// Returns an unused path in `folder`, from the name of the system and the current time, UTC.
+///
+/// # Errors
+///
+/// Returns [`FlightError::Exists`] if all candidate names are taken.
+pub fn unused_path(folder: &Path, system: &str) -> Result<PathBuf, FlightError> {
     let now = utc(clock_gettime(ClockId::Realtime).tv_sec, ["", "T", ""]);
     let name =
         |n: u32| folder.join(format!("{system}-{now}{}.mcap", if n > 1 { format!("-{n}") } else { String::new() }));
     let is_free = |path: &PathBuf| fs::symlink_metadata(path).is_err();
-    (1..NAMES).map(name).find(is_free).ok_or_else(|| FlightError::Exists { path: name(NAMES) })
+    (1..MAX_NAMES).map(name).find(is_free).ok_or_else(|| FlightError::Exists { path: name(MAX_NAMES) })
 }
 
-/// A second since 1970 with what stands between the parts of the date, between date and time, and between the parts of the time.
-fn utc(unix_s: i64, [between, and, colon]: [&str; 3]) -> String {
-    let at = OffsetDateTime::from_unix_timestamp(unix_s).unwrap_or(OffsetDateTime::UNIX_EPOCH);
-    let (year, month, day) = (at.year(), u8::from(at.month()), at.day());
-    let (hour, minute, second) = (at.hour(), at.minute(), at.second());
-    format!("{year:04}{between}{month:02}{between}{day:02}{and}{hour:02}{colon}{minute:02}{colon}{second:02}Z")
+/// Formats a Unix time, s, with separators within the date, between date and time and within the
+/// time.
+fn utc(unix_s: i64, [date, middle, clock]: [&str; 3]) -> String {
+    let time = OffsetDateTime::from_unix_timestamp(unix_s).unwrap_or(OffsetDateTime::UNIX_EPOCH);
+    let (year, month, day) = (time.year(), u8::from(time.month()), time.day());
+    let (hour, minute, second) = (time.hour(), time.minute(), time.second());
+    format!("{year:04}{date}{month:02}{date}{day:02}{middle}{hour:02}{clock}{minute:02}{clock}{second:02}Z")
 }
 
-/// Every tick is expected on the topic.
 fn has_every_tick(topic: Topic) -> bool {
     topic.entry().presence == Presence::EveryTick
 }

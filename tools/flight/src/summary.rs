@@ -1,4 +1,4 @@
-//! What came of a recording.
+//! Result of a recording.
 
 use std::{fmt, path::PathBuf};
 
@@ -7,49 +7,49 @@ use serde::Serialize;
 
 use crate::FlightError;
 
-/// What came of a recording.
+/// Result of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
-    /// The file.
+pub struct RecordingSummary {
+    /// Path of the file.
     pub file: PathBuf,
-    /// From the first message to the last, s.
+    /// Time from the first message to the last, s.
     pub seconds: f64,
-    /// Bytes in the file.
+    /// Length of the file.
     pub bytes: u64,
-    /// Messages in the file that came over the bus.
+    /// Number of bus messages in the file.
     pub messages: u64,
-    /// Messages, at least, that were published and are not in the file.
+    /// Minimum number of published messages that are not in the file.
     pub missed: u64,
-    /// Each topic that was recorded.
+    /// Results of the recorded topics.
     pub topics: Vec<TopicSummary>,
-    /// Why the file is not whole, or not there; `None` where it is.
+    /// Error that made the file incomplete, or `None`.
     pub error: Option<String>,
 }
 
-/// What came of a topic.
+/// Result for one topic.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct TopicSummary {
-    /// Its name.
+    /// Name of the topic.
     pub topic: &'static str,
-    /// Messages in the file.
+    /// Number of messages in the file.
     pub messages: u64,
-    /// Messages, at least, that were published and are not in it.
+    /// Minimum number of published messages that are not in the file.
     pub missed: u64,
 }
 
-impl Summary {
-    /// With what was missed, where nothing worse has happened.
-    pub(crate) fn judged(mut self) -> Self {
+impl RecordingSummary {
+    /// Reports missed messages as the error unless there is another one.
+    pub(crate) fn with_missed_error(mut self) -> Self {
         if self.error.is_none() && self.missed > 0 {
-            let missed = FlightError::Missed { path: self.file.clone(), missed: self.missed };
+            let missed = FlightError::MissedMessages { path: self.file.clone(), missed: self.missed };
             self.error = Some(missed.to_string());
         }
         self
     }
 }
 
-/// For people: the file on the first line, then the topics.
-impl fmt::Display for Summary {
+/// Shows the file on the first line, then the topics.
+impl fmt::Display for RecordingSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { file, seconds, bytes, messages, missed, topics, .. } = self;
         write!(
@@ -59,7 +59,7 @@ impl fmt::Display for Summary {
             pluralize(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;
-        for TopicSummary { topic, messages, missed } in topics.iter().filter(|it| it.messages + it.missed > 0) {
+        for TopicSummary { topic, messages, missed } in topics.iter().filter(|topic| topic.messages + topic.missed > 0) {
             write!(f, "\n  {topic:<12}{:>19}, missed {missed}", pluralize(*messages, "message"))?;
         }
         Ok(())

@@ -1,6 +1,12 @@
-//! The MCAP file: a channel for each topic, those of viewers, metadata, attachments.
+//! MCAP writer: a channel for each topic, channels for viewers, metadata, attachments.
 //!
-//! Input: messages as bytes of the bus. Output: chunks, each in the file as a whole. Time: [`Clocks`]. Failure: the first one ends the file.
+//! Input: messages as bytes of the bus.
+//!
+//! Output: complete chunks of the file.
+//!
+//! Time: [`Clocks`].
+//!
+//! Failure: the first error ends the file.
 
 use std::{borrow::Cow, collections::BTreeMap, io, path::Path};
 
@@ -9,28 +15,28 @@ use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions, records
 use messages::layout;
 use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
 
-use crate::{FlightError, Heading, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
+use crate::{FlightError, FlightHeader, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
 
-/// A chunk of so many bytes, uncompressed, ends before its time.
+/// Uncompressed size at which a chunk ends early, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
-/// What goes with the file at the beginning, at the end, and where messages were missed.
-pub(crate) const BEGINNING: &str = "plumbline";
-pub(crate) const END: &str = "end";
-pub(crate) const MISSED: &str = "missed";
-/// The launch file, what came of it with the command line, and the report of the run, as attachments.
-pub(crate) const LAUNCH: &str = "launch.toml";
-pub(crate) const CONFIG: &str = "config.json";
-pub(crate) const REPORT: &str = "report.json";
+/// Names of the metadata records: at the start, at the end and for missed messages.
+pub(crate) const HEADER_METADATA: &str = "plumbline";
+pub(crate) const END_METADATA: &str = "end";
+pub(crate) const MISSED_METADATA: &str = "missed";
+/// Names of the attachments: launch file, effective configuration and report of the run.
+pub(crate) const LAUNCH_ATTACHMENT: &str = "launch.toml";
+pub(crate) const CONFIG_ATTACHMENT: &str = "config.json";
+pub(crate) const REPORT_ATTACHMENT: &str = "report.json";
 
 pub(crate) struct Writer {
     mcap: mcap::Writer<ChunkFile>,
     clocks: Clocks,
     channels: Vec<Channel>,
-    /// The places of topics among the channels.
-    places: Vec<Option<usize>>,
-    /// The channels for viewers.
+    /// Index into `channels` by topic.
+    channel_indexes: Vec<Option<usize>>,
+    /// Channels for viewers, with their MCAP ids.
     viewers: Vec<(u16, channel::Channel)>,
-    /// First and last message, CLOCK_REALTIME, ns.
+    /// Times of the first and the last message, CLOCK_REALTIME, ns.
     span_ns: Option<[u64; 2]>,
 }
 
@@ -39,93 +45,96 @@ struct Channel {
     topic: Topic,
     encoder: Encoder,
     messages: u64,
-    /// Of these, those in chunks that are in the file.
-    in_file: u64,
+    /// Number of messages in chunks that are in the file.
+    flushed: u64,
 }
 
 impl Writer {
-    /// Puts everything but messages into the file.
-    pub(crate) fn begin(file: ChunkFile, heading: &Heading, topics: &[Topic], clocks: Clocks) -> McapResult<Self> {
-        let library = format!("plumbline {}", heading.version);
+    /// Creates the MCAP file with header metadata, attachments, schemas and channels.
+    pub(crate) fn create(file: ChunkFile, header: &FlightHeader, topics: &[Topic], clocks: Clocks) -> McapResult<Self> {
+        let library = format!("plumbline {}", header.version);
         let options = WriteOptions::new().profile("").library(library).compression(Some(Compression::Lz4));
         let mut mcap = options.chunk_size(Some(CHUNK_BYTES)).disable_seeking(true).create(file)?;
-        mcap.write_metadata(&Metadata { name: BEGINNING.into(), metadata: heading.entries(clocks) })?;
+        mcap.write_metadata(&Metadata { name: HEADER_METADATA.into(), metadata: header.metadata(clocks) })?;
         let start_ns = now_ns(clocks);
-        if let Some(launch) = &heading.launch {
-            mcap.attach(&attachment(LAUNCH, "application/toml", launch.as_bytes(), start_ns))?;
+        if let Some(launch) = &header.launch {
+            mcap.attach(&attachment(LAUNCH_ATTACHMENT, "application/toml", launch.as_bytes(), start_ns))?;
         }
-        mcap.attach(&attachment(CONFIG, "application/json", heading.config.as_bytes(), start_ns))?;
+        mcap.attach(&attachment(CONFIG_ATTACHMENT, "application/json", header.config.as_bytes(), start_ns))?;
         let mut channels = Vec::new();
-        let mut places = vec![None; Topic::ALL.len()];
+        let mut channel_indexes = vec![None; Topic::ALL.len()];
         let mut viewers = Vec::new();
-        for named in channel::channels(topics) {
-            if named.is_for_viewers {
-                viewers.push((add_channel(&mut mcap, &named, &BTreeMap::new())?, named));
+        for channel in channel::channels(topics) {
+            if channel.is_for_viewers {
+                viewers.push((add_channel(&mut mcap, &channel, &BTreeMap::new())?, channel));
                 continue;
             }
-            let about = BTreeMap::from([("type".into(), layout(named.topic).name.into())]);
-            let id = add_channel(&mut mcap, &named, &about)?;
-            places[named.topic as usize] = Some(channels.len());
+            let metadata = BTreeMap::from([("type".into(), layout(channel.topic).name.into())]);
+            let id = add_channel(&mut mcap, &channel, &metadata)?;
+            channel_indexes[channel.topic as usize] = Some(channels.len());
             channels.push(Channel {
                 id,
-                topic: named.topic,
-                encoder: Encoder::new(named.topic),
+                topic: channel.topic,
+                encoder: Encoder::new(channel.topic),
                 messages: 0,
-                in_file: 0,
+                flushed: 0,
             });
         }
         mcap.flush()?;
-        Ok(Self { mcap, clocks, channels, places, viewers, span_ns: None })
+        Ok(Self { mcap, clocks, channels, channel_indexes, viewers, span_ns: None })
     }
 
-    /// Puts a message into the chunk under way; `taken_ns` is when it was taken, CLOCK_MONOTONIC.
-    pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], taken_ns: u64) -> McapResult<()> {
-        let Self { mcap, clocks, channels, places, viewers, span_ns } = self;
-        let Some(channel) = places[topic as usize].and_then(|place| channels.get_mut(place)) else { return Ok(()) };
-        let Some((data, stamps)) = channel.encoder.encode(bytes, taken_ns, *clocks) else { return Ok(()) };
-        put(mcap, channel.id, stamps, &data)?;
+    /// Adds a message that arrived at `received_ns` (CLOCK_MONOTONIC) to the current chunk.
+    pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) -> McapResult<()> {
+        let Self { mcap, clocks, channels, channel_indexes, viewers, span_ns } = self;
+        let Some(channel) = channel_indexes[topic as usize].and_then(|index| channels.get_mut(index)) else {
+            return Ok(());
+        };
+        let Some((data, stamps)) = channel.encoder.encode(bytes, received_ns, *clocks) else { return Ok(()) };
+        write_message(mcap, channel.id, stamps, &data)?;
         channel.messages += 1;
         let [first, last] = span_ns.unwrap_or([stamps.log_ns; 2]);
         *span_ns = Some([first.min(stamps.log_ns), last.max(stamps.log_ns)]);
-        for (id, named) in viewers.iter().filter(|(_, named)| named.topic == topic) {
-            if let Some(form) = encode_for_viewers(&named.name, bytes, stamps.log_ns) {
-                put(mcap, *id, stamps, &form)?;
+        for (id, channel) in viewers.iter().filter(|(_, channel)| channel.topic == topic) {
+            if let Some(data) = encode_for_viewers(&channel.name, bytes, stamps.log_ns) {
+                write_message(mcap, *id, stamps, &data)?;
             }
         }
         Ok(())
     }
 
-    /// Says that messages were missed: how many of each topic so far.
-    pub(crate) fn missed(&mut self, missed: &BTreeMap<Topic, u64>) -> McapResult<()> {
+    /// Writes a metadata record with the number of missed messages so far by topic.
+    pub(crate) fn write_missed(&mut self, missed: &BTreeMap<Topic, u64>) -> McapResult<()> {
         let entries = missed.iter().map(|(topic, count)| (format!("/{}", topic.name()), count.to_string()));
-        self.mcap.write_metadata(&Metadata { name: MISSED.into(), metadata: entries.collect() })
+        self.mcap.write_metadata(&Metadata { name: MISSED_METADATA.into(), metadata: entries.collect() })
     }
 
-    /// Ends the chunk: what was written is in the file.
+    /// Completes the current chunk and writes it to the file.
     pub(crate) fn flush(&mut self) -> McapResult<()> {
         self.mcap.flush()?;
-        self.channels.iter_mut().for_each(|channel| channel.in_file = channel.messages);
+        self.channels.iter_mut().for_each(|channel| channel.flushed = channel.messages);
         Ok(())
     }
 
-    /// Ends the file with how the run ended and its report, if there is one, and with the summary of what it holds.
-    pub(crate) fn finish(&mut self, how: &str, report: Option<&str>) -> McapResult<()> {
-        let entries = [("how".to_owned(), how.to_owned())];
-        self.mcap.write_metadata(&Metadata { name: END.into(), metadata: entries.into() })?;
+    /// Completes the file with the reason of the end, the optional report and the MCAP summary.
+    pub(crate) fn finish(&mut self, reason: &str, report: Option<&str>) -> McapResult<()> {
+        let entries = [("reason".to_owned(), reason.to_owned())];
+        self.mcap.write_metadata(&Metadata { name: END_METADATA.into(), metadata: entries.into() })?;
         if let Some(report) = report {
             let end_ns = now_ns(self.clocks);
-            self.mcap.attach(&attachment(REPORT, "application/json", report.as_bytes(), end_ns))?;
+            self.mcap.attach(&attachment(REPORT_ATTACHMENT, "application/json", report.as_bytes(), end_ns))?;
         }
         self.flush()?;
         self.mcap.finish()?;
         Ok(())
     }
 
-    /// The file with what is still to be put into it, if it has not ended; how long the flight was, s; and its messages by topic.
-    pub(crate) fn into_file(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
+    /// Returns the file with data that is not flushed, the duration of the flight, s, and the
+    /// flushed messages by topic.
+    pub(crate) fn into_parts(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
             topic: channel.topic.name(),
-            messages: channel.in_file,
+            messages: channel.flushed,
             missed: 0,
         });
         let topics = topics.collect();
@@ -133,32 +142,32 @@ impl Writer {
     }
 }
 
-/// CLOCK_REALTIME as the file has it, ns.
+/// Returns the current CLOCK_REALTIME by the clock offset of the recording, ns.
 pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
-/// What the system answered, without what the library says around it.
-pub(crate) fn ended(path: &Path, error: McapError) -> FlightError {
+/// Returns the write error with the cause of the operating system, without the text of the library.
+pub(crate) fn write_error(path: &Path, error: McapError) -> FlightError {
     let cause = match error {
         McapError::Io(cause) => cause.to_string(),
         other => other.to_string(),
     };
-    FlightError::Ends { path: path.to_owned(), cause }
+    FlightError::WriteFailed { path: path.to_owned(), cause }
 }
 
 fn add_channel(
     mcap: &mut mcap::Writer<ChunkFile>,
     channel::Channel { name, schema, .. }: &channel::Channel,
-    about: &BTreeMap<String, String>,
+    metadata: &BTreeMap<String, String>,
 ) -> McapResult<u16> {
-    let no_schema = || io::Error::other(format!("there is no schema of the name {schema}"));
+    let no_schema = || io::Error::other(format!("no schema named {schema}"));
     let descriptors = wire::schema::descriptors_for(schema).ok_or_else(no_schema)?;
     let schema = mcap.add_schema(schema, "protobuf", &descriptors)?;
-    mcap.add_channel(schema, name, "protobuf", about)
+    mcap.add_channel(schema, name, "protobuf", metadata)
 }
 
-fn put(mcap: &mut mcap::Writer<ChunkFile>, channel_id: u16, stamps: Stamps, data: &[u8]) -> McapResult<()> {
+fn write_message(mcap: &mut mcap::Writer<ChunkFile>, channel_id: u16, stamps: Stamps, data: &[u8]) -> McapResult<()> {
     let Stamps { log_ns, source_ns, sequence } = stamps;
     mcap.write_to_known_channel(
         &MessageHeader { channel_id, sequence, log_time: log_ns, publish_time: source_ns },

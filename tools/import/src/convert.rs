@@ -1,4 +1,4 @@
-//! Files in, a recording out.
+//! Conversion of recordings of other systems into a Plumbline recording.
 
 use std::{
     fs,
@@ -16,87 +16,95 @@ use crate::{
     force_aligner::ForceAligner,
     bag::Bag,
     dataflash,
-    csv_source::{Files, Table},
+    csv_source::{CsvFiles, CsvSource},
     row_writer::RowWriter,
-    source::{Fixed, Source},
+    source::{ReceiverFix, Source},
     ulog::Log,
 };
 
-/// Between what is gravity's doing and what is not, m/s².
-const GRAVITY_RANGE_M_S2: std::ops::Range<f64> = 7.0..14.0;
+/// Range of the mean force if gravity is included and the unit is right, m/s².
+const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 
-/// How files are read.
+/// Options for reading the input files.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
-    /// Which column is what; of CSV only, and there it must be given.
+    /// Meaning of the columns. Required for CSV and rejected for other formats.
     pub mapping: Option<Mapping>,
-    /// Which topics to read where there are several of a kind; of a bag or an MCAP file only.
+    /// Topics to read where several hold the same quantity. Only for bags and MCAP files.
     pub topics: Vec<String>,
 }
 
-/// How far an import is.
+/// Progress of an import.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Read so far, bytes.
+    /// Bytes read so far.
     pub done_bytes: u64,
-    /// To be read in all, bytes: a file that is read twice counts twice.
+    /// Bytes to read in total. A file that is read twice counts twice.
     pub total_bytes: u64,
 }
 
-/// Makes the recording `out` of the files at `paths`, gzip where its name ends in `.gz`, and `NAME_gnss.csv` beside it where there are
-/// fixes. Both are this user's alone, and in place once they are whole. Fails without having changed anything; only a disk that is
-/// full at the very end may leave the fixes alone.
+/// Converts the files at `paths` into the recording `out`.
+///
+/// The recording is compressed with gzip if its name ends in `.gz`. Fixes are written to
+/// `NAME_gnss.csv` next to it. Only the owner may read the files, and they appear when they are
+/// complete.
+///
+/// # Errors
+///
+/// Returns an [`ImportError`] if the input is invalid or the output cannot be written. Existing
+/// files are then unchanged, except that the file of fixes may be written if the disk is full at
+/// the very end.
 pub fn convert(
     paths: &[PathBuf],
     options: &Options,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ImportError> {
-    let format = format_of(paths, options)?;
-    let written = [out.to_owned(), fixes_path(out)];
-    let written = written.iter().flat_map(|path| [path.clone(), recording::temporary_path(path)]);
-    for place in written {
-        if let Some(path) = paths.iter().find(|path| is_same_file(path, &place)) {
-            return Err(ImportError::OutIsSource { path: path.clone() });
+    let format = common_format(paths, options)?;
+    let outputs = [out.to_owned(), fixes_path(out)];
+    let outputs = outputs.iter().flat_map(|path| [path.clone(), recording::temporary_path(path)]);
+    for output in outputs {
+        if let Some(path) = paths.iter().find(|path| is_same_file(path, &output)) {
+            return Err(ImportError::OutputIsInput { path: path.clone() });
         }
     }
-    import(&mut *source(format, paths, options)?, &paths[0], out, progress)
+    import(&mut *open_source(format, paths, options)?, &paths[0], out, progress)
 }
 
-/// The one format of all files, which is read.
-fn format_of(paths: &[PathBuf], options: &Options) -> Result<Format, ImportError> {
+/// Returns the common format of all files, which must be supported and match the options.
+fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportError> {
     let mut first = None;
     for path in paths {
-        let format = match Format::of(path)? {
+        let format = match Format::detect(path)? {
             Format::Recording if options.mapping.is_some() => Format::Csv,
             format => format,
         };
         if let Some(remedy) = format.remedy() {
-            return Err(ImportError::Unread { path: path.clone(), format, remedy });
+            return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy });
         }
         if format != Format::Csv && paths.len() > 1 {
-            return Err(ImportError::NotAlone { path: path.clone(), format, count: paths.len() });
+            return Err(ImportError::MultipleFiles { path: path.clone(), format, count: paths.len() });
         }
         if format != Format::Csv && options.mapping.is_some() {
-            return Err(ImportError::MappingUnused { path: path.clone(), format });
+            return Err(ImportError::MappingNotApplicable { path: path.clone(), format });
         }
         if !format.has_topics() && !options.topics.is_empty() {
-            return Err(ImportError::TopicsUnused { path: path.clone(), format });
+            return Err(ImportError::TopicsNotApplicable { path: path.clone(), format });
         }
         first = first.or(Some(format));
     }
-    first.ok_or(ImportError::Nothing)
+    first.ok_or(ImportError::NoFiles)
 }
 
-fn source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> Result<Box<dyn Source + 'a>, ImportError> {
+fn open_source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> Result<Box<dyn Source + 'a>, ImportError> {
     let path = &paths[0];
     Ok(match (format, &options.mapping) {
         (Format::Ulog, _) => Box::new(Log::open(path)?),
         (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, &options.topics)?),
-        (_, Some(mapping)) => Box::new(Table::open(paths, mapping)?),
+        (_, Some(mapping)) => Box::new(CsvSource::open(paths, mapping)?),
         (_, None) => {
-            return Err(ImportError::MappingNeeded { path: path.clone(), columns: Files::open(paths)?.known() });
+            return Err(ImportError::MappingRequired { path: path.clone(), columns: CsvFiles::open(paths)?.column_names() });
         }
     })
 }
@@ -107,39 +115,39 @@ fn import(
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ImportError> {
-    let mut tell = |done_bytes: u64, total_bytes: u64| {
+    let mut report = |done_bytes: u64, total_bytes: u64| {
         progress(Progress { done_bytes: done_bytes.min(total_bytes), total_bytes });
     };
-    let mut fixes = FixesFile::beside(out);
+    let mut fixes = FixesFile::for_recording(out);
     let total_bytes = source.total_bytes();
-    let survey = source.survey(&mut |fix| fixes.write(fix), &mut |done_bytes| tell(done_bytes, total_bytes))?;
+    let survey = source.survey(&mut |fix| fixes.write(fix), &mut |done_bytes| report(done_bytes, total_bytes))?;
     let total_bytes = source.total_bytes();
     let source = &*source;
     let layout = Layout { field: survey.has_field, reference: survey.has_reference };
-    let mut rows = RowWriter::new(Writer::create(out, layout)?, source.fields()?, source.attitudes()?);
-    let aligned = source.rows(&mut rows, &mut |done_bytes| tell(done_bytes, total_bytes))?;
+    let mut rows = RowWriter::new(Writer::create(out, layout)?, source.field_samples()?, source.reference_attitudes()?);
+    let aligner = source.write_rows(&mut rows, &mut |done_bytes| report(done_bytes, total_bytes))?;
     rows.finish()?;
-    tell(total_bytes, total_bytes);
+    report(total_bytes, total_bytes);
     if rows.rows == 0 {
-        let without_force = (aligned.rates_without_force > 0)
-            .then(|| format!("{} of the rate have no force at their time", aligned.rates_without_force));
+        let without_force = (aligner.rates_without_force > 0)
+            .then(|| format!("{} rate samples have no force sample nearby", aligner.rates_without_force));
         let reason = survey.reason.or(without_force);
         return Err(ImportError::NoRows { path: path.to_owned(), reason, expected: survey.expected });
     }
     let mut notes = survey.notes;
     let (fixes, fixes_file) = (fixes.count, fixes.finish()?);
     match &fixes_file {
-        None => no_old_fixes(out)?,
-        Some(fixes) if gnss::path_for(out).is_none() => notes.push(Note::FixesNotFound { fixes: fixes.clone() }),
+        None => check_no_stale_fixes(out)?,
+        Some(fixes) if gnss::path_for(out).is_none() => notes.push(Note::FixesNotDiscoverable { fixes: fixes.clone() }),
         Some(_) => {}
     }
-    let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligned, notes) };
-    // After the fixes: whoever finds the recording finds them.
+    let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligner, notes) };
+    // After the fixes, so that the recording never appears without them.
     rows.into_writer().finish()?;
     Ok(summary)
 }
 
-/// The file of fixes, which is there where there are any.
+/// File of fixes. It is created by the first fix.
 struct FixesFile {
     path: PathBuf,
     writer: Option<gnss::Writer>,
@@ -147,24 +155,24 @@ struct FixesFile {
 }
 
 impl FixesFile {
-    fn beside(recording: &Path) -> Self {
+    fn for_recording(recording: &Path) -> Self {
         Self { path: fixes_path(recording), writer: None, count: 0 }
     }
 
-    fn write(&mut self, fix: &Fixed) -> Result<(), ImportError> {
+    fn write(&mut self, fix: &ReceiverFix) -> Result<(), ImportError> {
         let writer = match &mut self.writer {
             Some(writer) => writer,
-            none => none.insert(gnss::Writer::create(&self.path)?),
+            empty => empty.insert(gnss::Writer::create(&self.path)?),
         };
-        let Fixed { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m } = *fix;
-        let told = |number: f64| Some(number).filter(|number| !number.is_nan());
-        let [latitude_deg, longitude_deg, altitude_m] = [latitude_deg, longitude_deg, altitude_m].map(told);
+        let ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m } = *fix;
+        let not_nan = |number: f64| Some(number).filter(|number| !number.is_nan());
+        let [latitude_deg, longitude_deg, altitude_m] = [latitude_deg, longitude_deg, altitude_m].map(not_nan);
         writer.write(&Fix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         self.count += 1;
         Ok(())
     }
 
-    /// Puts the file in its place; `None` where there was no fix.
+    /// Completes the file and returns its path; `None` if there was no fix.
     fn finish(self) -> Result<Option<PathBuf>, ImportError> {
         let Some(writer) = self.writer else { return Ok(None) };
         writer.finish()?;
@@ -172,26 +180,26 @@ impl FixesFile {
     }
 }
 
-fn summary(format: Format, rows: &mut RowWriter, aligned: &ForceAligner, mut notes: Vec<Note>) -> Summary {
-    let not_after = "they are not later than the one before them";
-    for (what, count, why) in [
-        ("samples of the rate", aligned.rates_out_of_order, not_after),
-        ("samples of the rate", aligned.rates_without_force, "there is no force at their time"),
-        ("samples of the force", aligned.forces_out_of_order, not_after),
-        ("samples of the field", rows.fields_not_after, not_after),
-        ("samples of the field", rows.fields_without_row, "no row is near them, or another one is nearer to it"),
-        ("reference attitudes", rows.attitudes_not_after, not_after),
+fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut notes: Vec<Note>) -> Summary {
+    let out_of_order = "timestamps do not increase";
+    for (what, count, reason) in [
+        ("rate samples", aligner.rates_out_of_order, out_of_order),
+        ("rate samples", aligner.rates_without_force, "no force sample nearby"),
+        ("force samples", aligner.forces_out_of_order, out_of_order),
+        ("field samples", rows.fields_out_of_order, out_of_order),
+        ("field samples", rows.fields_unmatched, "no row nearby, or another sample is nearer to it"),
+        ("reference attitudes", rows.attitudes_out_of_order, out_of_order),
     ] {
         if count > 0 {
-            notes.push(Note::LeftOut { what, count, why });
+            notes.push(Note::Skipped { what, count, reason });
         }
     }
     let mean_force_m_s2 = rows.mean_force_m_s2();
-    if !GRAVITY_RANGE_M_S2.contains(&mean_force_m_s2) {
-        notes.insert(0, Note::NotGravity { mean_force_m_s2 });
+    if !PLAUSIBLE_MEAN_FORCE_M_S2.contains(&mean_force_m_s2) {
+        notes.insert(0, Note::ImplausibleForce { mean_force_m_s2 });
     }
     if rows.field_rows == 0 {
-        notes.push(Note::Missing { what: "magnetic field: the course has no north" });
+        notes.push(Note::Missing { what: "magnetic field: the course is not relative to north" });
     }
     Summary {
         format,
@@ -207,7 +215,10 @@ fn summary(format: Format, rows: &mut RowWriter, aligned: &ForceAligner, mut not
     }
 }
 
-/// `NAME_gnss.csv` beside `NAME_imu.csv.gz`, and beside `NAME.csv` too, though nobody looks for it there.
+/// Returns the path of the fixes.
+///
+/// This is `NAME_gnss.csv` for `NAME_imu.csv.gz`, and also for `NAME.csv`, where it is not found
+/// automatically.
 fn fixes_path(out: &Path) -> PathBuf {
     gnss::path_for(out).unwrap_or_else(|| {
         let name = out.file_name().unwrap_or_default().to_string_lossy();
@@ -217,15 +228,15 @@ fn fixes_path(out: &Path) -> PathBuf {
     })
 }
 
-/// Refuses to lay a recording without fixes beside those of another.
-fn no_old_fixes(out: &Path) -> Result<(), ImportError> {
+/// Checks that no fixes of another recording would be read with a recording without fixes.
+fn check_no_stale_fixes(out: &Path) -> Result<(), ImportError> {
     match gnss::find_for(out) {
-        Some(fixes) => Err(ImportError::OldFixes { path: out.to_owned(), fixes }),
+        Some(fixes) => Err(ImportError::StaleFixes { path: out.to_owned(), fixes }),
         None => Ok(()),
     }
 }
 
-/// Two names of one file.
+/// Returns `true` if both paths name the same file.
 fn is_same_file(a: &Path, b: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|found| (found.dev(), found.ino()));
     matches!((identity(a), identity(b)), (Ok(a), Ok(b)) if a == b)

@@ -1,8 +1,13 @@
-//! One CSV file of whatever kind.
+//! Reader of one CSV file of any dialect.
 //!
-//! Input: text, plain or gzip, with a header line; separated by commas, semicolons or tabs; numbers with a decimal point or a
-//! decimal comma. Which of these is seen by the content. Output: its rows, field by field. Failure: the first line that is malformed
-//! or does not fit into [`MAX_LINE_BYTES`], with its place.
+//! Input: text, plain or gzip, with a header line. Columns are separated by commas, semicolons or
+//! tabs, and numbers have a decimal point or a decimal comma. The dialect is detected from the
+//! content.
+//!
+//! Output: records.
+//!
+//! Failure: the first line that is malformed or longer than [`MAX_LINE_BYTES`] is an error with its
+//! position.
 
 use std::{
     cell::Cell,
@@ -17,64 +22,69 @@ use mapping::text::{fields, time_ns};
 
 use crate::{
     ImportError,
-    error::{Place, excerpt, opening},
+    error::{TextPosition, excerpt, open_error},
 };
 
-const GZIP: &[u8] = b"\x1f\x8b";
+const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 const BUFFER_BYTES: usize = 1 << 16;
 const MAX_LINE_BYTES: usize = 1 << 16;
-/// The first that divides the header and the first row alike is it: a tab or a semicolon is hardly ever part of a name, and beside
-/// them a comma is a decimal comma.
+/// Separators in order of preference.
+///
+/// The first that splits header and first row into the same number of columns is used. Tabs and
+/// semicolons come first because they rarely occur in names, and a comma in such a file is a
+/// decimal comma.
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
 
-pub(crate) struct Text {
+pub(crate) struct CsvReader {
     path: PathBuf,
     lines: Lines,
     separator: u8,
-    /// The columns, as the header names them.
+    /// Column names of the header.
     pub(crate) names: Vec<String>,
-    /// The first row, which was looked at to see the separator.
-    first: Option<(u64, Vec<u8>)>,
-    /// What stands before the decimals of this file; `None` until the first are seen.
-    point: Cell<Option<u8>>,
+    /// First row, read in advance to detect the separator.
+    first_row: Option<(u64, Vec<u8>)>,
+    /// Decimal mark of the file; `None` until the first decimal fraction has been read.
+    decimal_mark: Cell<Option<u8>>,
 }
 
-impl Text {
-    /// Opens a file and reads its header. `read_bytes` grows with what is read of it.
+impl CsvReader {
+    /// Opens a file and reads its header.
+    ///
+    /// `read_bytes` is increased by the bytes read from the file.
     pub(crate) fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
         let mut lines = Lines::open(path, read_bytes)?;
-        let at = |line| Place { line, column: None, name: None };
+        let line_position = |line| TextPosition { line, column: None, name: None };
         let Some((line, mut header)) = lines.next()? else {
-            return Err(malformed(path, at(1), "the end of the file", "the header line"));
+            return Err(malformed(path, line_position(1), "the end of the file", "the header line"));
         };
         if header.starts_with(BYTE_ORDER_MARK) {
             header.drain(..BYTE_ORDER_MARK.len());
         }
         let Some(first) = lines.next()? else {
-            return Err(malformed(path, at(line + 1), "the end of the file", "a row"));
+            return Err(malformed(path, line_position(line + 1), "the end of the file", "a row"));
         };
         let width = |text: &[u8], separator| fields(text, separator).count();
-        let divides = |separator: &u8| {
+        let separates = |separator: &u8| {
             let columns = width(&header, *separator);
             columns > 1 && columns == width(&first.1, *separator)
         };
-        let separator = SEPARATORS.into_iter().find(divides);
-        // Where none fits, the first row is told to be too long or too short.
-        let by_header = || SEPARATORS.into_iter().find(|separator| width(&header, *separator) > 1);
-        let separator = separator.or_else(by_header).unwrap_or(b',');
+        let separator = SEPARATORS.into_iter().find(separates);
+        // If no separator fits, the length of the first row is reported as an error later.
+        let header_separator = || SEPARATORS.into_iter().find(|separator| width(&header, *separator) > 1);
+        let separator = separator.or_else(header_separator).unwrap_or(b',');
         let mut names = Vec::new();
         for (index, name) in fields(&header, separator).enumerate() {
-            let place = || Place { line, column: Some(index + 1), name: None };
+            let place = || TextPosition { line, column: Some(index + 1), name: None };
             let name = str::from_utf8(name).map_err(|_| malformed(path, place(), excerpt(name), "UTF-8 text"))?;
             names.push(name.to_owned());
         }
-        Ok(Self { path: path.to_owned(), lines, separator, names, first: Some(first), point: Cell::new(None) })
+        Ok(Self { path: path.to_owned(), lines, separator, names, first_row: Some(first), decimal_mark: Cell::new(None) })
     }
 
-    /// The next row that is not blank; `None` at the end.
-    pub(crate) fn next(&mut self) -> Result<Option<Fields<'_>>, ImportError> {
-        let next = match self.first.take() {
+    /// Returns the next row that is not blank; `None` at the end.
+    pub(crate) fn next(&mut self) -> Result<Option<CsvRecord<'_>>, ImportError> {
+        let next = match self.first_row.take() {
             Some(first) => Some(first),
             None => self.lines.next()?,
         };
@@ -82,32 +92,32 @@ impl Text {
         let (found, expected) = (fields(&row, self.separator).count(), self.names.len());
         if found != expected {
             let index = found.min(expected);
-            let place = Place { line, column: Some(index + 1), name: self.names.get(index).cloned() };
+            let position = TextPosition { line, column: Some(index + 1), name: self.names.get(index).cloned() };
             let (found, expected) = (format!("{found} fields"), format!("{expected} as in the header"));
-            return Err(malformed(&self.path, place, found, expected));
+            return Err(malformed(&self.path, position, found, expected));
         }
-        Ok(Some(Fields { text: self, line, row }))
+        Ok(Some(CsvRecord { reader: self, line, row }))
     }
 }
 
-fn malformed(path: &Path, place: Place, found: impl Into<String>, expected: impl Into<String>) -> ImportError {
+fn malformed(path: &Path, position: TextPosition, found: impl Into<String>, expected: impl Into<String>) -> ImportError {
     ImportError::Malformed {
         path: path.to_owned(),
-        place: place.into(),
+        position: position.into(),
         found: found.into(),
         expected: expected.into(),
     }
 }
 
-/// A row, taken apart.
-pub(crate) struct Fields<'a> {
-    text: &'a Text,
+/// Row of the file.
+pub(crate) struct CsvRecord<'a> {
+    reader: &'a CsvReader,
     line: u64,
     row: Vec<u8>,
 }
 
-impl Fields<'_> {
-    /// The numbers at these indices; `None` where one of them is blank or nan: no sample.
+impl CsvRecord<'_> {
+    /// Returns the numbers in these columns; `None` if one of them is blank or NaN.
     pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<Option<[f64; N]>, ImportError> {
         let mut values = [f64::NAN; N];
         for (value, index) in values.iter_mut().zip(indices) {
@@ -119,7 +129,9 @@ impl Fields<'_> {
         Ok((!values.iter().any(|value| value.is_nan())).then_some(values))
     }
 
-    /// The time at this index, ns, of which `digits` are the decimals of its unit.
+    /// Returns the time in a column, ns.
+    ///
+    /// `digits` is the number of decimals of its unit that make a nanosecond.
     pub(crate) fn time_ns(&self, index: usize, digits: usize) -> Result<i64, ImportError> {
         let unit = match digits {
             9 => "a time in s",
@@ -129,38 +141,38 @@ impl Fields<'_> {
         };
         let text = self.decimal(index, unit)?;
         time_ns(&text, digits)
-            .ok_or_else(|| self.malformed(index, &format!("{unit}, less than 9e9 s; say another with --units")))
+            .ok_or_else(|| self.malformed(index, &format!("{unit}, less than 9e9 s; set another unit with --units")))
     }
 
-    /// The field at an index with a decimal point, as far as it is a number.
+    /// Returns the text of a column with its decimal comma replaced by a point.
     fn decimal(&self, index: usize, expected: &str) -> Result<String, ImportError> {
-        let field = fields(&self.row, self.text.separator).nth(index).unwrap_or_default();
+        let field = fields(&self.row, self.reader.separator).nth(index).unwrap_or_default();
         let mut text = str::from_utf8(field).map_err(|_| self.malformed(index, "UTF-8 text"))?.to_owned();
-        let Some(point) = text.bytes().find(|byte| matches!(byte, b'.' | b',')) else { return Ok(text) };
-        match self.text.point.replace(self.text.point.get().or(Some(point))) {
-            Some(b'.') if point == b',' => {
+        let Some(mark) = text.bytes().find(|byte| matches!(byte, b'.' | b',')) else { return Ok(text) };
+        match self.reader.decimal_mark.replace(self.reader.decimal_mark.get().or(Some(mark))) {
+            Some(b'.') if mark == b',' => {
                 return Err(self.malformed(index, &format!("{expected} with a decimal point, as before")));
             }
-            Some(b',') if point == b'.' => {
+            Some(b',') if mark == b'.' => {
                 return Err(self.malformed(index, &format!("{expected} with a decimal comma, as before")));
             }
             _ => {}
         }
-        // More than one, or both, are none of a number: it is refused where it is read.
-        if point == b',' && !text.contains('.') {
+        // Text with several marks or with both is not a number and is rejected by the caller.
+        if mark == b',' && !text.contains('.') {
             text = text.replacen(',', ".", 1);
         }
         Ok(text)
     }
 
     fn malformed(&self, index: usize, expected: &str) -> ImportError {
-        let field = fields(&self.row, self.text.separator).nth(index).unwrap_or_default();
-        let place = Place { line: self.line, column: Some(index + 1), name: self.text.names.get(index).cloned() };
-        malformed(&self.text.path, place, excerpt(field), expected)
+        let field = fields(&self.row, self.reader.separator).nth(index).unwrap_or_default();
+        let position = TextPosition { line: self.line, column: Some(index + 1), name: self.reader.names.get(index).cloned() };
+        malformed(&self.reader.path, position, excerpt(field), expected)
     }
 }
 
-/// The lines of a file that are neither blank nor remarks.
+/// Lines of a file, without blank lines and comments.
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
@@ -169,10 +181,10 @@ struct Lines {
 
 impl Lines {
     fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
-        let failed = |cause| opening(path, cause);
-        let file = Counted::new(File::open(path).map_err(failed)?, read_bytes);
+        let failed = |cause| open_error(path, cause);
+        let file = CountingReader::new(File::open(path).map_err(failed)?, read_bytes);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
-        let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP) {
+        let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
             Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(file)))
         } else {
             Box::new(file)
@@ -185,23 +197,24 @@ impl Lines {
         loop {
             self.line += 1;
             text.clear();
-            let at = || Place { line: self.line, column: None, name: None };
+            let line_position = || TextPosition { line: self.line, column: None, name: None };
             let read = self.inner.by_ref().take(MAX_LINE_BYTES as u64 + 1).read_until(b'\n', &mut text);
             match read {
                 Ok(0) => return Ok(None),
                 Ok(length) if length > MAX_LINE_BYTES => {
                     let found = format!("a line of more than {MAX_LINE_BYTES} bytes");
-                    return Err(malformed(&self.path, at(), found, "a readable line"));
+                    return Err(malformed(&self.path, line_position(), found, "a readable line"));
                 }
                 Ok(_) => {}
                 Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
                     let found = "the end of the file inside the gzip stream";
-                    return Err(malformed(&self.path, at(), found, "the rest of it; copy the file again"));
+                    return Err(malformed(&self.path, line_position(), found, "a complete stream; copy the file again"));
                 }
-                Err(cause) => return Err(malformed(&self.path, at(), cause.to_string(), "a readable line")),
+                Err(cause) => return Err(malformed(&self.path, line_position(), cause.to_string(), "a readable line")),
             }
             let trimmed = text.trim_ascii();
-            // Excel is told the separator so; it is seen without.
+            // `sep=` in the first line names the separator for Excel. The separator is detected
+            // without it.
             if trimmed.is_empty() || trimmed.starts_with(b"#") || (self.line == 1 && trimmed.starts_with(b"sep=")) {
                 continue;
             }
@@ -213,19 +226,19 @@ impl Lines {
     }
 }
 
-/// A file that counts what is read of it.
-pub(crate) struct Counted {
+/// File reader that counts the bytes read.
+pub(crate) struct CountingReader {
     inner: File,
     read_bytes: Rc<Cell<u64>>,
 }
 
-impl Counted {
+impl CountingReader {
     pub(crate) fn new(inner: File, read_bytes: &Rc<Cell<u64>>) -> Self {
         Self { inner, read_bytes: read_bytes.clone() }
     }
 }
 
-impl Read for Counted {
+impl Read for CountingReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.inner.read(buffer)?;
         self.read_bytes.set(self.read_bytes.get() + count as u64);

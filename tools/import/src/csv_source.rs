@@ -1,7 +1,12 @@
-//! The columns of CSV files, joined by time.
+//! Source that joins mapped columns of CSV files by time.
 //!
-//! Input: files and a mapping. Output: rows at the times of the rate. Time: that of each sample is in its own file; files have one
-//! clock. Failure: a column that is not there, the first malformed line.
+//! Input: CSV files and a mapping.
+//!
+//! Output: rows at the times of the rate samples.
+//!
+//! Time: each file has its own time column. All files share one clock.
+//!
+//! Failure: a missing column and the first malformed line are errors.
 
 use std::{
     cell::Cell,
@@ -16,101 +21,104 @@ use recording::Reference;
 use crate::{
     Format, ImportError, Mapping, Note,
     force_aligner::{ForceAligner, Sample},
-    error::opening,
+    error::open_error,
     row_writer::{Attitude, RowWriter, Samples},
-    source::{Fixed, Source, Survey, TakeFix},
-    csv_reader::Text,
+    source::{ReceiverFix, Source, Survey, FixSink},
+    csv_reader::CsvReader,
 };
 
-/// Files and which of their columns are what.
-pub(crate) struct Table<'a> {
-    files: Files,
-    groups: Groups,
+/// CSV files with a mapping of their columns.
+pub(crate) struct CsvSource<'a> {
+    files: CsvFiles,
+    groups: ColumnGroups,
     mapping: &'a Mapping,
     length_bytes: u64,
 }
 
-impl<'a> Table<'a> {
-    /// Reads the headers.
+impl<'a> CsvSource<'a> {
+    /// Opens the files, reads their headers and resolves the mapping.
     pub(crate) fn open(paths: &[PathBuf], mapping: &'a Mapping) -> Result<Self, ImportError> {
-        let files = Files::open(paths)?;
-        let groups = files.groups(mapping)?;
-        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| opening(path, cause));
+        let files = CsvFiles::open(paths)?;
+        let groups = files.column_groups(mapping)?;
+        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| open_error(path, cause));
         let length_bytes = files.read_bytes() + groups.paths().map(length).sum::<Result<u64, _>>()?;
         Ok(Self { files, groups, mapping, length_bytes })
     }
 }
 
-impl Table<'_> {
-    /// Hands the fixes over, each once however many rows of the rate repeat it; tells how many are not after the one before them.
-    fn fixes(
+impl CsvSource<'_> {
+    /// Reads the fixes of a group and returns the number of skipped ones.
+    ///
+    /// A fix is skipped if its timestamp does not increase. A fix that the rows of the rate repeat
+    /// is passed on once.
+    fn read_fixes(
         &self,
-        group: &Group<3>,
+        group: &ColumnGroup<3>,
         position: [Option<usize>; 3],
-        take: &mut TakeFix<'_>,
+        on_fix: &mut FixSink<'_>,
     ) -> Result<u64, ImportError> {
-        let mut text = Text::open(&group.path, &self.files.read_bytes)?;
+        let mut reader = CsvReader::open(&group.path, &self.files.read_bytes)?;
         let is_repeated = group.path == self.groups.rate.path;
-        let (mut last, mut not_after) = (None, 0);
-        while let Some(fields) = text.next()? {
-            let Some(found) = fields.numbers(group.indices)? else { continue };
-            let t_ns = fields.time_ns(group.time, self.mapping.time_digits())?;
-            let mut place = [f64::NAN; 3];
-            for (part, index) in place.iter_mut().zip(position) {
-                if let Some([number]) = index.map(|index| fields.numbers([index])).transpose()?.flatten() {
+        let (mut last, mut out_of_order) = (None, 0);
+        while let Some(record) = reader.next()? {
+            let Some(velocity) = record.numbers(group.indices)? else { continue };
+            let t_ns = record.time_ns(group.time, self.mapping.time_digits())?;
+            let mut location = [f64::NAN; 3];
+            for (part, index) in location.iter_mut().zip(position) {
+                if let Some([number]) = index.map(|index| record.numbers([index])).transpose()?.flatten() {
                     *part = number;
                 }
             }
             if last.is_some_and(|(last_ns, _, _)| t_ns <= last_ns) {
-                not_after += 1;
+                out_of_order += 1;
                 continue;
             }
-            let said = (found.map(f64::to_bits), place.map(f64::to_bits));
-            if is_repeated && last.is_some_and(|(_, found, place)| (found, place) == said) {
+            let values = (velocity.map(f64::to_bits), location.map(f64::to_bits));
+            if is_repeated && last.is_some_and(|(_, found, place)| (found, place) == values) {
                 continue;
             }
-            last = Some((t_ns, said.0, said.1));
-            let [latitude_deg, longitude_deg, altitude_m] = place;
-            let velocity_m_s = self.mapping.velocity_m_s(found);
-            take(&Fixed { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
+            last = Some((t_ns, values.0, values.1));
+            let [latitude_deg, longitude_deg, altitude_m] = location;
+            let velocity_m_s = self.mapping.velocity_m_s(velocity);
+            on_fix(&ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         }
-        Ok(not_after)
+        Ok(out_of_order)
     }
 }
 
-impl Source for Table<'_> {
+impl Source for CsvSource<'_> {
     fn format(&self) -> Format {
         Format::Csv
     }
 
-    /// Each group reads its file.
+    /// Returns the bytes of the headers and of one pass over the file of each column group.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
 
-    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let mut notes = Vec::new();
         if let Some((position, group)) = &self.groups.velocity {
-            let not_after = self.fixes(group, *position, take)?;
-            tell(self.files.read_bytes());
-            if not_after > 0 {
-                let why = "they are not later than the one before them";
-                notes.push(Note::LeftOut { what: "fixes", count: not_after, why });
+            let out_of_order = self.read_fixes(group, *position, on_fix)?;
+            progress(self.files.read_bytes());
+            if out_of_order > 0 {
+                let reason = "timestamps do not increase";
+                notes.push(Note::Skipped { what: "fixes", count: out_of_order, reason });
             }
         }
-        let expected = "numbers in the columns of --map, at times of one clock".into();
-        let Groups { field, reference, .. } = &self.groups;
+        let expected = "numbers in the mapped columns, with times of one clock".into();
+        let ColumnGroups { field, reference, .. } = &self.groups;
         Ok(Survey { has_field: field.is_some(), has_reference: reference.is_some(), notes, reason: None, expected })
     }
 
-    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
+    fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
         let Some(group) = &self.groups.field else { return Ok(Box::new(std::iter::empty())) };
         let mapping = self.mapping;
         let convert = |t_ns, found| Some((t_ns, mapping.field_ut(found)));
         Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
     }
 
-    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+    fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
         let Some(group) = &self.groups.reference else { return Ok(Box::new(std::iter::empty())) };
         let mapping = self.mapping;
         let convert = |t_ns, found| {
@@ -120,65 +128,65 @@ impl Source for Table<'_> {
         Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
     }
 
-    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
         let (digits, mapping) = (self.mapping.time_digits(), self.mapping);
         let mut rates =
             self.files.samples(&self.groups.rate, digits, |t_ns, found| Some((t_ns, mapping.rate_rad_s(found))))?;
         let mut forces =
             self.files.samples(&self.groups.force, digits, |t_ns, found| Some((t_ns, mapping.force_m_s2(found))))?;
-        let mut aligned = ForceAligner::default();
+        let mut aligner = ForceAligner::default();
         let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
         for count in 0u64.. {
             if count.is_multiple_of(1024) {
-                tell(self.files.read_bytes());
+                progress(self.files.read_bytes());
             }
             match (rate, force) {
                 (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
-                    aligned.push_rate(sample, rows)?;
+                    aligner.push_rate(sample, rows)?;
                     rate = rates.next().transpose()?;
                 }
                 (_, Some(sample)) => {
-                    aligned.push_force(sample, rows)?;
+                    aligner.push_force(sample, rows)?;
                     force = forces.next().transpose()?;
                 }
                 (Some(sample), None) => {
-                    aligned.push_rate(sample, rows)?;
+                    aligner.push_rate(sample, rows)?;
                     rate = rates.next().transpose()?;
                 }
                 (None, None) => break,
             }
         }
-        aligned.finish(rows)?;
-        tell(self.files.read_bytes());
-        Ok(aligned)
+        aligner.finish(rows)?;
+        progress(self.files.read_bytes());
+        Ok(aligner)
     }
 }
 
-/// Files and the columns of each.
-pub(crate) struct Files {
+/// CSV files and their column names.
+pub(crate) struct CsvFiles {
     columns: Vec<(PathBuf, Vec<String>)>,
     read_bytes: Rc<Cell<u64>>,
 }
 
-/// The columns of one vector and the file they are in.
-struct Group<const N: usize> {
+/// Columns of one vector, with their file and its time column.
+struct ColumnGroup<const N: usize> {
     path: PathBuf,
     time: usize,
     indices: [usize; N],
 }
 
-/// Which columns are what.
-struct Groups {
-    rate: Group<3>,
-    force: Group<3>,
-    field: Option<Group<3>>,
-    reference: Option<Group<4>>,
-    /// After the columns of the position in the same file.
-    velocity: Option<([Option<usize>; 3], Group<3>)>,
+/// Columns of all mapped quantities.
+struct ColumnGroups {
+    rate: ColumnGroup<3>,
+    force: ColumnGroup<3>,
+    field: Option<ColumnGroup<3>>,
+    reference: Option<ColumnGroup<4>>,
+    /// Position columns, followed by the velocity in the same file.
+    velocity: Option<([Option<usize>; 3], ColumnGroup<3>)>,
 }
 
-impl Groups {
-    /// The file of each.
+impl ColumnGroups {
+    /// Returns the file of each group.
     fn paths(&self) -> impl Iterator<Item = &Path> {
         let velocity = self.velocity.iter().map(|(_, group)| group);
         let vectors = [&self.rate, &self.force].into_iter().chain(&self.field).chain(velocity);
@@ -186,16 +194,16 @@ impl Groups {
     }
 }
 
-impl Files {
-    /// Reads the headers.
+impl CsvFiles {
+    /// Opens the files and reads their headers.
     pub(crate) fn open(paths: &[PathBuf]) -> Result<Self, ImportError> {
         let read_bytes = Rc::new(Cell::new(0));
-        let columns = paths.iter().map(|path| Ok((path.clone(), Text::open(path, &read_bytes)?.names)));
+        let columns = paths.iter().map(|path| Ok((path.clone(), CsvReader::open(path, &read_bytes)?.names)));
         Ok(Self { columns: columns.collect::<Result<_, ImportError>>()?, read_bytes })
     }
 
-    /// All columns, each once.
-    pub(crate) fn known(&self) -> Vec<String> {
+    /// Returns the names of all columns without duplicates.
+    pub(crate) fn column_names(&self) -> Vec<String> {
         let mut known: Vec<String> = Vec::new();
         for name in self.columns.iter().flat_map(|(_, names)| names) {
             if !known.contains(name) {
@@ -205,36 +213,38 @@ impl Files {
         known
     }
 
-    /// What has been read so far.
+    /// Returns the number of bytes read so far.
     fn read_bytes(&self) -> u64 {
         self.read_bytes.get()
     }
 
-    fn groups(&self, mapping: &Mapping) -> Result<Groups, ImportError> {
-        let field = mapping.has_field().then(|| self.group(mapping, FIELD)).transpose()?;
-        let reference = mapping.has_reference().then(|| self.group(mapping, REFERENCE)).transpose()?;
-        let velocity = mapping.velocity().map(|targets| self.group(mapping, targets)).transpose()?;
+    fn column_groups(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
+        let field = mapping.has_field().then(|| self.column_group(mapping, FIELD)).transpose()?;
+        let reference = mapping.has_reference().then(|| self.column_group(mapping, REFERENCE)).transpose()?;
+        let velocity = mapping.velocity().map(|targets| self.column_group(mapping, targets)).transpose()?;
         let velocity = match velocity {
-            Some(group) => Some((self.position(mapping, &group.path)?, group)),
+            Some(group) => Some((self.position_columns(mapping, &group.path)?, group)),
             None => None,
         };
-        let (rate, force) = (self.group(mapping, RATE)?, self.group(mapping, FORCE)?);
-        Ok(Groups { rate, force, field, reference, velocity })
+        let (rate, force) = (self.column_group(mapping, RATE)?, self.column_group(mapping, FORCE)?);
+        Ok(ColumnGroups { rate, force, field, reference, velocity })
     }
 
-    /// The samples of a group, in the order of its file, without those that `convert` has nothing of.
+    /// Returns the samples of a group in file order.
+    ///
+    /// Rows for which `convert` returns `None` are skipped.
     fn samples<const N: usize, T, F: Fn(i64, [f64; N]) -> Option<T>>(
         &self,
-        group: &Group<N>,
+        group: &ColumnGroup<N>,
         time_digits: usize,
         convert: F,
     ) -> Result<impl Iterator<Item = Result<T, ImportError>> + use<N, T, F>, ImportError> {
-        let mut text = Text::open(&group.path, &self.read_bytes)?;
+        let mut reader = CsvReader::open(&group.path, &self.read_bytes)?;
         let (time, indices) = (group.time, group.indices);
         let mut next = move || -> Result<Option<T>, ImportError> {
-            while let Some(fields) = text.next()? {
-                if let Some(values) = fields.numbers(indices)?
-                    && let Some(sample) = convert(fields.time_ns(time, time_digits)?, values)
+            while let Some(record) = reader.next()? {
+                if let Some(values) = record.numbers(indices)?
+                    && let Some(sample) = convert(record.time_ns(time, time_digits)?, values)
                 {
                     return Ok(Some(sample));
                 }
@@ -244,82 +254,84 @@ impl Files {
         Ok(std::iter::from_fn(move || next().transpose()))
     }
 
-    /// The columns of the position, in the file of the velocity.
-    fn position(&self, mapping: &Mapping, path: &Path) -> Result<[Option<usize>; 3], ImportError> {
+    /// Returns the position columns, which must be in the file of the velocity.
+    fn position_columns(&self, mapping: &Mapping, path: &Path) -> Result<[Option<usize>; 3], ImportError> {
         let file = self.columns.iter().position(|(other, _)| other == path);
         let find = |target: &'static str| -> Result<Option<usize>, ImportError> {
-            let column = mapping.column(target).map(|column| self.find(target, column, file));
+            let column = mapping.column(target).map(|column| self.find_column(target, column, file));
             Ok(column.transpose()?.map(|(_, index)| index))
         };
         let [latitude, longitude, altitude] = POSITION.map(find);
         Ok([latitude?, longitude?, altitude?])
     }
 
-    fn group<const N: usize>(&self, mapping: &Mapping, group: [&'static str; N]) -> Result<Group<N>, ImportError> {
-        let mut places = [(0, 0); N];
-        for (place, target) in places.iter_mut().zip(group) {
-            *place = self.find(target, mapping.column(target).unwrap_or_default(), None)?;
+    fn column_group<const N: usize>(&self, mapping: &Mapping, group: [&'static str; N]) -> Result<ColumnGroup<N>, ImportError> {
+        let mut positions = [(0, 0); N];
+        for (position, target) in positions.iter_mut().zip(group) {
+            *position = self.find_column(target, mapping.column(target).unwrap_or_default(), None)?;
         }
-        let file = places[0].0;
-        if places.iter().any(|(other, _)| *other != file) {
-            let files = places.map(|(file, _)| shown(&self.columns[file].0));
-            return Err(ImportError::Split { group: group.into(), files: files.into() });
+        let file = positions[0].0;
+        if positions.iter().any(|(other, _)| *other != file) {
+            let files = positions.map(|(file, _)| file_name(&self.columns[file].0));
+            return Err(ImportError::SplitVector { group: group.into(), files: files.into() });
         }
-        let (_, time) = self.find("t", mapping.column("t").unwrap_or_default(), Some(file))?;
-        Ok(Group { path: self.columns[file].0.clone(), time, indices: places.map(|(_, index)| index) })
+        let (_, time) = self.find_column("t", mapping.column("t").unwrap_or_default(), Some(file))?;
+        Ok(ColumnGroup { path: self.columns[file].0.clone(), time, indices: positions.map(|(_, index)| index) })
     }
 
-    /// The file and the index of a column: in `only` that file, else wherever it is, as long as it is there once.
-    fn find(&self, target: &'static str, found: &str, only: Option<usize>) -> Result<(usize, usize), ImportError> {
-        let all = |name: &str, in_file: Option<&str>| -> Vec<(usize, usize)> {
-            let files = self.columns.iter().enumerate().filter(|(file, (path, _))| {
-                only.is_none_or(|only| *file == only) && in_file.is_none_or(|named| is_called(path, named))
+    /// Returns the file and the index of a column.
+    ///
+    /// The name must be unique in the file `only`, or in all files if `only` is `None`.
+    fn find_column(&self, target: &'static str, found: &str, only: Option<usize>) -> Result<(usize, usize), ImportError> {
+        let matching_columns = |name: &str, in_file: Option<&str>| -> Vec<(usize, usize)> {
+            let files = self.columns.iter().enumerate().filter(|(index, (path, _))| {
+                only.is_none_or(|only| *index == only) && in_file.is_none_or(|named| matches_name(path, named))
             });
-            let places = files.flat_map(|(file, (_, names))| {
+            let positions = files.flat_map(|(file, (_, names))| {
                 let indices = names.iter().enumerate().filter(|(_, other)| *other == name);
                 indices.map(move |(index, _)| (file, index))
             });
-            places.collect()
+            positions.collect()
         };
-        let mut places = all(found, None);
-        if let (true, Some((file, name))) = (places.is_empty(), found.rsplit_once(':')) {
-            places = all(name, Some(file));
+        let mut positions = matching_columns(found, None);
+        if let (true, Some((file, name))) = (positions.is_empty(), found.rsplit_once(':')) {
+            positions = matching_columns(name, Some(file));
         }
-        match places[..] {
-            [place] => Ok(place),
+        match positions[..] {
+            [position] => Ok(position),
             [] => {
-                let known = only.map_or_else(|| self.known(), |only| self.columns[only].1.clone());
+                let known = only.map_or_else(|| self.column_names(), |only| self.columns[only].1.clone());
                 let near = nearest(found, known.iter().map(String::as_str)).map(str::to_owned);
                 Err(ImportError::UnknownColumn { target, found: found.into(), near, known })
             }
             _ => {
-                let shown = |&(file, index): &(usize, usize)| {
+                let qualified_name = |&(file, index): &(usize, usize)| {
                     let (path, names) = &self.columns[file];
                     format!("{}:{}", stem(path), names[index])
                 };
-                let mut places: Vec<_> = places.iter().map(shown).collect();
-                let count = places.len();
-                places.dedup();
-                if places.len() < count {
-                    places = vec!["which by giving each column a name of its own in the header".into()];
+                let mut alternatives: Vec<_> = positions.iter().map(qualified_name).collect();
+                let count = alternatives.len();
+                alternatives.dedup();
+                if alternatives.len() < count {
+                    alternatives = vec!["different column names in the header".into()];
                 }
-                Err(ImportError::Ambiguous { target, found: found.into(), places })
+                Err(ImportError::AmbiguousColumn { target, found: found.into(), alternatives })
             }
         }
     }
 }
 
-fn is_called(path: &Path, name: &str) -> bool {
-    name == shown(path) || name == stem(path)
+fn matches_name(path: &Path, name: &str) -> bool {
+    name == file_name(path) || name == stem(path)
 }
 
-fn shown(path: &Path) -> String {
+fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The name of a file without `.csv` and `.gz`.
+/// Returns the file name without `.gz` and without its extension.
 fn stem(path: &Path) -> String {
-    let name = shown(path);
+    let name = file_name(path);
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
 }

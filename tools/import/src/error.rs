@@ -1,4 +1,4 @@
-//! Why there is no recording.
+//! Errors of an import.
 
 use std::{
     fmt, io,
@@ -9,223 +9,223 @@ use recording::RecordingError;
 
 use crate::{Format, MappingError};
 
-/// Why there is no recording.
+/// Error that prevents an import.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// No file is named.
-    #[error("importing: found no file, expected one")]
-    Nothing,
-    /// There is no folder for what is imported on the way.
-    #[error(
-        "making a folder for the import: {cause}; is there space for temporary files (TMPDIR names another place)?"
-    )]
-    Folder {
-        /// What the system said.
+    /// No input file is given.
+    #[error("importing: no input file; name at least one")]
+    NoFiles,
+    /// The temporary folder for an intermediate recording cannot be created.
+    #[error("creating a temporary folder: {cause}; free disk space, or set TMPDIR to another folder")]
+    TemporaryFolder {
+        /// Error of the operating system.
         cause: io::Error,
     },
     /// The MCAP file cannot be written.
     #[error("writing {}: {cause}", path.display())]
-    Mcap {
-        /// The file.
+    WriteMcap {
+        /// Path of the MCAP file.
         path: PathBuf,
-        /// What was said about it.
+        /// Error of the MCAP writer or the operating system.
         cause: String,
     },
     /// The file cannot be opened or read.
     #[error("opening {}: {cause}; {remedy}", path.display())]
     Open {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
-        /// What to do about it.
+        /// What the user can do.
         remedy: &'static str,
     },
-    /// The file is none of the known formats.
+    /// The format of the file is unknown.
     #[error(
-        "recognising {}: found no known format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log or CSV; text must be UTF-8 (save it as \"CSV UTF-8\")",
+        "importing {}: unknown format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log or UTF-8 CSV (save text as \"CSV UTF-8\")",
         path.display()
     )]
-    Unknown {
-        /// The file.
+    UnknownFormat {
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The format is known and not read.
-    #[error("importing {}: it is {format}; {remedy}", path.display())]
-    Unread {
-        /// The file.
+    /// The format of the file is known but not supported.
+    #[error("importing {}: found {format}; {remedy}", path.display())]
+    UnsupportedFormat {
+        /// Path of the file.
         path: PathBuf,
-        /// What it is.
+        /// Format of the file.
         format: Format,
-        /// What to do about it.
+        /// What the user can do.
         remedy: &'static str,
     },
-    /// More than one log, or a log beside other files.
-    #[error("importing {}: {format} is imported alone, found {count} files; import each by itself", path.display())]
-    NotAlone {
-        /// The log.
+    /// A log is given together with other files.
+    #[error("importing {}: {format} cannot be combined with other files, found {count}; import each file separately", path.display())]
+    MultipleFiles {
+        /// Path of the log.
         path: PathBuf,
-        /// What it is.
+        /// Format of the log.
         format: Format,
-        /// How many files are named.
+        /// Number of files given.
         count: usize,
     },
-    /// A log, which names its own columns, and a mapping.
-    #[error("importing {}: {format} says itself what its columns are; leave out --map, --units and --frame", path.display())]
-    MappingUnused {
-        /// The log.
+    /// A mapping is given for a format that defines its own columns.
+    #[error("importing {}: {format} defines its own columns; leave out --map, --units and --frame", path.display())]
+    MappingNotApplicable {
+        /// Path of the log.
         path: PathBuf,
-        /// What it is.
+        /// Format of the log.
         format: Format,
     },
-    /// Topics chosen of a file that has none.
-    #[error("importing {}: {format} has no topics to choose from; leave out --topic", path.display())]
-    TopicsUnused {
-        /// The log.
+    /// Topics are selected for a format without topics.
+    #[error("importing {}: {format} has no topics; leave out --topic", path.display())]
+    TopicsNotApplicable {
+        /// Path of the log.
         path: PathBuf,
-        /// What it is.
+        /// Format of the log.
         format: Format,
     },
-    /// A topic that is not there, or that nothing is read of.
-    #[error("importing {}: there is no topic {found:?} to read{}; there are {}", path.display(), guess(near.as_deref()), names(known))]
+    /// A selected topic does not exist or has an unsupported type.
+    #[error("importing {}: no readable topic {found:?}{}; available topics: {}", path.display(), suggestion(near.as_deref()), quoted_list(known))]
     UnknownTopic {
-        /// The log.
+        /// Path of the log.
         path: PathBuf,
-        /// The topic's name.
+        /// Name of the selected topic.
         found: String,
-        /// The topic of nearly that name.
+        /// Readable topic with a similar name.
         near: Option<String>,
-        /// Those that can be read.
+        /// All readable topics.
         known: Vec<String>,
     },
-    /// Two topics chosen for one thing.
-    #[error("importing {}: --topic names both {first:?} and {second:?}, expected one of {what}", path.display())]
-    TopicTwice {
-        /// The log.
+    /// Two selected topics hold the same quantity.
+    #[error("importing {}: --topic names both {first:?} and {second:?}, expected one topic for {what}", path.display())]
+    ConflictingTopics {
+        /// Path of the log.
         path: PathBuf,
-        /// The first.
+        /// Name of the first topic.
         first: String,
-        /// The second.
+        /// Name of the second topic.
         second: String,
-        /// What both hold.
+        /// Quantity that both topics hold.
         what: &'static str,
     },
-    /// A bag that cannot be read.
+    /// The bag cannot be read.
     #[error("reading {}: found {found}, expected {expected}", path.display())]
-    NoBag {
-        /// The bag.
+    UnreadableBag {
+        /// Path of the bag.
         path: PathBuf,
-        /// What is there.
+        /// Description of what was found.
         found: String,
-        /// What was expected, or what to do.
+        /// What was expected, or what the user can do.
         expected: &'static str,
     },
-    /// Text with columns and no mapping.
+    /// CSV is given without a mapping of its columns.
     #[error(
-        "importing {}: nothing says what its columns are; name them with --map t=COLUMN,gx=COLUMN,…; there are {}",
+        "importing {}: the meaning of its columns is unknown; map them with --map t=COLUMN,gx=COLUMN,…; available columns: {}",
         path.display(),
-        names(columns)
+        quoted_list(columns)
     )]
-    MappingNeeded {
-        /// The file.
+    MappingRequired {
+        /// Path of the file.
         path: PathBuf,
-        /// Its columns.
+        /// Names of its columns.
         columns: Vec<String>,
     },
-    /// The mapping is none.
+    /// The mapping is invalid.
     #[error("reading --{}: {}", .0.setting(), .0)]
     Mapping(#[from] MappingError),
-    /// A column that no file has.
-    #[error("mapping {target}: there is no column {found:?}{}; there are {}", guess(near.as_deref()), names(known))]
+    /// A mapped column does not exist.
+    #[error("mapping {target}: no column {found:?}{}; available columns: {}", suggestion(near.as_deref()), quoted_list(known))]
     UnknownColumn {
-        /// What it is mapped to.
+        /// Target of the mapping.
         target: &'static str,
-        /// Its name.
+        /// Name of the column.
         found: String,
-        /// The column of nearly that name.
+        /// Column with a similar name.
         near: Option<String>,
-        /// All columns.
+        /// Names of all columns.
         known: Vec<String>,
     },
-    /// A column that is there more than once.
-    #[error("mapping {target}: there is more than one column {found:?}; say {}", places.join(" or "))]
-    Ambiguous {
-        /// What it is mapped to.
+    /// A mapped column exists more than once.
+    #[error("mapping {target}: more than one column is named {found:?}; use {}", alternatives.join(" or "))]
+    AmbiguousColumn {
+        /// Target of the mapping.
         target: &'static str,
-        /// Its name.
+        /// Name of the column.
         found: String,
-        /// How to say which.
-        places: Vec<String>,
+        /// Unambiguous ways to name the column.
+        alternatives: Vec<String>,
     },
-    /// A vector whose components are not samples of one time.
-    #[error("mapping {}: found columns of {}, expected all of them in one file", group.join(", "), names(files))]
-    Split {
-        /// The components.
+    /// The components of a vector are in different files, so their times differ.
+    #[error("mapping {}: found columns of {}, expected all in one file", group.join(", "), quoted_list(files))]
+    SplitVector {
+        /// Targets of the components.
         group: Vec<&'static str>,
-        /// The files they are in.
+        /// File of each component.
         files: Vec<String>,
     },
-    /// The text of a file is not what it must be.
-    #[error("reading {}: {place}: found {found}, expected {expected}", path.display())]
+    /// The text of a file is malformed.
+    #[error("reading {}: {position}: found {found}, expected {expected}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where in it.
-        place: Box<Place>,
-        /// What is there.
+        /// Position of the error in the text.
+        position: Box<TextPosition>,
+        /// Description of what was found.
         found: String,
-        /// What was expected.
+        /// Description of what was expected.
         expected: String,
     },
-    /// A log whose beginning is damaged.
-    #[error("reading {}: byte {at_byte}: found {found}, expected a log; copy the file again", path.display())]
-    NoLog {
-        /// The file.
+    /// A ULog is damaged before its data section.
+    #[error("reading {}: byte {at_byte}: found {found} before any data; copy the file again", path.display())]
+    DamagedStart {
+        /// Path of the file.
         path: PathBuf,
-        /// How far it was read.
+        /// Offset of the damage, bytes.
         at_byte: u64,
-        /// What is there.
+        /// Description of the damage.
         found: String,
     },
-    /// A topic without what is needed of it.
-    #[error("reading {}: the topic {topic}: found no field {field} of the type {expected}, there are {}", path.display(), names(known))]
-    NoField {
-        /// The log.
+    /// A topic lacks a required field.
+    #[error("reading {}: topic {topic}: no field {field} of type {expected}; available fields: {}", path.display(), quoted_list(known))]
+    MissingField {
+        /// Path of the log.
         path: PathBuf,
-        /// The topic.
+        /// Name of the topic.
         topic: String,
-        /// The field.
+        /// Name of the field.
         field: &'static str,
-        /// Its type.
+        /// Required type of the field.
         expected: &'static str,
-        /// The fields there are.
+        /// Names of all fields of the topic.
         known: Vec<String>,
     },
-    /// No sample of rate and force.
-    #[error("importing {}: found no sample of rate and force{}, expected {expected}", path.display(), because(reason.as_deref()))]
+    /// The source has no samples of rate and force.
+    #[error("importing {}: found no sample of rate and force{}, expected {expected}", path.display(), parenthesised(reason.as_deref()))]
     NoRows {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is known about it.
+        /// Reason, if known.
         reason: Option<String>,
-        /// Where they would be.
+        /// Description of the data that provides rate and force.
         expected: String,
     },
-    /// The recording would replace its source.
-    #[error("writing {}: that is the file it is made of; name another", path.display())]
-    OutIsSource {
-        /// The file.
+    /// The output would overwrite an input.
+    #[error("writing {}: the output is also an input; choose another name", path.display())]
+    OutputIsInput {
+        /// Path of the input.
         path: PathBuf,
     },
-    /// The fixes of another recording would be taken for those of this one.
-    #[error("writing {}: there are no fixes, and those of another recording lie at {}; move them, or name another file", path.display(), fixes.display())]
-    OldFixes {
-        /// The recording.
+    /// A file of fixes of another recording exists next to the output.
+    ///
+    /// The import itself has no fixes.
+    #[error("writing {}: no fixes were imported, but {} would be read as its fixes; move that file, or choose another output name", path.display(), fixes.display())]
+    StaleFixes {
+        /// Path of the recording.
         path: PathBuf,
-        /// The fixes beside it.
+        /// Path of the existing fixes.
         fixes: PathBuf,
     },
-    /// The recording cannot be written.
+    /// The recording cannot be read or written.
     #[error(transparent)]
     Recording(Box<RecordingError>),
 }
@@ -237,47 +237,49 @@ impl From<RecordingError> for ImportError {
 }
 
 impl ImportError {
-    /// The exit code of `plumb`: 3 when an input file is wrong, 2 when the command line is, else 1.
+    /// Returns the exit code of `plumb`.
+    ///
+    /// This is 3 for an invalid input file, 2 for an invalid command line, 1 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Nothing
-            | Self::NotAlone { .. }
-            | Self::MappingUnused { .. }
-            | Self::TopicsUnused { .. }
+            Self::NoFiles
+            | Self::MultipleFiles { .. }
+            | Self::MappingNotApplicable { .. }
+            | Self::TopicsNotApplicable { .. }
             | Self::UnknownTopic { .. }
-            | Self::TopicTwice { .. }
-            | Self::MappingNeeded { .. }
+            | Self::ConflictingTopics { .. }
+            | Self::MappingRequired { .. }
             | Self::Mapping(_)
             | Self::UnknownColumn { .. }
-            | Self::Ambiguous { .. }
-            | Self::Split { .. }
-            | Self::OutIsSource { .. }
-            | Self::OldFixes { .. } => 2,
+            | Self::AmbiguousColumn { .. }
+            | Self::SplitVector { .. }
+            | Self::OutputIsInput { .. }
+            | Self::StaleFixes { .. } => 2,
             Self::Open { .. }
-            | Self::Unknown { .. }
-            | Self::Unread { .. }
+            | Self::UnknownFormat { .. }
+            | Self::UnsupportedFormat { .. }
             | Self::Malformed { .. }
-            | Self::NoLog { .. }
-            | Self::NoBag { .. }
-            | Self::NoField { .. }
+            | Self::DamagedStart { .. }
+            | Self::UnreadableBag { .. }
+            | Self::MissingField { .. }
             | Self::NoRows { .. } => 3,
-            Self::Recording(_) | Self::Folder { .. } | Self::Mcap { .. } => 1,
+            Self::Recording(_) | Self::TemporaryFolder { .. } | Self::WriteMcap { .. } => 1,
         }
     }
 }
 
-/// A place in a text.
+/// Position in a text file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
-    /// Line, from 1.
+pub struct TextPosition {
+    /// Line number, from 1.
     pub line: u64,
-    /// Field, from 1; `None` for the line as a whole.
+    /// Column number, from 1; `None` if the error concerns the whole line.
     pub column: Option<usize>,
-    /// The field's name, as the header has it.
+    /// Name of the column in the header; `None` if unknown.
     pub name: Option<String>,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for TextPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "line {}", self.line)?;
         if let Some(column) = self.column {
@@ -290,36 +292,36 @@ impl fmt::Display for Place {
     }
 }
 
-pub(crate) fn opening(path: &Path, cause: io::Error) -> ImportError {
+pub(crate) fn open_error(path: &Path, cause: io::Error) -> ImportError {
     let remedy = match cause.kind() {
         io::ErrorKind::NotFound => "check the path",
-        io::ErrorKind::PermissionDenied => "give this user the right to read it",
-        io::ErrorKind::IsADirectory => "name a file in it",
-        _ => "check that the file can be read",
+        io::ErrorKind::PermissionDenied => "give this user permission to read it",
+        io::ErrorKind::IsADirectory => "name a file in the folder",
+        _ => "check that the file is readable",
     };
     ImportError::Open { path: path.to_owned(), cause, remedy }
 }
 
-/// The first 40 characters, in quotes.
+/// Returns the first 40 characters in quotes.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
 }
 
-/// Names of columns in a message: so many, and each so long.
-const MAX_NAMES: usize = 40;
+/// Maximum number of names that a message lists.
+const MAX_LISTED_NAMES: usize = 40;
 
-fn names(names: &[String]) -> String {
-    let mut text: Vec<_> = names.iter().take(MAX_NAMES).map(|name| excerpt(name.as_bytes())).collect();
-    if names.len() > MAX_NAMES {
-        text.push(format!("and {} more", names.len() - MAX_NAMES));
+fn quoted_list(names: &[String]) -> String {
+    let mut text: Vec<_> = names.iter().take(MAX_LISTED_NAMES).map(|name| excerpt(name.as_bytes())).collect();
+    if names.len() > MAX_LISTED_NAMES {
+        text.push(format!("and {} more", names.len() - MAX_LISTED_NAMES));
     }
     text.join(", ")
 }
 
-fn guess(near: Option<&str>) -> String {
-    near.map_or_else(String::new, |near| format!(", did you mean {near:?}?"))
+fn suggestion(near: Option<&str>) -> String {
+    near.map_or_else(String::new, |near| format!(" (did you mean {near:?}?)"))
 }
 
-fn because(reason: Option<&str>) -> String {
+fn parenthesised(reason: Option<&str>) -> String {
     reason.map_or_else(String::new, |reason| format!(" ({reason})"))
 }

@@ -1,39 +1,45 @@
-//! Force at the times of the rate.
+//! Interpolation of the force at the times of the rate samples.
 //!
-//! Input: samples of both, each in the order of time. Output: every sample of the rate with the force at its time, in order.
-//! Time: between two samples that are close to each other, the force is on the line between them; else it is the nearest one,
-//! if that is very close. Failure: none; what cannot be used is counted.
+//! Input: samples of rate and force, each in time order.
+//!
+//! Output: every rate sample with the force at its time, in time order.
+//!
+//! Time: between two force samples that are close to each other, the force is interpolated
+//! linearly. Otherwise the nearest sample is used if it is very close.
+//!
+//! Failure: none. Unusable samples are counted.
 
 use std::collections::VecDeque;
 
 use crate::{ImportError, row_writer::RowWriter};
 
-/// Samples further apart say nothing about what was between them, ns.
+/// Maximum gap between force samples that is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// A sample stands for a time no further away than this, ns.
+/// Maximum distance in time at which a single force sample is used, ns.
 const MAX_HOLD_NS: u64 = 20_000_000;
-/// Samples of the rate that wait for a force after them.
+/// Maximum number of rate samples that wait for a later force sample.
 const MAX_PENDING: usize = 1024;
 
+/// Time, ns, and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
 
 #[derive(Default)]
 pub(crate) struct ForceAligner {
     pending: VecDeque<Sample>,
-    /// The last two samples of the force.
+    /// Last two force samples.
     previous_force: Option<Sample>,
     last_force: Option<Sample>,
     last_rate_ns: Option<i64>,
-    /// Samples of the rate that are not after the one before them.
+    /// Number of rate samples with non-increasing timestamps.
     pub(crate) rates_out_of_order: u64,
-    /// The same of the force, without those that are there again.
+    /// Number of force samples with non-increasing timestamps. Exact repetitions are not counted.
     pub(crate) forces_out_of_order: u64,
-    /// Samples of the rate with no force near them.
+    /// Number of rate samples without a force sample nearby.
     pub(crate) rates_without_force: u64,
 }
 
 impl ForceAligner {
-    /// Takes the next sample of the rate.
+    /// Adds the next rate sample.
     pub(crate) fn push_rate(&mut self, sample: Sample, rows: &mut RowWriter) -> Result<(), ImportError> {
         if self.last_rate_ns.is_some_and(|last_ns| sample.0 <= last_ns) {
             self.rates_out_of_order += 1;
@@ -45,7 +51,7 @@ impl ForceAligner {
         self.release(rows, is_full)
     }
 
-    /// Takes the next sample of the force.
+    /// Adds the next force sample.
     pub(crate) fn push_force(&mut self, sample: Sample, rows: &mut RowWriter) -> Result<(), ImportError> {
         match self.last_force {
             Some(last) if sample == last => return Ok(()),
@@ -59,7 +65,7 @@ impl ForceAligner {
         self.release(rows, false)
     }
 
-    /// There are no more samples.
+    /// Releases the remaining rate samples after the last force sample.
     pub(crate) fn finish(&mut self, rows: &mut RowWriter) -> Result<(), ImportError> {
         while !self.pending.is_empty() {
             self.release(rows, true)?;
@@ -67,7 +73,8 @@ impl ForceAligner {
         Ok(())
     }
 
-    /// Hands over the rates up to the last force, and one more where that must not wait.
+    /// Releases the rate samples up to the last force sample, and one more if `must_release_one` is
+    /// set.
     fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
         let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
         while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns) {
@@ -80,6 +87,7 @@ impl ForceAligner {
         Ok(())
     }
 
+    /// Returns the force at a time; `None` if no sample is close enough.
     fn force_at(&self, t_ns: i64) -> Option<[f64; 3]> {
         let (last_ns, last) = self.last_force?;
         if let Some((before_ns, before)) = self.previous_force.filter(|(before_ns, _)| (*before_ns..last_ns).contains(&t_ns)) {

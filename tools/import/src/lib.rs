@@ -1,24 +1,32 @@
-//! Import: recordings of other systems, made into ours.
+//! Import of recordings made by other systems.
 //!
-//! Input: a ULog of PX4, a log of ArduPilot, an MCAP file, a bag of ROS 2, or CSV files and a [`Mapping`] that says which column is what. Output: a recording as
-//! [`recording::Reader`] takes it, the fixes of a satellite receiver beside it, and a [`Summary`] of what was there and what was not.
-//! Frames: body right, forward, up; earth east, north, up. Time: the source's own, in ns. Failure: what cannot be read is refused
-//! with its place; of a log that is cut or damaged, what was good before is read, and the summary says so.
+//! Input: a PX4 ULog, an ArduPilot log, an MCAP file, a ROS 2 bag, or CSV files with a [`Mapping`]
+//! of their columns.
 //!
-//! | module | what it holds |
+//! Output: a recording that [`recording::Reader`] reads, a file of GNSS fixes next to it, and a
+//! [`Summary`] with notes on skipped or missing data. Axes: body right, forward, up; earth east,
+//! north, up.
+//!
+//! Time: the clock of the source, ns.
+//!
+//! Failure: an unreadable file is rejected with the position of the error. Of a truncated or
+//! damaged log the readable part is imported, and the summary reports the damage.
+//!
+//! | module | content |
 //! | --- | --- |
-//! | [`mod@convert`] | files in, a recording out |
-//! | [`format`](mod@format) | what a file is, by its content |
-//! | [`summary`] | what came of it |
-//! | `source` | what every kind of log gives |
-//! | `ulog` | the topics of a ULog |
-//! | `dataflash` | the messages of a log of ArduPilot |
-//! | `bag` | the topics of MCAP files and bags of ROS 2 |
-//! | `mapped` | the columns of CSV files, joined by time |
-//! | `text` | one CSV file of whatever kind |
-//! | `aligned` | force at the times of the rate |
-//! | [`mcap_file`] | a recording of ours as an MCAP file |
-//! | `rows` | field and reference at the times of the rows |
+//! | [`mod@convert`] | conversion of files into a recording |
+//! | [`format`](mod@format) | format detection by content |
+//! | [`summary`] | result of an import |
+//! | [`mcap_file`] | conversion of a recording into an MCAP file |
+//! | [`ros_messages`] | decoding of single ROS 2 messages |
+//! | `source` | interface of all source formats |
+//! | `ulog` | topics of a ULog |
+//! | `dataflash` | messages of an ArduPilot log |
+//! | `bag` | topics of MCAP files and ROS 2 bags |
+//! | `csv_source` | mapped columns of CSV files, joined by time |
+//! | `csv_reader` | reader of one CSV file |
+//! | `force_aligner` | force at the times of the rate samples |
+//! | `row_writer` | field and reference at the times of the rows |
 #![forbid(unsafe_code)]
 
 mod force_aligner;

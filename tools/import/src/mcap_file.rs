@@ -1,7 +1,13 @@
-//! A recording of ours as an MCAP file.
+//! Conversion of a Plumbline recording into an MCAP file.
 //!
-//! Input: a recording, and the fixes beside it. Output: messages of `proto/plumbline/v1` that every reader of MCAP and protobuf opens, and that
-//! come back as they were: `imu`, `mag`, `reference`, `gnss`. Time: that of the recording. Failure: nothing is left behind.
+//! Input: a recording and its fixes.
+//!
+//! Output: messages of `proto/plumbline/v1` on the topics `imu`, `mag`, `reference` and `gnss`,
+//! readable by any MCAP and protobuf reader. An import restores the values.
+//!
+//! Time: that of the recording.
+//!
+//! Failure: no partial file remains.
 
 use std::{
     collections::BTreeMap,
@@ -21,23 +27,30 @@ use wire::Payload;
 
 use crate::ImportError;
 
-/// As others name it; the library of a flight has another name.
+/// Library name in the file header. Recorded flights have another name.
 const LIBRARY: &str = "plumb import";
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Makes the MCAP file `out` of a recording and the fixes beside it. It is this user's alone, and in place once it is whole.
+/// Converts a recording and its fixes into the MCAP file `out`.
+///
+/// Only the owner may read the file. It appears when it is complete.
+///
+/// # Errors
+///
+/// Returns [`ImportError::Recording`] if the recording cannot be read, and
+/// [`ImportError::WriteMcap`] if the file cannot be written.
 pub fn to_mcap(recording: &Path, out: &Path) -> Result<(), ImportError> {
-    let failed = |cause: String| ImportError::Mcap { path: out.to_owned(), cause };
+    let failed = |cause: String| ImportError::WriteMcap { path: out.to_owned(), cause };
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(Path::new("."), |folder| folder);
     let file = NamedTempFile::new_in(folder).map_err(|cause| failed(cause.to_string()))?;
-    let mut messages = Messages::begin(&file).map_err(|cause| failed(cause.to_string()))?;
+    let mut messages = MessageWriter::new(&file).map_err(|cause| failed(cause.to_string()))?;
     let mut fixes = gnss::find_for(recording).map(|path: PathBuf| FixReader::open(&path)).transpose()?;
-    let mut before_ns = None;
+    let mut previous_ns = None;
     for (tick, row) in (0..).zip(Reader::open(recording)?) {
         let row = row?;
         let fix = fixes.as_mut().map_or(Ok(None), |fixes| fixes.latest_until(row.t_ns))?;
-        let t_start_ns = before_ns.replace(row.t_ns).unwrap_or(row.t_ns);
-        messages.row(tick, t_start_ns, &row, fix.as_ref()).map_err(|cause| failed(cause.to_string()))?;
+        let t_start_ns = previous_ns.replace(row.t_ns).unwrap_or(row.t_ns);
+        messages.write_row(tick, t_start_ns, &row, fix.as_ref()).map_err(|cause| failed(cause.to_string()))?;
     }
     messages.writer.finish().map_err(|cause| failed(cause.to_string()))?;
     drop(messages);
@@ -45,46 +58,46 @@ pub fn to_mcap(recording: &Path, out: &Path) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// The file, and its channels by topic.
-struct Messages<'a> {
+/// MCAP writer with its channels by topic.
+struct MessageWriter<'a> {
     writer: Writer<BufWriter<&'a File>>,
     channels: BTreeMap<&'static str, u16>,
 }
 
-impl<'a> Messages<'a> {
-    fn begin(file: &'a NamedTempFile) -> mcap::McapResult<Self> {
+impl<'a> MessageWriter<'a> {
+    fn new(file: &'a NamedTempFile) -> mcap::McapResult<Self> {
         let options = WriteOptions::new().profile("").library(LIBRARY).compression(Some(Compression::Zstd));
         let writer = options.chunk_size(Some(CHUNK_BYTES)).create(BufWriter::new(file.as_file()))?;
         Ok(Self { writer, channels: BTreeMap::new() })
     }
 
-    fn row(&mut self, tick: u64, t_start_ns: i64, row: &Row, fix: Option<&gnss::Fix>) -> mcap::McapResult<()> {
+    fn write_row(&mut self, tick: u64, t_start_ns: i64, row: &Row, fix: Option<&gnss::Fix>) -> mcap::McapResult<()> {
         let Row { t_ns, rate_rad_s, force_m_s2, field_ut, reference } = *row;
         let flags = Flags::FIELD.when(field_ut.is_some()) | Flags::FIX.when(fix.is_some());
         let header = Header { tick, t_start_ns, t_end_ns: t_ns, flags, ..bytemuck::Zeroable::zeroed() };
         if let Some(fix) = fix {
-            let told = |number: Option<f64>| number.unwrap_or(f64::NAN);
+            let or_nan = |number: Option<f64>| number.unwrap_or(f64::NAN);
             let message = GnssFix {
                 header: Header { t_end_ns: fix.t_ns, ..header },
                 velocity_m_s: fix.velocity_m_s,
                 velocity_sd_m_s: f64::NAN,
                 age_s: f64::NAN,
-                latitude_rad: told(fix.latitude_deg).to_radians(),
-                longitude_rad: told(fix.longitude_deg).to_radians(),
-                altitude_m: told(fix.altitude_m),
+                latitude_rad: or_nan(fix.latitude_deg).to_radians(),
+                longitude_rad: or_nan(fix.longitude_deg).to_radians(),
+                altitude_m: or_nan(fix.altitude_m),
             };
-            self.put(tick, fix.t_ns, &message)?;
+            self.write(tick, fix.t_ns, &message)?;
         }
         if let Some(field_ut) = field_ut {
-            self.put(tick, t_ns, &MagSample { header, field_ut })?;
+            self.write(tick, t_ns, &MagSample { header, field_ut })?;
         }
         if let Some(recording::Reference { quaternion, scored }) = reference {
-            self.put(tick, t_ns, &Reference { tick, scored: scored.into(), quaternion })?;
+            self.write(tick, t_ns, &Reference { tick, scored: scored.into(), quaternion })?;
         }
-        self.put(tick, t_ns, &ImuSample { header, rate_rad_s, force_m_s2 })
+        self.write(tick, t_ns, &ImuSample { header, rate_rad_s, force_m_s2 })
     }
 
-    fn put<M: Payload>(&mut self, tick: u64, t_ns: i64, message: &M) -> mcap::McapResult<()> {
+    fn write<M: Payload>(&mut self, tick: u64, t_ns: i64, message: &M) -> mcap::McapResult<()> {
         let entry = M::TOPIC;
         let channel_id = match self.channels.get(entry.name) {
             Some(id) => *id,
@@ -98,7 +111,7 @@ impl<'a> Messages<'a> {
                 id
             }
         };
-        // A time before 1970 is none in MCAP; the message has its own.
+        // MCAP cannot express times before 1970. The message has its own time.
         let time = u64::try_from(t_ns).unwrap_or(0);
         let header = MessageHeader { channel_id, sequence: tick as u32, log_time: time, publish_time: time };
         self.writer.write_to_known_channel(&header, &message.to_bytes())

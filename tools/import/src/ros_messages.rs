@@ -1,14 +1,19 @@
-//! Messages of ROS 2 one by one, as they come over a network.
+//! Decoding of single ROS 2 messages received over a network.
 //!
-//! Input: CDR with its encapsulation. Output: what it says, in our axes (right, forward, up) and units. Time: `header.stamp`, ns since 1970. Failure: `None` of
-//! what is malformed, not finite or said to be absent.
+//! Input: CDR with its encapsulation header.
+//!
+//! Output: the content in native axes (right, forward, up) and units.
+//!
+//! Time: `header.stamp`, ns since 1970.
+//!
+//! Failure: `None` if the message is malformed, not finite or marked as not measured.
 
 use crate::bag::ros;
 
 /// Rate and force at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imu {
-    /// `header.stamp`, ns.
+    /// Time of `header.stamp`, ns.
     pub t_ns: i64,
     /// Body rate, rad/s.
     pub rate_rad_s: [f64; 3],
@@ -16,13 +21,13 @@ pub struct Imu {
     pub force_m_s2: [f64; 3],
 }
 
-/// `sensor_msgs/msg/Imu`; its orientation is left out.
+/// Decodes a `sensor_msgs/msg/Imu`. The orientation is ignored.
 pub fn imu(data: &[u8]) -> Option<Imu> {
     let inertial = ros::inertial(data)?;
     Some(Imu { t_ns: inertial.t_ns, rate_rad_s: inertial.rate_rad_s, force_m_s2: inertial.force_m_s2 })
 }
 
-/// `sensor_msgs/msg/MagneticField`: the field, µT.
+/// Decodes a `sensor_msgs/msg/MagneticField` and returns the field, µT.
 pub fn field_ut(data: &[u8]) -> Option<[f64; 3]> {
     ros::field(data).map(|(_, field_ut)| field_ut)
 }

@@ -1,8 +1,13 @@
-//! Field and reference at the times of the rows, and the file they go to.
+//! Writer of rows, with field and reference merged in by time.
 //!
-//! Input: rate and force row by row, samples of field and reference in the order of time. Output: the recording. Time: a sample of
-//! the field is put at the nearest row and nowhere else; the reference is turned evenly between two samples that are close to each
-//! other. Failure: of the file, or of whoever gives field and reference.
+//! Input: rate and force row by row, and samples of field and reference in time order.
+//!
+//! Output: the recording.
+//!
+//! Time: each field sample is written to the nearest row only. The reference is interpolated
+//! between two samples that are close to each other.
+//!
+//! Failure: errors of the output file and of the field and reference sources.
 
 use std::iter::Peekable;
 
@@ -10,25 +15,27 @@ use recording::{Reference, Row, Writer};
 
 use crate::{ImportError, force_aligner::Sample};
 
-/// A row further away is not the sample's, ns.
+/// Maximum distance between a field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
-/// Attitudes further apart say too little about those between them, ns.
+/// Maximum gap between reference attitudes that is interpolated, ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
-/// As many intervals as the median is taken from.
+/// Number of intervals from which the median is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
-/// Where 1 − cos is below this, the chord is the arc.
+/// Value of 1 − cos of half the rotation angle below which linear interpolation replaces slerp.
 const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
 
-/// The attitude at a time, in our axes.
+/// Attitude at a time, in native axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Attitude {
     pub(crate) t_ns: i64,
     pub(crate) reference: Reference,
-    /// Changes where the estimator set its attitude anew: nothing is between the two. `None` of one that is of its own time alone.
+    /// Counter of attitude resets of the estimator.
+    ///
+    /// Attitudes with different counters are not interpolated, and none with `None`.
     pub(crate) reset_counter: Option<u8>,
 }
 
-/// What a source says beside the rows, sample by sample.
+/// Samples of a series that is merged into the rows.
 pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
 pub(crate) struct RowWriter<'a> {
@@ -36,11 +43,11 @@ pub(crate) struct RowWriter<'a> {
     fields: Peekable<Samples<'a, Sample>>,
     last_field_ns: Option<i64>,
     attitudes: Peekable<Samples<'a, Attitude>>,
-    /// The newest that is before the row.
+    /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
-    /// Waits for the row after it, which may be nearer to the next sample of the field.
+    /// Row that waits for the next one, which may be nearer to the next field sample.
     pending: Option<Row>,
-    /// From the pending row to the sample of the field it has.
+    /// Distance in time between the pending row and its field sample, ns.
     pending_distance_ns: u64,
     intervals_ns: Vec<u64>,
     force_sum_m_s2: f64,
@@ -49,12 +56,12 @@ pub(crate) struct RowWriter<'a> {
     pub(crate) rows: u64,
     pub(crate) field_rows: u64,
     pub(crate) reference_rows: u64,
-    /// Samples of the field that are not after the one before them.
-    pub(crate) fields_not_after: u64,
-    /// Samples of the field that are near no row, or less near than another one.
-    pub(crate) fields_without_row: u64,
-    /// Attitudes that are not after the one before them.
-    pub(crate) attitudes_not_after: u64,
+    /// Number of field samples with non-increasing timestamps.
+    pub(crate) fields_out_of_order: u64,
+    /// Number of field samples without a row nearby or with another sample nearer to the row.
+    pub(crate) fields_unmatched: u64,
+    /// Number of attitudes with non-increasing timestamps.
+    pub(crate) attitudes_out_of_order: u64,
 }
 
 impl<'a> RowWriter<'a> {
@@ -74,13 +81,13 @@ impl<'a> RowWriter<'a> {
             rows: 0,
             field_rows: 0,
             reference_rows: 0,
-            fields_not_after: 0,
-            fields_without_row: 0,
-            attitudes_not_after: 0,
+            fields_out_of_order: 0,
+            fields_unmatched: 0,
+            attitudes_out_of_order: 0,
         }
     }
 
-    /// Takes the next row, which is later than the one before it.
+    /// Adds the next row. Its time must be later than that of the previous row.
     pub(crate) fn push(&mut self, t_ns: i64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) -> Result<(), ImportError> {
         if self.first_ns.is_none() {
             self.first_ns = Some(t_ns);
@@ -90,16 +97,16 @@ impl<'a> RowWriter<'a> {
         self.last_ns = t_ns;
         self.rows += 1;
         self.force_sum_m_s2 += force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let reference = self.reference(t_ns)?;
+        let reference = self.reference_at(t_ns)?;
         self.reference_rows += u64::from(reference.is_some());
-        self.give_fields(Some(t_ns))?;
+        self.assign_fields(Some(t_ns))?;
         let row = Row { t_ns, rate_rad_s, force_m_s2, field_ut: None, reference };
         self.write_pending(Some(row))
     }
 
-    /// Puts the file in its place.
+    /// Writes the last row, with the remaining field samples near it.
     pub(crate) fn finish(&mut self) -> Result<(), ImportError> {
-        self.give_fields(None)?;
+        self.assign_fields(None)?;
         self.write_pending(None)
     }
 
@@ -124,25 +131,25 @@ impl<'a> RowWriter<'a> {
         1e9 / median_ns as f64
     }
 
-    /// Gives the pending row the samples of the field that are nearer to it than to the next row.
-    fn give_fields(&mut self, next_ns: Option<i64>) -> Result<(), ImportError> {
+    /// Assigns to the pending row the field samples that are nearer to it than to the next row.
+    fn assign_fields(&mut self, next_ns: Option<i64>) -> Result<(), ImportError> {
         let pending_ns = self.pending.map(|row| row.t_ns);
         loop {
-            let is_ours = |t_ns: i64| match (pending_ns, next_ns) {
+            let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row: what is near it is given to it once it is pending.
+                // Before the first row. A sample near it waits until the row is pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };
-            // What is malformed is taken, and ends the import.
-            let Some(sample) = self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| is_ours(*t_ns)))
+            // An error is taken from the iterator as well, to end the import.
+            let Some(sample) = self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
             else {
                 return Ok(());
             };
             let (t_ns, field) = sample?;
             if self.last_field_ns.is_some_and(|last_ns| t_ns <= last_ns) {
-                self.fields_not_after += 1;
+                self.fields_out_of_order += 1;
                 continue;
             }
             self.last_field_ns = Some(t_ns);
@@ -150,12 +157,12 @@ impl<'a> RowWriter<'a> {
                 Some(row) if t_ns.abs_diff(row.t_ns) <= MAX_FIELD_DISTANCE_NS => {
                     let distance_ns = t_ns.abs_diff(row.t_ns);
                     let is_nearer = row.field_ut.is_none() || distance_ns < self.pending_distance_ns;
-                    self.fields_without_row += u64::from(row.field_ut.is_some());
+                    self.fields_unmatched += u64::from(row.field_ut.is_some());
                     if is_nearer {
                         (row.field_ut, self.pending_distance_ns) = (Some(field), distance_ns);
                     }
                 }
-                _ => self.fields_without_row += 1,
+                _ => self.fields_unmatched += 1,
             }
         }
     }
@@ -166,14 +173,14 @@ impl<'a> RowWriter<'a> {
         Ok(self.writer.write(&row)?)
     }
 
-    fn reference(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
-        // What is malformed is taken, and ends the import.
+    fn reference_at(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
+        // An error is taken from the iterator as well, to end the import.
         while let Some(attitude) =
             self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
         {
             let attitude = attitude?;
             if self.previous_attitude.is_some_and(|last| attitude.t_ns <= last.t_ns) {
-                self.attitudes_not_after += 1;
+                self.attitudes_out_of_order += 1;
             } else {
                 self.previous_attitude = Some(attitude);
             }
@@ -187,24 +194,24 @@ impl<'a> RowWriter<'a> {
         if gap_ns > MAX_REFERENCE_GAP_NS || after.reset_counter.is_none() || after.reset_counter != before.reset_counter {
             return Ok(None);
         }
-        let part = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
-        let quaternion = between(before.reference.quaternion, after.reference.quaternion, part);
+        let fraction = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
+        let quaternion = slerp(before.reference.quaternion, after.reference.quaternion, fraction);
         Ok(Some(Reference { quaternion, scored: before.reference.scored && after.reference.scored }))
     }
 }
 
-/// Spherical linear interpolation between two attitudes, the shorter way.
-fn between(a: [f64; 4], b: [f64; 4], part: f64) -> [f64; 4] {
+/// Interpolates spherically between two attitudes, along the shorter arc.
+fn slerp(a: [f64; 4], b: [f64; 4], fraction: f64) -> [f64; 4] {
     let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     let b = if dot < 0.0 { b.map(|part| -part) } else { b };
     let cos = dot.abs().min(1.0);
-    let (of_a, of_b) = if 1.0 - cos < SMALL_ANGLE_ONE_MINUS_COS {
-        (1.0 - part, part)
+    let (weight_a, weight_b) = if 1.0 - cos < SMALL_ANGLE_ONE_MINUS_COS {
+        (1.0 - fraction, fraction)
     } else {
         let angle = cos.acos();
-        (((1.0 - part) * angle).sin() / angle.sin(), (part * angle).sin() / angle.sin())
+        (((1.0 - fraction) * angle).sin() / angle.sin(), (fraction * angle).sin() / angle.sin())
     };
-    let sum = [0, 1, 2, 3].map(|i| of_a * a[i] + of_b * b[i]);
+    let sum = [0, 1, 2, 3].map(|i| weight_a * a[i] + weight_b * b[i]);
     let length = sum.iter().map(|part| part * part).sum::<f64>().sqrt();
     sum.map(|part| part / length)
 }
@@ -214,11 +221,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn between_two_attitudes_the_turn_is_even_and_the_shorter_one() {
+    fn slerp_rotates_evenly_along_shorter_arc() {
         let about_z = |angle: f64| [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()];
-        for (from, to, part, expected) in [(0.2, 1.4, 0.25, 0.5), (0.0, 1e-6, 0.5, 5e-7), (3.0, 3.2, 0.5, 3.1)] {
+        for (from, to, fraction, expected) in [(0.2, 1.4, 0.25, 0.5), (0.0, 1e-6, 0.5, 5e-7), (3.0, 3.2, 0.5, 3.1)] {
             for sign in [1.0, -1.0] {
-                let found = between(about_z(from), about_z(to).map(|part| sign * part), part);
+                let found = slerp(about_z(from), about_z(to).map(|part| sign * part), fraction);
                 let close = found.iter().zip(about_z(expected)).all(|(a, b)| (a - b).abs() < 1e-15);
                 assert!(close, "{found:?} {:?}", about_z(expected));
             }

@@ -1,7 +1,7 @@
-//! What every kind of log gives.
+//! Interface of all source formats.
 //!
-//! A source is read more than once, so that nothing is kept that grows with it: once for what is there, once for the rows, and once
-//! for each series that is laid at their times.
+//! A source is read in several passes, so that memory does not grow with its length: a survey, one
+//! pass for the rows, and one pass for each series that is merged into the rows.
 
 use crate::{
     Format, ImportError, Note,
@@ -9,49 +9,54 @@ use crate::{
     row_writer::{Attitude, RowWriter, Samples},
 };
 
-/// Takes fixes, each after the one before it.
-pub(crate) type TakeFix<'a> = dyn FnMut(&Fixed) -> Result<(), ImportError> + 'a;
+/// Receiver of fixes in time order.
+pub(crate) type FixSink<'a> = dyn FnMut(&ReceiverFix) -> Result<(), ImportError> + 'a;
 
-/// A receiver's fix, in our axes; nan where the log does not say.
+/// GNSS fix in native axes. Unknown values are NaN.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fixed {
-    /// When it arrived.
+pub(crate) struct ReceiverFix {
+    /// Time of arrival, ns.
     pub(crate) t_ns: i64,
     pub(crate) velocity_m_s: [f64; 3],
     pub(crate) latitude_deg: f64,
     pub(crate) longitude_deg: f64,
-    /// Above mean sea level.
+    /// Height above mean sea level, m.
     pub(crate) altitude_m: f64,
 }
 
-/// What the first reading finds.
+/// Result of the first pass.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Survey {
     pub(crate) has_field: bool,
     pub(crate) has_reference: bool,
     pub(crate) notes: Vec<Note>,
-    /// Why there may be no row.
+    /// Reason to report if no row was written.
     pub(crate) reason: Option<String>,
-    /// Where rate and force would be.
+    /// Description of the data that provides rate and force, for the error message without rows.
     pub(crate) expected: String,
 }
 
-/// A recording of another system.
+/// Recording of another system.
 pub(crate) trait Source {
     fn format(&self) -> Format;
 
-    /// To be read in all, bytes, as far as is known.
+    /// Returns the number of bytes that all passes read.
+    ///
+    /// The value is an estimate before the survey.
     fn total_bytes(&self) -> u64;
 
-    /// The first reading. `tell` is told the bytes read of all that are to be read.
-    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError>;
+    /// Makes the first pass. `progress` receives the bytes read so far, in the unit of
+    /// `total_bytes`.
+    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError>;
 
-    /// The samples of the field.
-    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError>;
+    /// Returns the samples of the magnetic field.
+    fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError>;
 
-    /// The attitudes of the reference.
-    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError>;
+    /// Returns the reference attitudes.
+    fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError>;
 
-    /// Makes the rows. `tell` is told the bytes read of all that are to be read.
-    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError>;
+    /// Passes all rate and force samples to `rows`.
+    ///
+    /// `progress` receives the bytes read so far, in the unit of `total_bytes`.
+    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError>;
 }

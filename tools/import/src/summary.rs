@@ -1,112 +1,119 @@
-//! What came of an import.
+//! Result of an import.
 
 use std::{fmt, path::PathBuf};
 
 use crate::Format;
 
-/// What came of an import.
+/// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
-    /// What the source was.
+    /// Format of the source.
     pub format: Format,
-    /// Rows written.
+    /// Number of rows written.
     pub rows: u64,
-    /// Sampling rate, Hz: the inverse of the median of the first 100,000 intervals; nan of a single row.
+    /// Sampling rate, Hz.
+    ///
+    /// This is the inverse of the median of the first 100,000 intervals. NaN if there is only one
+    /// row.
     pub rate_hz: f64,
-    /// From the first row to the last, s.
+    /// Time from the first to the last row, s.
     pub duration_s: f64,
-    /// Mean magnitude of the specific force, m/s²; near 9.8 wherever the vehicle does not accelerate for long.
+    /// Mean magnitude of the specific force, m/s².
+    ///
+    /// It is near 9.8 unless the vehicle accelerates for long.
     pub mean_force_m_s2: f64,
-    /// Rows with a magnetic field.
+    /// Number of rows with a magnetic field.
     pub field_rows: u64,
-    /// Rows with a reference attitude.
+    /// Number of rows with a reference attitude.
     pub reference_rows: u64,
-    /// Fixes written.
+    /// Number of fixes written.
     pub fixes: u64,
-    /// The file they are in.
+    /// File of the fixes; `None` without fixes.
     pub fixes_file: Option<PathBuf>,
-    /// What was refused, missing or odd, most important first.
+    /// Skipped, missing or implausible data, most important first.
     pub notes: Vec<Note>,
 }
 
-/// Something that was refused, missing or odd.
+/// Skipped, missing or implausible data.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Note {
-    /// The log ends in a message, or is damaged: nothing from there on was read.
+    /// The log is truncated or damaged. Nothing after the damage was read.
     Damage {
-        /// How far it was read, bytes.
+        /// Offset of the damage, bytes.
         at_byte: u64,
         /// Length of the file, bytes.
         length_bytes: u64,
-        /// What is there.
+        /// Description of the damage.
         found: String,
     },
-    /// The system that made the log could not keep up.
+    /// The logger dropped data because it could not keep up.
     Dropouts {
-        /// How often.
+        /// Number of dropouts.
         count: u64,
-        /// For how long in all, ms.
+        /// Total duration of the dropouts, ms.
         total_ms: u64,
     },
-    /// The force is not what gravity makes of it: another unit, or gravity has been taken out.
-    NotGravity {
-        /// Its mean magnitude, m/s².
+    /// The mean force does not match gravity: its unit is wrong, or gravity has been removed.
+    ImplausibleForce {
+        /// Mean magnitude of the force, m/s².
         mean_force_m_s2: f64,
     },
-    /// Samples that were left out.
-    LeftOut {
-        /// Of what.
+    /// Samples were skipped.
+    Skipped {
+        /// Name of the samples, in the plural.
         what: &'static str,
-        /// How many.
+        /// Number of samples.
         count: u64,
-        /// Why.
-        why: &'static str,
+        /// Reason for skipping them.
+        reason: &'static str,
     },
-    /// A part of a bag that cannot be read, and what was behind it.
-    Unread {
-        /// The file.
+    /// A file of a bag is damaged. Nothing after the damage was read from that file.
+    DamagedFile {
+        /// Name of the file.
         file: String,
-        /// What is there.
+        /// Description of the damage.
         found: String,
     },
-    /// Rates are values at the ends of their intervals, which a recording does not say.
-    Instants,
-    /// Only one of several topics of a kind was read.
+    /// Rates are instantaneous values, not means over an interval. A recording cannot express this.
+    InstantRates,
+    /// Several topics hold the same quantity. One of them was read.
     OtherTopics {
-        /// What they hold.
+        /// Quantity that the topics hold.
         what: &'static str,
-        /// The topic that was read.
+        /// Name of the topic that was read.
         read: String,
-        /// The others.
+        /// Names of the other topics.
         others: Vec<String>,
     },
-    /// A topic that is read only where it is named.
-    Unnamed {
-        /// What it may hold.
+    /// A topic is read only if it is named with `--topic`.
+    TopicOnRequest {
+        /// Quantity that the topic may hold.
         what: &'static str,
-        /// The topic.
+        /// Name of the topic.
         topic: String,
-        /// What it means where it is named.
-        meaning: &'static str,
+        /// Axes in which the topic is read.
+        interpretation: &'static str,
     },
-    /// Only one of several sensors of a kind was read.
+    /// Several instances of a sensor were logged. One of them was read.
     OtherInstances {
-        /// The topic.
+        /// Name of the topic or message type.
         topic: &'static str,
-        /// The instance that was read.
+        /// Number of the instance that was read.
         read: u8,
-        /// Samples of the others.
+        /// Number of samples of the other instances.
         others: u64,
     },
-    /// Nothing of this kind was there.
+    /// The source lacks a quantity.
     Missing {
-        /// What.
+        /// Name of the quantity.
         what: &'static str,
     },
-    /// The name of the recording does not end in `_imu.csv` or `_imu.csv.gz`, so nobody finds the fixes by it.
-    FixesNotFound {
-        /// Where they are.
+    /// Fixes are not found automatically.
+    ///
+    /// The name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
+    FixesNotDiscoverable {
+        /// File of the fixes.
         fixes: PathBuf,
     },
 }
@@ -115,36 +122,36 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Damage { at_byte, length_bytes, found } => {
-                write!(f, "read up to byte {at_byte} of {length_bytes}: {found}; nothing from there on was read")
+                write!(f, "read up to byte {at_byte} of {length_bytes}: {found}; the rest was not read")
             }
             Self::Dropouts { count, total_ms } => {
-                write!(f, "dropouts of the log: {count}, {total_ms} ms in all; what was measured then is not in it")
+                write!(f, "log dropouts: {count}, {total_ms} ms in total; samples in them are missing")
             }
-            Self::NotGravity { mean_force_m_s2 } => write!(
+            Self::ImplausibleForce { mean_force_m_s2 } => write!(
                 f,
-                "the mean force is {mean_force_m_s2:.2} m/s², not near 9.8: check its unit, and that gravity is in it"
+                "mean force {mean_force_m_s2:.2} m/s², expected about 9.8; check its unit and that it includes gravity"
             ),
-            Self::LeftOut { what, count, why } => write!(f, "left out {count} of the {what}: {why}"),
-            Self::Unread { file, found } => {
-                write!(f, "{file} is not whole: {found}; nothing from there on was read of it")
+            Self::Skipped { what, count, reason } => write!(f, "skipped {count} {what}: {reason}"),
+            Self::DamagedFile { file, found } => {
+                write!(f, "{file} is damaged: {found}; the rest was not read")
             }
-            Self::Instants => f.write_str(
-                "its rates are instants: score it with --gyro-samples instants, replay it with gyro_samples = \"instants\" in [ingest.replay]",
+            Self::InstantRates => f.write_str(
+                "rates are instantaneous: score with --gyro-samples instants, replay with gyro_samples = \"instants\" in [ingest.replay]",
             ),
             Self::OtherTopics { what, read, others } => {
-                write!(f, "read {what} of {read}; there is also {}: --topic chooses another", others.join(", "))
+                write!(f, "read {what} from {read}; also available: {}; select with --topic", others.join(", "))
             }
-            Self::Unnamed { what, topic, meaning } => {
-                write!(f, "{topic} may hold {what}; --topic {topic} reads it as {meaning}")
+            Self::TopicOnRequest { what, topic, interpretation } => {
+                write!(f, "{topic} may hold {what}; --topic {topic} reads it as {interpretation}")
             }
             Self::OtherInstances { topic, read, others } => {
-                write!(f, "read instance {read} of {topic}; not read of other instances: {others}")
+                write!(f, "read instance {read} of {topic}; skipped {others} samples of other instances")
             }
-            Self::Missing { what } => write!(f, "there is no {what}"),
-            Self::FixesNotFound { fixes } => {
+            Self::Missing { what } => write!(f, "no {what}"),
+            Self::FixesNotDiscoverable { fixes } => {
                 write!(
                     f,
-                    "name {} where the recording is read: only beside a name that ends in _imu.csv.gz is it found",
+                    "specify {} when reading the recording: fixes are found automatically only for NAME_imu.csv[.gz]",
                     fixes.display()
                 )
             }

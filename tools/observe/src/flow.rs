@@ -1,8 +1,11 @@
-//! How a topic flows: messages, intervals, bytes, and what was lost where.
+//! Rate, intervals, bandwidth and losses of a topic.
 //!
-//! Input: every message that an observer got, in order; for one who is not on board, what became of the others on the way. Output: rates
-//! and counts. Time: the senders' stamps where the messages have them, else the observer's clock at arrival. Failure: none; what cannot
-//! be known is `None`.
+//! - Input: every message that the observer receives, in order; for a remote observer the delivery
+//!   counts, too.
+//! - Output: rates and counts.
+//! - Time: publisher timestamps if the messages have them, otherwise the observer's clock at
+//!   arrival.
+//! - Failure: a value that cannot be determined is `None`.
 
 use std::fmt;
 
@@ -11,101 +14,103 @@ use launch::pluralize;
 use messages::{Field, Layout};
 use serde::Serialize;
 
-use crate::interval::{Interval, Intervals};
+use crate::interval::{IntervalStats, IntervalAccumulator};
 
-/// The flow of a topic over a while.
+/// Statistics of a topic during an observation.
 #[derive(Debug)]
-pub struct Flow {
+pub struct FlowMonitor {
     topic: String,
     every_tick: bool,
-    stamps: Option<Stamps>,
-    size: usize,
+    stamps: Option<StampOffsets>,
+    message_bytes: usize,
     messages: u64,
-    stamped_ns: Option<[u64; 2]>,
-    intervals: Intervals,
-    last: Option<Last>,
+    time_range_ns: Option<[u64; 2]>,
+    intervals: IntervalAccumulator,
+    last_message: Option<LastMessage>,
     lost: u64,
-    overwritten: u64,
+    missed: u64,
     repeated: u64,
-    /// The observer's own buffer was full.
-    was_full: bool,
+    buffer_was_full: bool,
     delivery: Option<Delivery>,
 }
 
-/// What became of a topic's messages between the board and an observer elsewhere, from the first that arrived on.
+/// Delivery of a topic's messages to a remote observer, counted from the first message received.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Delivery {
-    /// Messages that were sent and did not arrive.
+    /// Messages sent but not received.
     pub lost: u64,
-    /// Messages that the topic's rate leaves on board.
+    /// Messages left out on board by the configured rate of the topic.
     pub decimated: u64,
-    /// Messages that should have been sent and were not.
+    /// Messages dropped by the gateway although they were due.
     pub dropped: u64,
-    /// Messages that arrived, the last of them perhaps not yet looked at.
-    pub arrived: u64,
-    /// The bytes that they arrived in.
+    /// Messages received, including those not yet processed by the observer.
+    pub received: u64,
+    /// Bytes received with these messages.
     pub bytes: u64,
-    /// Parcels of messages that came again or too late.
+    /// Batches received again or too late.
     pub repeated: u64,
-    /// Parcels that were none.
-    pub refused: u64,
-    /// Lives of the sender after the first.
+    /// Batches that could not be decoded.
+    pub rejected: u64,
+    /// Restarts of the gateway.
     pub restarts: u64,
 }
 
-/// Where a message says who it is: offsets of fields of the header.
+/// Offsets of the header fields that identify a message.
 #[derive(Debug, Clone, Copy)]
-struct Stamps {
+struct StampOffsets {
     tick: usize,
     t_sent_ns: usize,
     lost_upstream: usize,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Last {
+struct LastMessage {
     tick: u64,
     lost_upstream: u64,
 }
 
-/// What a topic did.
+/// Statistics of a topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlowReport {
-    /// The topic.
+    /// Name of the topic.
     pub topic: String,
-    /// Messages that the observer got.
+    /// Messages received by the observer.
     pub messages: u64,
-    /// From the first message to the last, s.
-    pub seconds: f64,
-    /// Messages per second; `None` before the second one.
+    /// Time from the first to the last message, s.
+    pub duration_s: f64,
+    /// Messages per second; `None` before the second message.
     pub rate_hz: Option<f64>,
-    /// Payload per second, for an observer elsewhere as it came over the network; `None` before the second message.
+    /// Payload per second; for a remote observer as received over the network. `None` before the
+    /// second message.
     pub bytes_per_s: Option<f64>,
-    /// Bytes of a message on the bus.
+    /// Size of a message on the bus, bytes.
     pub message_bytes: usize,
-    /// Between messages; `None` before the second one.
-    pub interval_ms: Option<Interval>,
-    /// Whose clock measured: the sender's stamps, or the arrival here.
+    /// Intervals between messages; `None` before the second message.
+    pub interval_ms: Option<IntervalStats>,
+    /// Clock of the rate and the intervals: `sent` for publisher timestamps, `arrival` for the
+    /// observer's clock.
     pub measured_by: &'static str,
-    /// Ticks that the publisher itself never had; `None` where the topic does not have every tick.
+    /// Ticks that never reached the publisher; `None` for a topic that does not have every tick.
     pub lost: Option<u64>,
-    /// Messages that this observer missed: overwritten in its own buffer, or lost on the way to it; `None` where that cannot be counted.
-    pub overwritten: Option<u64>,
-    /// Messages that a restarted service said again.
+    /// Messages missed by this observer: overwritten in its buffer or lost on the network. `None`
+    /// if unknown.
+    pub missed: Option<u64>,
+    /// Messages repeated by a restarted service.
     pub repeated: u64,
-    /// The way from the board; `None` on board.
+    /// Delivery to a remote observer; `None` on board.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delivery: Option<Delivery>,
 }
 
-impl Flow {
-    /// The flow of a topic of this layout, from its next message on.
+impl FlowMonitor {
+    /// Starts an observation with the next message of the topic.
     pub fn new(topic: Topic, layout: &Layout) -> Self {
         let offset = |name: &str| {
             let found = layout.fields.iter().find(|field: &&Field| field.name == name && field.kind == "u64");
             found.map(|field| field.offset)
         };
         let stamps = || {
-            Some(Stamps {
+            Some(StampOffsets {
                 tick: offset("tick")?,
                 t_sent_ns: offset("t_sent_ns")?,
                 lost_upstream: offset("lost_upstream")?,
@@ -115,35 +120,36 @@ impl Flow {
             topic: topic.name().into(),
             every_tick: topic.entry().presence == Presence::EveryTick,
             stamps: stamps(),
-            size: layout.size,
+            message_bytes: layout.size,
             messages: 0,
-            stamped_ns: None,
-            intervals: Intervals::default(),
-            last: None,
+            time_range_ns: None,
+            intervals: IntervalAccumulator::default(),
+            last_message: None,
             lost: 0,
-            overwritten: 0,
+            missed: 0,
             repeated: 0,
-            was_full: false,
+            buffer_was_full: false,
             delivery: None,
         }
     }
 
-    /// The observer is not on board: what became of the messages on the way, so far. What it missed is known by this alone, for a rate may
-    /// leave ticks out.
-    pub fn passed(&mut self, delivery: Delivery) {
+    /// Sets the delivery counts of a remote observer.
+    ///
+    /// They alone determine what the observer missed, because a configured rate leaves out ticks.
+    pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);
     }
 
-    /// Takes a message; `arrived_ns` is the observer's CLOCK_MONOTONIC.
-    pub fn take(&mut self, bytes: &[u8], arrived_ns: u64) {
+    /// Records a message; `arrived_ns` is the observer's CLOCK_MONOTONIC.
+    pub fn record(&mut self, bytes: &[u8], arrived_ns: u64) {
         self.messages += 1;
-        let Some(stamps) = self.stamps else { return self.stamp(arrived_ns) };
+        let Some(stamps) = self.stamps else { return self.record_time(arrived_ns) };
         let [Some(tick), Some(t_sent_ns), Some(lost_upstream)] =
-            [stamps.tick, stamps.t_sent_ns, stamps.lost_upstream].map(|offset| number(bytes, offset))
+            [stamps.tick, stamps.t_sent_ns, stamps.lost_upstream].map(|offset| read_u64(bytes, offset))
         else {
             return;
         };
-        if let Some(last) = self.last {
+        if let Some(last) = self.last_message {
             if tick <= last.tick {
                 self.repeated += 1;
                 return;
@@ -151,66 +157,66 @@ impl Flow {
             let missing = tick - last.tick - 1;
             let lost = lost_upstream.saturating_sub(last.lost_upstream).min(missing);
             self.lost += lost;
-            self.overwritten += missing - lost;
+            self.missed += missing - lost;
         }
-        self.last = Some(Last { tick, lost_upstream });
-        self.stamp(t_sent_ns);
+        self.last_message = Some(LastMessage { tick, lost_upstream });
+        self.record_time(t_sent_ns);
     }
 
-    /// The observer's buffer was found full: messages may have been overwritten.
-    pub fn was_full(&mut self) {
-        self.was_full = true;
+    /// Records that the observer's buffer was full, so that messages may have been overwritten.
+    pub fn mark_buffer_full(&mut self) {
+        self.buffer_was_full = true;
     }
 
-    /// Messages so far.
+    /// Returns the number of messages received so far.
     pub fn messages(&self) -> u64 {
         self.messages
     }
 
-    /// What it has been so far.
+    /// Returns the statistics so far.
     pub fn report(&self) -> FlowReport {
-        let seconds = self.stamped_ns.map_or(0.0, |[first, last]| (last - first) as f64 * 1e-9);
-        let rate_hz = Some(self.intervals.count / seconds).filter(|rate_hz| rate_hz.is_finite());
-        let overwritten = match self.delivery {
+        let duration_s = self.time_range_ns.map_or(0.0, |[first, last]| (last - first) as f64 * 1e-9);
+        let rate_hz = Some(self.intervals.count / duration_s).filter(|rate_hz| rate_hz.is_finite());
+        let missed = match self.delivery {
             Some(delivery) => Some(delivery.lost),
-            None if self.every_tick => Some(self.overwritten),
-            None => (!self.was_full).then_some(0),
+            None if self.every_tick => Some(self.missed),
+            None => (!self.buffer_was_full).then_some(0),
         };
-        let bytes = self.delivery.map_or(self.size as f64, |delivery| delivery.bytes as f64 / delivery.arrived as f64);
+        let bytes = self.delivery.map_or(self.message_bytes as f64, |delivery| delivery.bytes as f64 / delivery.received as f64);
         FlowReport {
             topic: self.topic.clone(),
             messages: self.messages,
-            seconds,
+            duration_s,
             rate_hz,
             bytes_per_s: rate_hz.map(|rate_hz| rate_hz * bytes),
-            message_bytes: self.size,
-            interval_ms: self.intervals.report(),
+            message_bytes: self.message_bytes,
+            interval_ms: self.intervals.stats(),
             measured_by: if self.stamps.is_some() { "sent" } else { "arrival" },
             lost: self.every_tick.then_some(self.lost),
-            overwritten,
+            missed,
             repeated: self.repeated,
             delivery: self.delivery,
         }
     }
 
-    fn stamp(&mut self, t_ns: u64) {
-        let Some([first, last]) = self.stamped_ns else {
-            self.stamped_ns = Some([t_ns; 2]);
+    fn record_time(&mut self, t_ns: u64) {
+        let Some([first, last]) = self.time_range_ns else {
+            self.time_range_ns = Some([t_ns; 2]);
             return;
         };
-        self.intervals.add(t_ns.saturating_sub(last) as f64 * 1e-6);
-        self.stamped_ns = Some([first, t_ns.max(last)]);
+        self.intervals.push(t_ns.saturating_sub(last) as f64 * 1e-6);
+        self.time_range_ns = Some([first, t_ns.max(last)]);
     }
 }
 
-fn number(bytes: &[u8], offset: usize) -> Option<u64> {
+fn read_u64(bytes: &[u8], offset: usize) -> Option<u64> {
     Some(u64::from_ne_bytes(bytes.get(offset..offset + 8)?.try_into().ok()?))
 }
 
 impl FlowReport {
-    /// The rate and its regularity, on a line.
-    pub fn hz(&self) -> String {
-        let Some((rate_hz, Interval { mean, min, max, jitter })) = self.rate_hz.zip(self.interval_ms) else {
+    /// Returns a line with the rate, the intervals and the losses.
+    pub fn rate_line(&self) -> String {
+        let Some((rate_hz, IntervalStats { mean, min, max, jitter })) = self.rate_hz.zip(self.interval_ms) else {
             return format!("{}: {}", self.topic, pluralize(self.messages, "message"));
         };
         format!(
@@ -219,31 +225,31 @@ impl FlowReport {
         )
     }
 
-    /// The bytes, on a line.
-    pub fn bw(&self) -> String {
+    /// Returns a line with the bandwidth and the losses.
+    pub fn bandwidth_line(&self) -> String {
         let bytes_per_s = self.bytes_per_s.unwrap_or(0.0);
-        let place = if self.delivery.is_some() { [" over the network", " on board"] } else { [""; 2] };
+        let suffixes = if self.delivery.is_some() { [" over the network", " on board"] } else { [""; 2] };
         format!(
             "{}: {bytes_per_s:.0} B/s{}, {} B per message{}; {self}",
-            self.topic, place[0], self.message_bytes, place[1]
+            self.topic, suffixes[0], self.message_bytes, suffixes[1]
         )
     }
 }
 
-/// What came, and what did not.
+/// Counts of received and missing messages.
 impl fmt::Display for FlowReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let told = |count: Option<u64>| count.map_or("unknown".into(), |count| count.to_string());
-        let Self { messages, lost, overwritten, repeated, .. } = self;
-        let (lost, overwritten) = (told(*lost), told(*overwritten));
+        let count_text = |count: Option<u64>| count.map_or("unknown".into(), |count| count.to_string());
+        let Self { messages, lost, missed, repeated, .. } = self;
+        let (lost, missed) = (count_text(*lost), count_text(*missed));
         write!(
             f,
-            "{}, lost on the bus {lost}, missed by this observer {overwritten}, repeated {repeated}",
+            "{}, lost on the bus {lost}, missed by this observer {missed}, repeated {repeated}",
             pluralize(*messages, "message")
         )?;
-        let Some(Delivery { decimated, dropped, restarts, refused, .. }) = self.delivery else { return Ok(()) };
+        let Some(Delivery { decimated, dropped, restarts, rejected, .. }) = self.delivery else { return Ok(()) };
         write!(f, "; decimated {decimated}, dropped by the gateway {dropped}, gateway restarts {restarts}")?;
-        if refused > 0 { write!(f, ", refused here {refused}") } else { Ok(()) }
+        if rejected > 0 { write!(f, ", rejected {rejected}") } else { Ok(()) }
     }
 }
 
@@ -261,27 +267,27 @@ mod tests {
     }
 
     fn flow(messages: &[FusedState]) -> FlowReport {
-        let mut flow = Flow::new(Topic::Fused, &FusedState::layout());
-        messages.iter().for_each(|message| flow.take(bytemuck::bytes_of(message), 0));
+        let mut flow = FlowMonitor::new(Topic::Fused, &FusedState::layout());
+        messages.iter().for_each(|message| flow.record(bytemuck::bytes_of(message), 0));
         flow.report()
     }
 
     #[test]
-    fn what_the_observer_missed_is_not_lost_on_the_bus() {
+    fn observer_misses_are_not_bus_losses() {
         let report = flow(&[fused(5, 2), fused(6, 2), fused(10, 3), fused(14, 6), fused(15, 6)]);
-        assert_eq!((report.lost, report.overwritten), (Some(4), Some(2)), "of six that are missing");
+        assert_eq!((report.lost, report.missed), (Some(4), Some(2)), "six ticks are missing");
     }
 
     #[test]
-    fn what_a_restarted_service_says_again_is_neither() {
+    fn repeats_after_restart_are_neither_lost_nor_missed() {
         let report = flow(&[fused(5, 0), fused(6, 0), fused(4, 0), fused(5, 0), fused(6, 0), fused(7, 0)]);
-        assert_eq!((report.lost, report.overwritten, report.repeated), (Some(0), Some(0), 3));
+        assert_eq!((report.lost, report.missed, report.repeated), (Some(0), Some(0), 3));
     }
 
     #[test]
-    fn rate_and_intervals_are_those_of_the_stamps() {
+    fn rate_and_intervals_use_publisher_stamps() {
         let report = flow(&[fused(0, 0), fused(1, 0), fused(2, 0), fused(5, 0)]);
-        let Interval { mean, min, max, jitter } = report.interval_ms.unwrap();
+        let IntervalStats { mean, min, max, jitter } = report.interval_ms.unwrap();
         assert!((report.rate_hz.unwrap() - 600.0).abs() < 1e-9, "{report:?}");
         assert!((mean - 5.0 / 3.0).abs() < 1e-12 && (min, max) == (1.0, 3.0));
         assert!((jitter - (8.0f64 / 9.0).sqrt()).abs() < 1e-12);
@@ -289,28 +295,28 @@ mod tests {
     }
 
     #[test]
-    fn from_elsewhere_a_tick_that_the_rate_leaves_out_is_not_missed() {
-        let mut flow = Flow::new(Topic::Fused, &FusedState::layout());
+    fn remote_decimated_tick_is_not_missed() {
+        let mut flow = FlowMonitor::new(Topic::Fused, &FusedState::layout());
         for tick in [0, 20, 40, 80] {
-            flow.passed(Delivery { lost: tick / 80, decimated: 76, arrived: 4, bytes: 150, ..Delivery::default() });
-            flow.take(bytemuck::bytes_of(&fused(tick, tick / 40)), 0);
+            flow.set_delivery(Delivery { lost: tick / 80, decimated: 76, received: 4, bytes: 150, ..Delivery::default() });
+            flow.record(bytemuck::bytes_of(&fused(tick, tick / 40)), 0);
         }
         let report = flow.report();
-        assert_eq!((report.lost, report.overwritten), (Some(2), Some(1)), "{report}");
+        assert_eq!((report.lost, report.missed), (Some(2), Some(1)), "{report}");
         assert!((report.bytes_per_s.unwrap() - 37.5 * 37.5).abs() < 1e-9, "{report:?}");
         assert!(report.to_string().contains("decimated 76"), "{report}");
     }
 
     #[test]
-    fn where_nothing_can_be_counted_nothing_is_claimed() {
-        let mut flow = Flow::new(Topic::Health, &Health::layout());
+    fn counts_are_unknown_without_ticks_after_full_buffer() {
+        let mut flow = FlowMonitor::new(Topic::Health, &Health::layout());
         let health: Health = bytemuck::Zeroable::zeroed();
-        flow.take(bytemuck::bytes_of(&health), 1_000_000_000);
+        flow.record(bytemuck::bytes_of(&health), 1_000_000_000);
         assert_eq!(flow.report().rate_hz, None);
-        flow.take(bytemuck::bytes_of(&health), 1_500_000_000);
+        flow.record(bytemuck::bytes_of(&health), 1_500_000_000);
         let report = flow.report();
-        assert_eq!((report.rate_hz, report.lost, report.overwritten), (Some(2.0), None, Some(0)));
-        flow.was_full();
-        assert_eq!(flow.report().overwritten, None);
+        assert_eq!((report.rate_hz, report.lost, report.missed), (Some(2.0), None, Some(0)));
+        flow.mark_buffer_full();
+        assert_eq!(flow.report().missed, None);
     }
 }

@@ -1,7 +1,9 @@
-//! How long each service takes: from the stamps that messages carry.
+//! Latency of each service, from the timestamps in the messages.
 //!
-//! Input: tick, birth and publication of every message of the path. Output: the time from the last input that a service waited for to
-//! what it published. Time: the stamps' CLOCK_MONOTONIC. Failure: a tick of which an input was not seen is left out.
+//! - Input: tick, birth and publication time of every message of the data path.
+//! - Output: time from the last input that a service waited for to its output.
+//! - Time: CLOCK_MONOTONIC of the timestamps.
+//! - Failure: a tick with a missing input is skipped.
 
 use graph::Service;
 use hdrhistogram::Histogram;
@@ -9,119 +11,122 @@ use messages::Header;
 use serde::Serialize;
 
 /// Ticks remembered: more than an observer's buffer holds.
-const TICKS: usize = 4096;
-/// What takes longer is counted as this long, ns.
+const RING_TICKS: usize = 4096;
+/// Upper bound of recorded latencies, ns. Longer ones are counted as this.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
-/// Latencies of every service, and from birth to attitude.
+/// Latency of each service, and end to end from the birth of a sample to its attitude.
 #[derive(Debug)]
-pub struct Hops {
-    seen: Vec<Seen>,
-    fresh: Vec<(Service, Header)>,
-    each: [Latencies; Service::PATH.len()],
-    whole: Latencies,
+pub struct HopLatencies {
+    ring: Vec<PublishTimes>,
+    pending: Vec<(Service, Header)>,
+    by_service: [LatencyHistogram; Service::PATH.len()],
+    end_to_end: LatencyHistogram,
     newest: [Option<Header>; Service::PATH.len()],
-    /// Whose outputs each service waits for.
+    /// Upstream services of each service on the data path.
     sources: [Vec<Service>; Service::PATH.len()],
 }
 
-/// When each service published a tick, ns; 0 where that was not seen.
+/// Publication times of a tick by service, ns; 0 if not received.
 #[derive(Debug, Clone, Copy, Default)]
-struct Seen {
+struct PublishTimes {
     tick: u64,
     sent_ns: [u64; Service::PATH.len()],
 }
 
-/// A latency, µs.
+/// Latency distribution, µs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LatencyUs {
     /// Median.
     pub p50: f64,
-    /// 99 %.
+    /// 99th percentile.
     pub p99: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
-impl Default for Hops {
+impl Default for HopLatencies {
     fn default() -> Self {
         Self {
-            seen: vec![Seen { tick: u64::MAX, ..Seen::default() }; TICKS],
-            fresh: Vec::new(),
-            each: Default::default(),
-            whole: Latencies::default(),
+            ring: vec![PublishTimes { tick: u64::MAX, ..PublishTimes::default() }; RING_TICKS],
+            pending: Vec::new(),
+            by_service: Default::default(),
+            end_to_end: LatencyHistogram::default(),
             newest: [None; Service::PATH.len()],
-            // Only what is on the path has a place here.
+            // Auxiliary services are not on the data path.
             sources: Service::PATH.map(|service| service.sources().filter(|source| !source.is_auxiliary()).collect()),
         }
     }
 }
 
-impl Hops {
-    /// Takes what a service published; what a restarted one says again is left out.
-    pub fn take(&mut self, service: Service, header: Header) {
+impl HopLatencies {
+    /// Records an output of a service. Ticks repeated by a restarted service are ignored.
+    pub fn record(&mut self, service: Service, header: Header) {
         let newest = &mut self.newest[service as usize];
         if newest.is_some_and(|newest| header.tick <= newest.tick) {
             return;
         }
         *newest = Some(header);
-        let seen = &mut self.seen[header.tick as usize % TICKS];
-        if seen.tick != header.tick {
-            *seen = Seen { tick: header.tick, ..Seen::default() };
+        let times = &mut self.ring[header.tick as usize % RING_TICKS];
+        if times.tick != header.tick {
+            *times = PublishTimes { tick: header.tick, ..PublishTimes::default() };
         }
-        seen.sent_ns[service as usize] = header.t_sent_ns;
-        self.fresh.push((service, header));
+        times.sent_ns[service as usize] = header.t_sent_ns;
+        self.pending.push((service, header));
     }
 
-    /// Every message published before the newest one taken has been taken: what each took is known.
-    pub fn settle(&mut self) {
-        for (service, header) in self.fresh.drain(..) {
-            let seen = self.seen[header.tick as usize % TICKS];
-            let inputs = self.sources[service as usize].iter().map(|source| seen.sent_ns[*source as usize]);
-            let complete = seen.tick == header.tick && inputs.clone().all(|sent_ns| sent_ns != 0);
+    /// Computes the latencies of the outputs recorded so far.
+    ///
+    /// Call this once all topics have been read, so that the inputs of every recorded output have
+    /// been recorded, too.
+    pub fn process_pending(&mut self) {
+        for (service, header) in self.pending.drain(..) {
+            let times = self.ring[header.tick as usize % RING_TICKS];
+            let inputs = self.sources[service as usize].iter().map(|source| times.sent_ns[*source as usize]);
+            let complete = times.tick == header.tick && inputs.clone().all(|sent_ns| sent_ns != 0);
             if complete {
-                let from_ns = inputs.max().unwrap_or(header.t_born_ns);
-                self.each[service as usize].add(header.t_sent_ns.saturating_sub(from_ns));
+                let start_ns = inputs.max().unwrap_or(header.t_born_ns);
+                self.by_service[service as usize].record_ns(header.t_sent_ns.saturating_sub(start_ns));
             }
             if service == Service::Course {
-                self.whole.add(header.t_sent_ns.saturating_sub(header.t_born_ns));
+                self.end_to_end.record_ns(header.t_sent_ns.saturating_sub(header.t_born_ns));
             }
         }
     }
 
-    /// The newest message of a service.
+    /// Returns the header of the newest output of a service.
     pub fn newest(&self, service: Service) -> Option<Header> {
         self.newest[service as usize]
     }
 
-    /// What was measured since the last time: of each service, and from birth to attitude.
-    pub fn report(&mut self) -> ([Option<LatencyUs>; Service::PATH.len()], Option<LatencyUs>) {
-        let each = Service::PATH.map(|service| self.each[service as usize].take());
-        (each, self.whole.take())
+    /// Returns the latencies since the last call: per service, and end to end.
+    pub fn take_latencies(&mut self) -> ([Option<LatencyUs>; Service::PATH.len()], Option<LatencyUs>) {
+        let by_service = Service::PATH.map(|service| self.by_service[service as usize].take());
+        (by_service, self.end_to_end.take())
     }
 }
 
-/// Latencies since they were last asked for.
+/// Histogram of latencies, ns, that is emptied when read.
 #[derive(Debug)]
-pub struct Latencies(Histogram<u64>);
+pub struct LatencyHistogram(Histogram<u64>);
 
-impl Default for Latencies {
+impl Default for LatencyHistogram {
     fn default() -> Self {
-        // The bounds are constants that a histogram takes.
+        // The bounds are valid constants.
         Self(Histogram::new_with_max(MAX_LATENCY_NS, 3).unwrap_or_else(|_| unreachable!("3 digits")))
     }
 }
 
-impl Latencies {
-    /// Takes one, ns.
-    pub fn add(&mut self, ns: u64) {
+impl LatencyHistogram {
+    /// Adds a latency.
+    pub fn record_ns(&mut self, ns: u64) {
         self.0.saturating_record(ns);
     }
 
-    /// What they were since the last time; `None` where there was none.
+    /// Returns the distribution and empties the histogram; `None` if nothing was recorded.
     pub fn take(&mut self) -> Option<LatencyUs> {
         let us = |ns: u64| ns as f64 * 1e-3;
-        let [p50, p99] = [0.5, 0.99].map(|share| us(self.0.value_at_quantile(share)));
+        let [p50, p99] = [0.5, 0.99].map(|quantile| us(self.0.value_at_quantile(quantile)));
         let latency = (!self.0.is_empty()).then(|| LatencyUs { p50, p99, max: us(self.0.max()) });
         self.0.reset();
         latency
@@ -136,30 +141,30 @@ mod tests {
         Header { tick, t_sent_ns, t_born_ns: 1_000, ..bytemuck::Zeroable::zeroed() }
     }
 
-    fn path() -> [(Service, Header); 5] {
+    fn path_headers() -> [(Service, Header); 5] {
         use Service::{Accel, Course, Fuser, Gyro, Ingest};
         [(Ingest, 2_000), (Gyro, 5_000), (Accel, 9_000), (Fuser, 10_000), (Course, 30_000)]
             .map(|(service, t_sent_ns)| (service, header(7, t_sent_ns)))
     }
 
     #[test]
-    fn each_service_is_charged_for_its_own_time_whatever_the_order_of_reading() {
-        let mut hops = Hops::default();
-        path().into_iter().rev().for_each(|(service, header)| hops.take(service, header));
-        hops.settle();
-        let (each, whole) = hops.report();
-        let us = each.map(|latency| latency.unwrap().max.round());
+    fn latency_is_independent_of_reading_order() {
+        let mut hops = HopLatencies::default();
+        path_headers().into_iter().rev().for_each(|(service, header)| hops.record(service, header));
+        hops.process_pending();
+        let (by_service, end_to_end) = hops.take_latencies();
+        let us = by_service.map(|latency| latency.unwrap().max.round());
         assert_eq!(us, [1.0, 3.0, 7.0, 1.0, 20.0], "the fuser waits for the later of its inputs");
-        assert_eq!(whole.unwrap().p50.round(), 29.0);
-        assert_eq!(hops.report(), ([None; 5], None), "each is told once");
+        assert_eq!(end_to_end.unwrap().p50.round(), 29.0);
+        assert_eq!(hops.take_latencies(), ([None; 5], None), "each latency is returned once");
     }
 
     #[test]
-    fn a_tick_of_which_an_input_was_not_seen_is_left_out() {
-        let mut hops = Hops::default();
-        path().into_iter().skip(2).for_each(|(service, header)| hops.take(service, header));
-        hops.settle();
-        let (each, _) = hops.report();
-        assert_eq!(each.map(|latency| latency.is_some()), [false, false, false, false, true]);
+    fn tick_with_missing_input_is_skipped() {
+        let mut hops = HopLatencies::default();
+        path_headers().into_iter().skip(2).for_each(|(service, header)| hops.record(service, header));
+        hops.process_pending();
+        let (by_service, _) = hops.take_latencies();
+        assert_eq!(by_service.map(|latency| latency.is_some()), [false, false, false, false, true]);
     }
 }

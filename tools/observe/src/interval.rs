@@ -1,23 +1,23 @@
-//! The time between messages: mean, extremes, jitter.
+//! Statistics of the intervals between messages.
 
 use serde::Serialize;
 
-/// Intervals, ms.
+/// Statistics of intervals, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Interval {
+pub struct IntervalStats {
     /// Mean.
     pub mean: f64,
     /// Shortest.
     pub min: f64,
     /// Longest.
     pub max: f64,
-    /// Standard deviation: the jitter.
+    /// Standard deviation.
     pub jitter: f64,
 }
 
-/// Mean and variance as they come (Welford 1962), and the extremes.
+/// Running mean and variance of intervals (Welford 1962), and their extremes. All in ms.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Intervals {
+pub(crate) struct IntervalAccumulator {
     pub(crate) count: f64,
     mean: f64,
     squares: f64,
@@ -25,25 +25,24 @@ pub(crate) struct Intervals {
     max: f64,
 }
 
-impl Default for Intervals {
+impl Default for IntervalAccumulator {
     fn default() -> Self {
         Self { count: 0.0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: 0.0 }
     }
 }
 
-impl Intervals {
-    /// Takes the next.
-    pub(crate) fn add(&mut self, ms: f64) {
+impl IntervalAccumulator {
+    pub(crate) fn push(&mut self, ms: f64) {
         self.count += 1.0;
-        let off = ms - self.mean;
-        self.mean += off / self.count;
-        self.squares += off * (ms - self.mean);
+        let deviation = ms - self.mean;
+        self.mean += deviation / self.count;
+        self.squares += deviation * (ms - self.mean);
         (self.min, self.max) = (self.min.min(ms), self.max.max(ms));
     }
 
-    /// What they have been; `None` before the first.
-    pub(crate) fn report(&self) -> Option<Interval> {
+    /// Returns the statistics so far, or `None` before the first interval.
+    pub(crate) fn stats(&self) -> Option<IntervalStats> {
         let Self { count, mean, squares, min, max } = *self;
-        (count > 0.0).then(|| Interval { mean, min, max, jitter: (squares / count).sqrt() })
+        (count > 0.0).then(|| IntervalStats { mean, min, max, jitter: (squares / count).sqrt() })
     }
 }

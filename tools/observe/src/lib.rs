@@ -1,18 +1,22 @@
-//! Seeing a running system: what `plumb top`, `plumb topic` and `plumb doctor` show.
+//! Observation of a running system for `plumb top`, `plumb topic` and `plumb doctor`.
 //!
-//! Input: messages as bytes with their layout, from wherever they come; what the supervisor says of its services; /proc and /sys.
-//! Output: text for people, JSON for scripts. Time: stamps of the messages, and the observer's clock where they have none. Failure:
-//! what cannot be known is said to be unknown. Nothing here publishes, creates a topic or makes anybody wait.
+//! - Input: messages as bytes with their layout, service status from the supervisor, /proc and
+//!   /sys.
+//! - Output: text for users, JSON for scripts.
+//! - Time: message timestamps, or the observer's clock for messages without one.
+//! - Failure: a value that cannot be determined is reported as unknown.
 //!
-//! | module | what it holds |
+//! An observer publishes nothing, creates no topic and never makes a service wait.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`record`] | a message by its layout: names, units, values |
-//! | [`tables`] | messages as tables of numbers |
-//! | [`flow`], [`interval`] | rate, intervals, bytes, and what was lost where |
-//! | [`readings`] | the sensors' own readings, for a calibration |
-//! | [`topics`] | which topics there are, and who is at them |
-//! | [`hops`], [`process`], [`top`] | how long each service takes, what it costs, and both with its state |
-//! | [`doctor`] | whether the machine and the system are as they should be |
+//! | [`decode`] | decoding of a message by its layout: names, units, values |
+//! | [`tables`] | CSV tables of messages |
+//! | [`flow`], [`interval`] | rate, intervals, bandwidth and losses of a topic |
+//! | [`readings`] | raw sensor readings for a calibration |
+//! | [`topics`] | list and description of topics |
+//! | [`hops`], [`process`], [`top`] | latency and resource usage of each service |
+//! | [`doctor`] | diagnosis of the machine and the system |
 #![forbid(unsafe_code)]
 
 pub mod doctor;
@@ -21,7 +25,7 @@ pub mod hops;
 pub mod interval;
 pub mod process;
 pub mod readings;
-pub mod record;
+pub mod decode;
 pub mod tables;
 pub mod top;
 pub mod topics;

@@ -1,42 +1,44 @@
-//! What a process costs: from /proc.
+//! CPU and memory usage of processes, from /proc.
 
 use std::{collections::HashMap, fs};
 
 use runtime::clock::cpu_time_ns;
 
-/// CPU time between looks at the same processes.
+/// Samples the resource usage of processes. Holds the last sample time and CPU time per process,
+/// ns.
 #[derive(Debug, Default)]
-pub struct Processes(HashMap<u32, (u64, u64)>);
+pub struct ProcessMonitor(HashMap<u32, (u64, u64)>);
 
-/// What a process costs.
+/// Resource usage of a process.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cost {
-    /// Share of one core since the last look, %; `None` at the first.
+pub struct ProcessUsage {
+    /// CPU time since the previous sample as a share of one core, %; `None` for the first sample.
     pub cpu_percent: Option<f64>,
     /// Resident memory, MiB.
     pub resident_mib: f64,
 }
 
-impl Processes {
-    /// Looks at a process; `None` when it is no more.
-    pub fn look(&mut self, pid: u32, now_ns: u64) -> Option<Cost> {
+impl ProcessMonitor {
+    /// Samples a process at `now_ns` (CLOCK_MONOTONIC). Returns `None` if the process does not
+    /// exist.
+    pub fn sample(&mut self, pid: u32, now_ns: u64) -> Option<ProcessUsage> {
         let text = |file: &str| fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
-        let ran_ns = cpu_time_ns(pid)?;
+        let cpu_ns = cpu_time_ns(pid)?;
         let resident_kib = text("status")?
             .lines()
             .find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse::<f64>().ok());
-        let before = self.0.insert(pid, (now_ns, ran_ns));
-        let cpu_percent = before.filter(|(then_ns, _)| *then_ns < now_ns).map(|(then_ns, then_ran_ns)| {
-            100.0 * ran_ns.saturating_sub(then_ran_ns) as f64 / (now_ns - then_ns) as f64
+        let previous = self.0.insert(pid, (now_ns, cpu_ns));
+        let cpu_percent = previous.filter(|(then_ns, _)| *then_ns < now_ns).map(|(then_ns, then_cpu_ns)| {
+            100.0 * cpu_ns.saturating_sub(then_cpu_ns) as f64 / (now_ns - then_ns) as f64
         });
-        Some(Cost { cpu_percent, resident_mib: resident_kib.unwrap_or(0.0) / 1024.0 })
+        Some(ProcessUsage { cpu_percent, resident_mib: resident_kib.unwrap_or(0.0) / 1024.0 })
     }
 }
 
-/// The process has been stopped, as by Ctrl-Z, and does nothing until it is let go on.
+/// Returns `true` if the process is stopped, for instance by Ctrl-Z or a debugger.
 pub fn is_stopped(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    // Its name is in parentheses and may hold some itself.
+    // The process name is in parentheses and may itself contain parentheses.
     stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with(['T', 't']))
 }
 
@@ -45,17 +47,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_that_works_is_seen_to_work() {
-        let (mut processes, own) = (Processes::default(), std::process::id());
-        let first = processes.look(own, 1).unwrap();
+    fn busy_process_has_cpu_share_after_second_sample() {
+        let (mut monitor, own_pid) = (ProcessMonitor::default(), std::process::id());
+        let first = monitor.sample(own_pid, 1).unwrap();
         assert!(first.cpu_percent.is_none() && first.resident_mib > 0.1, "{first:?}");
         let mut sum = 0u64;
         (0..20_000_000u64).for_each(|i| sum = std::hint::black_box(sum ^ i));
-        assert!(processes.look(own, 1_000_000_001).unwrap().cpu_percent.unwrap() > 0.0);
+        assert!(monitor.sample(own_pid, 1_000_000_001).unwrap().cpu_percent.unwrap() > 0.0);
     }
 
     #[test]
-    fn a_process_that_is_no_more_costs_nothing_that_could_be_shown() {
-        assert_eq!(Processes::default().look(u32::MAX, 1), None);
+    fn missing_process_has_no_usage() {
+        assert_eq!(ProcessMonitor::default().sample(u32::MAX, 1), None);
     }
 }

@@ -1,4 +1,4 @@
-//! How the services of a running system do, from moment to moment.
+//! Live state, rate, latency and resource usage of the services.
 
 use bus::{BusError, Observer, Tap};
 use control::ServiceStatus;
@@ -9,95 +9,104 @@ use runtime::clock::monotonic_ns;
 use serde::Serialize;
 
 use crate::{
-    hops::{Hops, LatencyUs},
-    process::Processes,
+    hops::{HopLatencies, LatencyUs},
+    process::ProcessMonitor,
 };
 
-/// Watches the path of a system.
+/// Observes the data path of a running system.
 #[derive(Debug)]
-pub struct Top {
-    /// From the end of the path to its beginning: an output is read before what it was made of, so that no input is missed.
+pub struct SystemMonitor {
+    /// Taps in reverse path order. An output is read before its inputs, so that no input is missed.
     taps: Vec<(Service, Tap)>,
     events: Tap,
-    hops: Hops,
+    hops: HopLatencies,
     attitude: Option<AttitudeOutput>,
-    end: Option<SystemEvent>,
-    processes: Processes,
-    /// The newest of each service at the last moment; at first, the first that came.
-    before: [Option<Header>; Service::PATH.len()],
+    finished_event: Option<SystemEvent>,
+    processes: ProcessMonitor,
+    /// Newest header of each service at the last snapshot; before that, its first header.
+    previous: [Option<Header>; Service::PATH.len()],
     owner_pid: u32,
 }
 
-/// A moment of a system.
+/// State of a system at one time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Moment {
-    /// The system's name.
+pub struct SystemSnapshot {
+    /// Name of the system.
     pub system: String,
-    /// The newest tick with an attitude.
+    /// Newest tick with an attitude.
     pub tick: Option<u64>,
-    /// From birth at ingest to publication of the attitude, since the last moment.
+    /// Latency from the birth of a sample to the publication of its attitude, since the last
+    /// snapshot.
     pub latency_us: Option<LatencyUs>,
-    /// The services and their supervisor.
-    pub services: Vec<Row>,
+    /// Services and the supervisor.
+    pub services: Vec<ServiceRow>,
 }
 
-/// A process of a system.
+/// State of a service or the supervisor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    /// Its name.
+pub struct ServiceRow {
+    /// Name of the service, or `supervisor`.
     pub service: String,
-    /// What fills its slot.
+    /// Stage in the service's slot.
     pub stage: Option<String>,
-    /// What it does, in a word.
+    /// Name of its state, as reported by the supervisor.
     pub state: String,
-    /// Its process, where there is one.
+    /// Process, if any.
     pub pid: Option<u32>,
-    /// Ticks published per second since the last moment.
+    /// Ticks published per second since the last snapshot.
     pub rate_hz: Option<f64>,
-    /// From its last input to its output, since the last moment.
+    /// Latency from the last input to the output, since the last snapshot.
     pub latency_us: Option<LatencyUs>,
-    /// Ticks that never came to it.
+    /// Ticks that never reached the service.
     pub lost: u64,
-    /// Times it was started again.
+    /// Number of restarts.
     pub restarts: u32,
-    /// The decision about its slot that it follows.
+    /// Epoch of the ownership decision that the service follows.
     pub epoch: u32,
-    /// Share of one core since the last moment, %.
+    /// CPU time since the last snapshot as a share of one core, %.
     pub cpu_percent: Option<f64>,
     /// Resident memory, MiB.
     pub resident_mib: Option<f64>,
 }
 
-impl Top {
-    /// Begins to watch; the costs of the processes count from here.
+impl SystemMonitor {
+    /// Opens the topics. CPU usage counts from this call.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a topic cannot be opened.
     pub fn new(observer: &Observer, statuses: &[ServiceStatus]) -> Result<Self, BusError> {
-        let (mut processes, owner_pid) = (Processes::default(), observer.owner_pid());
+        let (mut processes, owner_pid) = (ProcessMonitor::default(), observer.owner_pid());
         for pid in statuses.iter().filter_map(|status| status.pid).chain([owner_pid]) {
-            processes.look(pid, monotonic_ns());
+            processes.sample(pid, monotonic_ns());
         }
         let outputs = Service::PATH.into_iter().rev().filter_map(|service| Some((service, service.output()?)));
         let taps = outputs.map(|(service, topic)| Ok((service, observer.tap(topic)?)));
         Ok(Self {
             taps: taps.collect::<Result<_, BusError>>()?,
             events: observer.tap(Topic::Event)?,
-            hops: Hops::default(),
+            hops: HopLatencies::default(),
             attitude: None,
-            end: None,
+            finished_event: None,
             processes,
-            before: [None; Service::PATH.len()],
+            previous: [None; Service::PATH.len()],
             owner_pid,
         })
     }
 
-    /// Takes what has been published; several times a second, or messages are missed here.
-    pub fn look(&mut self) -> Result<(), BusError> {
+    /// Reads new messages. Call this several times per second, or the observer misses messages.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a topic cannot be read.
+    pub fn poll(&mut self) -> Result<(), BusError> {
         for (service, tap) in &self.taps {
             tap.drain(&mut |bytes| {
-                // Every message of the path begins with its header.
+                // Every message of the data path starts with its header.
                 let header = bytes.get(..size_of::<Header>());
                 if let Some(header) = header.and_then(|header| bytemuck::try_pod_read_unaligned(header).ok()) {
-                    self.before[*service as usize].get_or_insert(header);
-                    self.hops.take(*service, header);
+                    self.previous[*service as usize].get_or_insert(header);
+                    self.hops.record(*service, header);
                 }
                 if *service == Service::Course {
                     self.attitude = bytemuck::try_pod_read_unaligned(bytes).ok().or(self.attitude);
@@ -106,74 +115,75 @@ impl Top {
         }
         self.events.drain(&mut |bytes| {
             let event = bytemuck::try_pod_read_unaligned(bytes).ok();
-            self.end = event.filter(|event: &SystemEvent| event.kind == EventKind::FINISHED).or(self.end);
+            self.finished_event = event.filter(|event: &SystemEvent| event.kind == EventKind::FINISHED).or(self.finished_event);
         })?;
-        self.hops.settle();
+        self.hops.process_pending();
         Ok(())
     }
 
-    /// The newest attitude, in our frames.
+    /// Returns the newest attitude, in the native frame.
     pub fn attitude(&self) -> Option<&AttitudeOutput> {
         self.attitude.as_ref()
     }
 
-    /// What ended the system before its time, or that it came to its end; `None` until its supervisor says so.
-    pub fn end(&self) -> Option<&str> {
-        self.end.as_ref().map(|event| if event.reason().is_empty() { "it came to its end" } else { event.reason() })
+    /// Returns why the system ended, or `None` until its supervisor reports the end.
+    pub fn end_reason(&self) -> Option<&str> {
+        self.finished_event.as_ref().map(|event| if event.reason().is_empty() { "it ended normally" } else { event.reason() })
     }
 
-    /// What was seen since the last moment, with what the supervisor says.
-    pub fn moment(&mut self, system: &str, statuses: &[ServiceStatus]) -> Moment {
-        let (latencies, whole) = self.hops.report();
+    /// Returns the state since the last snapshot, combined with the supervisor's service status.
+    pub fn snapshot(&mut self, system: &str, statuses: &[ServiceStatus]) -> SystemSnapshot {
+        let (latencies, end_to_end) = self.hops.take_latencies();
         let now_ns = monotonic_ns();
         let mut services: Vec<_> = statuses
             .iter()
             .map(|status| {
                 let service = Service::from_name(&status.service).filter(|service| !service.is_auxiliary());
-                let cost = status.pid.and_then(|pid| self.processes.look(pid, now_ns));
-                Row {
+                let usage = status.pid.and_then(|pid| self.processes.sample(pid, now_ns));
+                ServiceRow {
                     service: status.service.clone(),
                     stage: status.stage.clone(),
                     state: status.state.clone(),
                     pid: status.pid,
                     rate_hz: service
-                        .and_then(|service| rate_hz(self.before[service as usize], self.hops.newest(service))),
+                        .and_then(|service| rate_hz(self.previous[service as usize], self.hops.newest(service))),
                     latency_us: service.and_then(|service| latencies[service as usize]),
                     lost: status.lost,
                     restarts: status.restarts,
                     epoch: status.epoch,
-                    cpu_percent: cost.and_then(|cost| cost.cpu_percent),
-                    resident_mib: cost.map(|cost| cost.resident_mib),
+                    cpu_percent: usage.and_then(|cost| cost.cpu_percent),
+                    resident_mib: usage.map(|cost| cost.resident_mib),
                 }
             })
             .collect();
-        services.push(self.supervisor(now_ns));
-        self.before = Service::PATH.map(|service| self.hops.newest(service));
+        services.push(self.supervisor_row(now_ns));
+        self.previous = Service::PATH.map(|service| self.hops.newest(service));
         let tick = self.hops.newest(Service::Course).map(|header| header.tick);
-        Moment { system: system.into(), tick, latency_us: whole, services }
+        SystemSnapshot { system: system.into(), tick, latency_us: end_to_end, services }
     }
 
-    fn supervisor(&mut self, now_ns: u64) -> Row {
-        let cost = self.processes.look(self.owner_pid, now_ns);
-        Row {
+    fn supervisor_row(&mut self, now_ns: u64) -> ServiceRow {
+        let usage = self.processes.sample(self.owner_pid, now_ns);
+        ServiceRow {
             service: "supervisor".into(),
             stage: None,
-            state: if cost.is_some() { "running" } else { "gone" }.into(),
+            state: if usage.is_some() { "running" } else { "exited" }.into(),
             pid: Some(self.owner_pid),
             rate_hz: None,
             latency_us: None,
             lost: 0,
             restarts: 0,
             epoch: 0,
-            cpu_percent: cost.and_then(|cost| cost.cpu_percent),
-            resident_mib: cost.map(|cost| cost.resident_mib),
+            cpu_percent: usage.and_then(|cost| cost.cpu_percent),
+            resident_mib: usage.map(|cost| cost.resident_mib),
         }
     }
 }
 
-/// Ticks per second of the senders' clock: what this observer missed does not count.
-fn rate_hz(before: Option<Header>, now: Option<Header>) -> Option<f64> {
-    let (before, now) = before.zip(now)?;
+/// Returns the ticks per second of the publisher's clock. Messages missed by this observer do not
+/// matter.
+fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
+    let (before, now) = previous.zip(current)?;
     if now.tick == before.tick {
         return Some(0.0);
     }
@@ -181,76 +191,79 @@ fn rate_hz(before: Option<Header>, now: Option<Header>) -> Option<f64> {
     Some((now.tick - before.tick) as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
 }
 
-impl Moment {
-    /// A table for people, no wider than so many columns of a terminal: what is needed least is left out first.
+impl SystemSnapshot {
+    /// Returns a text table of at most `columns` columns. The least important columns are left out
+    /// first.
     pub fn table(&self, columns: Option<usize>) -> String {
-        let kept = kept(columns);
+        let visible = visible_columns(columns);
         let tick = self.tick.map_or("-".into(), |tick| tick.to_string());
-        let title = format!("{}: tick {tick}; latency in µs: of each service from its last input on", self.system);
-        let lines = [COLUMNS.map(|column| column.head.into())].into_iter().chain(self.services.iter().map(Row::cells));
-        let lines = lines.map(|cells| line(&kept, &cells));
-        let before: usize =
-            kept.iter().map(|i| &COLUMNS[*i]).take_while(|it| !it.is_latency()).map(|it| it.width).sum();
-        let latencies: Vec<_> = kept.iter().copied().filter(|i| COLUMNS[*i].is_latency()).collect();
-        let whole = format!("{:<before$}{}", "birth to attitude", line(&latencies, &cells_of(self.latency_us)));
-        [title].into_iter().chain(lines).chain([whole]).collect::<Vec<_>>().join("\n")
+        let title = format!("{}: tick {tick}; latency in µs, per service from its last input to its output", self.system);
+        let lines = [COLUMNS.map(|column| column.header.into())].into_iter().chain(self.services.iter().map(ServiceRow::cells));
+        let lines = lines.map(|cells| format_row(&visible, &cells));
+        let label_width: usize =
+            visible.iter().map(|i| &COLUMNS[*i]).take_while(|column| !column.is_latency()).map(|column| column.width).sum();
+        let latencies: Vec<_> = visible.iter().copied().filter(|i| COLUMNS[*i].is_latency()).collect();
+        let end_to_end = format!("{:<label_width$}{}", "end to end", format_row(&latencies, &latency_cells(self.latency_us)));
+        [title].into_iter().chain(lines).chain([end_to_end]).collect::<Vec<_>>().join("\n")
     }
 }
 
-/// A column of the table.
+/// Column of the table.
 struct Column {
-    head: &'static str,
+    header: &'static str,
     width: usize,
-    /// Where there is no room for all, the columns with the largest are left out; 0 never.
-    spare: u8,
+    /// Order in which columns are left out if the terminal is too narrow, highest first; 0 for
+    /// never.
+    drop_order: u8,
 }
 
-/// All fit into 121 columns, without the three most spare into 80.
+/// Columns of the table. All fit into 121 columns of a terminal, all but the first three to drop
+/// into 80.
 const COLUMNS: [Column; 13] = [
-    Column { head: "service", width: 11, spare: 0 },
-    Column { head: "stage", width: 25, spare: 10 },
-    Column { head: "state", width: 9, spare: 0 },
-    Column { head: "pid", width: 8, spare: 3 },
-    Column { head: "Hz", width: 8, spare: 1 },
-    Column { head: "p50", width: 8, spare: 5 },
-    Column { head: "p99", width: 8, spare: 0 },
-    Column { head: "max", width: 8, spare: 4 },
-    Column { head: "lost", width: 6, spare: 2 },
-    Column { head: "restarts", width: 9, spare: 8 },
-    Column { head: "epoch", width: 6, spare: 9 },
-    Column { head: "cpu %", width: 7, spare: 6 },
-    Column { head: "MiB", width: 7, spare: 7 },
+    Column { header: "service", width: 11, drop_order: 0 },
+    Column { header: "stage", width: 25, drop_order: 10 },
+    Column { header: "state", width: 9, drop_order: 0 },
+    Column { header: "pid", width: 8, drop_order: 3 },
+    Column { header: "Hz", width: 8, drop_order: 1 },
+    Column { header: "p50", width: 8, drop_order: 5 },
+    Column { header: "p99", width: 8, drop_order: 0 },
+    Column { header: "max", width: 8, drop_order: 4 },
+    Column { header: "lost", width: 6, drop_order: 2 },
+    Column { header: "restarts", width: 9, drop_order: 8 },
+    Column { header: "epoch", width: 6, drop_order: 9 },
+    Column { header: "cpu %", width: 7, drop_order: 6 },
+    Column { header: "MiB", width: 7, drop_order: 7 },
 ];
 
 impl Column {
     fn is_latency(&self) -> bool {
-        ["p50", "p99", "max"].contains(&self.head)
+        ["p50", "p99", "max"].contains(&self.header)
     }
 }
 
-/// The columns that there is room for.
-fn kept(columns: Option<usize>) -> Vec<usize> {
-    let mut kept: Vec<_> = (0..COLUMNS.len()).collect();
-    while columns.is_some_and(|columns| kept.iter().map(|i| COLUMNS[*i].width).sum::<usize>() > columns) {
-        match kept.iter().copied().max_by_key(|i| COLUMNS[*i].spare).filter(|i| COLUMNS[*i].spare > 0) {
-            Some(sparest) => kept.retain(|i| *i != sparest),
+/// Returns the indices of the columns that fit.
+fn visible_columns(columns: Option<usize>) -> Vec<usize> {
+    let mut visible: Vec<_> = (0..COLUMNS.len()).collect();
+    while columns.is_some_and(|columns| visible.iter().map(|i| COLUMNS[*i].width).sum::<usize>() > columns) {
+        match visible.iter().copied().max_by_key(|i| COLUMNS[*i].drop_order).filter(|i| COLUMNS[*i].drop_order > 0) {
+            Some(first_dropped) => visible.retain(|i| *i != first_dropped),
             None => break,
         }
     }
-    kept
+    visible
 }
 
-/// A line of the table: words begin at the left of their columns, numbers end at the right.
-fn line(kept: &[usize], cells: &[String; COLUMNS.len()]) -> String {
+/// Formats a row of the table: text is left-aligned, numbers are right-aligned.
+fn format_row(visible: &[usize], cells: &[String; COLUMNS.len()]) -> String {
     let cell = |i: &usize| match (COLUMNS[*i].width, &cells[*i]) {
         (width, cell) if *i < 3 => format!("{cell:<width$}"),
         (width, cell) => format!("{cell:>width$}"),
     };
-    kept.iter().map(cell).collect()
+    visible.iter().map(cell).collect()
 }
 
-/// A line that has latencies only.
-fn cells_of(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
+/// Returns the cells of a row with latencies only.
+fn latency_cells(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
     let mut cells = [const { String::new() }; COLUMNS.len()];
     let us = latency.map_or([None; 3], |LatencyUs { p50, p99, max }| [p50, p99, max].map(Some));
     for (cell, us) in cells[5..8].iter_mut().zip(us) {
@@ -259,14 +272,14 @@ fn cells_of(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
     cells
 }
 
-impl Row {
+impl ServiceRow {
     fn cells(&self) -> [String; COLUMNS.len()] {
         let Self { service, stage, state, pid, lost, restarts, epoch, .. } = self;
         let [rate, cpu, mib] = [self.rate_hz, self.cpu_percent, self.resident_mib]
             .map(|number| number.map_or("-".into(), |number| format!("{number:.1}")));
         let stage = stage.clone().unwrap_or_else(|| "-".into());
         let numbers = [lost.to_string(), restarts.to_string(), epoch.to_string(), cpu, mib];
-        let mut cells = cells_of(self.latency_us);
+        let mut cells = latency_cells(self.latency_us);
         let pid = pid.map_or("-".into(), |pid| pid.to_string());
         cells[..5].clone_from_slice(&[service.clone(), stage, state.clone(), pid, rate]);
         cells[8..].clone_from_slice(&numbers);
@@ -283,19 +296,19 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_of_ticks_and_of_the_senders_clock() {
+    fn rate_uses_ticks_and_publisher_clock() {
         assert_eq!(rate_hz(header(10, 0), header(510, 500_000_000)), Some(1000.0));
         assert_eq!(
             rate_hz(header(10, 5), header(10, 5)),
             Some(0.0),
-            "a service that stands has a rate, and it is none"
+            "a stalled service has a rate of 0, not an unknown one"
         );
         assert_eq!(rate_hz(None, header(10, 5)), None);
     }
 
-    fn moment() -> Moment {
+    fn example_snapshot() -> SystemSnapshot {
         let latency_us = Some(LatencyUs { p50: 1234.0, p99: 12345.0, max: 1234567.0 });
-        let row = |service: &str| Row {
+        let row = |service: &str| ServiceRow {
             service: service.into(),
             stage: Some("inclinometer-quaternion".into()),
             state: "starting".into(),
@@ -309,7 +322,7 @@ mod tests {
             resident_mib: Some(1000.5),
         };
         let services = ["ingest", "supervisor"].map(row).into();
-        Moment { system: "plumbline".into(), tick: Some(1_234_567), latency_us, services }
+        SystemSnapshot { system: "plumbline".into(), tick: Some(1_234_567), latency_us, services }
     }
 
     fn words(line: &str) -> Vec<&str> {
@@ -317,20 +330,20 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_as_wide_as_the_terminal_allows_and_tells_apart_what_it_shows() {
+    fn table_fits_terminal_width_with_separate_columns() {
         for columns in 28..140 {
-            let table = moment().table(Some(columns));
+            let table = example_snapshot().table(Some(columns));
             let lines: Vec<_> = table.lines().skip(1).collect();
             assert!(lines.iter().all(|line| line.chars().count() <= columns), "{columns} columns:\n{table}");
-            let heads = words(&lines[0].replace("cpu %", "cpu")).len();
-            assert_eq!([lines[1], lines[2]].map(|line| words(line).len()), [heads; 2], "{columns} columns:\n{table}");
+            let header_count = words(&lines[0].replace("cpu %", "cpu")).len();
+            assert_eq!([lines[1], lines[2]].map(|line| words(line).len()), [header_count; 2], "{columns} columns:\n{table}");
         }
-        assert_eq!(moment().table(None), moment().table(Some(121)));
-        let of_80 = moment().table(Some(80));
-        let head: Vec<_> = words(of_80.lines().nth(1).unwrap());
-        assert_eq!(head.join(" "), "service state pid Hz p50 p99 max lost cpu % MiB");
-        assert_eq!(words(of_80.lines().nth(3).unwrap())[4..7], ["1234", "12345", "1234567"]);
-        let (above, whole) = (of_80.lines().nth(3).unwrap(), of_80.lines().nth(4).unwrap());
-        assert_eq!(whole.find("1234567"), above.find("1234567"), "{of_80}");
+        assert_eq!(example_snapshot().table(None), example_snapshot().table(Some(121)));
+        let table_80 = example_snapshot().table(Some(80));
+        let header: Vec<_> = words(table_80.lines().nth(1).unwrap());
+        assert_eq!(header.join(" "), "service state pid Hz p50 p99 max lost cpu % MiB");
+        assert_eq!(words(table_80.lines().nth(3).unwrap())[4..7], ["1234", "12345", "1234567"]);
+        let (above, end_to_end) = (table_80.lines().nth(3).unwrap(), table_80.lines().nth(4).unwrap());
+        assert_eq!(end_to_end.find("1234567"), above.find("1234567"), "{table_80}");
     }
 }

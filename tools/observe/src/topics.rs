@@ -1,6 +1,6 @@
-//! Which topics there are, who is at them, and what their messages hold.
+//! Topics of a running system: rate, ports and layout.
 //!
-//! From elsewhere it is not known who is at a topic, how much its readers hold, or which layout it has on board: JSON says null, text `-`.
+//! The ports, buffers and layout fingerprint of a remote vehicle are unknown: JSON null, text `-`.
 
 use std::fmt;
 
@@ -10,89 +10,89 @@ use serde_json::{Value, json};
 
 use crate::flow::FlowReport;
 
-/// What is told people who are not on board.
-pub const ELSEWHERE: &str = "publishers, readers and buffers are known on board only";
+/// Note on the values that are unknown for a remote vehicle.
+pub const ONBOARD_ONLY_NOTE: &str = "publishers, subscribers and buffers are known on board only";
 
-/// A topic of a running system.
+/// Description of a topic of a running system.
 #[derive(Debug, Clone)]
-pub struct Topic {
-    /// Its name.
+pub struct TopicInfo {
+    /// Name.
     pub name: String,
-    /// What its messages hold.
+    /// Layout of the messages.
     pub layout: Layout,
-    /// Who is at it; `None` from elsewhere.
+    /// Publishers, subscribers and buffer size; `None` for a remote vehicle.
     pub ports: Option<Ports>,
-    /// How it flowed for a while.
+    /// Rate and losses during the observation.
     pub flow: FlowReport,
 }
 
-impl Topic {
-    /// The line of a list.
-    pub fn line(&self) -> String {
+impl TopicInfo {
+    /// Returns the topic's row of the table.
+    pub fn to_row(&self) -> String {
         let Self { name, layout, ports, flow } = self;
         let rate = flow.rate_hz.map_or("-".into(), |rate_hz| format!("{rate_hz:.1}"));
-        let count = |of: fn(&Ports) -> usize| ports.as_ref().map_or("-".into(), |ports| of(ports).to_string());
+        let count = |field: fn(&Ports) -> usize| ports.as_ref().map_or("-".into(), |ports| field(ports).to_string());
         let (publishers, subscribers) = (count(|ports| ports.publishers.len()), count(|ports| ports.subscribers.len()));
         let buffer = count(|ports| ports.buffer);
         format!("{name:<12}{:<30}{publishers:>11}{subscribers:>12}{buffer:>8}{rate:>10}", layout.name)
     }
 
-    /// The head of a list.
-    pub fn head() -> String {
+    /// Returns the header of the table.
+    pub fn table_header() -> String {
         format!("{:<12}{:<30}{:>11}{:>12}{:>8}{:>10}", "topic", "type", "publishers", "subscribers", "buffer", "Hz")
     }
 
-    /// For scripts: the entry of a list.
-    pub fn json(&self) -> Value {
+    /// Returns the topic as an entry of the JSON list.
+    pub fn to_json(&self) -> Value {
         let Self { name, layout, ports, flow } = self;
-        let who = |ports: &[Port]| -> Vec<_> {
+        let ports_to_json = |ports: &[Port]| -> Vec<_> {
             ports.iter().map(|Port { name, pid, alive }| json!({ "name": name, "pid": pid, "alive": alive })).collect()
         };
         let ports = ports.as_ref();
         json!({
-            "topic": name, "type": layout.name, "publishers": ports.map(|ports| who(&ports.publishers)),
-            "subscribers": ports.map(|ports| who(&ports.subscribers)), "buffer": ports.map(|ports| ports.buffer),
+            "topic": name, "type": layout.name, "publishers": ports.map(|ports| ports_to_json(&ports.publishers)),
+            "subscribers": ports.map(|ports| ports_to_json(&ports.subscribers)), "buffer": ports.map(|ports| ports.buffer),
             "rate_hz": flow.rate_hz,
         })
     }
 
-    /// The same with the layout.
-    pub fn info_json(&self) -> Value {
-        let mut info = self.json();
-        let field = |Field { name, kind, offset, description: about, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": about });
+    /// Returns the JSON entry with the layout added.
+    pub fn to_json_with_layout(&self) -> Value {
+        let mut info = self.to_json();
+        let field = |Field { name, kind, offset, description, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": description });
         info["size"] = self.layout.size.into();
         info["fingerprint"] = self.ports.as_ref().map(|_| format!("{:016x}", self.layout.fingerprint())).into();
-        info["fields"] = self.layout.fields.iter().map(|it| field(it, it.unit())).collect();
+        info["fields"] = self.layout.fields.iter().map(|each| field(each, each.unit())).collect();
         info
     }
 }
 
-fn names(ports: &[Port]) -> String {
-    let each = ports.iter().map(|port| {
-        let killed = if port.alive { "" } else { ", killed" };
-        format!("{} ({}{killed})", port.name, port.pid)
+fn port_list(ports: &[Port]) -> String {
+    let entries = ports.iter().map(|port| {
+        let suffix = if port.alive { "" } else { ", killed" };
+        format!("{} ({}{suffix})", port.name, port.pid)
     });
-    each.collect::<Vec<_>>().join(", ")
+    entries.collect::<Vec<_>>().join(", ")
 }
 
-/// All of it, for people.
-impl fmt::Display for Topic {
+/// Full description, with the layout.
+impl fmt::Display for TopicInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, layout, ports, flow } = self;
         let rate = flow.rate_hz.map_or("-".into(), |rate_hz| format!("{rate_hz:.1}"));
         if let Some(Ports { publishers, subscribers, buffer }) = ports {
             writeln!(f, "{name}: {}, {} bytes, fingerprint {:016x}", layout.name, layout.size, layout.fingerprint())?;
-            writeln!(f, "published by {}; read by {}", names(publishers), names(subscribers))?;
-            writeln!(f, "each reader holds {buffer} messages; {rate} Hz")?;
+            writeln!(f, "publishers: {}; subscribers: {}", port_list(publishers), port_list(subscribers))?;
+            writeln!(f, "buffer: {buffer} messages per subscriber; rate: {rate} Hz")?;
         } else {
-            writeln!(f, "{name}: {}, {} bytes as this program has it", layout.name, layout.size)?;
-            writeln!(f, "{ELSEWHERE}, and so is the fingerprint; {rate} Hz arrive")?;
+            writeln!(f, "{name}: {}, {} bytes in this version of plumb", layout.name, layout.size)?;
+            writeln!(f, "{ONBOARD_ONLY_NOTE}, like the fingerprint; received at {rate} Hz")?;
         }
         write!(f, "{:>8}  {:<20}{:<26}{:<8}meaning", "offset", "field", "type", "unit")?;
         for field in &layout.fields {
-            let Field { name, kind, offset, description: about } = field;
+            let Field { name, kind, offset, description } = field;
             let unit = field.unit().unwrap_or("-");
-            write!(f, "\n{offset:>8}  {name:<20}{kind:<26}{unit:<8}{about}")?;
+            write!(f, "\n{offset:>8}  {name:<20}{kind:<26}{unit:<8}{description}")?;
         }
         Ok(())
     }

@@ -13,8 +13,9 @@
 //! | [`page`] | the HTML page |
 #![forbid(unsafe_code)]
 
+mod block_diagram;
 mod error;
-mod map;
+mod heatmap;
 pub mod page;
 pub mod picture;
 pub mod progress;
@@ -23,7 +24,6 @@ pub mod s2;
 pub mod s3;
 pub mod s4;
 mod scene;
-mod scheme;
 mod table;
 
 use std::path::Path;
@@ -60,7 +60,7 @@ impl Paper {
         }
     }
 
-    /// The paper's own title.
+    /// The paper's paper_folder title.
     pub fn title(self) -> &'static str {
         match self {
             Self::S1 => {
@@ -77,12 +77,12 @@ impl Paper {
     }
 
     /// Runs of its simulations, which a progress bar counts beside the pictures.
-    fn runs(self) -> u64 {
+    fn run_count(self) -> u64 {
         match self {
-            Self::S1 => s1::RUNS,
-            Self::S2 => s2::RUNS,
-            Self::S3 => s3::RUNS,
-            Self::S4 => s4::RUNS,
+            Self::S1 => s1::RUN_COUNT,
+            Self::S2 => s2::RUN_COUNT,
+            Self::S3 => s3::RUN_COUNT,
+            Self::S4 => s4::RUN_COUNT,
         }
     }
 
@@ -98,32 +98,32 @@ impl Paper {
 
 /// What was made of a paper.
 #[derive(Debug)]
-pub struct Made {
+pub struct PaperOutput {
     /// Its figures and tables.
     pub parts: Vec<Part>,
     /// Why there is no PNG, where there is none.
-    pub without_png: Option<String>,
+    pub png_skipped_reason: Option<String>,
 }
 
 /// Makes a paper's figures and tables in `folder/NAME/`, and `folder/index.html` of all papers that are there.
 ///
-/// `told` hears how many of how many runs and pictures are done.
-pub fn make(paper: Paper, folder: &Path, told: &mut dyn FnMut(u64, u64)) -> Result<Made, PaperError> {
-    let mut progress = Progress::new(paper.runs(), told);
+/// `on_progress` hears how many of how many run_count and pictures are done.
+pub fn reproduce(paper: Paper, folder: &Path, on_progress: &mut dyn FnMut(u64, u64)) -> Result<PaperOutput, PaperError> {
+    let mut progress = Progress::new(paper.run_count(), on_progress);
     let parts = paper.parts(&mut progress);
-    progress.more(parts.len() as u64);
-    let own = folder.join(paper.name());
-    std::fs::create_dir_all(&own).map_err(|cause| PaperError::Write { path: own.clone(), cause })?;
-    let (typeface, without_png) = match Typeface::find() {
+    progress.add_steps(parts.len() as u64);
+    let paper_folder = folder.join(paper.name());
+    std::fs::create_dir_all(&paper_folder).map_err(|cause| PaperError::Write { path: paper_folder.clone(), cause })?;
+    let (typeface, png_skipped_reason) = match Typeface::find() {
         Ok(typeface) => (Some(typeface), None),
         Err(missing) => (None, Some(format!("no PNGs are made, only SVGs: {missing}"))),
     };
     let mut svgs = Vec::new();
     for part in &parts {
-        svgs.push(part.write(&own, typeface.as_ref())?);
+        svgs.push(part.write(&paper_folder, typeface.as_ref())?);
         progress.step();
     }
-    page::write_section(paper, &own, &parts, &svgs)?;
+    page::write_section(paper, &paper_folder, &parts, &svgs)?;
     page::write_index(folder)?;
-    Ok(Made { parts, without_png })
+    Ok(PaperOutput { parts, png_skipped_reason })
 }

@@ -10,10 +10,10 @@ use crate::{
 };
 
 /// The page's name in its folder.
-pub const INDEX: &str = "index.html";
-const SECTION: &str = "section.html";
+pub const INDEX_FILE: &str = "index.html";
+const SECTION_FILE: &str = "section.html";
 /// A piece that is larger is not one of these, bytes.
-const MAX_SECTION: u64 = 50_000_000;
+const MAX_SECTION_BYTES: u64 = 50_000_000;
 
 const STYLE: &str = "\
 body{color:#1a1a1a;background:#fff;font:15px/1.5 system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em}\
@@ -22,22 +22,22 @@ table{border-collapse:collapse;font-variant-numeric:tabular-nums}th,td{padding:.
 th:first-child,td:first-child{text-align:left}svg{max-width:100%;height:auto}p{max-width:60em}";
 
 /// Writes the piece of one paper.
-pub(crate) fn write_section(paper: Paper, own: &Path, parts: &[Part], svgs: &[String]) -> Result<(), PaperError> {
+pub(crate) fn write_section(paper: Paper, folder: &Path, parts: &[Part], svgs: &[String]) -> Result<(), PaperError> {
     let name = paper.name();
-    let mut text = format!("<h2 id=\"{name}\">{}</h2>\n", escaped(paper.title()));
+    let mut text = format!("<h2 id=\"{name}\">{}</h2>\n", escape_html(paper.title()));
     for (part, svg) in parts.iter().zip(svgs) {
         text += &format!(
             "<h3 id=\"{name}-{}\">{}</h3>\n<p>{}</p>\n",
             part.name,
-            escaped(&part.title),
-            escaped(&part.about)
+            escape_html(&part.title),
+            escape_html(&part.caption)
         );
         text += &match &part.picture {
-            Picture::Figure(_) => scaled(svg),
-            Picture::Table(table) => table.html(),
+            Picture::Figure(_) => svg_element(svg),
+            Picture::Table(table) => table.to_html(),
         };
     }
-    let path = own.join(SECTION);
+    let path = folder.join(SECTION_FILE);
     fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn write_section(paper: Paper, own: &Path, parts: &[Part], svgs: &[St
 pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
     let mut body = String::new();
     for paper in Paper::ALL {
-        body += &section(&folder.join(paper.name()).join(SECTION))?;
+        body += &read_section(&folder.join(paper.name()).join(SECTION_FILE))?;
     }
     let text = format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
@@ -53,28 +53,28 @@ pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
          <meta name=\"viewport\" content=\"width=device-width\"/><title>Plumbline: the papers</title><style>{STYLE}</style></head>\n\
          <body><h1>Plumbline: the figures and tables of the four papers</h1>\n{body}</body></html>\n"
     );
-    let path = folder.join(INDEX);
+    let path = folder.join(INDEX_FILE);
     fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
 /// A piece; nothing where its paper was not made yet.
-fn section(path: &Path) -> Result<String, PaperError> {
+fn read_section(path: &Path) -> Result<String, PaperError> {
     let failed = |cause| PaperError::Read { path: path.into(), cause };
     match fs::metadata(path) {
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(String::new()),
         Err(cause) => Err(failed(cause)),
-        Ok(known) if known.len() > MAX_SECTION => Err(failed(io::Error::other("it is too large to be a piece of it"))),
+        Ok(metadata) if metadata.len() > MAX_SECTION_BYTES => Err(failed(io::Error::other("it is too large to be a piece of it"))),
         Ok(_) => fs::read_to_string(path).map_err(failed),
     }
 }
 
 /// The element without the declaration that only a file has, in any width.
-fn scaled(svg: &str) -> String {
+fn svg_element(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     format!("{}\n", svg[start..].trim_end())
 }
 
 /// Text that stands for itself in a page.
-pub(crate) fn escaped(text: &str) -> String {
+pub(crate) fn escape_html(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

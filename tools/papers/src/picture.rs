@@ -2,18 +2,18 @@
 
 use std::{fs, path::Path};
 
-use figures::{Area, Chart, Draw, Drawn, Typeface};
+use figures::{Area, Chart, Draw, DrawResult, Typeface};
 use plotters::prelude::*;
 
-use crate::{PaperError, map::Map, scene::Scene, scheme::Scheme, table::Table};
+use crate::{PaperError, block_diagram::BlockDiagram, heatmap::Heatmap, scene::Scene, table::Table};
 
 /// One panel of a figure.
 #[derive(Debug)]
 pub(crate) enum Panel {
     Chart(Chart),
-    Map(Map),
+    Heatmap(Heatmap),
     Scene(Scene),
-    Scheme(Scheme),
+    BlockDiagram(BlockDiagram),
 }
 
 /// A figure or a table.
@@ -41,7 +41,7 @@ pub struct Part {
     /// Its heading, as `Figure 4: u, v and z, noise-free`.
     pub title: String,
     /// What it shows, with the paper's numbers beside ours.
-    pub about: String,
+    pub caption: String,
     /// What is drawn.
     pub picture: Picture,
 }
@@ -49,16 +49,16 @@ pub struct Part {
 impl Part {
     /// Writes `NAME.svg` and, with a typeface, `NAME.png` into a folder; the text of the SVG.
     pub(crate) fn write(&self, folder: &Path, typeface: Option<&Typeface>) -> Result<String, PaperError> {
-        let failed = |cause| PaperError::Draw { picture: self.name, cause };
-        let path = |ending: &str| folder.join(format!("{}.{ending}", self.name));
+        let draw_error = |cause| PaperError::Draw { picture: self.name, cause };
+        let path = |extension: &str| folder.join(format!("{}.{extension}", self.name));
         let size = self.picture.size();
-        let svg = figures::svg(size, &self.picture).map_err(failed)?;
-        let written = |path: std::path::PathBuf, bytes: &[u8]| {
+        let svg = figures::svg(size, &self.picture).map_err(draw_error)?;
+        let write_file = |path: std::path::PathBuf, bytes: &[u8]| {
             fs::write(&path, bytes).map_err(|cause| PaperError::Write { path, cause })
         };
-        written(path("svg"), svg.as_bytes())?;
+        write_file(path("svg"), svg.as_bytes())?;
         if let Some(typeface) = typeface {
-            written(path("png"), &figures::png(size, &self.picture, typeface).map_err(failed)?)?;
+            write_file(path("png"), &figures::png(size, &self.picture, typeface).map_err(draw_error)?)?;
         }
         Ok(svg)
     }
@@ -74,7 +74,7 @@ impl Picture {
 }
 
 impl Draw for Picture {
-    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
@@ -84,9 +84,9 @@ impl Draw for Picture {
                 for (area, panel) in areas.iter().zip(panels) {
                     match panel {
                         Panel::Chart(chart) => chart.draw(area)?,
-                        Panel::Map(map) => map.draw(area)?,
+                        Panel::Heatmap(heatmap) => heatmap.draw(area)?,
                         Panel::Scene(scene) => scene.draw(area)?,
-                        Panel::Scheme(scheme) => scheme.draw(area)?,
+                        Panel::BlockDiagram(diagram) => diagram.draw(area)?,
                     }
                 }
             }

@@ -1,8 +1,8 @@
-//! Lines and points in space, seen from one side: axes, turns, the Riemann sphere.
+//! Lines and points in space, project from one side: axes, turns, the Riemann sphere.
 
 use attitude::Vector3;
 use figures::{
-    Area, Drawn,
+    Area, DrawResult,
     style::{TEXT, TITLE},
 };
 use plotters::{
@@ -14,12 +14,12 @@ use plotters::{
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// From where it is seen, about the vertical from the first axis, degrees.
+    /// From where it is project, about the vertical from the first axis, degrees.
     pub(crate) azimuth_deg: f64,
     /// And above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
     /// Half of what the picture's smaller side shows.
-    pub(crate) reach: f64,
+    pub(crate) half_extent: f64,
     pub(crate) shapes: Vec<Shape>,
 }
 
@@ -46,71 +46,71 @@ pub(crate) enum Shape {
         from: Vector3<f64>,
         to: Vector3<f64>,
         color: RGBColor,
-        name: String,
+        label: String,
     },
     Text {
         at: Vector3<f64>,
         text: String,
     },
-    /// A name in the legend.
-    Named {
+    /// A label in the legend.
+    LegendEntry {
         color: RGBColor,
-        name: String,
+        label: String,
     },
 }
 
 impl Scene {
-    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
         let area = area.titled(&self.title, TITLE)?;
         let (width, height) = area.dim_in_pixel();
-        let unit = f64::from(width.min(height)) * 0.5 / self.reach;
+        let unit = f64::from(width.min(height)) * 0.5 / self.half_extent;
         let centre = (f64::from(width) * 0.5, f64::from(height) * 0.5);
-        let at = |point: &Vector3<f64>| {
-            let (x, y) = self.seen(point);
+        let to_pixel = |point: &Vector3<f64>| {
+            let (x, y) = self.project(point);
             ((centre.0 + x * unit).round() as i32, (centre.1 - y * unit).round() as i32)
         };
-        let path = |points: &[Vector3<f64>]| points.iter().map(at).collect::<Vec<_>>();
+        let to_path = |points: &[Vector3<f64>]| points.iter().map(to_pixel).collect::<Vec<_>>();
         let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Center, VPos::Center));
-        let mut names = 0;
+        let mut legend_entries = 0;
         for shape in &self.shapes {
             match shape {
                 Shape::Line { points, color, width } => {
-                    area.draw(&PathElement::new(path(points), color.stroke_width(*width)))?;
+                    area.draw(&PathElement::new(to_path(points), color.stroke_width(*width)))?;
                 }
                 Shape::OnSphere { points, color, width } => {
                     for run in points.chunk_by(|a, b| (self.depth(a) < 0.0) == (self.depth(b) < 0.0)) {
                         let behind = run.first().is_some_and(|point| self.depth(point) < 0.0);
                         let style = color.mix(if behind { 0.3 } else { 1.0 }).stroke_width(*width);
-                        area.draw(&PathElement::new(path(run), style))?;
+                        area.draw(&PathElement::new(to_path(run), style))?;
                     }
                 }
                 Shape::Dots { points, color, radius } => {
                     for point in points {
-                        area.draw(&Circle::new(at(point), *radius, color.filled()))?;
+                        area.draw(&Circle::new(to_pixel(point), *radius, color.filled()))?;
                     }
                 }
-                Shape::Arrow { from, to, color, name } => {
-                    let (tail, head) = (at(from), at(to));
+                Shape::Arrow { from, to, color, label } => {
+                    let (tail, head) = (to_pixel(from), to_pixel(to));
                     arrow(&area, &[tail, head], *color)?;
                     let beyond = |tail: i32, head: i32, room: f64| {
                         let size = f64::from(head - tail);
                         head + (room * size.signum() * (size.abs() / 40.0).min(1.0)) as i32
                     };
-                    let place = (beyond(tail.0, head.0, 20.0), beyond(tail.1, head.1, 13.0));
-                    area.draw(&Text::new(name.as_str(), place, text.clone()))?;
+                    let position = (beyond(tail.0, head.0, 20.0), beyond(tail.1, head.1, 13.0));
+                    area.draw(&Text::new(label.as_str(), position, text.clone()))?;
                 }
-                Shape::Text { at: place, text: words } => {
-                    area.draw(&Text::new(words.as_str(), at(place), text.clone()))?;
+                Shape::Text { at: position, text: content } => {
+                    area.draw(&Text::new(content.as_str(), to_pixel(position), text.clone()))?;
                 }
-                Shape::Named { color, name } => {
-                    let y = height as i32 - 14 - names * 22;
-                    names += 1;
+                Shape::LegendEntry { color, label } => {
+                    let y = height as i32 - 14 - legend_entries * 22;
+                    legend_entries += 1;
                     area.draw(&PathElement::new(vec![(12, y), (32, y)], color.stroke_width(3)))?;
                     let left = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
-                    area.draw(&Text::new(name.as_str(), (40, y), left))?;
+                    area.draw(&Text::new(label.as_str(), (40, y), left))?;
                 }
             }
         }
@@ -118,23 +118,23 @@ impl Scene {
     }
 
     /// Where a point is on the paper.
-    fn seen(&self, at: &Vector3<f64>) -> (f64, f64) {
+    fn project(&self, point: &Vector3<f64>) -> (f64, f64) {
         let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
-        let towards = cos_azimuth * at.x + sin_azimuth * at.y;
-        (cos_azimuth * at.y - sin_azimuth * at.x, at.z * cos_elevation - towards * sin_elevation)
+        let towards = cos_azimuth * point.x + sin_azimuth * point.y;
+        (cos_azimuth * point.y - sin_azimuth * point.x, point.z * cos_elevation - towards * sin_elevation)
     }
 
     /// How near to the eye a point is, from the centre.
-    fn depth(&self, at: &Vector3<f64>) -> f64 {
+    fn depth(&self, point: &Vector3<f64>) -> f64 {
         let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
-        (cos_azimuth * at.x + sin_azimuth * at.y) * cos_elevation + at.z * sin_elevation
+        (cos_azimuth * point.x + sin_azimuth * point.y) * cos_elevation + point.z * sin_elevation
     }
 }
 
 /// A path with a head at its end.
-pub(crate) fn arrow<B: DrawingBackend>(area: &Area<B>, path: &[(i32, i32)], color: RGBColor) -> Drawn
+pub(crate) fn arrow<B: DrawingBackend>(area: &Area<B>, path: &[(i32, i32)], color: RGBColor) -> DrawResult
 where
     B::ErrorType: 'static,
 {
@@ -152,15 +152,15 @@ where
 }
 
 /// A closed curve of a parameter from 0 to 2π.
-pub(crate) fn circle(of: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f64>> {
-    (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| of(cos, sin)).collect()
+pub(crate) fn circle(point: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f64>> {
+    (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| point(cos, sin)).collect()
 }
 
 /// An arc from one unit vector towards another at right angles to it, so far, rad.
 pub(crate) fn arc(from: Vector3<f64>, towards: Vector3<f64>, angle_rad: f64, radius: f64) -> Vec<Vector3<f64>> {
-    let at = |share: f64| {
+    let point_at = |share: f64| {
         let (sin, cos) = (share * angle_rad).sin_cos();
         (from * cos + towards * sin) * radius
     };
-    (0..=40).map(|k| at(f64::from(k) / 40.0)).collect()
+    (0..=40).map(|k| point_at(f64::from(k) / 40.0)).collect()
 }

@@ -2,90 +2,90 @@
 
 use std::fmt::{self, Display};
 
-use figures::{Area, Drawn, style::TEXT};
+use figures::{Area, DrawResult, style::TEXT};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-const ROW: u32 = 26;
+const ROW_HEIGHT: u32 = 26;
 const MARGIN: u32 = 12;
-/// Width of a character on the average, and room between columns, pixels.
-const CHARACTER: f64 = 8.2;
-const GAP: u32 = 22;
+/// Width of a character on the average, and room between columns, column_pixels.
+const CHARACTER_WIDTH: f64 = 8.2;
+const COLUMN_GAP: u32 = 22;
 
-/// Rows of text under a head; the first column is of words.
+/// Rows of text under a header; the first column is of words.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
     /// Of the columns.
-    pub head: Vec<String>,
-    /// As many cells each as the head has.
+    pub header: Vec<String>,
+    /// As many cells each as the header has.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    pub(crate) fn new(head: &[&str], rows: Vec<Vec<String>>) -> Self {
-        Self { head: head.iter().map(|cell| (*cell).into()).collect(), rows }
+    pub(crate) fn new(header: &[&str], rows: Vec<Vec<String>>) -> Self {
+        Self { header: header.iter().map(|cell| (*cell).into()).collect(), rows }
     }
 
     /// Of each column, the characters of its longest cell.
-    fn widths(&self) -> Vec<usize> {
-        let lines = || [&self.head].into_iter().chain(&self.rows);
-        (0..self.head.len())
+    fn column_widths(&self) -> Vec<usize> {
+        let lines = || [&self.header].into_iter().chain(&self.rows);
+        (0..self.header.len())
             .map(|column| {
                 lines().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
             })
             .collect()
     }
 
-    fn pixels(&self) -> Vec<u32> {
-        self.widths().into_iter().map(|characters| (characters as f64 * CHARACTER) as u32 + GAP).collect()
+    fn column_pixels(&self) -> Vec<u32> {
+        self.column_widths().into_iter().map(|characters| (characters as f64 * CHARACTER_WIDTH) as u32 + COLUMN_GAP).collect()
     }
 
     pub(crate) fn size(&self) -> (u32, u32) {
-        (self.pixels().iter().sum::<u32>() + 2 * MARGIN, (self.rows.len() as u32 + 1) * ROW + 2 * MARGIN)
+        (self.column_pixels().iter().sum::<u32>() + 2 * MARGIN, (self.rows.len() as u32 + 1) * ROW_HEIGHT + 2 * MARGIN)
     }
 
-    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
-        let (pixels, margin) = (self.pixels(), MARGIN as i32);
+        let (column_pixels, margin) = (self.column_pixels(), MARGIN as i32);
         let right = area.dim_in_pixel().0 as i32 - margin;
         let text = |h: HPos| TEXT.into_font().color(&BLACK).pos(Pos::new(h, VPos::Center));
-        for (line, cells) in [&self.head].into_iter().chain(&self.rows).enumerate() {
-            let top = margin + line as i32 * ROW as i32;
+        for (line, cells) in [&self.header].into_iter().chain(&self.rows).enumerate() {
+            let top = margin + line as i32 * ROW_HEIGHT as i32;
             let mut left = margin;
-            for (column, (cell, width)) in cells.iter().zip(&pixels).enumerate() {
-                let middle = top + ROW as i32 / 2;
+            for (column, (cell, width)) in cells.iter().zip(&column_pixels).enumerate() {
+                let middle = top + ROW_HEIGHT as i32 / 2;
                 let end = left + *width as i32;
-                let gap = GAP as i32 / 2;
+                let gap = COLUMN_GAP as i32 / 2;
                 let (x, h) = if column == 0 { (left + gap / 2, HPos::Left) } else { (end - gap, HPos::Right) };
                 area.draw(&Text::new(cell.as_str(), (x, middle), text(h)))?;
                 left = end;
             }
-            let bottom = top + ROW as i32;
+            let bottom = top + ROW_HEIGHT as i32;
             let rule = if line == 0 { BLACK.mix(0.8) } else { BLACK.mix(0.2) };
             area.draw(&PathElement::new(vec![(margin, bottom), (right, bottom)], rule))?;
         }
         Ok(())
     }
 
-    pub(crate) fn html(&self) -> String {
+    pub(crate) fn to_html(&self) -> String {
         let cells = |cells: &[String], tag: &str| {
-            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", crate::page::escaped(cell))).collect::<String>()
+            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", crate::page::escape_html(cell))).collect::<String>()
         };
         let rows: String = self.rows.iter().map(|row| format!("<tr>{}</tr>\n", cells(row, "td"))).collect();
-        format!("<table><tr>{}</tr>\n{rows}</table>\n", cells(&self.head, "th"))
+        format!("<table><tr>{}</tr>\n{rows}</table>\n", cells(&self.header, "th"))
     }
 }
 
 impl Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let widths = self.widths();
-        for (line, cells) in [&self.head].into_iter().chain(&self.rows).enumerate() {
+        let column_widths = self.column_widths();
+        for (line, cells) in [&self.header].into_iter().chain(&self.rows).enumerate() {
             let mut text = String::new();
-            for (column, (cell, width)) in cells.iter().zip(&widths).enumerate() {
+            for (column, (cell, width)) in cells.iter().zip(&column_widths).enumerate() {
                 let (width, gap) = (*width, if column == 0 { "" } else { "  " });
                 let cell = if column == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") };
                 text += &format!("{gap}{cell}");

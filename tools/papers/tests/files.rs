@@ -1,9 +1,9 @@
-//! What is in the folder when a paper has been made.
+//! What is in the folder when a paper has been output.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{fs, path::Path};
 
-use papers::{Paper, make, page::INDEX, picture::Picture};
+use papers::{Paper, page::INDEX_FILE, picture::Picture, reproduce};
 
 /// The files of a folder, by name.
 fn files(folder: &Path) -> Vec<String> {
@@ -14,20 +14,20 @@ fn files(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_part_is_an_svg_and_a_png_and_stands_on_the_page() {
+fn every_part_has_svg_png_and_page_entry() {
     let folder = tempfile::tempdir().unwrap();
-    let mut told = Vec::new();
-    let made = make(Paper::S1, folder.path(), &mut |done, of| told.push((done, of))).unwrap();
-    let page = fs::read_to_string(folder.path().join(INDEX)).unwrap();
-    let own = folder.path().join("s1");
-    for part in &made.parts {
-        let svg = fs::read_to_string(own.join(part.name).with_extension("svg")).unwrap();
+    let mut progress = Vec::new();
+    let output = reproduce(Paper::S1, folder.path(), &mut |done, total| progress.push((done, total))).unwrap();
+    let page = fs::read_to_string(folder.path().join(INDEX_FILE)).unwrap();
+    let paper_folder = folder.path().join("s1");
+    for part in &output.parts {
+        let svg = fs::read_to_string(paper_folder.join(part.name).with_extension("svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{}", part.name);
         assert!(page.contains(&format!("id=\"s1-{}\"", part.name)), "{}", part.name);
-        match made.without_png {
+        match output.png_skipped_reason {
             Some(ref missing) => assert!(missing.contains("apt-get install"), "{missing}"),
             None => {
-                let png = fs::read(own.join(part.name).with_extension("png")).unwrap();
+                let png = fs::read(paper_folder.join(part.name).with_extension("png")).unwrap();
                 assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png.ends_with(b"IEND\xaeB`\x82"), "{}", part.name);
                 // Something is drawn: a picture of one colour is a few hundred bytes.
                 assert!(png.len() > 10_000, "{}: {} bytes", part.name, png.len());
@@ -35,37 +35,37 @@ fn every_part_is_an_svg_and_a_png_and_stands_on_the_page() {
         }
     }
     for number in [4, 5, 6, 7, 8, 9, 10] {
-        assert!(made.parts.iter().any(|part| part.name == format!("figure-{number}")), "figure {number}");
+        assert!(output.parts.iter().any(|part| part.name == format!("figure-{number}")), "figure {number}");
     }
-    let (done, of) = *told.last().unwrap();
-    assert!(done == of && told.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{told:?}");
+    let (done, total) = *progress.last().unwrap();
+    assert!(done == total && progress.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{progress:?}");
 }
 
 #[test]
-fn the_page_holds_every_paper_of_its_folder_and_asks_nobody_for_anything() {
+fn page_contains_all_papers_without_external_resources() {
     let folder = tempfile::tempdir().unwrap();
     for paper in [Paper::S2, Paper::S1] {
-        make(paper, folder.path(), &mut |_, _| {}).unwrap();
+        reproduce(paper, folder.path(), &mut |_, _| {}).unwrap();
     }
-    let page = fs::read_to_string(folder.path().join(INDEX)).unwrap();
-    let at = |name: &str| page.find(&format!("<h2 id=\"{name}\"")).unwrap();
-    assert!(at("s1") < at("s2"));
+    let page = fs::read_to_string(folder.path().join(INDEX_FILE)).unwrap();
+    let position = |name: &str| page.find(&format!("<h2 id=\"{name}\"")).unwrap();
+    assert!(position("s1") < position("s2"));
     assert!(!page.contains("src=") && !page.contains("<script") && page.contains("default-src 'none'"));
     assert_eq!(files(folder.path()), ["index.html", "s1", "s2"]);
 }
 
 #[test]
-fn a_table_is_told_as_text() {
+fn table_display_shows_computed_values() {
     let folder = tempfile::tempdir().unwrap();
-    let made = make(Paper::S1, folder.path(), &mut |_, _| {}).unwrap();
-    let table = made.parts.iter().find(|part| part.name == "table-parameters").unwrap();
+    let output = reproduce(Paper::S1, folder.path(), &mut |_, _| {}).unwrap();
+    let table = output.parts.iter().find(|part| part.name == "table-parameters").unwrap();
     let Picture::Table(table) = &table.picture else { panic!("a table") };
     assert!(table.to_string().contains("25    -0.267949192  -0.267949192"), "{table}");
 }
 
 #[test]
-fn a_folder_that_cannot_be_is_named() {
+fn unwritable_folder_error_names_path_and_option() {
     let file = tempfile::NamedTempFile::new().unwrap();
-    let error = make(Paper::S2, file.path(), &mut |_, _| {}).unwrap_err().to_string();
+    let error = reproduce(Paper::S2, file.path(), &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.contains(&*file.path().to_string_lossy()) && error.contains("--out"), "{error}");
 }

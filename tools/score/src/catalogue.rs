@@ -1,4 +1,4 @@
-//! What there is to choose from: slots, their stages, and the numbers by which these can be set.
+//! Catalogue of the stages of every slot and their parameters.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -8,7 +8,7 @@ use launch::{Launch, Service};
 use runtime::{RuntimeError, stage::build_stage};
 use serde::Serialize;
 
-/// Every slot with the stages that can fill it.
+/// Every slot with the stages available for it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Catalogue {
     slots: Vec<Slot>,
@@ -17,63 +17,69 @@ pub struct Catalogue {
 #[derive(Debug, Clone, Serialize)]
 struct Slot {
     slot: &'static str,
-    stages: Vec<Entry>,
+    stages: Vec<StageEntry>,
 }
 
 #[derive(Debug, Clone, Serialize)]
-struct Entry {
+struct StageEntry {
     name: &'static str,
-    /// It runs where nothing is said.
+    /// Whether the stage runs if none is selected.
     is_default: bool,
-    /// The stages it consists of; none for one that stands by itself.
+    /// Stages that this one combines; empty for a stage without parts.
     parts: &'static [&'static str],
-    #[serde(serialize_with = "parameters")]
+    #[serde(serialize_with = "serialize_parameters")]
     parameters: &'static [Parameter],
 }
 
 impl Catalogue {
-    /// All that there is: what this executable has, and the programs of a launch file, which are started to tell.
+    /// Lists the built-in stages and the external stages of a launch file.
+    ///
+    /// External stages are started to query their parameters.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if an external stage cannot be started or queried.
     pub fn new(launch: &Launch) -> Result<Self, RuntimeError> {
         let slots = vec![
-            slot(Service::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
-            slot(Service::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
-            slot(Service::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
-            slot(Service::Course, launch, &Course::NAMES, Course::from_name)?,
+            slot_entry(Service::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
+            slot_entry(Service::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
+            slot_entry(Service::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
+            slot_entry(Service::Course, launch, &Course::NAMES, Course::from_name)?,
         ];
         Ok(Self { slots })
     }
 
-    /// The catalogue for scripts: one object on one line.
+    /// Returns the catalogue as one line of JSON.
     pub fn json(&self) -> String {
-        // Numbers, strings and lists always serialise.
+        // Serialisation of numbers, strings and lists cannot fail.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
 
-fn slot<B: HostableStage + Clone>(
+fn slot_entry<B: HostableStage + Clone>(
     slot: Service,
     launch: &Launch,
     names: &'static [&'static str],
-    named: fn(&str) -> Option<B>,
+    from_name: fn(&str) -> Option<B>,
 ) -> Result<Slot, RuntimeError> {
-    let programs = launch.stages.iter().filter(|(_, program)| program.slot == slot).map(|(name, _)| name.as_str());
+    let external = launch.stages.iter().filter(|(_, program)| program.slot == slot).map(|(name, _)| name.as_str());
     let entry = |(index, name): (usize, &str)| {
         let mut launch = launch.clone();
-        if let Some(filling) = launch.stage_mut(slot) {
-            *filling = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
+        if let Some(config) = launch.stage_mut(slot) {
+            *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
         }
-        let stage = build_stage(slot, &launch, named)?;
-        Ok(Entry { name: stage.name(), is_default: index == 0, parts: stage.parts(), parameters: stage.parameters() })
+        let stage = build_stage(slot, &launch, from_name)?;
+        Ok(StageEntry { name: stage.name(), is_default: index == 0, parts: stage.parts(), parameters: stage.parameters() })
     };
-    let stages = names.iter().copied().chain(programs).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
+    let stages = names.iter().copied().chain(external).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
     Ok(Slot { slot: slot.name(), stages })
 }
 
-fn parameters<S: serde::Serializer>(of: &&'static [Parameter], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_seq(of.iter().map(|parameter| {
-        let Parameter { name, unit, default, min: least, max: most, description: about } = parameter;
+fn serialize_parameters<S: serde::Serializer>(parameters: &&'static [Parameter], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(parameters.iter().map(|parameter| {
+        let Parameter { name, unit, default, min, max, description } = parameter;
         serde_json::json!({
-            "name": name, "unit": unit, "default": default, "least": least, "most": most, "about": about,
+            "name": name, "unit": unit, "default": default, "min": min, "max": max, "description": description,
         })
     }))
 }
@@ -82,28 +88,28 @@ impl fmt::Display for Catalogue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, Slot { slot, stages }) in self.slots.iter().enumerate() {
             write!(f, "{}{slot}", if index == 0 { "" } else { "\n" })?;
-            for Entry { name, is_default, parts, parameters } in stages {
+            for StageEntry { name, is_default, parts, parameters } in stages {
                 write!(f, "\n  {name}{}", if *is_default { " (default)" } else { "" })?;
                 if !parts.is_empty() {
                     write!(f, "\n    parts: {}", parts.join(" + "))?;
                 }
                 parameters
                     .iter()
-                    .try_for_each(|parameter| write!(f, "\n    {}: {}", parameter.name, Told(parameter)))?;
+                    .try_for_each(|parameter| write!(f, "\n    {}: {}", parameter.name, ParameterSummary(parameter)))?;
             }
         }
         Ok(())
     }
 }
 
-/// A parameter's range, unit, default and meaning, on one line.
-pub(crate) struct Told<'a>(pub(crate) &'a Parameter);
+/// Range, unit, default and description of a parameter on one line.
+pub(crate) struct ParameterSummary<'a>(pub(crate) &'a Parameter);
 
-impl fmt::Display for Told<'_> {
+impl fmt::Display for ParameterSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Parameter { unit, default, min: least, max: most, description: about, .. } = self.0;
+        let Parameter { unit, default, min, max, description, .. } = self.0;
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        write!(f, "{least} to {most}{unit}, default {default}. {about}")
+        write!(f, "{min} to {max}{unit}, default {default}. {description}")
     }
 }
 
@@ -112,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_catalogue_has_every_stage_and_every_number_by_which_it_can_be_set() {
+    fn catalogue_lists_every_stage_and_parameter() {
         let json: serde_json::Value =
             serde_json::from_str(&Catalogue::new(&Launch::default()).unwrap().json()).unwrap();
         let course = json.pointer("/slots/3").unwrap();
@@ -122,8 +128,8 @@ mod tests {
         assert_eq!(fusers[0].pointer("/name").unwrap(), Launch::default().fuser.stage.as_str());
         assert_eq!(fusers[0].pointer("/parts").unwrap(), &serde_json::json!(["wz", "aided"]));
         assert_eq!(fusers[1].pointer("/parts").unwrap(), &serde_json::json!([]));
-        let people = Catalogue::new(&Launch::default()).unwrap().to_string();
-        assert!(people.contains("  multiple-model (default)\n    parts: wz + aided\n"), "{people}");
-        assert!(people.contains("    declination_deg: -180 to 180 °, default 0. Magnetic declination"), "{people}");
+        let text = Catalogue::new(&Launch::default()).unwrap().to_string();
+        assert!(text.contains("  multiple-model (default)\n    parts: wz + aided\n"), "{text}");
+        assert!(text.contains("    declination_deg: -180 to 180 °, default 0. Magnetic declination"), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! The stages of one path.
+//! The stages of the four slots of one chain.
 
 use attitude::{
     accel::Accelerometer,
@@ -12,22 +12,26 @@ use host::AnyStage;
 use launch::{Launch, Service};
 use runtime::{RuntimeError, stage::build_stage};
 
-/// The stages of one path, before their first step.
+/// The stages of one chain, before their first step.
 #[derive(Debug, Clone)]
-pub struct Stages {
-    /// Of the slot `gyro`.
+pub struct StageChain {
+    /// Stage of the slot `gyro`.
     pub gyro: AnyStage<Gyro>,
-    /// Of the slot `accel`.
+    /// Stage of the slot `accel`.
     pub accel: AnyStage<Accelerometer>,
-    /// Of the slot `fuser`.
+    /// Stage of the slot `fuser`.
     pub fuser: AnyStage<Fuser>,
-    /// Of the slot `course`.
+    /// Stage of the slot `course`.
     pub course: AnyStage<Course>,
 }
 
-impl Stages {
-    /// What a launch names, as it sets them.
-    pub fn of(launch: &Launch) -> Result<Self, RuntimeError> {
+impl StageChain {
+    /// Builds the stages that a launch file selects, with their settings.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a stage is unknown, rejects a setting or cannot be started.
+    pub fn from_launch(launch: &Launch) -> Result<Self, RuntimeError> {
         Ok(Self {
             gyro: build_stage(Service::Gyro, launch, Gyro::from_name)?,
             accel: build_stage(Service::Accel, launch, Accelerometer::from_name)?,
@@ -36,13 +40,13 @@ impl Stages {
         })
     }
 
-    /// None of those that are timed is a process of its own.
-    pub(crate) fn are_of_this_process(&self) -> bool {
+    /// Returns `true` if every timed stage runs in this process, as opposed to an external program.
+    pub(crate) fn are_in_process(&self) -> bool {
         let Self { gyro, accel, fuser, course: _ } = self;
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))
     }
 
-    /// Tries a setting on the stage of a slot.
+    /// Sets a parameter of the stage in `slot`. Services that are not slots ignore it.
     pub(crate) fn set(&mut self, slot: Service, key: &str, value: f64) -> Result<(), ParameterError> {
         match slot {
             Service::Gyro => self.gyro.set(key, value),
@@ -53,7 +57,7 @@ impl Stages {
         }
     }
 
-    /// Each slot's stage and its parameters.
+    /// Returns slot, stage name and parameters of each stage.
     pub(crate) fn parameters(&self) -> [(Service, &'static str, &'static [Parameter]); 4] {
         [
             (Service::Gyro, self.gyro.name(), self.gyro.parameters()),

@@ -1,10 +1,18 @@
-//! A line for each tick: what a chain of stages says, and the truth beside it.
+//! Table with one line per tick: the estimates of a chain and the reference.
 //!
-//! Input: sample, attitude, fused state and truth of a tick. Output: a CSV file whose columns have their units in their names. Time: the samples' own.
-//! Failure: a file that cannot be written; what is not known is `nan`, and its chart or reference empty.
+//! Input: sample, attitude, fused state and reference of a tick.
 //!
-//! The columns of the estimate are those of `plumb up --out FILE --columns uvz,angles,course,bias,sd`; those of the truth have the same names after
-//! `true_`, those of gyro and accelerometer alone after `gyro_` and `accel_`. Each has a chart of its own, as it may be on the other side of the sphere.
+//! Output: a CSV file whose column names include the units.
+//!
+//! Time: that of the samples.
+//!
+//! Failure: an error if the file cannot be written. Unknown values are `nan`; an unknown chart is
+//! empty.
+//!
+//! The columns of the estimate are those of `plumb up --out FILE --columns
+//! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference, `gyro_` and `accel_` the
+//! estimates from one sensor alone. Each estimate has its own chart column, because its point can
+//! be in a different chart.
 
 use std::{
     fmt::{Arguments, Write as _},
@@ -15,39 +23,39 @@ use std::{
 
 use attitude::{Quaternion, point::Point, state::Attitude};
 use messages::{AttitudeOutput, FusedState, ImuSample};
-use pipeline::{Column, OutFile};
+use pipeline::{Column, AttitudeFile};
 use runtime::{ServiceConfig, convert};
 
-use crate::{ScoreError, sensors::Sensors, tally::Truth};
+use crate::{ScoreError, sensors::SensorSlots, error_stats::Truth};
 
 const COLUMNS: [Column; 5] = [Column::Uvz, Column::Angles, Column::Course, Column::Bias, Column::Sd];
-/// Of the fuser; the course above it is the course stage's.
-const HEADING: &str = "heading_reference,heading_sd_rad";
-const SENSORS: &str = "gyro_chart,gyro_u,gyro_v,gyro_z_rad,accel_chart,accel_u,accel_v";
-const TRUTH: &str = "true_qw,true_qx,true_qy,true_qz,true_chart,true_u,true_v,true_z_rad,true_yaw_rad,true_pitch_rad,true_roll_rad,\
+/// Columns of the fuser's heading. The course columns belong to the course stage.
+const HEADING_COLUMNS: &str = "heading_reference,heading_sd_rad";
+const SENSOR_COLUMNS: &str = "gyro_chart,gyro_u,gyro_v,gyro_z_rad,accel_chart,accel_u,accel_v";
+const TRUTH_COLUMNS: &str = "true_qw,true_qx,true_qy,true_qz,true_chart,true_u,true_v,true_z_rad,true_yaw_rad,true_pitch_rad,true_roll_rad,\
                      true_course_rad,true_bias_x_rad_s,true_bias_y_rad_s,true_bias_z_rad_s,scored";
 
-/// The file.
-pub(crate) struct Csv {
+/// Open CSV file of one chain and trial.
+pub(crate) struct TickTable {
     path: PathBuf,
     file: BufWriter<File>,
-    columns: OutFile,
-    sensors: Sensors,
+    columns: AttitudeFile,
+    sensors: SensorSlots,
     line: String,
 }
 
-impl Csv {
+impl TickTable {
     pub(crate) fn create(path: PathBuf, config: &ServiceConfig) -> Result<Self, ScoreError> {
-        let columns = OutFile { columns: COLUMNS.into(), ..OutFile::new(&path) };
-        let file = File::create(&path).map_err(|cause| failed(&path, cause))?;
-        let (file, line, sensors) = (BufWriter::new(file), columns.head(), Sensors::new(config)?);
-        let mut csv = Self { path, file, columns, sensors, line };
-        csv.end_line(format_args!(",{HEADING},{SENSORS},{TRUTH}"))?;
-        Ok(csv)
+        let columns = AttitudeFile { columns: COLUMNS.into(), ..AttitudeFile::new(&path) };
+        let file = File::create(&path).map_err(|cause| write_error(&path, cause))?;
+        let (file, line, sensors) = (BufWriter::new(file), columns.header(), SensorSlots::new(config)?);
+        let mut table = Self { path, file, columns, sensors, line };
+        table.end_line(format_args!(",{HEADING_COLUMNS},{SENSOR_COLUMNS},{TRUTH_COLUMNS}"))?;
+        Ok(table)
     }
 
-    /// Takes a tick.
-    pub(crate) fn take(
+    /// Writes the line of a tick.
+    pub(crate) fn write(
         &mut self,
         sample: &ImuSample,
         output: &AttitudeOutput,
@@ -55,11 +63,11 @@ impl Csv {
         truth: Option<&Truth>,
     ) -> Result<(), ScoreError> {
         self.line.clear();
-        self.columns.line(output, Some(fused), &mut self.line);
-        let (gyro, accel) = self.sensors.take(sample);
+        self.columns.append_line(output, Some(fused), &mut self.line);
+        let (gyro, accel) = self.sensors.update(sample);
         let z_rad = gyro.map_or(f64::NAN, |attitude| attitude.z_rad);
-        self.more(format_args!(",{},{}", fused.course_reference.name(), fused.heading_sd_rad));
-        self.more(format_args!(",{},{z_rad},{}", place(gyro.map(|attitude| attitude.up)), place(accel)));
+        self.append(format_args!(",{},{}", fused.course_reference.name(), fused.heading_sd_rad));
+        self.append(format_args!(",{},{z_rad},{}", point_columns(gyro.map(|attitude| attitude.up)), point_columns(accel)));
         let Some(Truth { quaternion: [w, x, y, z], scored, gyro_bias_rad_s }) = truth else {
             return self.end_line(format_args!(",nan,nan,nan,nan,,nan,nan,nan,nan,nan,nan,nan,nan,nan,nan,0"));
         };
@@ -70,37 +78,37 @@ impl Csv {
         let (yaw, pitch, roll, z_rad) = (angles.yaw_rad, angles.pitch_rad, angles.roll_rad, attitude.z_rad);
         self.end_line(format_args!(
             ",{w},{x},{y},{z},{},{z_rad},{yaw},{pitch},{roll},{course_rad},{bias_x},{bias_y},{bias_z},{}",
-            place(Some(attitude.up)),
+            point_columns(Some(attitude.up)),
             u8::from(*scored)
         ))
     }
 
-    /// Everything is written.
+    /// Flushes the file.
     pub(crate) fn finish(mut self) -> Result<(), ScoreError> {
-        self.file.flush().map_err(|cause| failed(&self.path, cause))
+        self.file.flush().map_err(|cause| write_error(&self.path, cause))
     }
 
-    /// The line so far may have an end already, before which there is more.
-    fn more(&mut self, more: Arguments<'_>) {
+    /// Appends to the current line, removing its line end first if present.
+    fn append(&mut self, text: Arguments<'_>) {
         self.line.truncate(self.line.trim_end().len());
-        // A text in memory takes whatever is written to it.
-        let _ = write!(self.line, "{more}");
+        // Writing to a `String` cannot fail.
+        let _ = write!(self.line, "{text}");
     }
 
-    fn end_line(&mut self, more: Arguments<'_>) -> Result<(), ScoreError> {
-        self.more(more);
+    fn end_line(&mut self, text: Arguments<'_>) -> Result<(), ScoreError> {
+        self.append(text);
         self.line.push('\n');
-        self.file.write_all(self.line.as_bytes()).map_err(|cause| failed(&self.path, cause))
+        self.file.write_all(self.line.as_bytes()).map_err(|cause| write_error(&self.path, cause))
     }
 }
 
-/// Chart, u and v.
-fn place(of: Option<Point>) -> String {
-    let Some(Point { chart, w }) = of else { return ",nan,nan".into() };
+/// Returns chart, u and v as three CSV fields.
+fn point_columns(point: Option<Point>) -> String {
+    let Some(Point { chart, w }) = point else { return ",nan,nan".into() };
     let [u, v] = convert::complex_to_payload(w);
     format!("{},{u},{v}", convert::chart_to_payload(chart).name())
 }
 
-fn failed(path: &Path, cause: io::Error) -> ScoreError {
+fn write_error(path: &Path, cause: io::Error) -> ScoreError {
     ScoreError::Write { path: path.into(), cause }
 }

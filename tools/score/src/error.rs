@@ -1,4 +1,4 @@
-//! Why there is no score.
+//! Errors of a scoring run.
 
 use std::{io, path::PathBuf};
 
@@ -10,171 +10,170 @@ use recording::RecordingError;
 use runtime::RuntimeError;
 use scenario::ScenarioError;
 
-/// Why there is no score.
+/// Error of a scoring run.
 #[derive(Debug, thiserror::Error)]
 pub enum ScoreError {
-    /// A stage that is not there.
-    #[error("choosing the stage of the slot `{slot}`: there is no `{found}`{}; there are {}", match near {
-        Some(near) => format!(", did you mean `{near}`?"),
+    /// The slot has no stage of this name.
+    #[error("no {slot} stage named `{name}`{} (available: {})", match closest {
+        Some(closest) => format!("; did you mean `{closest}`?"),
         None => String::new(),
     }, known.join(", "))]
-    Stage {
-        /// The slot.
+    UnknownStage {
+        /// Slot of the stage.
         slot: Service,
-        /// The name asked for.
-        found: String,
-        /// The stage of nearly that name.
-        near: Option<&'static str>,
-        /// All stages of the slot.
+        /// Requested name.
+        name: String,
+        /// Stage with the most similar name.
+        closest: Option<&'static str>,
+        /// All built-in stages of the slot.
         known: &'static [&'static str],
     },
-    /// The same stage twice.
-    #[error("choosing fusers: `{name}` is named twice")]
-    FuserTwice {
-        /// The stage.
+    /// A fuser is selected twice.
+    #[error("fuser `{name}` is given twice; remove one")]
+    DuplicateFuser {
+        /// Name of the fuser.
         name: String,
     },
-    /// A parameter that no chosen stage has.
-    #[error("setting {key}: no chosen stage has it{}; there are\n{known}", match near {
-        Some(near) => format!(", did you mean `{near}`?"),
+    /// No selected stage has the parameter.
+    #[error("no selected stage has a parameter `{key}`{}\navailable:\n{known}", match closest {
+        Some(name) => format!("; did you mean `{name}`?"),
         None => String::new(),
     })]
-    Key {
-        /// The parameter asked for.
+    UnknownKey {
+        /// Requested parameter.
         key: String,
-        /// The parameter of nearly that name.
-        near: Option<&'static str>,
-        /// Every parameter of the chosen stages, one a line.
+        /// Parameter with the most similar name.
+        closest: Option<&'static str>,
+        /// All parameters of the selected stages, one per line.
         known: String,
     },
-    /// A parameter with two values.
-    #[error("setting {place}: it is set twice; keep one")]
-    SetTwice {
-        /// The parameter, as it was named.
-        place: String,
+    /// A parameter is set twice.
+    #[error("parameter {key} is set twice; keep one of the values")]
+    DuplicateSetting {
+        /// The parameter, as given.
+        key: String,
     },
-    /// Figures of a time without a sample.
-    #[error("drawing {trial}: there is no sample from {from_s} s{}; it ends at {end_s:.3} s, so give another --from or --to", match to_s {
+    /// The time window of the figures contains no sample.
+    #[error("no sample of {trial} to draw from {from_s} s{}: the trial ends at {end_s:.3} s; change --from or --to", match to_s {
         Some(to_s) => format!(" to {to_s} s"),
-        None => " on".into(),
+        None => String::new(),
     })]
-    NothingToDraw {
-        /// The trial.
+    EmptyPlotWindow {
+        /// Name of the trial.
         trial: String,
-        /// From when on.
+        /// Start of the window, s.
         from_s: f64,
-        /// Until when.
+        /// End of the window, s; `None` for the end of the trial.
         to_s: Option<f64>,
-        /// The end.
+        /// End of the trial, s.
         end_s: f64,
     },
-    /// A parameter of more than one slot.
-    #[error("setting {key}: more than one slot has it; say {}", places.join(" or "))]
-    Ambiguous {
-        /// The parameter.
+    /// Several slots have the parameter.
+    #[error("parameter {key} exists in several slots; use {}", candidates.join(" or "))]
+    AmbiguousKey {
+        /// Requested parameter.
         key: String,
-        /// How to say which.
-        places: Vec<String>,
+        /// Unambiguous names of the parameter.
+        candidates: Vec<String>,
     },
-    /// A value that the stage refuses.
+    /// The stage rejects the value of a parameter.
     #[error("setting {key} of `{stage}`: {cause}")]
-    Value {
-        /// The parameter.
+    InvalidValue {
+        /// Name of the parameter.
         key: String,
-        /// The stage.
+        /// Name of the stage.
         stage: String,
-        /// Why not.
+        /// Reason for the rejection.
         cause: ParameterError,
     },
-    /// One receiver for several recordings.
-    #[error("naming the fixes: {} belongs to one recording, there are {trials}; score it alone, or use --gnss auto", fixes.display())]
-    FixesOfOne {
-        /// The file of fixes.
+    /// A file of fixes is given for several trials.
+    #[error("{} belongs to one recording, but there are {trials} trials; score it alone, or use --gnss auto", fixes.display())]
+    FixesForSeveralTrials {
+        /// File of fixes.
         fixes: PathBuf,
-        /// How many trials there are.
+        /// Number of trials.
         trials: usize,
     },
-    /// Two trials whose files would be the same.
-    #[error("naming the trials: two are called `{name}`, and what is written for one would replace the other's")]
-    NameTwice {
-        /// The name.
+    /// Two trials have the same name, so that their output files would collide.
+    #[error("two trials are named `{name}`, so their output files would overwrite each other; rename one or score it separately")]
+    DuplicateTrialName {
+        /// Common name of the trials.
         name: String,
     },
-    /// A range of seeds that is none.
-    #[error("simulating {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::MAX_SEEDS)]
-    Seeds {
-        /// The simulation.
+    /// Malformed, empty or too long range of seeds.
+    #[error("invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::MAX_SEEDS)]
+    InvalidSeedRange {
+        /// Name of the simulation.
         text: String,
     },
-    /// A recording that cannot be used.
+    /// A recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// A simulation that is not there.
-    #[error("simulating: {0}")]
+    /// A simulation is unknown or its parameters are invalid.
+    #[error("simulation: {0}")]
     Scenario(#[from] ScenarioError),
-    /// The attitudes could not be collected or written.
+    /// The attitudes cannot be collected or written.
     #[error(transparent)]
     Collector(#[from] CollectorError),
-    /// The attitude would be written over the recording.
-    #[error("writing {path}: that is the recording itself; give --out or --csv another folder")]
-    OutIsTrial {
-        /// The file.
+    /// An output file would overwrite the recording.
+    #[error("writing {path}: this is the recording itself; choose another folder for --out or --csv")]
+    OutputIsRecording {
+        /// Path of the output file.
         path: PathBuf,
     },
-    /// The page would be written over the recording.
-    #[error("writing {path}: that is the recording itself; give --report another name")]
-    ReportIsTrial {
-        /// The file.
+    /// The report would overwrite the recording.
+    #[error("writing {path}: this is the recording itself; choose another file for --report")]
+    ReportIsRecording {
+        /// Path of the report.
         path: PathBuf,
     },
-    /// No error tells which value is best.
-    #[error(
-        "trying values of {key}: no trial has a reference that counts, so no value is better than another; --reference names one"
-    )]
-    NothingToTuneBy {
-        /// The parameter.
+    /// No trial has a reference by which values could be ranked.
+    #[error("cannot rank values of {key}: no trial has a scored reference; give one with --reference")]
+    NoReferenceForTuning {
+        /// Name of the parameter.
         key: String,
     },
-    /// There is nothing that a PNG's text could be drawn with.
-    #[error("drawing PNGs: {why}, or draw SVGs with --format svg")]
+    /// No typeface for the text of a PNG is available.
+    #[error("drawing PNG: {why}, or draw SVG with --format svg")]
     Typeface {
-        /// What is missing, and the remedy.
+        /// Missing typeface and remedy.
         why: String,
     },
-    /// A slot could not be filled.
+    /// A slot cannot be started.
     #[error(transparent)]
     Slot(#[from] RuntimeError),
     /// The source of the readings failed.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A file or folder could not be written.
+    /// A file or folder cannot be written.
     #[error("writing {}: {cause}", path.display())]
     Write {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
 impl ScoreError {
-    /// The exit code of `plumb`: 3 when an input file is wrong, 2 when the command line is, else 1.
+    /// Returns the exit code of `plumb`: 3 for an invalid input file, 2 for an invalid command
+    /// line, otherwise 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Stage { .. }
-            | Self::FuserTwice { .. }
-            | Self::SetTwice { .. }
-            | Self::NothingToDraw { .. }
-            | Self::Key { .. }
-            | Self::Ambiguous { .. }
-            | Self::Value { .. }
+            Self::UnknownStage { .. }
+            | Self::DuplicateFuser { .. }
+            | Self::DuplicateSetting { .. }
+            | Self::EmptyPlotWindow { .. }
+            | Self::UnknownKey { .. }
+            | Self::AmbiguousKey { .. }
+            | Self::InvalidValue { .. }
             | Self::Scenario(_)
-            | Self::FixesOfOne { .. }
-            | Self::NameTwice { .. }
-            | Self::Seeds { .. }
-            | Self::ReportIsTrial { .. }
-            | Self::NothingToTuneBy { .. }
-            | Self::OutIsTrial { .. } => 2,
+            | Self::FixesForSeveralTrials { .. }
+            | Self::DuplicateTrialName { .. }
+            | Self::InvalidSeedRange { .. }
+            | Self::ReportIsRecording { .. }
+            | Self::NoReferenceForTuning { .. }
+            | Self::OutputIsRecording { .. } => 2,
             Self::Recording(RecordingError::Write { .. }) => 1,
             Self::Recording(_) => 3,
             Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } | Self::Typeface { .. } => 1,

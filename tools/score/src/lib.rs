@@ -1,25 +1,31 @@
-//! Scores: what stages make of recordings, against their reference attitude, and what a step of them costs.
+//! Scoring of stages: errors against the reference attitude of recordings, and the cost of an
+//! update.
 //!
-//! Input: files or simulations, and the stages to run over them side by side. Output: errors per trial and their mean, time per
-//! update, attitudes as CSV, figures as SVG or PNG, a page of all of it as HTML, the best value of a setting. Time: the samples' own; the clock only to time the stages. Failure: what was asked
-//! for and does not exist, a file that cannot be read or written.
+//! Input: recordings or simulations, and the stages to compare on them.
 //!
-//! | module | what it holds |
+//! Output: errors per trial and their mean, time per update, attitudes as CSV, figures as SVG or
+//! PNG, an HTML report, and the best value of a setting.
+//!
+//! Time: that of the samples. Only the timing of the stages reads a clock.
+//!
+//! Failure: unknown names, invalid settings, and files that cannot be read or written.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`stages`] | which stages run, and how they are set |
-//! | [`chain`] | the stages of one path |
-//! | [`catalogue`] | what there is to choose from |
-//! | [`trial`] | a recording or a simulation, moment by moment |
-//! | [`seeds`] | a simulation with many seeds, and how its errors spread |
-//! | [`mod@run`] | the stages over the trials, through the slots of the running system |
-//! | [`timing`] | nanoseconds per update of the bare stages |
-//! | [`tally`], [`normalised`] | the errors of a chain of stages over a trial; errors over their own standard deviations |
-//! | [`table`], `text` | the scores, for scripts and for people |
-//! | [`tune`], [`verdict`] | errors over the range of a setting, the best value; which stage and setting to choose |
-//! | [`overlay`], `report` | the attitudes of all stages one over the other; the page |
+//! | [`stages`] | selection of stages and their settings |
+//! | [`chain`] | the stages of the four slots |
+//! | [`catalogue`] | list of all stages and parameters |
+//! | [`trial`] | a recording or a simulation as a sequence of readings |
+//! | [`seeds`] | a simulation repeated with many seeds, and the spread of its errors |
+//! | [`mod@run`] | the run of all stages over all trials, through the slots of the running system |
+//! | [`timing`] | CPU time per update of the bare stages |
+//! | [`error_stats`], [`normalised`] | error statistics of a chain over a trial; errors divided by their reported standard deviations |
+//! | [`table`], `text` | the scores as JSON and as text tables |
+//! | [`tune`], [`recommendation`] | errors over the range of a setting and its best value; the recommended stage and setting |
+//! | [`overlay`], `report` | attitudes of all stages in common charts; the HTML report |
 //! | [`plot`] | figures of a run |
-//! | `sensors` | what gyro and accelerometer say on their own |
-//! | `csv` | what was said at each tick, and the truth beside it |
+//! | `sensors` | attitude estimates from gyro and accelerometer alone |
+//! | `csv` | table of estimates and reference for each tick |
 #![forbid(unsafe_code)]
 
 pub mod catalogue;
@@ -35,12 +41,12 @@ pub mod seeds;
 mod sensors;
 pub mod stages;
 pub mod table;
-pub mod tally;
+pub mod error_stats;
 mod text;
 pub mod timing;
 pub mod trial;
 pub mod tune;
-pub mod verdict;
+pub mod recommendation;
 
 pub use error::ScoreError;
 pub use run::{Request, run};

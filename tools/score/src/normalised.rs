@@ -1,126 +1,135 @@
-//! Errors over their own standard deviation: whether a stage is as good as it says.
+//! Normalised errors: errors divided by the standard deviation that the stage reports.
 //!
-//! Input: an error and the standard deviation that the stage tells beside it. Output: below which ratio 68 and 95 % of the samples are, and how far that
-//! is from the ideal. Time: none. Failure: a deviation that is not a number is not counted; one of 0 makes the largest ratio.
+//! Input: an error and its reported standard deviation.
 //!
-//! An error of one axis is ideal where 68 % are below 1 and 95 % below 2 deviations. The inclination is the length of two such errors, so 1.51 and 2.45:
-//! √(−2 ln(1 − p)), the quantiles of Rayleigh's distribution.
+//! Output: the ratios that 68 % and 95 % of the samples do not exceed, and these divided by their
+//! ideal values.
+//!
+//! Failure: a standard deviation that is negative or NaN is not counted; one of 0 counts as the
+//! largest ratio.
+//!
+//! For a correct standard deviation of a single axis, 68 % of the ratios are below 1 and 95 % below
+//! 2. The inclination error is the length of two such components: its ratios follow the Rayleigh
+//! distribution with the quantiles √(−2 ln(1 − p)), 1.51 and 2.45.
 
 use serde::Serialize;
 
-/// The parts of the samples whose largest ratio is told.
-const PARTS: [f64; 2] = [0.68, 0.95];
-/// The ideal of an error of one axis.
-const IDEAL_ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// The ideal of the length of two.
-const IDEAL_TWO_AXES: [f64; 2] = [1.51, 2.45];
+/// Fractions of the samples for which a ratio is reported.
+const COVERAGES: [f64; 2] = [0.68, 0.95];
+/// Ideal ratios of an error of one axis.
+const ONE_AXIS_IDEAL: [f64; 2] = [1.0, 2.0];
+/// Ideal ratios of the length of two components.
+const TWO_AXIS_IDEAL: [f64; 2] = [1.51, 2.45];
 
-/// The ratios that are told apart: from the least to the largest, each bin wider than the one before by a hundredth.
-const LEAST: f64 = 1e-3;
-const BIN: f64 = 1.01;
-/// Up to about 1000.
+/// Smallest ratio that is resolved, and the factor between consecutive bins of the histogram.
+const MIN_RATIO: f64 = 1e-3;
+const BIN_FACTOR: f64 = 1.01;
+/// Number of bins, which reach a ratio of about 1000.
 const BINS: usize = 1390;
 
-/// How many ratios are in each bin.
+/// Histogram of ratios with logarithmic bins.
 #[derive(Debug, Clone)]
-pub struct Ratios {
+pub struct RatioHistogram {
     bins: Vec<u64>,
     count: u64,
 }
 
-impl Default for Ratios {
+impl Default for RatioHistogram {
     fn default() -> Self {
         Self { bins: vec![0; BINS], count: 0 }
     }
 }
 
-impl Ratios {
-    /// Takes an error and its standard deviation, in the same unit.
+impl RatioHistogram {
+    /// Adds an error and its standard deviation, in the same unit.
     pub fn push(&mut self, error: f64, sd: f64) {
         let ratio = error.abs() / sd;
         if sd < 0.0 || ratio.is_nan() {
             return;
         }
-        let bin = ((ratio / LEAST).ln() / BIN.ln()).clamp(0.0, (BINS - 1) as f64);
+        let bin = ((ratio / MIN_RATIO).ln() / BIN_FACTOR.ln()).clamp(0.0, (BINS - 1) as f64);
         self.bins[bin as usize] += 1;
         self.count += 1;
     }
 
-    /// Those of another trial, too.
-    pub fn add(&mut self, other: &Self) {
+    /// Adds the counts of another histogram.
+    pub fn merge(&mut self, other: &Self) {
         self.bins.iter_mut().zip(&other.bins).for_each(|(bin, more)| *bin += more);
         self.count += other.count;
     }
 
-    /// The ratio that a part of the samples does not exceed, to a hundredth of itself; none of none.
-    fn quantile(&self, part: f64) -> Option<f64> {
-        let rank = (part * self.count as f64).ceil().max(1.0) as u64;
+    /// Returns the ratio that the fraction `coverage` of the samples does not exceed, accurate to 1
+    /// %; `None` if the histogram is empty.
+    fn quantile(&self, coverage: f64) -> Option<f64> {
+        let rank = (coverage * self.count as f64).ceil().max(1.0) as u64;
         let mut below = 0;
         let bin = self.bins.iter().position(|count| {
             below += count;
             below >= rank
         })?;
-        Some(LEAST * BIN.powf(bin as f64 + 0.5))
+        Some(MIN_RATIO * BIN_FACTOR.powf(bin as f64 + 0.5))
     }
 
-    fn told(&self, ideal: [f64; 2]) -> Option<Quantiles> {
-        let [part_68, part_95] = PARTS.map(|part| self.quantile(part));
-        let (part_68, part_95) = part_68.zip(part_95)?;
-        let over_ideal = [part_68 / ideal[0], part_95 / ideal[1]];
-        Some(Quantiles { samples: self.count, part_68, part_95, over_ideal })
+    fn quantiles(&self, ideal: [f64; 2]) -> Option<RatioQuantiles> {
+        let [quantile_68, quantile_95] = COVERAGES.map(|coverage| self.quantile(coverage));
+        let (quantile_68, quantile_95) = quantile_68.zip(quantile_95)?;
+        let over_ideal = [quantile_68 / ideal[0], quantile_95 / ideal[1]];
+        Some(RatioQuantiles { samples: self.count, quantile_68, quantile_95, over_ideal })
     }
 }
 
-/// The ratios of everything that has a standard deviation.
+/// Histograms of all errors with a reported standard deviation.
 #[derive(Debug, Clone, Default)]
-pub struct Deviations {
-    /// Of the inclination.
-    pub inclination: Ratios,
-    /// Of the heading, where it is counted from north.
-    pub heading: Ratios,
-    /// Of the course, likewise.
-    pub course: Ratios,
+pub struct RatioHistograms {
+    /// Ratios of the inclination error.
+    pub inclination: RatioHistogram,
+    /// Ratios of the heading error while the heading is known.
+    pub heading: RatioHistogram,
+    /// Ratios of the course error while the course is known.
+    pub course: RatioHistogram,
 }
 
-impl Deviations {
-    /// Those of another trial, too.
-    pub fn add(&mut self, other: &Self) {
-        self.inclination.add(&other.inclination);
-        self.heading.add(&other.heading);
-        self.course.add(&other.course);
+impl RatioHistograms {
+    /// Adds the counts of other histograms.
+    pub fn merge(&mut self, other: &Self) {
+        self.inclination.merge(&other.inclination);
+        self.heading.merge(&other.heading);
+        self.course.merge(&other.course);
     }
 
-    /// What is told of them.
-    pub fn told(&self) -> Normalised {
-        Normalised {
-            inclination: self.inclination.told(IDEAL_TWO_AXES),
-            heading: self.heading.told(IDEAL_ONE_AXIS),
-            course: self.course.told(IDEAL_ONE_AXIS),
+    /// Returns the quantiles of each histogram.
+    pub fn quantiles(&self) -> NormalisedErrors {
+        NormalisedErrors {
+            inclination: self.inclination.quantiles(TWO_AXIS_IDEAL),
+            heading: self.heading.quantiles(ONE_AXIS_IDEAL),
+            course: self.course.quantiles(ONE_AXIS_IDEAL),
         }
     }
 }
 
-/// Errors over their standard deviations; `None` where there are none.
+/// Quantiles of the normalised errors; `None` if there are no samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Normalised {
-    /// Of the inclination, against the deviation of each of its two axes.
-    pub inclination: Option<Quantiles>,
-    /// Of the heading.
-    pub heading: Option<Quantiles>,
-    /// Of the course.
-    pub course: Option<Quantiles>,
+pub struct NormalisedErrors {
+    /// Quantiles of the inclination error, normalised by the standard deviation of one of its two
+    /// axes.
+    pub inclination: Option<RatioQuantiles>,
+    /// Quantiles of the heading error.
+    pub heading: Option<RatioQuantiles>,
+    /// Quantiles of the course error.
+    pub course: Option<RatioQuantiles>,
 }
 
-/// Below which ratio of error and deviation a part of the samples is.
+/// Quantiles of the ratio of error and reported standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Quantiles {
-    /// Samples.
+pub struct RatioQuantiles {
+    /// Number of samples.
     pub samples: u64,
-    /// The ratio that 68 % do not exceed.
-    pub part_68: f64,
-    /// The ratio that 95 % do not exceed.
-    pub part_95: f64,
-    /// Both over the ideal: 1 for a stage that is as good as it says, above 1 for one that says too much of itself.
+    /// Ratio that 68 % of the samples do not exceed.
+    pub quantile_68: f64,
+    /// Ratio that 95 % of the samples do not exceed.
+    pub quantile_95: f64,
+    /// Both quantiles divided by their ideal values: 1 if the reported standard deviation is
+    /// correct, above 1 if it is too small.
     pub over_ideal: [f64; 2],
 }
 
@@ -129,7 +138,8 @@ pub struct Quantiles {
 mod tests {
     use super::*;
 
-    /// Normal numbers by Box and Muller of the points of a lattice (Weyl 1916, with two irrational steps).
+    /// Standard normal pairs by the Box–Muller transform of a lattice (Weyl 1916, two irrational
+    /// steps).
     fn normals(count: u32) -> impl Iterator<Item = [f64; 2]> {
         (1..=count).map(f64::from).map(|k| {
             let (a, b) = ((k * 0.754_877_666_246_69) % 1.0, (k * 0.569_840_290_998_05) % 1.0);
@@ -139,34 +149,34 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_that_is_as_good_as_it_says_has_ratios_of_one() {
-        let mut deviations = Deviations::default();
+    fn ratio_quantiles_match_ideal_for_correct_sd() {
+        let mut ratios = RatioHistograms::default();
         for [x, y] in normals(100_000) {
-            deviations.inclination.push(0.3 * x.hypot(y), 0.3);
-            deviations.heading.push(-2.0 * x, 2.0);
-            deviations.course.push(y, 0.5);
+            ratios.inclination.push(0.3 * x.hypot(y), 0.3);
+            ratios.heading.push(-2.0 * x, 2.0);
+            ratios.course.push(y, 0.5);
         }
-        let Normalised { inclination, heading, course } = deviations.told();
-        let near = |found: [f64; 2], ideal: [f64; 2]| found.iter().zip(ideal).all(|(a, b)| (a / b - 1.0).abs() < 0.025);
-        assert!(near(inclination.unwrap().over_ideal, [1.0; 2]), "{inclination:?}");
-        assert!(near(heading.unwrap().over_ideal, [1.0; 2]), "{heading:?}");
-        assert!(near(course.unwrap().over_ideal, [2.0; 2]), "half the deviation that it should tell: {course:?}");
+        let NormalisedErrors { inclination, heading, course } = ratios.quantiles();
+        let is_near = |found: [f64; 2], ideal: [f64; 2]| found.iter().zip(ideal).all(|(a, b)| (a / b - 1.0).abs() < 0.025);
+        assert!(is_near(inclination.unwrap().over_ideal, [1.0; 2]), "{inclination:?}");
+        assert!(is_near(heading.unwrap().over_ideal, [1.0; 2]), "{heading:?}");
+        assert!(is_near(course.unwrap().over_ideal, [2.0; 2]), "half the correct standard deviation: {course:?}");
     }
 
     #[test]
-    fn trials_are_put_together_and_what_is_no_deviation_is_left_out() {
-        let (mut one, mut two) = (Ratios::default(), Ratios::default());
+    fn ratios_merge_and_skip_invalid_sd() {
+        let (mut one, mut two) = (RatioHistogram::default(), RatioHistogram::default());
         (0..68).for_each(|_| one.push(1.0, 2.0));
         (0..32).for_each(|_| two.push(-8.0, 2.0));
         [f64::NAN, -1.0].into_iter().for_each(|sd| two.push(1.0, sd));
         two.push(f64::NAN, 1.0);
-        one.add(&two);
-        let told = one.told(IDEAL_ONE_AXIS).unwrap();
-        assert_eq!(told.samples, 100);
-        assert!((told.part_68 / 0.5 - 1.0).abs() < 0.01 && (told.part_95 / 4.0 - 1.0).abs() < 0.01, "{told:?}");
-        let mut sure = Ratios::default();
-        sure.push(1.0, 0.0);
-        assert!(sure.told(IDEAL_ONE_AXIS).unwrap().part_68 > 999.0);
-        assert_eq!(Ratios::default().told(IDEAL_ONE_AXIS), None);
+        one.merge(&two);
+        let quantiles = one.quantiles(ONE_AXIS_IDEAL).unwrap();
+        assert_eq!(quantiles.samples, 100);
+        assert!((quantiles.quantile_68 / 0.5 - 1.0).abs() < 0.01 && (quantiles.quantile_95 / 4.0 - 1.0).abs() < 0.01, "{quantiles:?}");
+        let mut zero_sd = RatioHistogram::default();
+        zero_sd.push(1.0, 0.0);
+        assert!(zero_sd.quantiles(ONE_AXIS_IDEAL).unwrap().quantile_68 > 999.0);
+        assert_eq!(RatioHistogram::default().quantiles(ONE_AXIS_IDEAL), None);
     }
 }

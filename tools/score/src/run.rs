@@ -1,7 +1,13 @@
-//! The stages over the trials, through the slots of the running system.
+//! Run of the selected stages over all trials, through the slots of the running system.
 //!
-//! Input: a request. Output: the scores, and the files asked for. Time: the samples' own. Failure: the first of anything ends the
-//! run; every trial has been read once before the first is run.
+//! Input: a [`Request`].
+//!
+//! Output: the scores, and the requested files.
+//!
+//! Time: that of the samples.
+//!
+//! Failure: the first error ends the run. Every recording is validated before the first one is
+//! scored.
 
 use std::{
     cell::Cell,
@@ -15,352 +21,370 @@ use ingest::conditioner::Sample;
 use judge::{Diagnosis, InputCheck, TimestampCheck};
 use launch::{Launch, Source, pluralize};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
-use pipeline::{Collector, OutFile, is_same_file};
+use pipeline::{Collector, AttitudeFile, is_same_file};
 use rayon::prelude::*;
 use runtime::{Pace, ServiceConfig};
 
 use crate::{
     ScoreError,
-    chain::Stages,
-    csv::Csv,
-    overlay::{Deviations, Difference, Overlay},
-    plot::{Pen, Plots, Record},
-    report::Report,
-    seeds::{self, joined},
-    stages::{self, Choice},
-    table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, Warning},
-    tally::{Moment, Tally, Truth},
-    timing::{MAX_SAMPLES, Step, ns_per_update},
-    trial::{Gnss, Options, Trial},
-    tune::{self, Range},
-    verdict::Verdict,
+    chain::StageChain,
+    csv::TickTable,
+    overlay::{ErrorCurves, StageDifference, Overlay},
+    plot::{Plotter, PlotOptions, PlotRecord},
+    report::HtmlReport,
+    seeds::{self, merge},
+    stages::{self, StageSelection},
+    table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, TrialWarning},
+    error_stats::{TickErrors, ErrorStats, Truth},
+    timing::{MAX_SAMPLES, StageInput, ns_per_update},
+    trial::{Gnss, TrialOptions, Trial},
+    tune::{self, SettingRange},
+    recommendation::Recommendation,
 };
 
-/// Readings between two signs of progress.
+/// Number of readings between two progress reports.
 const PROGRESS_ROWS: u64 = 1024;
 
-/// What is to be scored.
+/// Trials, stages and outputs of a scoring run.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
-    /// The trials.
+    /// Names of the trials: files, or simulations such as `sim:s1`.
     pub files: Vec<String>,
-    /// How they are read.
-    pub options: Options,
-    /// The stages.
-    pub choice: Choice,
+    /// Options for reading the trials.
+    pub options: TrialOptions,
+    /// Selected stages and settings.
+    pub selection: StageSelection,
     /// Folder for the attitude of each tick.
     pub out: Option<PathBuf>,
-    /// Folder for what was said at each tick, and the truth beside it.
+    /// Folder for the tables with estimates and reference of each tick.
     pub csv: Option<PathBuf>,
-    /// Figures.
-    pub plot: Option<Plots>,
-    /// The page to be written.
+    /// Options of the figures; `None` for no figures.
+    pub plot: Option<PlotOptions>,
+    /// File for the HTML report.
     pub report: Option<PathBuf>,
-    /// What was asked, as it was typed, for the page.
+    /// Command line, shown in the report.
     pub command: String,
-    /// The settings whose ranges are gone through, each with the others as they are.
-    pub sweeps: Vec<Range>,
-    /// The setting whose best value is searched and used.
-    pub tune: Option<Range>,
-    /// People are to be told every error.
-    pub all_errors: bool,
+    /// Settings to evaluate over a range, each with the other settings unchanged.
+    pub sweeps: Vec<SettingRange>,
+    /// Setting to optimise over a range.
+    pub tune: Option<SettingRange>,
+    /// Whether the text output contains the tables of all errors.
+    pub prints_all_errors: bool,
 }
 
-/// Runs every stage over every trial, on all cores. `progress` is told the readings done, and of how many.
+/// Runs every chain over every trial, on all cores.
+///
+/// `progress` is called with the number of readings processed and their total.
+///
+/// # Errors
+///
+/// Returns the first error: an invalid selection or setting, an unreadable trial, or an output that
+/// cannot be written.
 pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Result<Scores, ScoreError> {
-    let mut launches = stages::launches(&request.choice)?;
-    request.report.as_deref().map_or(Ok(()), has_folder)?;
-    let entries = request.files.iter().map(|file| Entry::of(file)).collect::<Result<Vec<_>, _>>()?;
-    let trials = trials(request, &entries)?;
-    let pen = request.plot.as_ref().map(Pen::new).transpose()?;
+    let mut launches = stages::launches(&request.selection)?;
+    request.report.as_deref().map_or(Ok(()), check_parent_folder)?;
+    let groups = request.files.iter().map(|file| TrialGroup::from_argument(file)).collect::<Result<Vec<_>, _>>()?;
+    let trials = open_trials(request, &groups)?;
+    let plotter = request.plot.as_ref().map(Plotter::new).transpose()?;
     let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
-    let looks = request.tune.as_ref().map_or(0, |_| tune::LOOKS) + request.sweeps.len() as u64;
-    let of = rows * (1 + looks);
-    let told = Mutex::new((0, progress));
-    let tell = |more: u64| {
-        let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-        told.0 += more;
-        let done = told.0.min(of);
-        (told.1)(done, of);
+    let passes = request.tune.as_ref().map_or(0, |_| tune::SEARCH_PASSES) + request.sweeps.len() as u64;
+    let total = rows * (1 + passes);
+    let progress_state = Mutex::new((0, progress));
+    let report_progress = |more: u64| {
+        let mut state = progress_state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.0 += more;
+        let done = state.0.min(total);
+        (state.1)(done, total);
     };
     let mut swept = Vec::new();
     for range in &request.sweeps {
-        swept.extend(tune::sweep(range, &trials, &launches, &tell)?);
+        swept.extend(tune::sweep(range, &trials, &launches, &report_progress)?);
     }
     let tuned = match &request.tune {
-        Some(range) => tune::search(range, &trials, &mut launches, &tell)?,
+        Some(range) => tune::search(range, &trials, &mut launches, &report_progress)?,
         None => Vec::new(),
     };
     let mut scores = Scores {
         stages: launches.iter().map(StageScore::new).collect(),
         swept,
         tuned,
-        all_errors: request.all_errors,
+        prints_all_errors: request.prints_all_errors,
         ..Scores::default()
     };
     let (mut overlays, mut heading_is_known) = (Vec::new(), true);
-    let firsts = entries.iter().flat_map(|entry| (0..entry.trials.len()).map(|index| index == 0));
-    let runs: Vec<_> = trials.iter().zip(firsts).collect();
+    let is_first = groups.iter().flat_map(|group| (0..group.trials.len()).map(|index| index == 0));
+    let jobs: Vec<_> = trials.iter().zip(is_first).collect();
     let outcomes =
-        runs.par_iter().map(|(trial, is_first)| one(request, pen.as_ref(), trial, &launches, *is_first, &tell));
+        jobs.par_iter().map(|(trial, is_first)| run_trial(request, plotter.as_ref(), trial, &launches, *is_first, &report_progress));
     let mut outcomes = trials.iter().zip(outcomes.collect::<Result<Vec<_>, _>>()?);
-    for Entry { name, trials } in &entries {
-        let mut of_stages = vec![Vec::new(); launches.len()];
+    for TrialGroup { name, trials } in &groups {
+        let mut stage_scores = vec![Vec::new(); launches.len()];
         for ((seed, _), (trial, outcome)) in trials.iter().zip(&mut outcomes) {
-            let Outcome { all, warnings, overlay, heading } = outcome;
-            of_stages.iter_mut().zip(all).for_each(|(of_stage, score)| of_stage.push((*seed, score)));
-            scores.warnings.extend(warnings.into_iter().map(|text| Warning { trial: trial.name.clone(), text }));
+            let TrialOutcome { scores: chain_scores, warnings, overlay, heading_is_known: trial_heading_is_known } = outcome;
+            stage_scores.iter_mut().zip(chain_scores).for_each(|(scores_by_seed, score)| scores_by_seed.push((*seed, score)));
+            scores.warnings.extend(warnings.into_iter().map(|text| TrialWarning { trial: trial.name.clone(), text }));
             if let Some(overlay) = overlay {
                 scores.differences.extend(differences(&overlay, &launches));
                 overlays.push(overlay);
             }
-            heading_is_known &= heading;
+            heading_is_known &= trial_heading_is_known;
         }
-        for (stage, mut of_stage) in scores.stages.iter_mut().zip(of_stages) {
-            let is_one = of_stage.len() == 1;
-            let score = if is_one { of_stage.pop().map(|(_, score)| score) } else { Some(joined(name, &of_stage)) };
+        for (stage, mut scores_by_seed) in scores.stages.iter_mut().zip(stage_scores) {
+            let is_single = scores_by_seed.len() == 1;
+            let score = if is_single { scores_by_seed.pop().map(|(_, score)| score) } else { Some(merge(name, &scores_by_seed)) };
             stage.trials.extend(score);
         }
     }
-    scores.stages.iter_mut().for_each(StageScore::finish);
-    if let (Some(pen), Some(plots)) = (&pen, &request.plot) {
-        made(&plots.folder)?;
-        pen.sweeps(&scores.swept)?;
+    scores.stages.iter_mut().for_each(StageScore::update_means);
+    if let (Some(plotter), Some(plots)) = (&plotter, &request.plot) {
+        create_folder(&plots.folder)?;
+        plotter.draw_sweeps(&scores.swept)?;
     }
-    scores.choice = Verdict::of(&scores, heading_is_known);
+    scores.recommendation = Recommendation::from_scores(&scores, heading_is_known);
     if let Some(path) = &request.report {
-        let (command, ingest) = (&request.command, &request.choice.launch.ingest);
-        Report { scores: &scores, overlays: &overlays, command, ingest, heading_is_known }.write(path)?;
+        let (command, ingest) = (&request.command, &request.selection.launch.ingest);
+        HtmlReport { scores: &scores, overlays: &overlays, command, ingest, heading_is_known }.write(path)?;
     }
     Ok(scores)
 }
 
-/// What was asked for: a trial, or a simulation with many seeds.
-struct Entry {
+/// An argument of the command line: a single trial, or a simulation with many seeds.
+struct TrialGroup {
     name: String,
-    /// The names of its trials, with the seed where there are many.
+    /// Seed and name of each trial.
     trials: Vec<(u64, String)>,
 }
 
-impl Entry {
-    fn of(text: &str) -> Result<Self, ScoreError> {
-        let trials = seeds::each(text)?.unwrap_or_else(|| vec![(0, text.into())]);
+impl TrialGroup {
+    fn from_argument(text: &str) -> Result<Self, ScoreError> {
+        let trials = seeds::expand(text)?.unwrap_or_else(|| vec![(0, text.into())]);
         Ok(Self { name: text.into(), trials })
     }
 }
 
-/// There is a folder for the page: better told before the run than after it.
-fn has_folder(path: &Path) -> Result<(), ScoreError> {
+/// Returns an error if the parent folder of `path` does not exist, so that a long run does not fail
+/// at its end.
+fn check_parent_folder(path: &Path) -> Result<(), ScoreError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::metadata(folder).map(drop).map_err(|cause| ScoreError::Write { path: path.into(), cause })
 }
 
-/// How far the stages are apart where no reference tells which is right.
-fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<Difference> {
+/// Returns the differences between the chains on a trial without a reference.
+fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<StageDifference> {
     let Some((first, others)) = launches.split_first().filter(|_| !overlay.has_reference()) else { return Vec::new() };
-    let apart = |(to, deviations): (&Launch, &Deviations)| Difference {
+    let difference = |(to, curves): (&Launch, &ErrorCurves)| StageDifference {
         trial: overlay.name.clone(),
         from: first.fuser.stage.clone(),
         to: to.fuser.stage.clone(),
-        rms: deviations.rms(),
+        rms: curves.rms(),
     };
-    others.iter().zip(&overlay.differences).map(apart).collect()
+    others.iter().zip(&overlay.differences).map(difference).collect()
 }
 
-/// The mean errors of a launch over the trials that have a reference.
+/// Mean errors of a launch configuration over the trials with a reference.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Found {
+pub(crate) struct Evaluation {
     pub(crate) mean: Errors,
-    /// The course is counted from north at the end of every trial.
+    /// Whether the heading is known at the end of every trial.
     pub(crate) heading_is_known: bool,
 }
 
-/// The errors of every launch, on all cores, each trial read once by each of them. `tell` is told the readings done.
-pub(crate) fn errors_of(
+/// Evaluates every launch configuration on all cores.
+///
+/// Each trial is read once per share of the configurations. `report_progress` is called with the
+/// number of readings processed since its last call.
+pub(crate) fn evaluate(
     trials: &[Trial],
     launches: &[Launch],
-    tell: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<Found>, ScoreError> {
+    report_progress: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Evaluation>, ScoreError> {
     if launches.is_empty() {
         return Ok(Vec::new());
     }
     let cores = rayon::current_num_threads().max(1);
     let shares: Vec<_> = launches.chunks(launches.len().div_ceil(cores)).collect();
-    let known = trials.iter().filter(|trial| trial.has_reference);
-    let jobs: Vec<_> = known.flat_map(|trial| shares.iter().map(move |share| (trial, *share))).collect();
+    let with_reference = trials.iter().filter(|trial| trial.has_reference);
+    let jobs: Vec<_> = with_reference.flat_map(|trial| shares.iter().map(move |share| (trial, *share))).collect();
     let done = jobs.par_iter().map(|(trial, share)| {
-        let found = errors_of_trial(trial, share)?;
-        tell(trial.rows / shares.len() as u64);
-        Ok(found)
+        let evaluated = evaluate_trial(trial, share)?;
+        report_progress(trial.rows / shares.len() as u64);
+        Ok(evaluated)
     });
     let done: Vec<Vec<_>> = done.collect::<Result<_, ScoreError>>()?;
-    let of_trials: Vec<Vec<(Errors, bool)>> = done.chunks(shares.len()).map(<[_]>::concat).collect();
+    let errors_by_trial: Vec<Vec<(Errors, bool)>> = done.chunks(shares.len()).map(<[_]>::concat).collect();
     let mean = |at: usize| {
-        let errors: Vec<_> = of_trials.iter().map(|of_trial| of_trial[at].0).collect();
-        let heading_is_known = of_trials.iter().all(|of_trial| of_trial[at].1);
-        Found { mean: Errors::mean(&errors), heading_is_known }
+        let errors: Vec<_> = errors_by_trial.iter().map(|trial_errors| trial_errors[at].0).collect();
+        let heading_is_known = errors_by_trial.iter().all(|trial_errors| trial_errors[at].1);
+        Evaluation { mean: Errors::mean(&errors), heading_is_known }
     };
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Of each launch its errors over a trial, and whether its heading is known in the end.
-fn errors_of_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
-    let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let lane = |config: &ServiceConfig| Lane::new(config, Files::default());
-    let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
-    let Some(first) = all.first() else { return Ok(Vec::new()) };
+/// Returns the errors of each launch configuration over a trial, and whether its heading is known
+/// at the end.
+fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
+    let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
+    let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
+    let mut chain_runs = configs.iter().map(chain_run).collect::<Result<Vec<_>, _>>()?;
+    let Some(first) = configs.first() else { return Ok(Vec::new()) };
     let mut conditioner = ingest::conditioner(first)?;
     let gyro_bias = gyro_bias(trial, launches);
     for reading in trial.readings()? {
         let reading = reading?;
         let Some(sample) = conditioner.condition(&reading) else { continue };
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
-        lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, truth.as_ref()))?;
+        chain_runs.iter_mut().try_for_each(|chain_run| chain_run.process(&sample, truth.as_ref()))?;
     }
-    Ok(lanes.iter().map(|lane| (lane.errors(), lane.tally.heading_is_known() != Some(false))).collect())
+    Ok(chain_runs.iter().map(|chain_run| (chain_run.errors(), chain_run.stats.heading_is_known() != Some(false))).collect())
 }
 
-fn trials(request: &Request, entries: &[Entry]) -> Result<Vec<Trial>, ScoreError> {
+fn open_trials(request: &Request, groups: &[TrialGroup]) -> Result<Vec<Trial>, ScoreError> {
     if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
-        return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
+        return Err(ScoreError::FixesForSeveralTrials { fixes: fixes.clone(), trials });
     }
-    let names: Vec<_> = entries.iter().flat_map(|entry| &entry.trials).map(|(_, name)| name).collect();
+    let names: Vec<_> = groups.iter().flat_map(|group| &group.trials).map(|(_, name)| name).collect();
     let opened = names.par_iter().map(|name| Trial::open(name, &request.options));
     let trials = opened.collect::<Vec<_>>().into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut names = HashSet::new();
     for trial in &trials {
         let is_trial = |path: &&PathBuf| trial.file().is_some_and(|file| is_same_file(path, file));
         if let Some(path) = request.report.as_ref().filter(is_trial) {
-            return Err(ScoreError::ReportIsTrial { path: path.clone() });
+            return Err(ScoreError::ReportIsRecording { path: path.clone() });
         }
         if !names.insert(&trial.name) {
-            return Err(ScoreError::NameTwice { name: trial.name.clone() });
+            return Err(ScoreError::DuplicateTrialName { name: trial.name.clone() });
         }
     }
     Ok(trials)
 }
 
-/// What became of a trial.
-struct Outcome {
-    all: Vec<TrialScore>,
+/// Result of a trial for all chains.
+struct TrialOutcome {
+    scores: Vec<TrialScore>,
     warnings: Vec<String>,
     overlay: Option<Overlay>,
-    /// The course of every launch was counted from north in the end.
-    heading: bool,
+    /// Whether the heading of every chain is known at the end.
+    heading_is_known: bool,
 }
 
-/// One trial through every launch, and what is to be said of its readings; the first of many seeds alone is timed and drawn. `tell` is told the
-/// readings done.
-fn one(
+/// Runs one trial through every chain and checks its input.
+///
+/// With many seeds, only the first one is timed and drawn. `report_progress` is called with the
+/// number of readings processed since its last call.
+fn run_trial(
     request: &Request,
-    pen: Option<&Pen<'_>>,
+    plotter: Option<&Plotter<'_>>,
     trial: &Trial,
     launches: &[Launch],
     is_first: bool,
-    tell: &(dyn Fn(u64) + Sync),
-) -> Result<Outcome, ScoreError> {
-    let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let lane = |config| Lane::new(config, files(request, trial, config, is_first)?);
-    let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
-    let differ = launches.len() > 1 && !trial.has_reference;
-    let mut overlay = (is_first && (request.report.is_some() || differ))
+    report_progress: &(dyn Fn(u64) + Sync),
+) -> Result<TrialOutcome, ScoreError> {
+    let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
+    let chain_run = |config| ChainRun::new(config, create_outputs(request, trial, config, is_first)?);
+    let mut chain_runs = configs.iter().map(chain_run).collect::<Result<Vec<_>, _>>()?;
+    let compares_stages = launches.len() > 1 && !trial.has_reference;
+    let mut overlay = (is_first && (request.report.is_some() || compares_stages))
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
-    let mut conditioner = ingest::conditioner(all.first().unwrap_or(&config(&Launch::default(), trial)))?;
+    let mut conditioner = ingest::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let gyro_bias = gyro_bias(trial, launches);
-    let (mut judge, mut stamps, mut findings) = (InputCheck::default(), TimestampCheck::default(), Vec::new());
+    let (mut input_check, mut timestamp_check, mut findings) = (InputCheck::default(), TimestampCheck::default(), Vec::new());
     let mut steps = Vec::new();
-    let mut told = 0;
+    let mut reported = 0;
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
         if count.is_multiple_of(PROGRESS_ROWS) {
-            tell(count - told);
-            told = count;
+            report_progress(count - reported);
+            reported = count;
         }
-        stamps.push(reading.t_ns);
+        timestamp_check.push(reading.t_ns);
         let Some(sample) = conditioner.condition(&reading) else { continue };
-        findings.extend(judge.update(&sample.imu, sample.mag.as_ref()));
+        findings.extend(input_check.update(&sample.imu, sample.mag.as_ref()));
         if is_first && steps.len() < MAX_SAMPLES {
-            steps.push(Step::new(&sample));
+            steps.push(StageInput::new(&sample));
         }
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
-        for lane in &mut lanes {
-            lane.offer(&sample, truth.as_ref())?;
+        for chain_run in &mut chain_runs {
+            chain_run.process(&sample, truth.as_ref())?;
         }
         if let Some(overlay) = &mut overlay {
             let tick = sample.imu.header.tick;
-            let attitudes: Vec<_> = lanes.iter().map(|lane| lane.attitude_at(tick)).collect();
-            overlay.take(sample.imu.header.t_end_ns, sample.reference, &attitudes);
+            let attitudes: Vec<_> = chain_runs.iter().map(|chain_run| chain_run.attitude_at(tick)).collect();
+            overlay.push(sample.imu.header.t_end_ns, sample.reference, &attitudes);
         }
     }
-    tell(trial.rows.saturating_sub(told));
+    report_progress(trial.rows.saturating_sub(reported));
     overlay.iter_mut().for_each(Overlay::finish);
-    let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
+    let compared = launches.iter().map(StageChain::from_launch).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
-    findings.extend(judge.finish());
-    let nothing_counts = trial.has_reference && lanes.iter().all(|lane| lane.collector.accuracy().count() == 0);
-    let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Diagnosis::to_string));
-    let why = if trial.name.starts_with("sim:") { SIMULATION_ENDS } else { NOTHING_COUNTS };
-    let warnings = warnings.chain((nothing_counts && is_first).then(|| why.into()));
-    let heading = lanes.iter().all(|lane| lane.tally.heading_is_known() != Some(false));
-    if let Some(pen) = pen.filter(|_| is_first) {
-        draw(request, pen, trial, &all, &mut lanes)?;
+    findings.extend(input_check.finish());
+    let nothing_scored = trial.has_reference && chain_runs.iter().all(|chain_run| chain_run.collector.accuracy().count() == 0);
+    let warnings = rejection_warning(conditioner.rejected(), &timestamp_check).into_iter().chain(findings.iter().map(Diagnosis::to_string));
+    let no_score_reason = if trial.name.starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
+    let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
+    let heading_is_known = chain_runs.iter().all(|chain_run| chain_run.stats.heading_is_known() != Some(false));
+    if let Some(plotter) = plotter.filter(|_| is_first) {
+        draw(request, plotter, trial, &configs, &mut chain_runs)?;
     }
-    let scores = lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect::<Result<_, _>>()?;
-    Ok(Outcome { all: scores, warnings: warnings.collect(), overlay, heading })
+    let scores = chain_runs.into_iter().zip(times).map(|(chain_run, ns)| chain_run.finish(trial, ns)).collect::<Result<_, _>>()?;
+    Ok(TrialOutcome { scores, warnings: warnings.collect(), overlay, heading_is_known })
 }
 
-/// Each lane's figures, and those of all lanes together where there are several.
+/// Draws the figures of each chain, and those that compare the chains if there are several.
 fn draw(
     request: &Request,
-    pen: &Pen<'_>,
+    plotter: &Plotter<'_>,
     trial: &Trial,
-    all: &[ServiceConfig],
-    lanes: &mut [Lane],
+    configs: &[ServiceConfig],
+    chain_runs: &mut [ChainRun],
 ) -> Result<(), ScoreError> {
     let Some(plots) = &request.plot else { return Ok(()) };
-    let nothing = lanes.iter().find_map(|lane| lane.files.record.as_deref()?.shows_nothing_until_s());
-    if let Some(end_s) = nothing {
-        let Plots { from_s, to_s, .. } = *plots;
-        return Err(ScoreError::NothingToDraw { trial: trial.name.clone(), from_s, to_s, end_s });
+    let empty_record_end_s = chain_runs.iter().find_map(|chain_run| chain_run.files.record.as_deref()?.end_s_if_empty());
+    if let Some(end_s) = empty_record_end_s {
+        let PlotOptions { from_s, to_s, .. } = *plots;
+        return Err(ScoreError::EmptyPlotWindow { trial: trial.name.clone(), from_s, to_s, end_s });
     }
-    lanes.iter_mut().filter_map(|lane| lane.files.record.as_deref_mut()).for_each(Record::finish);
-    let records: Vec<_> = lanes.iter().filter_map(|lane| lane.files.record.as_deref()).collect();
-    for (config, record) in all.iter().zip(&records) {
-        pen.one(&place(request, trial, config, &plots.folder, "")?, &trial.name, &config.launch, record)?;
+    chain_runs.iter_mut().filter_map(|chain_run| chain_run.files.record.as_deref_mut()).for_each(PlotRecord::finish);
+    let records: Vec<_> = chain_runs.iter().filter_map(|chain_run| chain_run.files.record.as_deref()).collect();
+    for (config, record) in configs.iter().zip(&records) {
+        plotter.draw_chain(&output_path(request, trial, config, &plots.folder, "")?, &trial.name, &config.launch, record)?;
     }
-    let launches: Vec<_> = all.iter().map(|config| config.launch.clone()).collect();
-    let together = plots.folder.join(trial.file_stem());
-    if records.len() > 1 { pen.all(&together, &trial.name, &launches, &records) } else { Ok(()) }
+    let launches: Vec<_> = configs.iter().map(|config| config.launch.clone()).collect();
+    let comparison_path = plots.folder.join(trial.file_stem());
+    if records.len() > 1 { plotter.draw_comparison(&comparison_path, &trial.name, &launches, &records) } else { Ok(()) }
 }
 
-/// Why a trial with a truth has no score.
-const SIMULATION_ENDS: &str = "nothing is scored: it ends before it counts; give it a longer duration_s";
-const NOTHING_COUNTS: &str = "nothing is scored: no sample that counts (column `mov`) has a truth; see that --reference is on the clock of the recording";
+/// Reasons why a trial with a reference has no score.
+const SIMULATION_TOO_SHORT: &str =
+    "no sample is scored: the simulation ends before scoring starts; set a longer duration_s";
+const NO_SCORED_REFERENCE: &str = "no sample is scored: no sample with mov = 1 has a reference; check that --reference uses the clock of the recording";
 
-/// What was refused of a trial, where anything was.
-fn refusals(refused: u64, stamps: &TimestampCheck) -> Option<String> {
-    let TimestampCheck { repeated: doubled, out_of_order: disordered, .. } = stamps;
-    (refused + doubled + disordered > 0).then(|| {
-        let refused = pluralize(refused, "reading");
-        format!("{refused} refused; stamps equal to the one before: {doubled}, earlier: {disordered}")
+/// Returns a warning if readings were rejected or timestamps do not increase.
+fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {
+    let TimestampCheck { repeated, out_of_order, .. } = check;
+    (rejected + repeated + out_of_order > 0).then(|| {
+        let readings = pluralize(rejected, "reading");
+        format!("{readings} rejected; timestamps equal to the previous one: {repeated}, earlier: {out_of_order}")
     })
 }
 
-/// The truth at a tick, where there is one.
+/// Returns the true state at a tick; `None` without a reference.
 fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
     sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
 }
 
-/// What the gyro reads too much in body axes at a time, ns: known of a simulation to whose rate neither calibration nor mounting is applied.
+/// Returns the true gyro bias, rad/s, body axes, as a function of time in ns.
+///
+/// It is `None` for a recording, and if calibration or mounting changes the rate of a simulation.
 fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
-    let usual = Launch::default().ingest;
-    let as_it_is = |launch: &Launch| {
-        launch.ingest.calibration.gyro == usual.calibration.gyro && launch.ingest.mounting == usual.mounting
+    let default = Launch::default().ingest;
+    let is_default = |launch: &Launch| {
+        launch.ingest.calibration.gyro == default.calibration.gyro && launch.ingest.mounting == default.mounting
     };
-    trial.gyro_bias_rad_s().filter(|_| launches.iter().all(as_it_is))
+    trial.gyro_bias_rad_s().filter(|_| launches.iter().all(is_default))
 }
 
-/// What the slots are told. The limits are those of a system that replays the recording.
+/// Returns the configuration of the slots. The limits are those of a system that replays a
+/// recording.
 fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     let mut launch = launch.clone();
     launch.ingest.source = Source::Replay;
@@ -380,67 +404,67 @@ fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     }
 }
 
-/// One path through the slots, and what becomes of its attitudes.
-struct Lane {
+/// Run of one chain over one trial, with its statistics and outputs.
+struct ChainRun {
     path: pipeline::Path,
     collector: Collector,
-    tally: Tally,
-    files: Files,
-    /// What was said at the tick.
-    said: Vec<(AttitudeOutput, FusedState)>,
+    stats: ErrorStats,
+    files: TrialOutputs,
+    /// Outputs of the current tick.
+    outputs: Vec<(AttitudeOutput, FusedState)>,
     newest: Option<(AttitudeOutput, FusedState)>,
 }
 
-/// What is made of a lane beside its score.
+/// Optional outputs of a chain in addition to its score.
 #[derive(Default)]
-struct Files {
+struct TrialOutputs {
     out: Option<PathBuf>,
-    csv: Option<Csv>,
-    record: Option<Box<Record>>,
+    csv: Option<TickTable>,
+    record: Option<Box<PlotRecord>>,
 }
 
-/// The files that the request asks for; only the first of many seeds is drawn.
-fn files(request: &Request, trial: &Trial, config: &ServiceConfig, is_first: bool) -> Result<Files, ScoreError> {
+/// Opens the requested outputs. With many seeds, only the first one is drawn.
+fn create_outputs(request: &Request, trial: &Trial, config: &ServiceConfig, is_first: bool) -> Result<TrialOutputs, ScoreError> {
     let table = |folder: &Option<PathBuf>| {
         let Some(folder) = folder else { return Ok(None) };
-        let path = place(request, trial, config, folder, ".csv")?;
+        let path = output_path(request, trial, config, folder, ".csv")?;
         let is_trial = trial.file().is_some_and(|file| is_same_file(&path, file));
-        if is_trial { Err(ScoreError::OutIsTrial { path }) } else { Ok(Some(path)) }
+        if is_trial { Err(ScoreError::OutputIsRecording { path }) } else { Ok(Some(path)) }
     };
-    let record = |plots: &Plots| Record::new(plots, config, trial.rows).map(Box::new);
-    Ok(Files {
+    let record = |plots: &PlotOptions| PlotRecord::new(plots, config, trial.rows).map(Box::new);
+    Ok(TrialOutputs {
         out: table(&request.out)?,
-        csv: table(&request.csv)?.map(|path| Csv::create(path, config)).transpose()?,
+        csv: table(&request.csv)?.map(|path| TickTable::create(path, config)).transpose()?,
         record: request.plot.as_ref().filter(|_| is_first).map(record).transpose()?,
     })
 }
 
-/// Where a file of a lane is: with several fusers in a folder for each.
-fn place(
+/// Returns the path of an output file. With several fusers, each has its own folder.
+fn output_path(
     request: &Request,
     trial: &Trial,
     config: &ServiceConfig,
     folder: &Path,
-    ending: &str,
+    extension: &str,
 ) -> Result<PathBuf, ScoreError> {
-    let several = request.choice.fusers.len() > 1;
-    let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
-    made(&folder)?;
-    Ok(folder.join(format!("{}{ending}", trial.file_stem())))
+    let has_several_fusers = request.selection.fusers.len() > 1;
+    let folder = if has_several_fusers { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
+    create_folder(&folder)?;
+    Ok(folder.join(format!("{}{extension}", trial.file_stem())))
 }
 
-fn made(folder: &Path) -> Result<(), ScoreError> {
+fn create_folder(folder: &Path) -> Result<(), ScoreError> {
     fs::create_dir_all(folder).map_err(|cause| ScoreError::Write { path: folder.into(), cause })
 }
 
-impl Lane {
-    fn new(config: &ServiceConfig, files: Files) -> Result<Self, ScoreError> {
+impl ChainRun {
+    fn new(config: &ServiceConfig, files: TrialOutputs) -> Result<Self, ScoreError> {
         Ok(Self {
             path: pipeline::Path::new(config)?,
-            collector: Collector::new(files.out.as_ref().map(OutFile::new).as_ref())?,
-            tally: Tally::default(),
+            collector: Collector::new(files.out.as_ref().map(AttitudeFile::new).as_ref())?,
+            stats: ErrorStats::default(),
             files,
-            said: Vec::new(),
+            outputs: Vec::new(),
             newest: None,
         })
     }
@@ -449,39 +473,40 @@ impl Lane {
         self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
     }
 
-    /// Where something is scored, at the last tick that is; else at the last.
+    /// Returns whether the heading is known at the last scored tick, or at the last tick if none is
+    /// scored.
     fn heading_is_known(&self) -> bool {
-        let in_the_end = || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
-        self.tally.heading_is_known().unwrap_or_else(in_the_end)
+        let known_at_end = || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
+        self.stats.heading_is_known().unwrap_or_else(known_at_end)
     }
 
     fn errors(&self) -> Errors {
-        self.tally.errors(ErrorsDeg::of(self.collector.accuracy().rmse()))
+        self.stats.errors(ErrorsDeg::from_error(self.collector.accuracy().rmse()))
     }
 
-    fn offer(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
-        let Self { path, collector, tally, files, said, newest } = self;
+    fn process(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
+        let Self { path, collector, stats, files, outputs, newest } = self;
         let tick = sample.imu.header.tick;
         if let Some(truth) = truth {
-            collector.reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
+            collector.record_reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
         }
         let state = Cell::new(None);
-        said.clear();
-        path.offer_seen(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
-            said.extend(state.get().map(|fused| (output, fused)));
+        outputs.clear();
+        path.offer_observed(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
+            outputs.extend(state.get().map(|fused| (output, fused)));
         })?;
-        for (output, fused) in said.iter() {
-            collector.attitude(output);
+        for (output, fused) in outputs.iter() {
+            collector.record_attitude(output);
             *newest = Some((*output, *fused));
-            let moment = truth.map(|truth| (truth, Moment::of(output, fused, truth)));
-            if let Some((_, moment)) = moment.as_ref().filter(|(truth, _)| truth.scored) {
-                tally.take(moment, output, fused);
+            let errors = truth.map(|truth| (truth, TickErrors::new(output, fused, truth)));
+            if let Some((_, errors)) = errors.as_ref().filter(|(truth, _)| truth.scored) {
+                stats.update(errors, output, fused);
             }
             if let Some(record) = &mut files.record {
-                record.take(&sample.imu, moment.as_ref().map(|(truth, moment)| (*truth, moment)), output, fused);
+                record.update(&sample.imu, errors.as_ref().map(|(truth, errors)| (*truth, errors)), output, fused);
             }
             if let Some(csv) = &mut files.csv {
-                csv.take(&sample.imu, output, fused, truth)?;
+                csv.write(&sample.imu, output, fused, truth)?;
             }
         }
         Ok(())
@@ -489,15 +514,15 @@ impl Lane {
 
     fn finish(mut self, trial: &Trial, ns_per_update: Option<f64>) -> Result<TrialScore, ScoreError> {
         self.collector.finish()?;
-        self.files.csv.take().map_or(Ok(()), Csv::finish)?;
+        self.files.csv.take().map_or(Ok(()), TickTable::finish)?;
         let (error, heading_is_known) = (self.errors(), self.heading_is_known());
-        let deviations = self.tally.into_deviations();
+        let ratios = self.stats.into_ratios();
         Ok(TrialScore {
             name: trial.name.clone(),
             error,
             heading_is_known,
-            normalised: deviations.told(),
-            deviations,
+            normalised: ratios.quantiles(),
+            ratios,
             scored: self.collector.accuracy().count(),
             ticks: self.collector.ticks(),
             ns_per_update,

@@ -1,50 +1,54 @@
-//! Which stages run, and how they are set.
+//! Selection of stages and their settings.
 //!
-//! Input: names and settings as a person writes them. Output: a launch for each fuser, which the slots are filled by. Time: none.
-//! Failure: a stage or parameter that does not exist is refused with those that do.
+//! Input: names and settings from the command line.
+//!
+//! Output: one launch configuration per fuser.
+//!
+//! Failure: an unknown stage or parameter is rejected with a list of the known ones.
 
 use std::{collections::BTreeMap, str::FromStr};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
 use launch::{Launch, Service};
 
-use crate::{ScoreError, catalogue::Told, chain::Stages};
+use crate::{ScoreError, catalogue::ParameterSummary, chain::StageChain};
 
-/// Jaro-Winkler similarity from which a name is another one misspelt.
-const NEAR: f64 = 0.8;
+/// Minimum Jaro-Winkler similarity for a "did you mean" suggestion.
+const MIN_SIMILARITY: f64 = 0.8;
 
-/// The stages asked for. What is not named is as the launch has it.
+/// Selected stages. Slots without a selection keep the stage of the launch file.
 #[derive(Debug, Clone, Default)]
-pub struct Choice {
-    /// Of the slot `gyro`.
+pub struct StageSelection {
+    /// Stage of the slot `gyro`.
     pub gyro: Option<String>,
-    /// Of the slot `accel`.
+    /// Stage of the slot `accel`.
     pub accel: Option<String>,
-    /// Of the slot `course`.
+    /// Stage of the slot `course`.
     pub course: Option<String>,
-    /// Of the slot `fuser`, side by side.
+    /// Stages of the slot `fuser` to compare.
     pub fusers: Vec<String>,
-    /// Calibration, mounting and limits, the usual stages with their settings, and the stages that are programs of their own.
+    /// Base configuration: calibration, mounting, limits, default stages with their settings, and
+    /// external stages.
     pub launch: Launch,
-    /// Parameters that are to differ.
+    /// Parameters that override those of the base configuration.
     pub settings: Vec<Setting>,
 }
 
-/// A parameter and its value, as `key=value`, `slot.key=value` or `stage.key=value`.
+/// A parameter and its value, written as `key=value`, `slot.key=value` or `stage.key=value`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
-    /// The slot or stage that is meant, where it is said.
-    pub of: Option<String>,
-    /// The parameter's name.
+    /// Slot or stage that the setting is for; `None` for any stage with the parameter.
+    pub target: Option<String>,
+    /// Name of the parameter.
     pub key: String,
-    /// Its value, in the parameter's unit.
+    /// Value in the unit of the parameter.
     pub value: f64,
 }
 
 impl Setting {
-    /// As it was named.
-    fn place(&self) -> String {
-        self.of.as_ref().map_or_else(|| self.key.clone(), |of| format!("{of}.{}", self.key))
+    /// Returns the key with its slot or stage, as given.
+    fn qualified_key(&self) -> String {
+        self.target.as_ref().map_or_else(|| self.key.clone(), |target| format!("{target}.{}", self.key))
     }
 }
 
@@ -52,39 +56,44 @@ impl FromStr for Setting {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (place, value) = text.split_once('=').ok_or("expected key=value, as in beta=0.1")?;
+        let (name, value) = text.split_once('=').ok_or("expected key=value, as in beta=0.1")?;
         let value = value.trim().parse().map_err(|_| format!("expected a number after =, found {value:?}"))?;
-        let (of, key) = match place.trim().split_once('.') {
-            Some((of, key)) => (Some(of.into()), key),
-            None => (None, place.trim()),
+        let (target, key) = match name.trim().split_once('.') {
+            Some((target, key)) => (Some(target.into()), key),
+            None => (None, name.trim()),
         };
-        Ok(Self { of, key: key.into(), value })
+        Ok(Self { target, key: key.into(), value })
     }
 }
 
-/// One launch for each fuser asked for, with the default limits of the source.
-pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
-    let mut common = choice.launch.clone();
-    name(&mut common, Service::Gyro, choice.gyro.as_deref(), &Gyro::NAMES)?;
-    name(&mut common, Service::Accel, choice.accel.as_deref(), &Accelerometer::NAMES)?;
-    name(&mut common, Service::Course, choice.course.as_deref(), &Course::NAMES)?;
+/// Returns one launch configuration per selected fuser, with the settings applied.
+///
+/// # Errors
+///
+/// Returns an error for an unknown stage, a fuser given twice, and a setting that is unknown,
+/// ambiguous, out of range or given twice.
+pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
+    let mut common = selection.launch.clone();
+    select_stage(&mut common, Service::Gyro, selection.gyro.as_deref(), &Gyro::NAMES)?;
+    select_stage(&mut common, Service::Accel, selection.accel.as_deref(), &Accelerometer::NAMES)?;
+    select_stage(&mut common, Service::Course, selection.course.as_deref(), &Course::NAMES)?;
     let mut launches = vec![common.clone()];
-    if !choice.fusers.is_empty() {
+    if !selection.fusers.is_empty() {
         launches.clear();
-        for fuser in &choice.fusers {
+        for fuser in &selection.fusers {
             if launches.iter().any(|launch| launch.fuser.stage == *fuser) {
-                return Err(ScoreError::FuserTwice { name: fuser.clone() });
+                return Err(ScoreError::DuplicateFuser { name: fuser.clone() });
             }
             let mut launch = common.clone();
-            name(&mut launch, Service::Fuser, Some(fuser), &Fuser::NAMES)?;
+            select_stage(&mut launch, Service::Fuser, Some(fuser), &Fuser::NAMES)?;
             launches.push(launch);
         }
     }
     let mut set = Vec::new();
-    for setting in &choice.settings {
+    for setting in &selection.settings {
         for (launch, slot) in apply(setting, &mut launches)? {
             if set.contains(&(launch, slot, &setting.key)) {
-                return Err(ScoreError::SetTwice { place: setting.place() });
+                return Err(ScoreError::DuplicateSetting { key: setting.qualified_key() });
             }
             set.push((launch, slot, &setting.key));
         }
@@ -92,67 +101,74 @@ pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
     Ok(launches)
 }
 
-fn name(
+fn select_stage(
     launch: &mut Launch,
     slot: Service,
-    asked: Option<&str>,
+    requested: Option<&str>,
     known: &'static [&'static str],
 ) -> Result<(), ScoreError> {
-    let Some(found) = asked else { return Ok(()) };
-    let is_program = launch.stages.get(found).is_some_and(|program| program.slot == slot);
-    if !is_program && !known.contains(&found) {
-        return Err(ScoreError::Stage { slot, found: found.into(), near: near(found, known.iter().copied()), known });
+    let Some(name) = requested else { return Ok(()) };
+    let is_external = launch.stages.get(name).is_some_and(|program| program.slot == slot);
+    if !is_external && !known.contains(&name) {
+        return Err(ScoreError::UnknownStage { slot, name: name.into(), closest: closest_name(name, known.iter().copied()), known });
     }
-    let filling = filling(launch, slot);
-    if filling.stage != found {
-        *filling = launch::StageConfig { stage: found.into(), set: BTreeMap::new() };
+    let config = stage_config_mut(launch, slot);
+    if config.stage != name {
+        *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
     }
     Ok(())
 }
 
-/// Gives the setting to every launch with a stage that has the parameter; which launches, and which slots of theirs, have it now.
+/// Applies a setting to every launch configuration with a stage that has the parameter.
+///
+/// Returns the index of each changed configuration with the slot.
+///
+/// # Errors
+///
+/// Returns an error if no stage has the parameter, if several slots have it, or if the value is out
+/// of range.
 pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(usize, Service)>, ScoreError> {
-    let Setting { of, key, value } = setting;
-    let meant = |slot: Service, stage: &str| of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
-    let (mut places, mut given): (Vec<Service>, Vec<_>) = Default::default();
+    let Setting { target, key, value } = setting;
+    let is_target = |slot: Service, stage: &str| target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
+    let (mut slots, mut applied): (Vec<Service>, Vec<_>) = Default::default();
     let (mut known, mut others): (Vec<(Service, &str, &Parameter)>, Vec<_>) = Default::default();
     for (index, launch) in launches.iter_mut().enumerate() {
-        let mut stages = Stages::of(launch)?;
+        let mut stages = StageChain::from_launch(launch)?;
         for (slot, stage, parameters) in stages.parameters() {
-            let list = if meant(slot, stage) { &mut known } else { &mut others };
+            let list = if is_target(slot, stage) { &mut known } else { &mut others };
             for parameter in parameters {
                 if !list.contains(&(slot, stage, parameter)) {
                     list.push((slot, stage, parameter));
                 }
             }
-            if !meant(slot, stage) || !parameters.iter().any(|parameter| parameter.name == key) {
+            if !is_target(slot, stage) || !parameters.iter().any(|parameter| parameter.name == key) {
                 continue;
             }
-            let value_refused = |cause| ScoreError::Value { key: key.clone(), stage: stage.into(), cause };
-            stages.set(slot, key, *value).map_err(value_refused)?;
-            filling(launch, slot).set.insert(key.clone(), *value);
-            given.push((index, slot));
-            if !places.contains(&slot) {
-                places.push(slot);
+            let invalid_value = |cause| ScoreError::InvalidValue { key: key.clone(), stage: stage.into(), cause };
+            stages.set(slot, key, *value).map_err(invalid_value)?;
+            stage_config_mut(launch, slot).set.insert(key.clone(), *value);
+            applied.push((index, slot));
+            if !slots.contains(&slot) {
+                slots.push(slot);
             }
         }
     }
-    match places.len() {
-        1 => Ok(given),
+    match slots.len() {
+        1 => Ok(applied),
         0 => {
-            // Where no chosen stage is of that name, all of them are told.
+            // If no selected stage matches the prefix, list the parameters of all of them.
             let known = if known.is_empty() { others } else { known };
-            let near = near(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
-            Err(ScoreError::Key { key: setting.place(), near, known: listed(&known) })
+            let closest = closest_name(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
+            Err(ScoreError::UnknownKey { key: setting.qualified_key(), closest, known: format_parameters(&known) })
         }
-        _ => Err(ScoreError::Ambiguous {
+        _ => Err(ScoreError::AmbiguousKey {
             key: key.clone(),
-            places: places.iter().map(|slot| format!("{slot}.{key}")).collect(),
+            candidates: slots.iter().map(|slot| format!("{slot}.{key}")).collect(),
         }),
     }
 }
 
-fn filling(launch: &mut Launch, slot: Service) -> &mut launch::StageConfig {
+fn stage_config_mut(launch: &mut Launch, slot: Service) -> &mut launch::StageConfig {
     match slot {
         Service::Gyro => &mut launch.gyro,
         Service::Accel => &mut launch.accel,
@@ -161,20 +177,20 @@ fn filling(launch: &mut Launch, slot: Service) -> &mut launch::StageConfig {
     }
 }
 
-fn listed(known: &[(Service, &str, &Parameter)]) -> String {
+fn format_parameters(known: &[(Service, &str, &Parameter)]) -> String {
     if known.is_empty() {
         return "  none".into();
     }
     let line = |(slot, stage, parameter): &(Service, &str, &Parameter)| {
-        format!("  {slot}.{} of {stage}: {}", parameter.name, Told(parameter))
+        format!("  {slot}.{} of {stage}: {}", parameter.name, ParameterSummary(parameter))
     };
     known.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-fn near(found: &str, known: impl Iterator<Item = &'static str>) -> Option<&'static str> {
+fn closest_name(requested: &str, known: impl Iterator<Item = &'static str>) -> Option<&'static str> {
     known
-        .map(|known| (strsim::jaro_winkler(found, known), known))
-        .filter(|(similarity, _)| *similarity >= NEAR)
+        .map(|known| (strsim::jaro_winkler(requested, known), known))
+        .filter(|(similarity, _)| *similarity >= MIN_SIMILARITY)
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, known)| known)
 }
@@ -183,68 +199,66 @@ fn near(found: &str, known: impl Iterator<Item = &'static str>) -> Option<&'stat
 mod tests {
     use super::*;
 
-    fn choice(fusers: &[&str], settings: &[&str]) -> Choice {
-        Choice {
+    fn selection(fusers: &[&str], settings: &[&str]) -> StageSelection {
+        StageSelection {
             fusers: fusers.iter().map(ToString::to_string).collect(),
             settings: settings.iter().map(|text| text.parse().unwrap()).collect(),
-            ..Choice::default()
+            ..StageSelection::default()
         }
     }
 
     #[test]
-    fn nothing_asked_for_is_the_default_of_every_slot() {
-        assert_eq!(launches(&Choice::default()).unwrap(), [Launch::default()]);
+    fn empty_selection_is_default_launch() {
+        assert_eq!(launches(&StageSelection::default()).unwrap(), [Launch::default()]);
     }
 
     #[test]
-    fn a_setting_goes_to_every_stage_that_has_it_and_to_no_other() {
-        let chosen = launches(&choice(&["wz-closed", "wz"], &["declination_deg=11"])).unwrap();
-        for launch in &chosen {
+    fn setting_applies_to_exactly_the_stages_that_have_it() {
+        let selected = launches(&selection(&["wz-closed", "wz"], &["declination_deg=11"])).unwrap();
+        for launch in &selected {
             assert_eq!(launch.course.set.get("declination_deg"), Some(&11.0));
             assert!(launch.fuser.set.is_empty() && launch.gyro.set.is_empty());
         }
-        for of in ["course", "angles"] {
+        for target in ["course", "angles"] {
             assert_eq!(
-                launches(&choice(&["wz-closed", "wz"], &[&format!("{of}.declination_deg=11")])).unwrap(),
-                chosen
+                launches(&selection(&["wz-closed", "wz"], &[&format!("{target}.declination_deg=11")])).unwrap(),
+                selected
             );
         }
     }
 
     #[test]
-    fn what_no_chosen_stage_has_is_refused_with_what_there_is() {
+    fn unknown_setting_is_rejected_with_known_ones() {
         for text in ["declination=11", "fuser.declination_deg=1", "gyro.declination_deg=1"] {
-            let error = launches(&choice(&[], &[text])).unwrap_err();
-            assert!(matches!(error, ScoreError::Key { .. }), "{error}");
+            let error = launches(&selection(&[], &[text])).unwrap_err();
+            assert!(matches!(error, ScoreError::UnknownKey { .. }), "{error}");
             assert_eq!(error.exit_code(), 2);
         }
-        let said = launches(&choice(&[], &["declination=11"])).unwrap_err().to_string();
+        let message = launches(&selection(&[], &["declination=11"])).unwrap_err().to_string();
         for words in ["did you mean `declination_deg`?", "course.declination_deg of angles: -180 to 180 °, default 0."]
         {
-            assert!(said.contains(words), "{said}");
+            assert!(message.contains(words), "{message}");
         }
     }
 
     #[test]
-    fn a_value_out_of_range_is_refused_with_the_range() {
-        let said = launches(&choice(&[], &["declination_deg=400"])).unwrap_err().to_string();
-        assert_eq!(said, "setting declination_deg of `angles`: declination_deg: expected -180 to 180 °, found 400");
+    fn out_of_range_value_is_rejected_with_range() {
+        let message = launches(&selection(&[], &["declination_deg=400"])).unwrap_err().to_string();
+        assert!(message.contains("`angles`") && message.contains("expected -180 to 180 °, found 400"), "{message}");
     }
 
     #[test]
-    fn a_stage_misspelt_is_refused_with_the_one_meant() {
-        let said = launches(&choice(&["wz-clsed"], &[])).unwrap_err().to_string();
-        assert!(
-            said.contains("no `wz-clsed`, did you mean `wz-closed`?; there are multiple-model, wz, wz-closed"),
-            "{said}"
-        );
-        let twice = launches(&choice(&["wz", "wz"], &[])).unwrap_err();
+    fn misspelt_stage_is_rejected_with_suggestion() {
+        let message = launches(&selection(&["wz-clsed"], &[])).unwrap_err().to_string();
+        assert!(message.contains("no fuser stage named `wz-clsed`; did you mean `wz-closed`?"), "{message}");
+        assert!(message.contains("available: multiple-model, wz, wz-closed"), "{message}");
+        let twice = launches(&selection(&["wz", "wz"], &[])).unwrap_err();
         assert_eq!(twice.exit_code(), 2);
     }
 
     #[test]
-    fn settings_are_read_as_people_write_them() {
-        let setting = |of: Option<&str>, key: &str, value| Setting { of: of.map(Into::into), key: key.into(), value };
+    fn setting_is_parsed() {
+        let setting = |target: Option<&str>, key: &str, value| Setting { target: target.map(Into::into), key: key.into(), value };
         assert_eq!("fuser.beta=1e-2".parse(), Ok(setting(Some("fuser"), "beta", 0.01)));
         assert_eq!("beta = 3".parse(), Ok(setting(None, "beta", 3.0)));
         for bad in ["beta", "beta=", "beta=x"] {

@@ -1,4 +1,4 @@
-//! The scores, for people and for scripts.
+//! Scores of all chains, with their JSON and text output.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -7,126 +7,126 @@ use launch::Launch;
 use serde::Serialize;
 
 use crate::{
-    normalised::{Deviations, Normalised},
-    overlay::Difference,
+    normalised::{RatioHistograms, NormalisedErrors},
+    overlay::StageDifference,
     seeds::Spread,
     text,
     tune::Sweep,
-    verdict::Verdict,
+    recommendation::Recommendation,
 };
 
-/// The scores of every chain of stages.
+/// Scores of all chains.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Scores {
-    /// One for each fuser.
+    /// Scores of each chain, one per fuser.
     pub stages: Vec<StageScore>,
-    /// What is to be said of the trials before their scores are believed.
-    pub warnings: Vec<Warning>,
-    /// What was found over the ranges of settings; the scores are with the value before.
+    /// Warnings about the input of the trials.
+    pub warnings: Vec<TrialWarning>,
+    /// Errors over the ranges of settings. The scores use the value before.
     pub swept: Vec<Sweep>,
-    /// What a search for the best value of a setting has found; the scores are with that value.
+    /// Results of the search for the best value of a setting. The scores use that value.
     pub tuned: Vec<Sweep>,
-    /// How far the stages are apart over the trials without a reference.
-    pub differences: Vec<Difference>,
-    /// Which stage and setting to choose, where there is a choice.
-    pub choice: Option<Verdict>,
-    /// People are to be told every error, too.
+    /// Differences between the chains on trials without a reference.
+    pub differences: Vec<StageDifference>,
+    /// Recommended stage and setting; `None` if there is nothing to choose from.
+    pub recommendation: Option<Recommendation>,
+    /// Whether the text output contains the tables of all errors.
     #[serde(skip)]
-    pub all_errors: bool,
+    pub prints_all_errors: bool,
 }
 
-/// What is to be said of a trial.
+/// A warning about a trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Warning {
-    /// The trial.
+pub struct TrialWarning {
+    /// Name of the trial.
     pub trial: String,
-    /// What was found, with the remedies, for people.
+    /// Finding and remedy.
     pub text: String,
 }
 
-impl fmt::Display for Warning {
+impl fmt::Display for TrialWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "warning: {}: {}", self.trial, self.text)
     }
 }
 
-/// The scores of one chain of stages.
+/// Scores of one chain.
 #[derive(Debug, Clone, Serialize)]
 pub struct StageScore {
-    /// The stage of the slot `fuser`.
+    /// Stage of the slot `fuser`.
     pub fuser: String,
-    /// The stage of the slot `gyro`.
+    /// Stage of the slot `gyro`.
     pub gyro: String,
-    /// The stage of the slot `accel`.
+    /// Stage of the slot `accel`.
     pub accel: String,
-    /// The stage of the slot `course`.
+    /// Stage of the slot `course`.
     pub course: String,
-    /// What was set, as `slot.key`.
+    /// Settings that differ from the defaults, as `slot.key`.
     pub settings: BTreeMap<String, f64>,
-    /// Trial by trial.
+    /// Score of each trial.
     pub trials: Vec<TrialScore>,
-    /// Mean of the trials that have a score.
+    /// Mean over the trials with a score.
     pub mean: Errors,
-    /// Errors over their own standard deviations, of the samples of all trials.
-    pub normalised: Normalised,
-    /// Mean of the trials, ns.
+    /// Normalised errors over the samples of all trials.
+    pub normalised: NormalisedErrors,
+    /// Mean time per update over the trials, ns.
     pub ns_per_update: Option<f64>,
 }
 
-/// The score of one trial.
+/// Score of one trial.
 #[derive(Debug, Clone, Serialize)]
 pub struct TrialScore {
-    /// Its name.
+    /// Name of the trial.
     pub name: String,
-    /// Root mean square of the errors where they count.
+    /// Root mean square errors over the scored samples.
     #[serde(flatten)]
     pub error: Errors,
-    /// The heading is counted from north in the end; where it is not, total and heading mean nothing and are `None`.
+    /// Whether the heading is known at the end. If not, total, heading and yaw are `None`.
     pub heading_is_known: bool,
-    /// Errors over their own standard deviations.
-    pub normalised: Normalised,
-    /// What that was told from.
+    /// Normalised errors.
+    pub normalised: NormalisedErrors,
+    /// Histograms from which `normalised` was computed.
     #[serde(skip)]
-    pub deviations: Deviations,
-    /// Samples that count.
+    pub ratios: RatioHistograms,
+    /// Number of scored samples.
     pub scored: u64,
-    /// Samples.
+    /// Number of samples.
     pub ticks: u64,
     /// Time from a sample to the fused attitude, ns.
     pub ns_per_update: Option<f64>,
-    /// Over the seeds of a simulation with many, whose mean the errors are then.
+    /// Spread over the seeds of a simulation; the errors are then the means over the seeds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spread: Option<Spread>,
 }
 
-/// Every error of a chain of stages; `None` where there is no truth, or where it means nothing.
+/// Errors of a chain; `None` without a reference, or if the error is undefined.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Errors {
-    /// Of the whole attitude.
+    /// Attitude errors.
     #[serde(flatten)]
     pub attitude: ErrorsDeg,
-    /// Of roll, degrees.
+    /// Roll error, degrees.
     pub roll: Option<f64>,
-    /// Of pitch, degrees.
+    /// Pitch error, degrees.
     pub pitch: Option<f64>,
-    /// Of yaw, degrees; `None` where it is counted from nowhere.
+    /// Yaw error, degrees; `None` if the heading is arbitrary.
     pub yaw: Option<f64>,
-    /// Of the course as the course stage tells it, degrees; `None` where it is counted from nowhere.
+    /// Error of the course stage's course, degrees; `None` if the course reference is arbitrary.
     pub course: Option<f64>,
-    /// Length of that of the gyro's bias, °/s; known in a simulation.
+    /// Length of the gyro bias error, °/s; known in simulations only.
     pub gyro_bias_deg_s: Option<f64>,
-    /// How fast a heading that is counted from nowhere drifts, °/min, counter-clockwise from above positive.
+    /// Drift rate of an arbitrary heading, °/min, counter-clockwise seen from above.
     pub drift_deg_min: Option<f64>,
-    /// How far it has drifted in the end, degrees.
+    /// Drift of an arbitrary heading at the end of the trial, degrees.
     pub drift_end_deg: Option<f64>,
 }
 
-/// How many errors there are.
-pub(crate) const ERRORS: usize = 10;
+/// Number of errors.
+pub(crate) const ERROR_COUNT: usize = 10;
 
 impl Errors {
-    /// Their names, as scripts read them.
-    pub(crate) const NAMES: [&'static str; ERRORS] = [
+    /// Names of the errors in JSON.
+    pub(crate) const NAMES: [&'static str; ERROR_COUNT] = [
         "total",
         "heading",
         "inclination",
@@ -139,47 +139,49 @@ impl Errors {
         "drift_end_deg",
     ];
 
-    /// In the order of their names.
-    pub(crate) fn each(&self) -> [Option<f64>; ERRORS] {
+    /// Returns the errors in the order of their names.
+    pub(crate) fn values(&self) -> [Option<f64>; ERROR_COUNT] {
         let Self { attitude: ErrorsDeg { total, heading, inclination }, roll, pitch, yaw, course, .. } = *self;
         let Self { gyro_bias_deg_s, drift_deg_min, drift_end_deg, .. } = *self;
         [total, heading, inclination, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg]
     }
 
-    pub(crate) fn of_each(values: [Option<f64>; ERRORS]) -> Self {
+    pub(crate) fn from_values(values: [Option<f64>; ERROR_COUNT]) -> Self {
         let [total, heading, inclination, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg] =
             values;
         let attitude = ErrorsDeg { total, heading, inclination };
         Self { attitude, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg }
     }
 
-    /// Of each the mean size, over those that have it; of total, heading and yaw none where one that has a score lacks them, so that a mean
-    /// is of the same trials as that of the inclination beside it.
-    pub(crate) fn mean(of: &[Self]) -> Self {
+    /// Returns the mean magnitude of each error over the trials that have it.
+    ///
+    /// Total, heading and yaw are `None` if a scored trial lacks them, so that their means cover
+    /// the same trials as that of the inclination.
+    pub(crate) fn mean(all: &[Self]) -> Self {
         let mean = |at: usize| {
-            let known = || of.iter().filter_map(|errors| errors.each()[at]);
+            let known = || all.iter().filter_map(|errors| errors.values()[at]);
             let count = known().count();
-            let scored = of.iter().filter(|errors| errors.attitude.inclination.is_some()).count();
-            let is_of_all = !["total", "heading", "yaw"].contains(&Self::NAMES[at]) || count >= scored;
-            (count > 0 && is_of_all).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
+            let scored = all.iter().filter(|errors| errors.attitude.inclination.is_some()).count();
+            let is_complete = !["total", "heading", "yaw"].contains(&Self::NAMES[at]) || count >= scored;
+            (count > 0 && is_complete).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
         };
-        Self::of_each(std::array::from_fn(mean))
+        Self::from_values(std::array::from_fn(mean))
     }
 }
 
-/// Errors in degrees; `None` where there is no reference.
+/// Attitude errors, degrees; `None` without a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ErrorsDeg {
-    /// The whole turn.
+    /// Angle of the total rotation between estimate and reference.
     pub total: Option<f64>,
-    /// About the vertical.
+    /// Rotation about the vertical.
     pub heading: Option<f64>,
-    /// Of the vertical.
+    /// Angle between the estimated and the true vertical.
     pub inclination: Option<f64>,
 }
 
 impl ErrorsDeg {
-    pub(crate) fn of(error: Option<AttitudeError>) -> Self {
+    pub(crate) fn from_error(error: Option<AttitudeError>) -> Self {
         Self {
             total: error.map(|error| error.total_deg),
             heading: error.map(|error| error.heading_deg),
@@ -194,7 +196,7 @@ impl StageScore {
             [("gyro", &launch.gyro), ("accel", &launch.accel), ("fuser", &launch.fuser), ("course", &launch.course)];
         let settings = slots
             .iter()
-            .flat_map(|(slot, filling)| filling.set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
+            .flat_map(|(slot, stage)| stage.set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
         Self {
             fuser: launch.fuser.stage.clone(),
             gyro: launch.gyro.stage.clone(),
@@ -203,31 +205,31 @@ impl StageScore {
             settings: settings.collect(),
             trials: Vec::new(),
             mean: Errors::default(),
-            normalised: Normalised::default(),
+            normalised: NormalisedErrors::default(),
             ns_per_update: None,
         }
     }
 
-    /// The means of the trials.
-    pub(crate) fn finish(&mut self) {
+    /// Computes the means over the trials.
+    pub(crate) fn update_means(&mut self) {
         self.mean = Errors::mean(&self.trials.iter().map(|trial| trial.error).collect::<Vec<_>>());
-        let mut deviations = Deviations::default();
-        self.trials.iter().for_each(|trial| deviations.add(&trial.deviations));
-        self.normalised = deviations.told();
+        let mut ratios = RatioHistograms::default();
+        self.trials.iter().for_each(|trial| ratios.merge(&trial.ratios));
+        self.normalised = ratios.quantiles();
         let times: Vec<f64> = self.trials.iter().filter_map(|trial| trial.ns_per_update).collect();
         self.ns_per_update = (!times.is_empty()).then(|| times.iter().sum::<f64>() / times.len() as f64);
     }
 
-    /// In every trial that has a score the heading is counted from north.
+    /// Returns `true` if the heading is known in every trial with a score.
     pub(crate) fn heading_is_known(&self) -> bool {
         self.trials.iter().all(|trial| trial.heading_is_known || trial.scored == 0)
     }
 }
 
 impl Scores {
-    /// The scores for scripts: one object on one line.
+    /// Returns the scores as one line of JSON.
     pub fn json(&self) -> String {
-        // Numbers, strings and lists always serialise.
+        // Serialisation of numbers, strings and lists cannot fail.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
@@ -235,28 +237,28 @@ impl Scores {
 impl fmt::Display for Scores {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", text::errors(self))?;
-        if self.all_errors {
+        if self.prints_all_errors {
             write!(f, "\n\n{}\n\n{}", text::all_errors(self), text::normalised(self))?;
         }
         text::drifts(self).iter().try_for_each(|line| write!(f, "\n{line}"))?;
-        for Difference { trial, from, to, rms } in &self.differences {
+        for StageDifference { trial, from, to, rms } in &self.differences {
             let [total, heading, inclination] =
                 [rms.total, rms.heading, rms.inclination].map(|deg| text::number(deg, 3));
             write!(
                 f,
-                "\n{trial}: {from} and {to} are apart by total {total}°, heading {heading}°, inclination {inclination}°"
+                "\n{trial}: {to} differs from {from} by total {total}°, heading {heading}°, inclination {inclination}° (RMS)"
             )?;
         }
-        for Sweep { fuser, setting, unit, least_of, before, best, .. } in self.swept.iter().chain(&self.tuned) {
+        for Sweep { fuser, setting, unit, objective, before, best, .. } in self.swept.iter().chain(&self.tuned) {
             let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
             write!(
                 f,
-                "\n{fuser}: {least_of} error {:.3}° with {setting} = {}{unit}, {:.3}° with {} as before",
-                best.error_deg, best.value, before.error_deg, before.value
+                "\n{fuser}: best {setting} = {}{unit} with {objective} error {:.3}°; before: {}{unit} with {:.3}°",
+                best.value, best.error_deg, before.value, before.error_deg
             )?;
         }
-        match &self.choice {
-            Some(choice) => write!(f, "\n{}", choice.text),
+        match &self.recommendation {
+            Some(recommendation) => write!(f, "\n{}", recommendation.text),
             None => Ok(()),
         }
     }
@@ -271,8 +273,8 @@ mod tests {
             name: name.into(),
             error: Errors { attitude: ErrorsDeg { total: deg, heading: deg, inclination: deg }, ..Errors::default() },
             heading_is_known: true,
-            normalised: Normalised::default(),
-            deviations: Deviations::default(),
+            normalised: NormalisedErrors::default(),
+            ratios: RatioHistograms::default(),
             scored: 3,
             ticks: 5,
             ns_per_update: Some(100.0),
@@ -280,19 +282,19 @@ mod tests {
         };
         let mut stage = StageScore::new(&Launch::default());
         stage.trials = vec![trial("one", Some(1.0)), trial("two", Some(2.0)), trial("no_truth", None)];
-        stage.finish();
+        stage.update_means();
         Scores { stages: vec![stage], ..Scores::default() }
     }
 
     #[test]
-    fn the_mean_is_over_the_trials_that_have_a_score() {
+    fn mean_covers_scored_trials_only() {
         let Scores { stages, .. } = scores();
         assert_eq!(stages[0].mean.attitude, ErrorsDeg { total: Some(1.5), heading: Some(1.5), inclination: Some(1.5) });
         assert_eq!(stages[0].ns_per_update, Some(100.0));
     }
 
     #[test]
-    fn where_one_trial_knows_no_heading_the_mean_has_none() {
+    fn mean_heading_unknown_if_unknown_in_one_trial() {
         let of = |total: Option<f64>, inclination: f64| {
             let attitude = ErrorsDeg { total, heading: total, inclination: Some(inclination) };
             Errors { attitude, yaw: total, roll: Some(1.0), ..Errors::default() }
@@ -303,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_null_for_scripts_and_a_dash_for_people() {
+    fn unknown_errors_are_null_in_json_and_dash_in_table() {
         let json: serde_json::Value = serde_json::from_str(&scores().json()).unwrap();
         assert_eq!(json.pointer("/stages/0/trials/2/total"), Some(&serde_json::Value::Null));
         assert_eq!(json.pointer("/stages/0/trials/0/total"), Some(&1.0.into()));

@@ -1,19 +1,21 @@
-//! The scores as tables that people read.
+//! The scores as text tables.
 //!
-//! Input: the scores. Output: lines of columns. Time: none. Failure: none; what is not known is a dash, a heading from nowhere `arb.`.
+//! Input: the scores.
+//!
+//! Output: lines of aligned columns. Unknown values are dashes; an arbitrary heading is `arb.`.
 
 use crate::{
-    normalised::Quantiles,
+    normalised::RatioQuantiles,
     seeds::{QUANTILES, Spread},
-    table::{ERRORS, Errors, Scores, StageScore, TrialScore},
+    table::{ERROR_COUNT, Errors, Scores, StageScore, TrialScore},
 };
 
-/// The first columns are of words.
-const WORDS: usize = 2;
-/// Columns of numbers are at least as wide.
-const MIN_WIDTH: usize = 9;
+/// Number of leading text columns.
+const TEXT_COLUMNS: usize = 2;
+/// Minimum width of a number column.
+const MIN_NUMBER_WIDTH: usize = 9;
 
-/// Total, heading, inclination and the time of an update.
+/// Returns the table of total, heading and inclination error and time per update.
 pub(crate) fn errors(scores: &Scores) -> String {
     let head = ["RMSE, degrees", "fuser", "total", "heading", "inclination", "ns/update"];
     let line = |name: &str, fuser: &str, errors: &Errors, is_known: bool, ns: Option<f64>| {
@@ -24,22 +26,22 @@ pub(crate) fn errors(scores: &Scores) -> String {
         };
         vec![name.into(), fuser.into(), total, heading, number(attitude.inclination, 3), number(ns, 0)]
     };
-    let of_trial = |name: &str, stage: &StageScore, trial: &TrialScore| {
-        let own = line(name, &stage.fuser, &trial.error, trial.heading_is_known, trial.ns_per_update);
-        let spread = trial.spread.iter().flat_map(labelled);
+    let trial_lines = |name: &str, stage: &StageScore, trial: &TrialScore| {
+        let trial_line = line(name, &stage.fuser, &trial.error, trial.heading_is_known, trial.ns_per_update);
+        let spread = trial.spread.iter().flat_map(spread_lines);
         let spread = spread.map(|(label, errors)| line(&label, "", &errors, trial.heading_is_known, None));
-        [own].into_iter().chain(spread).collect()
+        [trial_line].into_iter().chain(spread).collect()
     };
     let mean = |name: &str, stage: &StageScore| {
         line(name, &stage.fuser, &stage.mean, stage.heading_is_known(), stage.ns_per_update)
     };
-    aligned(&head, &rows(scores, of_trial, mean))
+    aligned(&head, &rows(scores, trial_lines, mean))
 }
 
-/// Every error but those of the whole attitude.
+/// Returns the table of all other errors.
 pub(crate) fn all_errors(scores: &Scores) -> String {
     let head = [
-        "RMSE, and drift",
+        "RMSE and drift",
         "fuser",
         "roll, °",
         "pitch, °",
@@ -49,30 +51,30 @@ pub(crate) fn all_errors(scores: &Scores) -> String {
         "drift, °/min",
         "at end, °",
     ];
-    let line = |name: &str, fuser: &str, values: [String; ERRORS]| {
-        let [_, _, _, of_angles @ ..] = values;
-        [name.into(), fuser.into()].into_iter().chain(of_angles).collect::<Vec<String>>()
+    let line = |name: &str, fuser: &str, values: [String; ERROR_COUNT]| {
+        let [_, _, _, angle_cells @ ..] = values;
+        [name.into(), fuser.into()].into_iter().chain(angle_cells).collect::<Vec<String>>()
     };
     let numbers = |errors: &Errors| {
-        let mut at = Errors::NAMES.into_iter();
-        errors.each().map(|value| number(value, if at.next() == Some("gyro_bias_deg_s") { 4 } else { 3 }))
+        let mut names = Errors::NAMES.into_iter();
+        errors.values().map(|value| number(value, if names.next() == Some("gyro_bias_deg_s") { 4 } else { 3 }))
     };
-    let of_trial = |name: &str, stage: &StageScore, trial: &TrialScore| {
+    let trial_lines = |name: &str, stage: &StageScore, trial: &TrialScore| {
         let mut lines = vec![line(name, &stage.fuser, numbers(&trial.error))];
         if let Some(spread) = &trial.spread {
-            lines.extend(labelled(spread).into_iter().map(|(label, errors)| line(&label, "", numbers(&errors))));
-            let seed = |name| spread.worst_seed_of.get(name).map_or_else(|| number(None, 0), u64::to_string);
-            lines.push(line("  its worst seed", "", Errors::NAMES.map(seed)));
+            lines.extend(spread_lines(spread).into_iter().map(|(label, errors)| line(&label, "", numbers(&errors))));
+            let seed = |name| spread.worst_seed_by_error.get(name).map_or_else(|| number(None, 0), u64::to_string);
+            lines.push(line("  worst seed of each", "", Errors::NAMES.map(seed)));
         }
         lines
     };
-    aligned(&head, &rows(scores, of_trial, |name, stage| line(name, &stage.fuser, numbers(&stage.mean))))
+    aligned(&head, &rows(scores, trial_lines, |name, stage| line(name, &stage.fuser, numbers(&stage.mean))))
 }
 
-/// Errors over their own standard deviations.
+/// Returns the table of normalised errors, divided by their ideal values.
 pub(crate) fn normalised(scores: &Scores) -> String {
     let head = [
-        "error / own deviation / ideal",
+        "error / reported SD / ideal",
         "fuser",
         "incl. 68 %",
         "incl. 95 %",
@@ -81,50 +83,50 @@ pub(crate) fn normalised(scores: &Scores) -> String {
         "course 68 %",
         "course 95 %",
     ];
-    let line = |name: &str, fuser: &str, of: &crate::normalised::Normalised| {
-        let told = |of: &Option<Quantiles>| [0, 1].map(|at| number(of.map(|of| of.over_ideal[at]), 2));
-        let numbers = [&of.inclination, &of.heading, &of.course].into_iter().flat_map(told);
+    let line = |name: &str, fuser: &str, normalised: &crate::normalised::NormalisedErrors| {
+        let cells = |quantiles: &Option<RatioQuantiles>| [0, 1].map(|at| number(quantiles.map(|quantiles| quantiles.over_ideal[at]), 2));
+        let numbers = [&normalised.inclination, &normalised.heading, &normalised.course].into_iter().flat_map(cells);
         [name.into(), fuser.into()].into_iter().chain(numbers).collect::<Vec<String>>()
     };
-    let of_trial =
+    let trial_lines =
         |name: &str, stage: &StageScore, trial: &TrialScore| vec![line(name, &stage.fuser, &trial.normalised)];
-    let rows = rows(scores, of_trial, |_, stage| line("all samples", &stage.fuser, &stage.normalised));
+    let rows = rows(scores, trial_lines, |_, stage| line("all samples", &stage.fuser, &stage.normalised));
     aligned(&head, &rows)
 }
 
-/// How far the headings that are counted from nowhere drift, a line for each chain of stages.
+/// Returns one line per chain with the drift of an arbitrary heading.
 pub(crate) fn drifts(scores: &Scores) -> Vec<String> {
-    let of = |stage: &StageScore| {
+    let drift_line = |stage: &StageScore| {
         let (deg_min, end_deg) = stage.mean.drift_deg_min.zip(stage.mean.drift_end_deg)?;
         let known = stage.trials.iter().filter(|trial| trial.error.drift_end_deg.is_some());
         let runs = known.map(|trial| trial.spread.as_ref().map_or(1, |spread| spread.seeds)).sum();
         let (deg_min, end_deg, on_average) = match &stage.trials[..] {
             [one] if one.spread.is_none() => (one.error.drift_deg_min?, one.error.drift_end_deg?, String::new()),
-            _ => (deg_min, end_deg, format!(", mean size over {}", launch::pluralize(runs, "run"))),
+            _ => (deg_min, end_deg, format!(", mean magnitude over {}", launch::pluralize(runs, "run"))),
         };
         let sign = if on_average.is_empty() { "+" } else { "" };
         let signed = |value: f64, digits: usize| {
             if sign.is_empty() { format!("{value:.digits$}") } else { format!("{value:+.digits$}") }
         };
         Some(format!(
-            "{}: no heading is known (arb.); it drifts by {}°/min, {}° at the end{on_average}",
+            "{}: heading arbitrary (arb.), drift {}°/min, {}° at the end{on_average}",
             stage.fuser,
             signed(deg_min, 3),
             signed(end_deg, 2)
         ))
     };
-    scores.stages.iter().filter_map(of).collect()
+    scores.stages.iter().filter_map(drift_line).collect()
 }
 
-/// A number, or a dash.
+/// Formats a number, or a dash for `None`.
 pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("—".into(), |value| format!("{value:.digits$}"))
 }
 
-/// The lines of each trial under one another, and of the means where there is more than one.
+/// Returns the lines of each trial for all chains, and the means if there are several trials.
 fn rows(
     scores: &Scores,
-    of_trial: impl Fn(&str, &StageScore, &TrialScore) -> Vec<Vec<String>>,
+    trial_lines: impl Fn(&str, &StageScore, &TrialScore) -> Vec<Vec<String>>,
     mean: impl Fn(&str, &StageScore) -> Vec<String>,
 ) -> Vec<Vec<String>> {
     let Some(first) = scores.stages.first() else { return Vec::new() };
@@ -132,7 +134,7 @@ fn rows(
     for (index, trial) in first.trials.iter().enumerate() {
         let mut name = trial.name.as_str();
         for stage in &scores.stages {
-            rows.extend(stage.trials.get(index).into_iter().flat_map(|trial| of_trial(name, stage, trial)));
+            rows.extend(stage.trials.get(index).into_iter().flat_map(|trial| trial_lines(name, stage, trial)));
             name = "";
         }
     }
@@ -144,28 +146,28 @@ fn rows(
     rows
 }
 
-/// Words to the left, numbers to the right.
+/// Aligns text columns to the left and number columns to the right.
 fn aligned(head: &[&str], rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count());
-        let least = if column < WORDS { 0 } else { MIN_WIDTH };
-        cells.chain([head[column].chars().count()]).max().unwrap_or(0).max(least)
+        let min_width = if column < TEXT_COLUMNS { 0 } else { MIN_NUMBER_WIDTH };
+        cells.chain([head[column].chars().count()]).max().unwrap_or(0).max(min_width)
     };
     let widths: Vec<_> = (0..head.len()).map(width).collect();
     let head = head.iter().map(ToString::to_string).collect();
     let line = |row: &Vec<String>| {
         let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, width))| {
-            if column < WORDS { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
+            if column < TEXT_COLUMNS { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
         });
         cells.collect::<Vec<_>>().join("  ")
     };
     [&head].into_iter().chain(rows).map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// The lines of a spread under its mean.
-fn labelled(spread: &Spread) -> Vec<(String, Errors)> {
+/// Returns the labelled lines of a spread.
+fn spread_lines(spread: &Spread) -> Vec<(String, Errors)> {
     let quantiles =
-        QUANTILES.iter().zip(spread.quantiles).map(|(part, errors)| (format!("  {} %", part * 100.0), errors));
-    let worst = (format!("  worst: seed {}", spread.worst_seed), spread.worst);
-    [("  deviation".to_owned(), spread.sd)].into_iter().chain(quantiles).chain([worst]).collect()
+        QUANTILES.iter().zip(spread.quantiles).map(|(probability, errors)| (format!("  {} % quantile", probability * 100.0), errors));
+    let worst = (format!("  worst (seed {})", spread.worst_seed), spread.worst);
+    [("  SD".to_owned(), spread.sd)].into_iter().chain(quantiles).chain([worst]).collect()
 }

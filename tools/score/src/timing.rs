@@ -1,10 +1,14 @@
-//! Nanoseconds per update of the bare stages.
+//! CPU time per update of the bare stages.
 //!
-//! Input: checked samples in memory. Output: the time from a sample to the fused attitude: gyro, accel and fuser step, nothing
-//! else. Time: the CPU time of this thread over whole passes. Failure: none; what else runs on the machine still costs caches.
+//! Input: checked samples in memory.
 //!
-//! The stages that are compared take turns, so that what slows the machine slows them all; of the rounds' means the median is
-//! taken.
+//! Output: the time from a sample to the fused attitude: one step each of gyro, accel and fuser.
+//!
+//! Time: CPU time of the current thread over complete passes. Other load on the machine still
+//! affects the caches.
+//!
+//! The compared chains are timed alternately, so that a slow phase of the machine affects all of
+//! them. The result is the median of the means per round.
 
 use std::hint::black_box;
 
@@ -20,16 +24,16 @@ use messages::Flags;
 use runtime::convert;
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::chain::Stages;
+use crate::chain::StageChain;
 
-/// Samples of a trial that are timed, from its start: so many are kept in memory.
+/// Maximum number of samples kept in memory for timing, counted from the start of a trial.
 pub const MAX_SAMPLES: usize = 30_000;
-/// Passes over them.
+/// Passes over the samples per chain.
 const ROUNDS: usize = 7;
 
-/// What the stages are given at a tick.
+/// Input of the stages at one tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
+pub struct StageInput {
     rate: RateSample,
     force_m_s2: Vector3<f64>,
     field_ut: Option<Vector3<f64>>,
@@ -38,8 +42,8 @@ pub struct Step {
     is_rate_good: bool,
 }
 
-impl Step {
-    /// Of a checked sample.
+impl StageInput {
+    /// Converts a checked sample.
     pub fn new(sample: &Sample) -> Self {
         let Sample { imu, mag, gnss, .. } = sample;
         let flags = imu.header.flags;
@@ -55,26 +59,28 @@ impl Step {
     }
 }
 
-/// Nanoseconds per update of each of `compared`; `None` of no samples, and where a stage is a process of its own, whose time is not this
-/// thread's.
-pub fn ns_per_update(steps: &[Step], compared: &[Stages]) -> Vec<Option<f64>> {
+/// Returns the time per update of each chain in `compared`, ns.
+///
+/// A time is `None` if there are no samples, or if a stage is an external program, because its time
+/// does not count to this thread.
+pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Option<f64>> {
     let mut rounds_ns = vec![[f64::NAN; ROUNDS]; compared.len()];
     for round in 0..ROUNDS {
-        let timed = compared.iter().zip(&mut rounds_ns).filter(|(stages, _)| stages.are_of_this_process());
+        let timed = compared.iter().zip(&mut rounds_ns).filter(|(stages, _)| stages.are_in_process());
         for (stages, rounds_ns) in timed {
-            rounds_ns[round] = mean_ns(steps, stages.clone());
+            rounds_ns[round] = mean_ns_per_step(steps, stages.clone());
         }
     }
-    let of_this_process = compared.iter().map(Stages::are_of_this_process);
+    let in_process = compared.iter().map(StageChain::are_in_process);
     rounds_ns
         .into_iter()
-        .zip(of_this_process)
+        .zip(in_process)
         .map(|(rounds_ns, timed)| if timed { median(rounds_ns) } else { f64::NAN })
         .map(|ns| ns.is_finite().then_some(ns))
         .collect()
 }
 
-fn mean_ns(steps: &[Step], mut stages: Stages) -> f64 {
+fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> f64 {
     let start_ns = cpu_ns();
     for step in steps {
         let motion = stages.gyro.step(&step.rate);
@@ -92,7 +98,7 @@ fn mean_ns(steps: &[Step], mut stages: Stages) -> f64 {
     (cpu_ns() - start_ns) / steps.len() as f64
 }
 
-/// CPU time of this thread.
+/// Returns the CPU time of the current thread, ns.
 fn cpu_ns() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 * 1e9 + time.tv_nsec as f64
@@ -109,10 +115,10 @@ mod tests {
     use launch::Launch;
 
     #[test]
-    fn every_stage_compared_has_its_time_and_nothing_timed_has_none() {
-        let compared = vec![Stages::of(&Launch::default()).unwrap(); 2];
+    fn each_chain_is_timed_unless_no_samples() {
+        let compared = vec![StageChain::from_launch(&Launch::default()).unwrap(); 2];
         let sample = Sample { imu: bytemuck::Zeroable::zeroed(), mag: None, gnss: None, reference: None };
-        let times = ns_per_update(&[Step::new(&sample); 100], &compared);
+        let times = ns_per_update(&[StageInput::new(&sample); 100], &compared);
         assert!(times.len() == 2 && times.iter().all(|ns| ns.is_some_and(|ns| ns > 0.0)), "{times:?}");
         assert_eq!(ns_per_update(&[], &compared), [None, None]);
     }

@@ -1,73 +1,78 @@
-//! A trial: a recording or a simulation, reading by reading.
+//! A trial: a recording or a simulation as a sequence of readings.
 //!
-//! Input: a file's name, or `sim:` and a scenario. Output: its readings in their order, each with the fix that arrived with it. Time:
-//! the trial's own; nothing of it is kept. Failure: a file that cannot be read, found before the first reading is given out.
+//! Input: the name of a file, or `sim:` and a scenario.
+//!
+//! Output: the readings in order, each with the fix that arrived with it.
+//!
+//! Time: that of the trial. Readings are streamed and not kept.
+//!
+//! Failure: an unreadable file is reported when the trial is opened, before the first reading.
 
 use std::path::{Path, PathBuf};
 
 use attitude::gyro::RateKind;
-use ingest::source::{Reading, Recorded, Truth};
+use ingest::source::{Reading, RecordedReadings, Truth};
 use launch::GyroSamples;
 use recording::{RecordingError, References, gnss, survey};
 use scenario::Scenario;
 
 use crate::ScoreError;
 
-/// What a simulation's name begins with.
+/// Prefix of the name of a simulation.
 const SIM: &str = "sim:";
 
-/// Where the fixes of a recording are.
+/// Source of the satellite fixes of a trial.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Gnss {
-    /// In `NAME_gnss.csv` beside `NAME_imu.csv.gz`, if it is there.
+    /// `NAME_gnss.csv` next to `NAME_imu.csv.gz`, if it exists.
     #[default]
     Auto,
-    /// Nowhere; a simulated receiver is off, too.
+    /// No fixes. This also disables a simulated receiver.
     Off,
-    /// In this file.
+    /// Fixes from this file.
     File(PathBuf),
 }
 
-/// What a rate sample of a recording says: the mean of its interval where nobody knows better.
+/// Meaning of the rate samples of recordings: by default the mean over the sample interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RecordedSamples(pub GyroSamples);
+pub struct RecordedGyroSamples(pub GyroSamples);
 
-impl Default for RecordedSamples {
+impl Default for RecordedGyroSamples {
     fn default() -> Self {
         Self(GyroSamples::Means)
     }
 }
 
-/// How trials are read.
+/// Options for reading trials.
 #[derive(Debug, Clone, Default)]
-pub struct Options {
-    /// Where fixes are.
+pub struct TrialOptions {
+    /// Source of the fixes.
     pub gnss: Gnss,
-    /// Leave out the magnetic field.
+    /// Ignore the magnetic field.
     pub without_field: bool,
-    /// The true attitude of a recording, in a file of its own, in place of what the recording says.
+    /// File with the reference attitude, which replaces that of the recording.
     pub reference: Option<PathBuf>,
-    /// What a rate sample says, of recordings and simulations.
+    /// Meaning of a rate sample, for recordings and simulations.
     pub gyro_samples: Option<GyroSamples>,
-    /// What a recording's says where that is not said.
-    pub recorded_samples: RecordedSamples,
+    /// Meaning of a rate sample in recordings if `gyro_samples` is `None`.
+    pub recorded_gyro_samples: RecordedGyroSamples,
 }
 
 /// A recording or a simulation.
 #[derive(Debug, Clone)]
 pub struct Trial {
-    /// The file's name without its ending, or the simulation's.
+    /// File name without its extension, or the name of the simulation.
     pub name: String,
-    /// Samples per second.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Readings.
+    /// Number of readings.
     pub rows: u64,
-    /// The attitude is known, at least now and then.
+    /// Whether the attitude is known for at least some of the samples.
     pub has_reference: bool,
-    /// What a rate sample says about its interval.
+    /// Meaning of a rate sample: mean over the interval, or value at its end.
     pub gyro_samples: GyroSamples,
     source: Source,
-    options: Options,
+    options: TrialOptions,
 }
 
 #[derive(Debug, Clone)]
@@ -77,15 +82,22 @@ enum Source {
 }
 
 impl Trial {
-    /// The trial of that name. A recording is read once as a whole, so that whatever is malformed in it is found now.
-    pub fn open(text: &str, options: &Options) -> Result<Self, ScoreError> {
+    /// Opens the trial with this name.
+    ///
+    /// A recording is read once completely, so that malformed lines are reported here.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the scenario is unknown, or if a recording, its fixes or its reference
+    /// cannot be read.
+    pub fn open(text: &str, options: &TrialOptions) -> Result<Self, ScoreError> {
         match text.strip_prefix(SIM) {
-            Some(scenario) => Ok(Self::simulated(text, Scenario::named(scenario)?, options)),
+            Some(scenario) => Ok(Self::simulated(text, Scenario::parse(scenario)?, options)),
             None => Self::recorded(Path::new(text), options),
         }
     }
 
-    fn recorded(file: &Path, options: &Options) -> Result<Self, ScoreError> {
+    fn recorded(file: &Path, options: &TrialOptions) -> Result<Self, ScoreError> {
         let survey = survey(file)?;
         let fixes = match &options.gnss {
             Gnss::Off => None,
@@ -93,19 +105,19 @@ impl Trial {
             Gnss::Auto => gnss::find_for(file),
         };
         fixes.as_deref().map_or(Ok(()), gnss::validate)?;
-        options.reference.as_deref().map_or(Ok(()), check)?;
+        options.reference.as_deref().map_or(Ok(()), validate_references)?;
         Ok(Self {
-            name: stem(file),
+            name: trial_name(file),
             rate_hz: survey.rate_hz,
             rows: survey.rows,
             has_reference: survey.has_reference || options.reference.is_some(),
-            gyro_samples: options.gyro_samples.unwrap_or(options.recorded_samples.0),
+            gyro_samples: options.gyro_samples.unwrap_or(options.recorded_gyro_samples.0),
             source: Source::Recording { file: file.into(), fixes },
             options: options.clone(),
         })
     }
 
-    fn simulated(name: &str, scenario: Scenario, options: &Options) -> Self {
+    fn simulated(name: &str, scenario: Scenario, options: &TrialOptions) -> Self {
         let gyro_samples = match scenario.rate_kind {
             RateKind::Mean => GyroSamples::Means,
             RateKind::Instant => GyroSamples::Instants,
@@ -121,7 +133,7 @@ impl Trial {
         }
     }
 
-    /// The recording's file.
+    /// Returns the file of a recording; `None` for a simulation.
     pub fn file(&self) -> Option<&Path> {
         match &self.source {
             Source::Recording { file, .. } => Some(file),
@@ -129,7 +141,8 @@ impl Trial {
         }
     }
 
-    /// The name as a file's: what a shell would take for something else is replaced.
+    /// Returns the name for output files. Characters with a special meaning in a shell or path are
+    /// replaced.
     pub fn file_stem(&self) -> String {
         match &self.source {
             Source::Recording { .. } => self.name.clone(),
@@ -137,12 +150,16 @@ impl Trial {
         }
     }
 
-    /// The readings from the first to the last; ends after the first error.
+    /// Returns the readings in order. The iterator ends after the first error.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a file cannot be opened.
     pub fn readings(&self) -> Result<Box<dyn Iterator<Item = Result<Reading, ScoreError>>>, ScoreError> {
-        let Options { gnss, without_field, reference, .. } = &self.options;
+        let TrialOptions { gnss, without_field, reference, .. } = &self.options;
         Ok(match &self.source {
             Source::Recording { file, fixes } => {
-                let readings = Recorded::open(file, fixes.as_deref(), !without_field)?;
+                let readings = RecordedReadings::open(file, fixes.as_deref(), !without_field)?;
                 match reference.as_deref().map(References::open).transpose()? {
                     None => Box::new(readings.map(|reading| Ok(reading?))),
                     Some(mut references) => Box::new(readings.map(move |reading| {
@@ -158,7 +175,8 @@ impl Trial {
 }
 
 impl Trial {
-    /// What the gyro of a simulation reads too much at a time, ns; not known of a recording.
+    /// Returns the true gyro bias of a simulation as a function of time in ns, rad/s; `None` for a
+    /// recording.
     pub(crate) fn gyro_bias_rad_s(&self) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
         let Source::Sim(scenario) = &self.source else { return None };
         let sensors = scenario.sensors();
@@ -166,8 +184,8 @@ impl Trial {
     }
 }
 
-/// Reads a file of references to its end.
-fn check(file: &Path) -> Result<(), RecordingError> {
+/// Reads a file of references to its end to validate it.
+fn validate_references(file: &Path) -> Result<(), RecordingError> {
     References::open(file)?.interpolate(i64::MAX).map(drop)
 }
 
@@ -186,8 +204,8 @@ fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl It
     })
 }
 
-/// The file's name without `.csv.gz` or `.csv`.
-fn stem(file: &Path) -> String {
+/// Returns the file name without `.csv.gz` or `.csv`.
+fn trial_name(file: &Path) -> String {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.strip_suffix(".gz").unwrap_or(&name);
     stem.strip_suffix(".csv").unwrap_or(&name).into()
@@ -199,13 +217,13 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn fixes_are_found_beside_their_recording_and_come_with_the_row_they_arrived_by() {
+    fn fix_file_is_found_and_fixes_join_arrival_row() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let imu = path("flight_imu.csv");
         fs::write(&imu, "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n").unwrap();
         let fixes = |gnss: Gnss| -> Vec<_> {
-            let trial = Trial::open(imu.to_str().unwrap(), &Options { gnss, ..Options::default() }).unwrap();
+            let trial = Trial::open(imu.to_str().unwrap(), &TrialOptions { gnss, ..TrialOptions::default() }).unwrap();
             assert_eq!((trial.name.as_str(), trial.rows), ("flight_imu", 2));
             trial.readings().unwrap().map(|reading| reading.unwrap().fix.map(|fix| fix.fix.velocity_m_s.x)).collect()
         };
@@ -218,11 +236,11 @@ mod tests {
     }
 
     #[test]
-    fn the_field_can_be_left_out() {
+    fn magnetic_field_can_be_ignored() {
         let file = tempfile::NamedTempFile::new().unwrap();
         fs::write(&file, "t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n0,0,0,0,0,0,9.8,1,2,3\n1,0,0,0,0,0,9.8,1,2,3\n").unwrap();
         for (without_field, expected) in [(false, Some([1.0, 2.0, 3.0])), (true, None)] {
-            let options = Options { without_field, ..Options::default() };
+            let options = TrialOptions { without_field, ..TrialOptions::default() };
             let trial = Trial::open(file.path().to_str().unwrap(), &options).unwrap();
             let fields: Vec<_> = trial.readings().unwrap().map(|reading| reading.unwrap().field_ut).collect();
             assert_eq!(fields, [expected; 2]);
@@ -230,21 +248,21 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_counts_from_where_its_scenario_says_and_ends_where_it_says() {
-        let trial = Trial::open("sim:s1?duration_s=8&rate_hz=50", &Options::default()).unwrap();
+    fn simulation_duration_and_scoring_start_match_scenario() {
+        let trial = Trial::open("sim:s1?duration_s=8&rate_hz=50", &TrialOptions::default()).unwrap();
         assert_eq!((trial.rows, trial.rate_hz, trial.gyro_samples), (401, 50.0, GyroSamples::Instants));
         let readings: Vec<_> = trial.readings().unwrap().map(Result::unwrap).collect();
         assert_eq!(readings.len(), 401);
         let scored = readings.iter().filter(|reading| reading.reference.is_some_and(|truth| truth.scored)).count();
         assert_eq!(scored, 151, "s1 is scored from 5 s");
         assert_eq!(trial.file_stem(), "sim_s1_duration_s_8_rate_hz_50");
-        assert_eq!(Trial::open("sim:s9", &Options::default()).unwrap_err().exit_code(), 2);
+        assert_eq!(Trial::open("sim:s9", &TrialOptions::default()).unwrap_err().exit_code(), 2);
     }
 
     #[test]
-    fn a_simulated_receiver_can_be_switched_off() {
+    fn simulated_receiver_can_be_disabled() {
         let fixes = |gnss| {
-            let options = Options { gnss, ..Options::default() };
+            let options = TrialOptions { gnss, ..TrialOptions::default() };
             let trial = Trial::open("sim:cruise?duration_s=5", &options).unwrap();
             trial.readings().unwrap().filter(|reading| reading.as_ref().unwrap().fix.is_some()).count()
         };
@@ -253,9 +271,9 @@ mod tests {
     }
 
     #[test]
-    fn a_trial_is_called_as_its_file() {
+    fn trial_name_is_file_stem() {
         for (file, name) in [("a/b.csv.gz", "b"), ("b.csv", "b"), ("x.y_imu.csv.gz", "x.y_imu"), ("b.txt", "b.txt")] {
-            assert_eq!(stem(Path::new(file)), name);
+            assert_eq!(trial_name(Path::new(file)), name);
         }
     }
 }

@@ -33,19 +33,23 @@ use serde::Serialize;
 
 use world::World;
 
-/// Simulates a system of each seed.
+/// Simulate a system for each seed and check its output
 #[derive(Parser)]
+#[command(after_help = "\
+Examples:
+  simulator --seeds 1000 --threads 2 --json
+  simulator --from 42 --seeds 1               # prints each event of the seed")]
 struct Arguments {
-    /// How many seeds; of one alone the story is told.
+    /// Number of seeds, 1 to 2^62; a single seed is traced
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=MAX_SEEDS))]
     seeds: u64,
-    /// The first seed.
+    /// First seed, 0 to 2^62
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=MAX_SEEDS))]
     from: u64,
-    /// Threads.
+    /// Number of threads, 1 to 64
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
     threads: u64,
-    /// Print one JSON object.
+    /// Print one JSON object
     #[arg(long)]
     json: bool,
 }

@@ -12,7 +12,7 @@ use attitude::{
     rotation::Rotation,
 };
 use proptest::prelude::*;
-use scenario::{Field, Reading, Scenario};
+use scenario::{Magnetometer, Reading, Scenario};
 
 fn aided(settings: &[(&str, f64)]) -> Fuser {
     let mut fuser = Fuser::from_name("aided").unwrap();
@@ -76,7 +76,7 @@ fn inclination_rms_deg(scenario: &Scenario, fuser: &mut Fuser, from_s: f64) -> f
 
 #[test]
 fn without_a_receiver_gravity_levels_it_on_a_body_that_turns_in_place() {
-    let scenario = Scenario::named("s1?duration_s=300").unwrap();
+    let scenario = Scenario::parse("s1?duration_s=300").unwrap();
     let mut fuser = aided(&[]);
     let error_deg = inclination_rms_deg(&scenario, &mut fuser, 60.0);
     println!("s1 without a receiver: {error_deg:.3}°");
@@ -91,7 +91,7 @@ fn at_rest_without_a_receiver_it_finds_the_bias_and_stays_level() {
     let mut fuser = aided(&[]);
     let mut front = Front::new(RateKind::Mean);
     let bias_rad_s = Vector3::new(0.3, -0.2, 0.1).map(f64::to_radians);
-    let truth = Scenario::named("s1").unwrap().motion.at(0.0);
+    let truth = Scenario::parse("s1").unwrap().motion.at(0.0);
     let reading = Reading { rate_rad_s: bias_rad_s, force_m_s2: truth.force_m_s2, field_ut: None, fix: None, truth };
     let mut rested = false;
     for tick in 0..60_000u32 {
@@ -106,7 +106,7 @@ fn at_rest_without_a_receiver_it_finds_the_bias_and_stays_level() {
 #[ignore = "long: two days of flight"]
 fn a_day_of_flight_ends_as_the_first_hour_did() {
     for (query, limit_deg) in [("gnss=gaps", 0.1), ("gnss=never", 0.8)] {
-        let scenario = Scenario::named(&format!("cruise?rate_hz=20&duration_s=86400&{query}")).unwrap();
+        let scenario = Scenario::parse(&format!("cruise?rate_hz=20&duration_s=86400&{query}")).unwrap();
         let mut fuser = aided(&[]);
         let mut hours = [(0.0, 0.0); 25];
         let mut flaw = None;
@@ -131,7 +131,7 @@ fn a_day_of_flight_ends_as_the_first_hour_did() {
 
 #[test]
 fn a_restored_flight_goes_on_bit_for_bit_through_a_gap() {
-    let scenario = Scenario::named("cruise?duration_s=380&gnss=gaps").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=380&gnss=gaps").unwrap();
     let (mut fuser, mut front) = (aided(&[]), Front::new(scenario.rate_kind));
     let mut restored = None;
     for (t_s, reading) in scenario.readings() {
@@ -151,7 +151,7 @@ fn a_restored_flight_goes_on_bit_for_bit_through_a_gap() {
 
 #[test]
 fn a_covariance_that_cannot_be_is_refused() {
-    let scenario = Scenario::named("cruise?duration_s=60").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=60").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
     // Where the covariance stands in the record: the first number of its second row is that of the first row's second.
@@ -180,7 +180,7 @@ fn a_covariance_that_cannot_be_is_refused() {
 
 #[test]
 fn the_course_is_true_once_the_body_moves_and_its_error_is_told() {
-    let scenario = Scenario::named("cruise?duration_s=400").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=400").unwrap();
     let mut outside = 0;
     fly(&scenario, &mut aided(&[]), |t_s, out, truth| {
         assert!(t_s < 1.0 || out.reference == CourseReference::True);
@@ -192,7 +192,7 @@ fn the_course_is_true_once_the_body_moves_and_its_error_is_told() {
 
 #[test]
 fn a_told_latitude_takes_off_the_rate_of_the_earth() {
-    let mut scenario = Scenario::named("cruise?duration_s=1800&gnss=gaps").unwrap();
+    let mut scenario = Scenario::parse("cruise?duration_s=1800&gnss=gaps").unwrap();
     scenario.errors.earth_latitude_rad = Some(1.4);
     let mut error_deg = |latitude_rad: Option<f64>| {
         scenario.errors.receiver.as_mut().unwrap().latitude_rad = latitude_rad;
@@ -205,7 +205,7 @@ fn a_told_latitude_takes_off_the_rate_of_the_earth() {
 
 #[test]
 fn a_told_latency_and_accuracy_are_used() {
-    let mut scenario = Scenario::named("cruise?duration_s=300").unwrap();
+    let mut scenario = Scenario::parse("cruise?duration_s=300").unwrap();
     let receiver = scenario.errors.receiver.as_mut().unwrap();
     (receiver.latency_s, receiver.noise_m_s) = (0.5, 1.0);
     let error_deg = |told: bool| {
@@ -231,8 +231,8 @@ fn a_told_latency_and_accuracy_are_used() {
 
 #[test]
 fn the_field_gives_a_heading_only_where_it_is_asked_to() {
-    let mut scenario = Scenario::named("cruise?duration_s=300&gnss=never").unwrap();
-    scenario.errors.field = Some(Field { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
+    let mut scenario = Scenario::parse("cruise?duration_s=300&gnss=never").unwrap();
+    scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let heading_deg = |settings: &[(&str, f64)]| {
         let (mut worst_deg, mut reference) = (0.0f64, CourseReference::Arbitrary);
         fly(&scenario, &mut aided(settings), |t_s, out, truth| {
@@ -251,10 +251,10 @@ fn the_field_gives_a_heading_only_where_it_is_asked_to() {
 
 #[test]
 fn a_wrong_field_does_not_spoil_the_heading_in_flight() {
-    let mut scenario = Scenario::named("cruise?duration_s=600").unwrap();
+    let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     // A magnet on board: half the earth's field, turning with the body.
     let mut worst_deg = 0.0f64;
-    scenario.errors.field = Some(Field { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
+    scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let (mut front, mut fuser) = (Front::new(scenario.rate_kind), aided(&[]));
     for (t_s, mut reading) in scenario.readings() {
         reading.field_ut = reading.field_ut.map(|field_ut| field_ut + Vector3::new(25.0, 0.0, 0.0));
@@ -267,7 +267,7 @@ fn a_wrong_field_does_not_spoil_the_heading_in_flight() {
 
 #[test]
 fn what_another_stage_found_is_taken_over() {
-    let scenario = Scenario::named("cruise?duration_s=200").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=200").unwrap();
     let (mut front, mut before, mut after) = (Front::new(scenario.rate_kind), aided(&[]), aided(&[]));
     for (t_s, reading) in scenario.readings() {
         let input = front.input(t_s, &reading);
@@ -284,7 +284,7 @@ fn what_another_stage_found_is_taken_over() {
 
 #[test]
 fn levelling_anew_keeps_heading_and_bias() {
-    let scenario = Scenario::named("cruise?duration_s=100").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=100").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
     let before = fuser.common();

@@ -40,7 +40,7 @@ fn angle_deg(one: Attitude, other: Attitude) -> f64 {
 /// S3's simulation as a fuser is offered it; the field at every third tick.
 fn s3() -> Vec<FuserInput> {
     let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius-coning").unwrap(), Projector::default(), 0.0);
-    let scenario = Scenario::named("s3").unwrap();
+    let scenario = Scenario::parse("s3").unwrap();
     let input = |(index, (t_s, reading)): (usize, (f64, scenario::Reading))| {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
         before_s = t_s;
@@ -77,7 +77,7 @@ fn a_restored_fuser_goes_on_bit_for_bit_from_any_tick() {
 
 #[test]
 fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
-    let scenario = Scenario::named("coning").unwrap();
+    let scenario = Scenario::parse("coning").unwrap();
     let readings: Vec<_> = scenario.readings().take(100).collect();
     for name in Gyro::NAMES {
         for kind in [RateKind::Mean, RateKind::Instant] {

@@ -172,7 +172,7 @@ fn assert_true_of(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64)
 /// Of so many seeds of a scenario.
 fn simulated(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) -> [[f64; 2]; 2] {
     let run = |seed: u64| {
-        let scenario = Scenario::named(name).unwrap().with_seed(seed);
+        let scenario = Scenario::parse(name).unwrap().with_seed(seed);
         let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
         let (mut fuser, mut errors, mut before_s) = (Fuser::from_name(fuser).unwrap(), Normalised::default(), None);
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());

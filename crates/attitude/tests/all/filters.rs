@@ -9,7 +9,7 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{Errors, Motion, Scenario, Sensors};
+use scenario::{SensorErrors, Motion, Scenario, Sensors};
 
 fn set(name: &str, parameter: &str, value: f64) -> Fuser {
     let mut fuser = Fuser::from_name(name).unwrap();
@@ -35,7 +35,7 @@ fn known(attitude: Attitude) -> Estimate {
 fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
         (set(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
-    let scenario = Scenario::named("s3").unwrap().with_seed(seed);
+    let scenario = Scenario::parse("s3").unwrap().with_seed(seed);
     // The paper starts from the truth; one noisy sample would outweigh gains as low as these.
     fuser.adopt(&known(scenario.motion.at(0.0).attitude)).unwrap();
     let (mut sum, mut count, mut before_s) = (0.0f64, 0.0, 0.0);
@@ -82,10 +82,10 @@ fn the_improved_form_is_better_by_30_percent_at_the_papers_gains_and_at_the_best
 
 /// Drift over a coning motion of one minute, °/s.
 fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
-    let motion = Motion::named("coning").unwrap();
-    let mut sensors = Sensors::new(motion, Errors::NONE, 1);
+    let motion = Motion::from_name("coning").unwrap();
+    let mut sensors = Sensors::new(motion, SensorErrors::NONE, 1);
     if kind == RateKind::Mean {
-        sensors = sensors.integrating();
+        sensors = sensors.with_integrating_gyro();
     }
     let mut gyro = Gyro::from_name(name).unwrap();
     gyro.align(motion.at(0.0).attitude);

@@ -133,7 +133,7 @@ fn flown_by(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
 fn fly_seeds(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
     let seeds: Vec<u64> = SEEDS.collect();
     let fly_all = |seeds: &[u64]| {
-        let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed), fuser, settings));
+        let each = seeds.iter().map(|seed| fly(&Scenario::parse(name).unwrap().with_seed(*seed), fuser, settings));
         each.fold(Errors::default(), Errors::with)
     };
     let (first, second) = seeds.split_at(seeds.len() / 2);

@@ -8,7 +8,7 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 const RATE_HZ: f64 = 100.0;
 
@@ -69,13 +69,13 @@ fn inclination_error_deg(estimate: Attitude, truth: Attitude) -> f64 {
 }
 
 fn bias_error_deg_s(fused: &Fused) -> f64 {
-    fused.bias_rad_s.add_scalar(-Errors::S1.gyro_bias_rad_s).norm().to_degrees()
+    fused.bias_rad_s.add_scalar(-SensorErrors::S1.gyro_bias_rad_s).norm().to_degrees()
 }
 
 /// Runs the article's scenario and hands over each second's time, output and truth.
 fn s1(seed: u64, duration_s: f64, mut each: impl FnMut(f64, &Fused, Attitude)) {
     let mut chain = Chain::new("wz");
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, seed);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, seed);
     for tick in 0..=(duration_s * RATE_HZ) as u64 {
         let t_s = tick as f64 / RATE_HZ;
         let reading = sensors.read(t_s);
@@ -131,8 +131,8 @@ fn a_steady_spin_about_the_vertical_keeps_its_level() {
     for spin_rad_s in [0.2, 0.3, 0.4, 0.5, 1.0, 3.0] {
         for seed in 1..=2 {
             let tilt = Attitude::from_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
-            let rate_rad_s = (tilt.up.direction() * spin_rad_s).add_scalar(Errors::S1.gyro_bias_rad_s);
-            let mut noise = Sensors::new(Motion::S1, Errors::S1, seed);
+            let rate_rad_s = (tilt.up.direction() * spin_rad_s).add_scalar(SensorErrors::S1.gyro_bias_rad_s);
+            let mut noise = Sensors::new(Motion::S1, SensorErrors::S1, seed);
             let mut chain = Chain::new("wz");
             let mut error = Rms::default();
             for tick in 0..=100_000u64 {
@@ -154,7 +154,7 @@ fn a_steady_spin_about_the_vertical_keeps_its_level() {
 #[ignore = "long: a day of every fuser"]
 fn a_day_does_not_let_the_error_of_any_fuser_grow() {
     const HOUR: u64 = 360_000;
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     let period: Vec<_> = (0..36_000).map(|tick| sensors.read(tick as f64 / RATE_HZ)).collect();
     let mut front = Chain::new("wz");
     let mut days = Fuser::NAMES.map(|name| (name, Fuser::from_name(name).unwrap(), Rms::default(), Rms::default()));
@@ -181,7 +181,7 @@ fn a_day_does_not_let_the_error_of_any_fuser_grow() {
 
 #[test]
 fn a_stage_restored_halfway_goes_on_bit_for_bit() {
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 3);
     let readings: Vec<_> = (0..1000).map(|tick| sensors.read(f64::from(tick) / RATE_HZ)).collect();
     let mut whole = Chain::new("wz");
     let (first, second) = readings.split_at(503);
@@ -203,7 +203,7 @@ fn a_stage_restored_halfway_goes_on_bit_for_bit() {
 #[test]
 fn a_state_that_cannot_be_is_refused() {
     let mut chain = Chain::new("wz");
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     for tick in 0..2000 {
         let reading = sensors.read(f64::from(tick) / RATE_HZ);
         chain.step(reading.rate_rad_s, reading.force_m_s2);
@@ -230,7 +230,7 @@ fn a_state_that_cannot_be_is_refused() {
 #[test]
 fn absurd_input_is_survived() {
     let absurd = [0.0, -0.0, 1e-300, 1.0, -3.0, 1e5, -1e8, 1e155, -1e200, f64::MAX, f64::MIN];
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     for fuser in ["wz", "wz-closed", "wz-open"] {
         let mut chain = Chain::new(fuser);
         let mut seed = 1u64;

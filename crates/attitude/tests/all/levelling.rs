@@ -14,7 +14,7 @@ use attitude::{
     rotation::Rotation,
 };
 use proptest::prelude::*;
-use scenario::{Errors, Motion, Scenario};
+use scenario::{SensorErrors, Motion, Scenario};
 
 #[derive(Clone)]
 struct Chain {
@@ -126,7 +126,7 @@ fn flown(fuser: &str, text: &str, seeds: core::ops::RangeInclusive<u64>) -> Flow
 fn fly_seeds(fuser: &str, text: &str, seeds: core::ops::RangeInclusive<u64>) -> Flown {
     let mut all = Flown::default();
     for seed in seeds {
-        let scenario = Scenario::named(text).unwrap().with_seed(seed);
+        let scenario = Scenario::parse(text).unwrap().with_seed(seed);
         Flown::fly(std::array::from_mut(&mut all), [Chain::new(fuser, "track")], &scenario);
     }
     let show = |errors: [Rms; 2]| {
@@ -181,7 +181,7 @@ fn two_platforms_are_as_printed_aided_and_in_gaps_as_far_off_as_without_a_receiv
 
 #[test]
 fn the_choice_jumps_by_as_much_as_the_platforms_are_apart_and_says_so() {
-    let scenario = Scenario::named("cruise?gnss=gaps&duration_s=700").unwrap();
+    let scenario = Scenario::parse("cruise?gnss=gaps&duration_s=700").unwrap();
     let mut chain = Chain::new("levelling-unified", "angles");
     let (mut told, mut before) = (Vec::new(), None::<[f64; 3]>);
     for (t_s, reading) in scenario.readings() {
@@ -245,7 +245,7 @@ fn nothing_has_grown_after_a_day() {
     let fusers = ["levelling", "levelling-unified", "levelling-pi"];
     for (gnss, most_deg) in [("always", [0.6, 0.6, 0.25]), ("never", [7.0; 3]), ("start", [7.0, 7.0, 1.0])] {
         let text = format!("cruise?gnss={gnss}&duration_s=86400&rate_hz=10");
-        let scenario = Scenario { scored_from_s: 79_200.0, ..Scenario::named(&text).unwrap() };
+        let scenario = Scenario { scored_from_s: 79_200.0, ..Scenario::parse(&text).unwrap() };
         let mut days = [Flown::default(); 3];
         Flown::fly(&mut days, fusers.map(|fuser| Chain::new(fuser, "track")), &scenario);
         for ((fuser, day), most_deg) in fusers.into_iter().zip(days).zip(most_deg) {
@@ -257,7 +257,7 @@ fn nothing_has_grown_after_a_day() {
 }
 
 /// The sensors of the flight, on the ground, with a fix of no speed every tenth sample where `receiver`.
-fn parked(chain: &mut Chain, errors: &Errors, seconds: f64, receiver: bool) -> Fused {
+fn parked(chain: &mut Chain, errors: &SensorErrors, seconds: f64, receiver: bool) -> Fused {
     let mut sensors = scenario::Sensors::new(Motion::Tumble(Vector3::zeros()), *errors, 1);
     let mut last = None;
     for tick in 0..(seconds * 100.0) as u32 {
@@ -273,7 +273,7 @@ fn parked(chain: &mut Chain, errors: &Errors, seconds: f64, receiver: bool) -> F
 
 #[test]
 fn at_standstill_the_bias_is_found_within_half_a_minute() {
-    let errors = Errors { receiver: None, random_signs: false, ..Errors::CRUISE };
+    let errors = SensorErrors { receiver: None, random_signs: false, ..SensorErrors::CRUISE };
     for receiver in [false, true] {
         let mut chain = Chain::new("levelling-pi", "track");
         let fused = parked(&mut chain, &errors, 30.0, receiver);
@@ -290,7 +290,7 @@ fn at_standstill_the_bias_is_found_within_half_a_minute() {
 #[test]
 fn a_cruise_is_no_standstill() {
     for text in ["cruise?gnss=never", "cruise?gnss=always", "cruise-hard?gnss=never"] {
-        let scenario = Scenario::named(text).unwrap();
+        let scenario = Scenario::parse(text).unwrap();
         let mut chain = Chain::new("levelling-pi", "track");
         for (t_s, reading) in scenario.readings() {
             let dt_s = if t_s > 0.0 { 0.01 } else { 0.0 };
@@ -302,7 +302,7 @@ fn a_cruise_is_no_standstill() {
 
 #[test]
 fn the_first_track_sets_the_heading_and_is_told() {
-    let scenario = Scenario::named("cruise?duration_s=20").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=20").unwrap();
     let mut chain = Chain::new("levelling-pi", "angles");
     let mut aligned = Vec::new();
     for (t_s, reading) in scenario.readings() {
@@ -323,7 +323,7 @@ fn the_first_track_sets_the_heading_and_is_told() {
 #[test]
 fn in_flight_and_in_a_gap_a_restored_stage_goes_on_bit_for_bit() {
     for fuser in ["levelling", "levelling-unified", "levelling-pi"] {
-        let scenario = Scenario::named("cruise?gnss=gaps&duration_s=400").unwrap();
+        let scenario = Scenario::parse("cruise?gnss=gaps&duration_s=400").unwrap();
         let (mut chain, mut other) = (Chain::new(fuser, "track"), Chain::new(fuser, "track"));
         for (t_s, reading) in scenario.readings() {
             let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: 0.01, kind: scenario.rate_kind };
@@ -344,7 +344,7 @@ fn in_flight_and_in_a_gap_a_restored_stage_goes_on_bit_for_bit() {
 
 #[test]
 fn an_adopted_estimate_is_gone_on_with() {
-    let scenario = Scenario::named("cruise?duration_s=600").unwrap();
+    let scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     let mut chain = Chain::new("levelling-pi", "track");
     let mut late = [Rms::default(); 2];
     for (t_s, reading) in scenario.readings() {

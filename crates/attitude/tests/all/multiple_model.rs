@@ -12,7 +12,7 @@ use attitude::{
     rotation::Rotation,
 };
 use nalgebra::UnitQuaternion;
-use scenario::{Field, Scenario};
+use scenario::{Magnetometer, Scenario};
 
 use crate::common::{DT_S, Row, broad};
 
@@ -53,8 +53,8 @@ fn what_a_hand_moves_has_the_attitude_of_wz_to_the_last_bit() {
 
 /// What was published of a cruise with a field and fixes until `until_s`, and of a landing without a word: rest from then on.
 fn flown_and_landed(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
-    let mut scenario = Scenario::named("cruise?duration_s=600").unwrap();
-    scenario.errors.field = magnetic.then_some(Field { reference_ut: FIELD_UT, noise_ut: 0.5 });
+    let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
+    scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });
     let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
     let mut fuser = named("multiple-model");
     let (mut outputs, mut last) = (Vec::new(), Attitude::default());

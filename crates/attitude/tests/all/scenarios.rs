@@ -9,7 +9,7 @@ use attitude::{
     stage::{RestoreError, Stage},
     state::Attitude,
 };
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 /// The three stages on one body, fed tick by tick.
 #[derive(Clone)]
@@ -78,7 +78,7 @@ struct S1Errors {
 /// Inclination RMSE, degrees, from 5 s on.
 fn s1_with_errors(fuser: &str, rate_hz: f64, duration_s: f64, seed: u64) -> S1Errors {
     let mut chain = Chain::new("mobius", fuser);
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, seed);
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, seed);
     let (mut gyro, mut fused, mut bias_error_deg_s) = (Vec::new(), Vec::new(), 0.0);
     for tick in 0..=(duration_s * rate_hz) as u64 {
         let t_s = tick as f64 / rate_hz;
@@ -87,7 +87,7 @@ fn s1_with_errors(fuser: &str, rate_hz: f64, duration_s: f64, seed: u64) -> S1Er
         if t_s >= 5.0 {
             gyro.push(inclination_error_deg(open, reading.truth.attitude));
             fused.push(inclination_error_deg(out.attitude, reading.truth.attitude));
-            bias_error_deg_s = out.bias_rad_s.add_scalar(-Errors::S1.gyro_bias_rad_s).norm().to_degrees();
+            bias_error_deg_s = out.bias_rad_s.add_scalar(-SensorErrors::S1.gyro_bias_rad_s).norm().to_degrees();
         }
     }
     S1Errors { gyro: rms(gyro.into_iter()), fused: rms(fused.into_iter()), bias_error_deg_s }
@@ -209,14 +209,14 @@ fn a_steady_spin_does_not_break_the_bias_estimate() {
         let tilt =
             Attitude::from_angles(attitude::angles::Angles { pitch_rad: 20f64.to_radians(), ..Default::default() });
         let rate_rad_s = tilt.up.direction() * spin_rad_s;
-        let mut noise = Sensors::new(Motion::S1, Errors::S1, 7);
+        let mut noise = Sensors::new(Motion::S1, SensorErrors::S1, 7);
         let mut chain = Chain::new("mobius", "wz");
         let mut errors = Vec::new();
         for tick in 0..=100_000u64 {
             let reading = noise.read(0.0);
             let force_noise = reading.force_m_s2 - reading.truth.force_m_s2;
             let force_m_s2 = tilt.up.direction() * GRAVITY_M_S2 + force_noise;
-            let out = chain.step(rate_rad_s.add_scalar(Errors::S1.gyro_bias_rad_s), force_m_s2, 0.01).1;
+            let out = chain.step(rate_rad_s.add_scalar(SensorErrors::S1.gyro_bias_rad_s), force_m_s2, 0.01).1;
             if tick > 500 {
                 errors.push(inclination_error_deg(out.attitude, tilt));
             }
@@ -230,7 +230,7 @@ fn a_steady_spin_does_not_break_the_bias_estimate() {
 #[test]
 fn a_restored_stage_goes_on_bit_for_bit() {
     for (gyro, fuser) in Gyro::NAMES.into_iter().zip(Fuser::NAMES) {
-        let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+        let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
         let mut chain = Chain::new(gyro, fuser);
         let mut next = |chain: &mut Chain, tick: u64| {
             let reading = sensors.read(tick as f64 / 100.0);

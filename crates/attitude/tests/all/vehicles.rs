@@ -8,7 +8,7 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 use vqf_rs::VQF;
 
 const DT_S: f64 = 0.01;
@@ -49,7 +49,7 @@ fn step_deg(a: Attitude, b: Attitude) -> f64 {
 #[test]
 fn accelerations_of_vehicles_make_no_jump_that_is_not_told_and_swing_the_level_little_beyond_that_of_vqf() {
     for Manoeuvre { name, between_s: [from_s, to_s], forward_m_s2, left_m_s2, yaw_rate_rad_s } in MANOEUVRES {
-        let mut noise = Sensors::new(Motion::S1, Errors { accel_noise_m_s2: 0.05, ..Errors::default() }, 1);
+        let mut noise = Sensors::new(Motion::S1, SensorErrors { accel_noise_m_s2: 0.05, ..SensorErrors::default() }, 1);
         let mut gyro = Gyro::from_name("mobius").unwrap();
         let (mut accel, mut fuser) = (Projector::default(), Fuser::from_name("wz").unwrap());
         let mut vqf = VQF::new(DT_S, None, None, None);

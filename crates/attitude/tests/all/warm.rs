@@ -27,7 +27,7 @@ const SCALE: GyroScale = GyroScale { error: Vector3::new(0.002, -0.004, 0.001), 
 /// The outputs over 2 s of a movement that does not rest, and the fuser after them.
 fn moved(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
     let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Projector::default(), 0.0);
-    let scenario = Scenario::named("s1").unwrap();
+    let scenario = Scenario::parse("s1").unwrap();
     let step = |(t_s, reading): (f64, scenario::Reading)| {
         let (rate_rad_s, dt_s, kind) = (reading.rate_rad_s, t_s - before_s, scenario.rate_kind);
         before_s = t_s;

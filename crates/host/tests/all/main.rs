@@ -79,12 +79,12 @@ fn invalid_response_fails_permanently_with_reason() {
     for (fault, message) in [
         ("dies", "ended with exit status: 7 on the request to step"),
         ("hangs", "has not responded to the request to step for"),
-        ("shortens", "a payload of 56 bytes, expected 64"),
-        ("lengthens", "a payload of 5760 bytes, expected 64"),
-        ("repeats", "an answer to the request 4 of the kind Step, expected 5"),
-        ("confuses", "of the kind Snapshot"),
-        ("ages", "frames of version 9"),
-        ("breaks", "1 bytes, and a frame has at least 16"),
+        ("shortens", "the payload has 56 bytes, expected 64"),
+        ("lengthens", "the payload has 5760 bytes, expected 64"),
+        ("repeats", "the response is to request 4 (Step), expected 5"),
+        ("confuses", "(Snapshot), expected"),
+        ("ages", "the frame has version 9"),
+        ("breaks", "the frame has 1 bytes, expected at least 16"),
     ] {
         let mut stage = start(fault).unwrap();
         assert_eq!([1, 2].map(|_| steps(&mut stage)), [1.0, 2.0], "{fault}");

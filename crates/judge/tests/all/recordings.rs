@@ -33,7 +33,7 @@ fn simulations_have_no_diagnosis() {
     for name in Scenario::NAMES {
         for seed in 1..=5 {
             for rate_hz in [100.0, 1000.0] {
-                let scenario = Scenario::named(&format!("{name}?seed={seed}&rate_hz={rate_hz}&duration_s=60")).unwrap();
+                let scenario = Scenario::parse(&format!("{name}?seed={seed}&rate_hz={rate_hz}&duration_s=60")).unwrap();
                 let readings = scenario.readings().map(|(t_s, reading)| Reading {
                     t_ns: (t_s * 1e9) as i64,
                     rate_rad_s: reading.rate_rad_s.into(),

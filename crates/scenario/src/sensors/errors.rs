@@ -1,19 +1,21 @@
-//! What is wrong with the sensors, and what there is to be sensed besides rate and force.
+//! Errors of the simulated sensors, and the optional magnetometer and satellite receiver.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
 const DEGREE_RAD: f64 = core::f64::consts::PI / 180.0;
 
-/// What is wrong with the sensors. A constant error is the same on each axis, or has a sign of its own there.
+/// Errors of the sensors. A constant error has the same size on each axis, optionally with random
+/// signs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Errors {
+pub struct SensorErrors {
     /// Constant gyro bias on each axis, rad/s.
     pub gyro_bias_rad_s: f64,
     /// White noise of the accelerometer on each axis and sample, standard deviation, m/s².
     pub accel_noise_m_s2: f64,
-    /// Every constant error has a sign on each axis that the seed draws.
+    /// If `true`, the seed draws the sign of every constant error on each axis.
     pub random_signs: bool,
-    /// Forces and fields have no noise in the first reading, so that a filter that begins with it begins with the truth.
+    /// If `true`, forces and fields have no noise in the first reading, so that a filter initialised
+    /// from it starts at the true attitude.
     pub exact_start: bool,
     /// White noise of the gyro on each axis and sample, standard deviation, rad/s.
     pub gyro_noise_rad_s: f64,
@@ -21,62 +23,64 @@ pub struct Errors {
     pub gyro_bias_ramp_rad_s2: f64,
     /// Scale error of the gyro on each axis, dimensionless.
     pub gyro_scale: f64,
-    /// Latitude at which the gyro feels the earth turn, rad; `None` where it does not. The attitude is against the earth.
+    /// Latitude for the earth's rotation measured by the gyro, rad; `None` for a non-rotating
+    /// earth. The attitude is relative to the earth.
     pub earth_latitude_rad: Option<f64>,
     /// Constant accelerometer bias on each axis, m/s².
     pub accel_bias_m_s2: f64,
-    /// The magnetic field, where there is a magnetometer.
-    pub field: Option<Field>,
-    /// The satellite receiver, where there is one.
+    /// Magnetometer, if present.
+    pub magnetometer: Option<Magnetometer>,
+    /// Satellite receiver, if present.
     pub receiver: Option<Receiver>,
 }
 
-/// A magnetic field and its sensor.
+/// Magnetometer and the field around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Field {
-    /// The field, µT, reference axes.
+pub struct Magnetometer {
+    /// Magnetic field, µT, reference axes.
     pub reference_ut: Vector3<f64>,
     /// White noise on each axis and sample, standard deviation, µT.
     pub noise_ut: f64,
 }
 
-/// A satellite receiver that tells its velocity.
+/// Satellite receiver that reports its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Receiver {
     /// Time between fixes, s.
     pub interval_s: f64,
-    /// How late they arrive, s; it does not say so.
+    /// Latency of the fixes, s. The fixes do not report it.
     pub latency_s: f64,
     /// White noise on each axis and fix, standard deviation, m/s.
     pub noise_m_s: f64,
-    /// From the sensors to its antenna, whose velocity it tells, m, body axes.
+    /// Position of the antenna relative to the sensors, m, body axes. The fixes report the velocity
+    /// of the antenna.
     pub antenna_m: Vector3<f64>,
-    /// When there are fixes.
+    /// Times at which there are fixes.
     pub coverage: Coverage,
-    /// The latitude that it tells, rad.
+    /// Latitude reported in the fixes, rad; `None` if they have no position.
     pub latitude_rad: Option<f64>,
 }
 
-/// When a receiver has fixes.
+/// Times at which a receiver has fixes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Coverage {
-    /// All the time.
+    /// At all times.
     #[default]
     Always,
-    /// Not in the 60 s from 300 s on, and again every 240 s.
+    /// Except for 60 s from 300 s on, repeated every 240 s.
     Gaps,
-    /// In the first ten minutes alone.
+    /// During the first ten minutes only.
     Start,
-    /// Not once.
+    /// At no time.
     Never,
 }
 
 impl Coverage {
-    /// All of them, by name.
-    pub const NAMED: [(&'static str, Self); 4] =
+    /// All variants with their names.
+    pub const BY_NAME: [(&'static str, Self); 4] =
         [("always", Self::Always), ("gaps", Self::Gaps), ("start", Self::Start), ("never", Self::Never)];
 
-    /// Whether a fix arrives at `t_s`.
+    /// Returns `true` if a fix that arrives at `t_s` is covered.
     pub fn covers(self, t_s: f64) -> bool {
         match self {
             Self::Always => true,
@@ -87,12 +91,13 @@ impl Coverage {
     }
 }
 
-impl Errors {
-    /// Those of the reference scenario of Matveev 2025: 0.1 °/s, 0.01 g.
+impl SensorErrors {
+    /// Errors of the reference scenario of Matveev 2025: gyro bias 0.1 °/s, accelerometer noise
+    /// 0.01 g.
     pub const S1: Self =
         Self { gyro_bias_rad_s: 0.1 * DEGREE_RAD, accel_noise_m_s2: 0.01 * GRAVITY_M_S2, ..Self::NONE };
 
-    /// None.
+    /// No errors, no magnetometer and no satellite receiver.
     pub const NONE: Self = Self {
         gyro_bias_rad_s: 0.0,
         accel_noise_m_s2: 0.0,
@@ -103,24 +108,26 @@ impl Errors {
         gyro_scale: 0.0,
         earth_latitude_rad: None,
         accel_bias_m_s2: 0.0,
-        field: None,
+        magnetometer: None,
         receiver: None,
     };
 
-    /// Those of S3: gyro 1 °/s, directions of gravity and field 0.03 on each axis.
+    /// Returns the errors of S3: gyro noise 1 °/s; noise of 0.03 of gravity and field on each axis.
     pub fn s3() -> Self {
         let reference_ut = Vector3::from(crate::s3::FIELD_UT);
         Self {
             gyro_noise_rad_s: DEGREE_RAD,
             accel_noise_m_s2: 0.03 * GRAVITY_M_S2,
-            field: Some(Field { reference_ut, noise_ut: 0.03 * reference_ut.norm() }),
+            magnetometer: Some(Magnetometer { reference_ut, noise_ut: 0.03 * reference_ut.norm() }),
             exact_start: true,
             ..Self::NONE
         }
     }
 
-    /// Of a low-grade MEMS sensor at 100 Hz with a receiver of 10 Hz: gyro ±0.05 °/s and 0.05 °/s rms, accelerometer ±0.02 m/s² and
-    /// 0.02 m/s² rms, velocity 0.05 m/s rms on each axis, 0.2 s late.
+    /// Errors of a low-grade MEMS sensor at 100 Hz with a 10 Hz receiver.
+    ///
+    /// Gyro: bias ±0.05 °/s, noise 0.05 °/s rms. Accelerometer: bias ±0.02 m/s², noise 0.02 m/s²
+    /// rms. Velocity: noise 0.05 m/s rms on each axis, latency 0.2 s.
     pub const CRUISE: Self = Self {
         gyro_bias_rad_s: 0.05 * DEGREE_RAD,
         gyro_noise_rad_s: 0.05 * DEGREE_RAD,
@@ -138,8 +145,10 @@ impl Errors {
         ..Self::NONE
     };
 
-    /// The same with a gyro scale error of ±1 %, a bias that grows by ±0.03 °/s in 30 min, the earth's rate at 50° north, and a
-    /// velocity of 0.15 m/s rms, 0.25 s late.
+    /// [`CRUISE`](Self::CRUISE) with larger errors.
+    ///
+    /// Adds a gyro scale error of ±1 %, a gyro bias drift of ±0.03 °/s in 30 min and the earth's
+    /// rate at 50° north. The velocity has a noise of 0.15 m/s rms and a latency of 0.25 s.
     pub const CRUISE_HARD: Self = Self {
         gyro_scale: 0.01,
         gyro_bias_ramp_rad_s2: 0.03 * DEGREE_RAD / 1800.0,
@@ -155,7 +164,9 @@ impl Errors {
         ..Self::CRUISE
     };
 
-    /// The noise of gyro and accelerometer at another sampling rate, its density the same: of a sensor that averages.
+    /// Scales the noise of gyro and accelerometer to another sampling rate.
+    ///
+    /// The noise density is constant, as for a sensor that averages over the sampling interval.
     pub fn resampled(self, from_hz: f64, to_hz: f64) -> Self {
         let factor = libm::sqrt(to_hz / from_hz);
         Self {

@@ -1,21 +1,26 @@
-"""Stages for Plumbline in Python: a class with `step`, and `plumbline.run(Class)`. It needs nothing but Python; `sensor` needs iceoryx2, too.
+"""Stages for Plumbline in Python.
 
-attitude   points, attitudes and turns: the quantities that stages work on
-values     what a stage of each slot is given and gives back
-stage      the class that a stage is made of
-program    answering the service that hosts the stage
-sensor     readings of a sensor of your own for a running system
-trial      what every stage must be able to do, as tests
+Derive a class from `Stage`, implement `step` and call `plumbline.run(MyStage)`. The package needs
+Python 3.9 and nothing else, except for `sensor`, which needs iceoryx2.
+
+attitude     points, attitudes and rotations, the quantities that stages compute with
+values       inputs, outputs and common states of the slots
+stage        base class of a stage
+program      request loop of the program that the service of the slot starts
+sensor       publishers of sensor readings and fixes to a running system
+stage_tests  tests that every stage must pass
 """
 
-from .attitude import Attitude, Point, Quaternion, Turn, Vector
+from .attitude import Attitude, Point, Quaternion, Rotation, Vector
 from .program import run
 from .stage import Parameter, Stage
 from .values import (
-    ARBITRARY, MAGNETIC, TRUE, Bearing, CourseInput, Estimate, Fix, Fused, FuserInput, Inclination, LastReading, Motion, RateSample, Reading,
+    ARBITRARY, MAGNETIC, TRUE, CourseEstimate, CourseInput, CourseReading, Estimate, Fix, Fused, FuserInput, Inclination, LastReading,
+    Motion, RateSample,
 )
 
 __all__ = [
-    "ARBITRARY", "MAGNETIC", "TRUE", "Attitude", "Bearing", "CourseInput", "Estimate", "Fix", "Fused", "FuserInput", "Inclination",
-    "LastReading", "Motion", "Parameter", "Point", "Quaternion", "RateSample", "Reading", "Stage", "Turn", "Vector", "run",
+    "ARBITRARY", "MAGNETIC", "TRUE", "Attitude", "CourseEstimate", "CourseInput", "CourseReading", "Estimate", "Fix", "Fused",
+    "FuserInput", "Inclination", "LastReading", "Motion", "Parameter", "Point", "Quaternion", "RateSample", "Rotation", "Stage", "Vector",
+    "run",
 ]

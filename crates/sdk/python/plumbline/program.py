@@ -1,4 +1,7 @@
-"""Answering the service that hosts the stage. A frame is a head of 16 bytes and numbers; docs/own-stage.md has all of it."""
+"""Request loop of a stage.
+
+A frame is a header of 16 bytes followed by numbers. docs/own-stage.md describes the format.
+"""
 
 import ctypes
 import signal
@@ -13,75 +16,75 @@ from .values import codec
 
 VERSION = 2
 DESCRIBE, SET, STEP, SNAPSHOT, RESTORE, COMMON, ADOPT, ALIGN, REALIGN = range(1, 10)
-# Version, kind, refused, number of the request.
-HEAD = struct.Struct("<HHIQ")
+# Version, kind, status (1 if rejected), number of the request.
+HEADER = struct.Struct("<HHIQ")
 
 
 def run(stage_class):
-    """Runs a stage as a program: answers requests until there are no more."""
+    """Runs a stage as a program, until the service closes the socket."""
     _end_with_parent()
-    stage, (given, gives, common) = stage_class(), SLOTS[stage_class.SLOT]
-    answers = {
+    stage, (input_type, output_type, common_type) = stage_class(), SLOTS[stage_class.SLOT]
+    handlers = {
         DESCRIBE: lambda payload: _description(stage).encode(),
-        SET: lambda payload: stage.set(*(lambda place, value: (int(place), value))(*_numbers(payload))),
-        STEP: _asked(given, stage.step, gives),
-        SNAPSHOT: lambda payload: _packed(stage.snapshot()),
-        RESTORE: lambda payload: stage.restore(_numbers(payload)),
-        COMMON: _asked(None, stage.common, common),
-        ADOPT: _asked(common, stage.adopt, None),
-        ALIGN: _asked(Attitude, getattr(stage, "align", None), None),
-        REALIGN: _asked(None, getattr(stage, "realign", None), None),
+        SET: lambda payload: stage.set(*(lambda index, value: (int(index), value))(*_unpack(payload))),
+        STEP: _handler(input_type, stage.step, output_type),
+        SNAPSHOT: lambda payload: _pack(stage.snapshot()),
+        RESTORE: lambda payload: stage.restore(_unpack(payload)),
+        COMMON: _handler(None, stage.common, common_type),
+        ADOPT: _handler(common_type, stage.adopt, None),
+        ALIGN: _handler(Attitude, getattr(stage, "align", None), None),
+        REALIGN: _handler(None, getattr(stage, "realign", None), None),
     }
     try:
         requests = socket.socket(fileno=0)
     except OSError as error:
-        sys.exit(f"{error}: a stage is started by Plumbline, not by hand; `plumb stage test` tries it")
+        sys.exit(f"socket on standard input: {error}; Plumbline starts the stage, try `plumb stage test`")
     while request := requests.recv(16384):
-        version, kind, _, number = HEAD.unpack_from(request)
+        version, kind, _, number = HEADER.unpack_from(request)
         if version != VERSION:
-            sys.exit(f"frames of version {version}, this package speaks {VERSION}: `plumb stage new` writes the one that fits")
+            sys.exit(f"the frame has version {version}, expected {VERSION}; update the package with `plumb stage new`")
         try:
-            refused, answer = 0, answers[kind](request[HEAD.size :]) or b""
+            rejected, response = 0, handlers[kind](request[HEADER.size :]) or b""
         except Exception as error:
             if kind == STEP or not isinstance(error, ValueError):
                 traceback.print_exc()
-            refused, answer = 1, b""
-        requests.send(HEAD.pack(VERSION, kind, refused, number) + answer)
+            rejected, response = 1, b""
+        requests.send(HEADER.pack(VERSION, kind, rejected, number) + response)
 
 
-def _asked(given, method, gives):
-    """A function that hands the value in a payload to a method, and makes a payload of what it returns."""
-    count, read, _ = codec(given) if given else (0, None, None)
-    unpack, write = struct.Struct(f"<{count}d").unpack, codec(gives)[2] if gives else None
+def _handler(input_type, method, output_type):
+    """Returns a function that passes the value of a payload to a method and packs the result."""
+    count, read, _ = codec(input_type) if input_type else (0, None, None)
+    unpack, write = struct.Struct(f"<{count}d").unpack, codec(output_type)[2] if output_type else None
 
-    def answer(payload):
-        value = method(read(iter(unpack(payload)))) if given else method()
+    def handle(payload):
+        value = method(read(iter(unpack(payload)))) if input_type else method()
         numbers = []
-        if gives:
+        if output_type:
             write(value, numbers)
-        return _packed(numbers)
+        return _pack(numbers)
 
-    return answer
+    return handle
 
 
-def _numbers(payload):
+def _unpack(payload):
     return struct.unpack(f"<{len(payload) // 8}d", payload)
 
 
-def _packed(numbers):
+def _pack(numbers):
     return struct.pack(f"<{len(numbers)}d", *numbers)
 
 
 def _description(stage):
     lines = [f"slot\t{stage.SLOT}"]
-    for name, unit, least, most, default, meaning in stage.PARAMETERS:
-        lines.append(f"parameter\t{name}\t{unit}\t{default!r}\t{least!r}\t{most!r}\t{meaning}")
+    for name, unit, minimum, maximum, default, description in stage.PARAMETERS:
+        lines.append(f"parameter\t{name}\t{unit}\t{default!r}\t{minimum!r}\t{maximum!r}\t{description}")
     return "\n".join(lines)
 
 
 def _end_with_parent():
-    """Also in a step that never ends: PR_SET_PDEATHSIG."""
+    """Makes the kernel kill this process when the service ends, even during an endless step."""
     try:
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
     except (OSError, AttributeError):
-        pass  # then the end of the requests is the end
+        pass  # the program still ends when the socket is closed

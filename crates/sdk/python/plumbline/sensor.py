@@ -1,9 +1,15 @@
-"""Readings of a sensor and fixes of a receiver for a running system whose launch file says `[ingest] source = "bus"`.
+"""Publishers of sensor readings and fixes to a running system with `[ingest] source = "bus"`.
 
-Input: measurements in SI units and the sensor's own axes. Output: the topics `sensor` and `receiver`. Time: the measurement's, in ns on a clock that does
-not run backward. Failure: a system that does not run, or takes no readings, is named with the remedy; nothing waits.
+Input: measurements in SI units and sensor axes.
 
-It needs the package iceoryx2 of PyPI, in the version of the bus: `pip install iceoryx2==0.10.0`.
+Output: the topics `sensor` and `receiver`.
+
+Time: the timestamp of the measurement, in ns on a monotonic clock.
+
+Failure: a FeedError names a system that is not running or does not accept readings. Nothing blocks.
+
+The module needs the PyPI package iceoryx2 in the version of the bus:
+`pip install iceoryx2==0.10.0`.
 """
 
 import ctypes
@@ -19,101 +25,108 @@ import struct
 import time
 
 ICEORYX2 = "0.10.0"
-"""The version of the bus."""
+"""Version of the bus."""
 
 SHARED_MEMORY = "/dev/shm"
-LOOK_INTERVAL_S = 0.1
-"""How often a feed looks whether the system is still the one that it joined."""
+CHECK_INTERVAL_S = 0.1
+"""Interval at which a publisher checks that the system it joined is still running."""
 
-# The page of wake words: who owns the system, which run it is, and from the 64th byte on a word of 64 bytes for each topic.
-PAGE_BYTES = 64 * 64
-RUN_AT = 8
+# State shared by all processes of a system: the identifier of the run at byte 8, and from byte 64
+# on 64 bytes per topic, which start with its wake word.
+SHARED_STATE_BYTES = 64 * 64
+RUN_OFFSET = 8
 FUTEX = {"x86_64": 202, "armv7l": 240, "armv6l": 240}.get(platform.machine(), 98)
 FUTEX_WAKE_OP = 5
-ADD_ONE = 1 << 28 | 1 << 12
-EVERYBODY = 0x7FFF_FFFF
+FUTEX_OP_ADD_ONE = 1 << 28 | 1 << 12
+MAX_WOKEN = 0x7FFF_FFFF
 
 
 class FeedError(Exception):
-    """Why a reading was not given to a system."""
+    """Error when a reading is published. The message names the cause and the remedy."""
 
 
 class _Topic:
-    """A topic that programs outside the system publish on, joined again when the system begins anew."""
+    """Publisher on a topic of a system. It rejoins after a restart of the system."""
 
-    def __init__(self, system, name, place, layout):
+    def __init__(self, system, name, index, layout):
         if not re.fullmatch(r"[a-z0-9_-]{1,32}", system):
-            raise FeedError(f"naming a system: {system!r} is not a name; use 1 to 32 of a-z, 0-9, - and _")
-        self._system, self._name, self._place, self._layout = system, name, place, layout
+            raise FeedError(f"invalid system name {system!r}: use 1 to 32 characters of a-z, 0-9, - and _")
+        self._system, self._name, self._index, self._layout = system, name, index, layout
         self._bytes = int(layout.split()[1])
-        self._joined, self._looked_s = None, time.monotonic()
+        self._joined, self._checked_s = None, time.monotonic()
         self._join()
 
     @property
     def capacity(self):
-        """Number of messages that the topic buffers for ingest. When it is full, the oldest one is overwritten."""
+        """Number of messages that the topic buffers for ingest.
+
+        When it is full, the oldest message is overwritten.
+        """
         return self._joined.capacity if self._joined else 0
 
     def close(self):
-        """Leaves the bus; nothing of this program stays there."""
+        """Leaves the bus and removes all resources of this program from it."""
         if self._joined:
             self._joined.close()
             self._joined = None
 
     def publish(self, message):
-        """Publishes the bytes of a message; never waits."""
+        """Publishes the bytes of a message without blocking."""
         now_s = time.monotonic()
-        if now_s - self._looked_s >= LOOK_INTERVAL_S:
-            self._looked_s = now_s
+        if now_s - self._checked_s >= CHECK_INTERVAL_S:
+            self._checked_s = now_s
             if not (self._joined and self._joined.is_running()):
                 self._join()
         if not self._joined:
-            raise self._absent()
+            raise self._not_running()
         self._joined.publish(message)
 
     def _join(self):
-        # Closed first: its topics have the names of the new ones.
+        # The old connection is closed first, because its topics have the names of the new ones.
         self.close()
-        self._joined = _Joined(self._system, self._name, self._place, self._layout, self._bytes, self._absent)
+        self._joined = _Joined(self._system, self._name, self._index, self._layout, self._bytes, self._not_running)
 
-    def _absent(self):
-        return FeedError(f"joining the system {self._system!r}: it does not run; start it with `plumb up`")
+    def _not_running(self):
+        return FeedError(f"joining the system {self._system!r}: it is not running; start it with `plumb up`")
 
 
 class _Joined:
-    """A place on the bus of a system that runs."""
+    """Connection to the bus of a running system."""
 
-    def __init__(self, system, name, place, layout, bytes_of_message, absent):
+    def __init__(self, system, name, index, layout, message_bytes, not_running):
         iox = _iceoryx2()
         self._page_path = f"{SHARED_MEMORY}/plumbline.{system}.wake"
         self._files, self._publisher, self._node, self._word, self._page = [], None, None, None, None
         try:
-            page = self._open(self._page_path, absent)
+            page = self._open(self._page_path, not_running)
             self._lock = page
-            self._page = mmap.mmap(page, PAGE_BYTES)
-            self._run = self._page[RUN_AT : RUN_AT + 8]
+            self._page = mmap.mmap(page, SHARED_STATE_BYTES)
+            self._run = self._page[RUN_OFFSET : RUN_OFFSET + 8]
             if not self._has_owner():
-                raise absent()
-            # While this is held no later owner of the name clears what this program has open.
-            fcntl.flock(self._open(f"{SHARED_MEMORY}/plumbline.{system}.members", absent), fcntl.LOCK_SH)
-            _own(f"{SHARED_MEMORY}/plumbline.{system}", os.lstat, stat.S_ISDIR, absent)
-            self._word = (ctypes.c_char * 64).from_buffer(self._page, 64 * (place + 1))
+                raise not_running()
+            # While this lock is held, a later system of the name does not remove the open files.
+            fcntl.flock(self._open(f"{SHARED_MEMORY}/plumbline.{system}.members", not_running), fcntl.LOCK_SH)
+            _check_owner(f"{SHARED_MEMORY}/plumbline.{system}", os.lstat, stat.S_ISDIR, not_running)
+            self._word = (ctypes.c_char * 64).from_buffer(self._page, 64 * (index + 1))
             self._node = _node(iox, system)
             service = self._open_topic(iox, system, name, layout)
             self.capacity = service.static_config.subscriber_max_buffer_size
-            builder = service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(bytes_of_message)
+            builder = service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(message_bytes)
             self._publisher = builder.create()
         except BaseException:
             self.close()
             raise
 
     def is_running(self):
-        """The system is still the one that was joined. One whose files were removed runs on with what it has open, and so does this."""
+        """Returns True if the system that was joined is still running.
+
+        A system whose files were removed continues on its open files, and so does this connection.
+        """
         if not self._has_owner():
             return False
         try:
             with open(self._page_path, "rb") as page:
-                page.seek(RUN_AT)
+                page.seek(RUN_OFFSET)
                 return page.read(8) == self._run
         except FileNotFoundError:
             return True
@@ -122,9 +135,9 @@ class _Joined:
         sample = self._publisher.loan_slice_uninit(len(message))
         ctypes.memmove(sample.payload_ptr, message, len(message))
         sample.assume_init().send()
-        # The kernel adds one to the word, and wakes whoever waits at it.
+        # The kernel increments the wake word and wakes the waiting subscribers.
         word = ctypes.addressof(self._word)
-        _syscall(*map(ctypes.c_long, (FUTEX, word, FUTEX_WAKE_OP, EVERYBODY, 0, word, ADD_ONE)))
+        _syscall(*map(ctypes.c_long, (FUTEX, word, FUTEX_WAKE_OP, MAX_WOKEN, 0, word, FUTEX_OP_ADD_ONE)))
 
     def close(self):
         if self._publisher:
@@ -137,14 +150,14 @@ class _Joined:
             os.close(file)
         self._files = []
 
-    def _open(self, path, absent):
-        # Without a wait, should it be a pipe.
+    def _open(self, path, not_running):
+        # Non-blocking, in case the file is a pipe.
         try:
             file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         except FileNotFoundError:
-            raise absent() from None
+            raise not_running() from None
         self._files.append(file)
-        _own(path, lambda _: os.fstat(file), stat.S_ISREG, absent)
+        _check_owner(path, lambda _: os.fstat(file), stat.S_ISREG, not_running)
         return file
 
     def _has_owner(self):
@@ -166,54 +179,60 @@ class _Joined:
                 f'feeding the system {system!r}: its topic "{name}" is not open; set source = "bus" in [ingest] of its launch file, '
                 "or wait until ingest has started"
             ) from None
-        there = "".join(attribute.value.to_string() for attribute in service.attributes.values)
-        if there != layout:
+        found = "".join(attribute.value.to_string() for attribute in service.attributes.values)
+        if found != layout:
             raise FeedError(
-                f"opening the topic `{name}`: another layout is on the bus\n  here:  {layout}\n  there: {there}\n"
-                "use the Python package of the version of plumb that runs"
+                f"opening the topic `{name}`: the layout on the bus differs\n  here:  {layout}\n  there: {found}\n"
+                "use the Python package of the running version of plumb"
             )
         return service
 
 
 class Sensor(_Topic):
-    """An IMU of a running system, with or without a magnetometer."""
+    """Publisher of IMU readings, with or without a magnetometer."""
 
     LAYOUT = (
         "plumbline.SensorReading.1 80 t_sensor_ns:i64@0 rate_rad_s:[f64; 3]@8 force_m_s2:[f64; 3]@32 field_ut:[f64; 3]@56"
     )
-    PLACE = 0
+    TOPIC_INDEX = 0
 
     def __init__(self, system):
-        super().__init__(system, "sensor", self.PLACE, self.LAYOUT)
+        super().__init__(system, "sensor", self.TOPIC_INDEX, self.LAYOUT)
 
     def send(self, t_ns, rate_rad_s, force_m_s2, field_ut=None):
-        """Publishes a reading; never waits.
+        """Publishes a reading without blocking.
 
-        `t_ns` is when it was taken, a whole number on the sensor's clock; the rates (rad/s), the specific forces (m/s²) and the field (µT), where this
-        reading has one, are three numbers each, in the sensor's axes. Of a system that was started anew meanwhile it joins the new one. Where there is
-        none the reading is gone, and FeedError says so.
+        `t_ns` is the time of the measurement on the sensor's clock, an integer. The rate (rad/s),
+        the specific force (m/s²) and the optional field (µT) are three numbers each, in sensor
+        axes.
+
+        If the system was restarted in the meantime, the new one is joined. If it is not running,
+        the reading is discarded and FeedError is raised.
         """
         field_ut = (math.nan,) * 3 if field_ut is None else field_ut
         self.publish(struct.pack("=q9d", operator.index(t_ns), *_three(rate_rad_s), *_three(force_m_s2), *_three(field_ut)))
 
 
 class Receiver(_Topic):
-    """A satellite receiver of a running system."""
+    """Publisher of fixes of a satellite receiver."""
 
     LAYOUT = (
         "plumbline.ReceiverReading.2 64 velocity_m_s:[f64; 3]@0 velocity_sd_m_s:f64@24 age_s:f64@32 "
         "latitude_rad:f64@40 longitude_rad:f64@48 altitude_m:f64@56"
     )
-    PLACE = 1
+    TOPIC_INDEX = 1
 
     def __init__(self, system):
-        super().__init__(system, "receiver", self.PLACE, self.LAYOUT)
+        super().__init__(system, "receiver", self.TOPIC_INDEX, self.LAYOUT)
 
     def send(self, velocity_m_s, sd_m_s=None, age_s=None, latitude_rad=None, longitude_rad=None, altitude_m=None):
-        """Publishes a fix; it goes with the next reading of the sensor. The velocity is over ground: east, north, up. What is None is not known."""
+        """Publishes a fix, which ingest combines with the next reading of the sensor.
+
+        The velocity is over ground: east, north, up. None means unknown.
+        """
         known = (sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m)
-        told = (math.nan if value is None else value for value in known)
-        self.publish(struct.pack("=8d", *_three(velocity_m_s), *told))
+        values = (math.nan if value is None else value for value in known)
+        self.publish(struct.pack("=8d", *_three(velocity_m_s), *values))
 
 
 def _three(numbers):
@@ -226,7 +245,7 @@ def _node(iox, system):
     shared = config.global_cfg
     shared.prefix = iox.FileName.new(f"plumbline.{system}.")
     shared.root_path = iox.Path.new(f"{SHARED_MEMORY}/plumbline.{system}")
-    # The supervisor clears away what the killed leave.
+    # The supervisor removes the resources of killed processes.
     shared.node.cleanup_dead_nodes_on_creation = False
     shared.node.cleanup_dead_nodes_on_destruction = False
     shared.service.cleanup_dead_nodes_on_open = False
@@ -235,15 +254,15 @@ def _node(iox, system):
     return builder.signal_handling_mode(iox.SignalHandlingMode.Disabled).create(iox.ServiceType.Ipc)
 
 
-def _own(path, look, is_kind, absent):
-    """Refuses what is not of this kind, or not this user's alone."""
+def _check_owner(path, read_status, is_kind, not_running):
+    """Raises FeedError unless the file is of this kind and accessible to this user only."""
     try:
-        found = look(path)
+        found = read_status(path)
     except FileNotFoundError:
-        raise absent() from None
-    alone = found.st_uid == os.geteuid() and not found.st_mode & 0o077
-    if not is_kind(found.st_mode) or not alone or (stat.S_ISREG(found.st_mode) and found.st_nlink > 1):
-        raise FeedError(f"using {path}: it is not this user's alone; be the user whose system runs (sudo -u '#{found.st_uid}' python3 …)")
+        raise not_running() from None
+    is_private = found.st_uid == os.geteuid() and not found.st_mode & 0o077
+    if not is_kind(found.st_mode) or not is_private or (stat.S_ISREG(found.st_mode) and found.st_nlink > 1):
+        raise FeedError(f"using {path}: it is not accessible to this user only; run the program as the user of the system (sudo -u '#{found.st_uid}' python3 …)")
 
 
 def _iceoryx2():
@@ -251,10 +270,10 @@ def _iceoryx2():
         import iceoryx2
         from importlib.metadata import version
     except ImportError as cause:
-        raise FeedError(f"joining a bus: {cause}; pip install iceoryx2=={ICEORYX2}") from None
+        raise FeedError(f"joining a bus: {cause}; run pip install iceoryx2=={ICEORYX2}") from None
     if version("iceoryx2") != ICEORYX2:
         found = version("iceoryx2")
-        raise FeedError(f"joining a bus: iceoryx2 {found} cannot join one of {ICEORYX2}; pip install iceoryx2=={ICEORYX2}")
+        raise FeedError(f"joining a bus: found iceoryx2 {found}, expected {ICEORYX2}; run pip install iceoryx2=={ICEORYX2}")
     return iceoryx2
 
 

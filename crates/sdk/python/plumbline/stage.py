@@ -1,41 +1,42 @@
-"""The class that a stage is made of."""
+"""Base class of a stage."""
 
 from typing import NamedTuple
 
 from .attitude import Attitude, Point, Vector
-from .values import CourseInput, Estimate, Fused, FuserInput, Inclination, LastReading, Motion, RateSample, Reading, codec, numbers_of
+from .values import CourseInput, CourseReading, Estimate, Fused, FuserInput, Inclination, LastReading, Motion, RateSample, codec, numbers_of
 
-# Of each slot: what a stage is given, what it gives, and what every stage can go on with from every other.
+# Input, output and common state of each slot.
 SLOTS = {
     "gyro": (RateSample, Motion, Attitude),
     "accel": (Vector, Inclination, Point),
     "fuser": (FuserInput, Fused, Estimate),
-    "course": (CourseInput, Reading, LastReading),
+    "course": (CourseInput, CourseReading, LastReading),
 }
 
 
 class Parameter(NamedTuple):
-    """A number by which a stage can be set; it becomes an attribute of the stage."""
+    """Adjustable parameter of a stage, which reads it as an attribute of that name."""
 
-    name: str  # with its unit last, as in time_constant_s
-    unit: str
-    least: float
-    most: float
+    name: str  # with the unit as its suffix, as in time_constant_s
+    unit: str  # empty for a dimensionless number
+    min: float
+    max: float
     default: float
-    meaning: str
+    description: str  # in one sentence
 
 
 class Stage:
-    """A plain value: parameters and state, one tick's input in, one output out. It reads no clock.
+    """Estimator of a slot: one output per input. A stage reads no clock.
 
-    `self.state` holds every number that the next output depends on: from it the next incarnation goes on bit for bit.
+    `self.state` must contain every number that the next output depends on. A restarted process
+    continues from it bit for bit.
     """
 
     SLOT = ""  # "gyro", "accel", "fuser" or "course"
     PARAMETERS = ()
 
     class State(NamedTuple):
-        """What it keeps from tick to tick; every field with its kind and what it is at the beginning."""
+        """State between two ticks. Every field has a type and an initial value."""
 
     def __init__(self):
         self.state = self.State()
@@ -43,36 +44,48 @@ class Stage:
             setattr(self, parameter.name, parameter.default)
 
     def step(self, input):
-        """One tick. An exception is no output: the stage begins anew, and the tick says so."""
+        """Processes the input of one tick.
+
+        After an exception the stage is reset, and the tick is flagged.
+        """
         raise NotImplementedError
 
-    def check(self, state):
-        """Raises ValueError for numbers that are no state."""
+    def validate(self, state):
+        """Raises ValueError if `state` is invalid."""
 
     def common(self):
-        """What every stage of the slot can go on with: Attitude (gyro), Point (accel), Estimate (fuser), LastReading (course)."""
+        """Returns the state that another stage of the slot can adopt.
+
+        Attitude (gyro), Point (accel), Estimate (fuser) or LastReading (course).
+        """
         raise NotImplementedError
 
     def adopt(self, common):
-        """Goes on from where another stage of the slot was; raises ValueError for what cannot be taken over."""
+        """Continues from the common state of another stage of the slot.
+
+        Raises ValueError if the state is invalid.
+        """
         raise NotImplementedError
 
-    def set(self, place, value):
-        """Sets a parameter by its place; raises ValueError for a value outside its range."""
-        parameter = self.PARAMETERS[place]
-        if not parameter.least <= value <= parameter.most:
-            raise ValueError(f"{parameter.name}: {value} is outside {parameter.least} to {parameter.most}")
+    def set(self, index, value):
+        """Sets the parameter with this index. Raises ValueError if the value is out of range."""
+        parameter = self.PARAMETERS[index]
+        if not parameter.min <= value <= parameter.max:
+            raise ValueError(f"{parameter.name}: expected {parameter.min} to {parameter.max}, found {value}")
         setattr(self, parameter.name, value)
 
     def snapshot(self):
-        """The state as numbers, always as many."""
+        """Returns the numbers of the state. Their count is constant."""
         return numbers_of(self.state)
 
     def restore(self, numbers):
-        """Takes over what `snapshot` gave; raises ValueError for what is no state, and leaves the stage as it was."""
+        """Restores the state from the numbers of `snapshot`.
+
+        Raises ValueError if the numbers are invalid. The stage is unchanged then.
+        """
         count, read, _ = codec(self.State)
         if len(numbers) != count:
-            raise ValueError(f"{len(numbers)} numbers, expected {count}")
+            raise ValueError(f"found {len(numbers)} values, expected {count}")
         state = read(iter(numbers))
-        self.check(state)
+        self.validate(state)
         self.state = state

@@ -1,44 +1,50 @@
-"""What a stage of each slot is given and gives back, and all of it as numbers, in the order of the fields. None is what a tick has not."""
+"""Inputs, outputs and common states of the slots, and their conversion to numbers.
+
+Numbers are in the order of the fields. None means that a tick does not have the value.
+"""
 
 import functools
 import math
 from typing import NamedTuple, Optional, get_args
 
-from .attitude import Attitude, Point, Quaternion, Turn, Vector
+from .attitude import Attitude, Point, Quaternion, Rotation, Vector
 
-# What a course is counted from.
+# Reference directions of a course or heading: initial direction, magnetic north, true north.
 ARBITRARY, MAGNETIC, TRUE = 0, 1, 2
 ZERO = (0.0, 0.0, 0.0)
 
 
 class RateSample(NamedTuple):
-    """What a gyro stage is given."""
+    """Input of a gyro stage."""
 
     rate_rad_s: Vector
     dt_s: float
-    instant: bool  # the rate is the value at the interval's end, not its mean
+    instant: bool  # the rate is the value at the end of the interval, not the mean over it
 
 
 class Motion(NamedTuple):
-    """What a gyro stage gives, and a fuser is given."""
+    """Output of a gyro stage, and an input of a fuser."""
 
-    attitude: Attitude  # open loop, at the interval's end
-    turn: Turn  # of the body over the interval
+    attitude: Attitude  # open loop, at the end of the interval
+    rotation: Rotation  # of the body over the interval
     rate_rad_s: Vector  # mean over the interval
     dt_s: float
 
 
 class Inclination(NamedTuple):
-    """What an accel stage, which is given the specific force in m/s², gives, and a fuser is given."""
+    """Output of an accel stage, and an input of a fuser.
+
+    The input of an accel stage is the specific force, a `Vector` in m/s².
+    """
 
     up: Point
     force_m_s2: Vector
     norm_m_s2: float
-    trust: float  # 1 at |f| = g, 0 where the point is not from this sample
+    trust: float  # 1 at |f| = g; 0 if `up` is not from this force
 
 
 class Fix(NamedTuple):
-    """What a satellite receiver said: velocity east, north, up; None where unknown."""
+    """Fix of a satellite receiver. The velocity is over ground: east, north, up."""
 
     velocity_m_s: Vector
     sd_m_s: Optional[float]
@@ -47,37 +53,37 @@ class Fix(NamedTuple):
 
 
 class FuserInput(NamedTuple):
-    """What a fuser is given: what is None has not come or cannot be used."""
+    """Input of a fuser. A value is None if it is missing or not usable."""
 
     motion: Optional[Motion] = None
     inclination: Optional[Inclination] = None
     field_ut: Optional[Vector] = None
     fix: Optional[Fix] = None
-    rest_credible: bool = True  # gyro and accelerometer are alive, so that stillness means rest
-    rate_credible: bool = True  # the motion is what the body did
+    rest_credible: bool = True  # gyro and accelerometer are working, so constant readings mean rest
+    rate_credible: bool = True  # the motion is that of the body
 
 
 class Fused(NamedTuple):
-    """What a fuser gives. The last seven say what this tick was corrected by, or what was found."""
+    """Output of a fuser. The last seven fields are the corrections and states of this tick."""
 
     attitude: Attitude
     rate_rad_s: Vector
     bias_rad_s: Vector = ZERO
-    innovation_rad: float = 0.0  # angle between the accelerometer's up and the attitude's
+    innovation_rad: float = 0.0  # angle between the up vectors of accelerometer and attitude
     inclination_sd_rad: float = 0.1
-    heading_sd_rad: float = math.pi  # π where nothing is known
+    heading_sd_rad: float = math.pi  # π if unknown
     reference: int = ARBITRARY
     tilt: bool = False
     bias: bool = False
     magnetic: bool = False
     velocity: bool = False
-    disturbed: bool = False  # the magnetic field is not that of the place
+    disturbed: bool = False  # the magnetic field is disturbed
     rest: bool = False
-    aligned: bool = False  # the attitude was set anew and jumps
+    aligned: bool = False  # the attitude was re-initialised and jumps
 
 
 class Estimate(NamedTuple):
-    """What every fuser can hand over to every other. A standard deviation is infinite where nobody estimated what it is of."""
+    """State that one fuser hands over to another. Infinite standard deviations mean "unknown"."""
 
     attitude: Attitude
     reference: int = ARBITRARY
@@ -85,16 +91,18 @@ class Estimate(NamedTuple):
     inclination_sd_rad: float = 0.1
     heading_sd_rad: float = math.pi
     bias_sd_rad_s: float = math.inf
-    gyro_scale: Vector = ZERO  # by which part of itself the rate about each axis is read too large
+    gyro_scale: Vector = ZERO  # relative scale error of the rate about each axis
     gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
-    leaky_velocity_m_s: complex = 0j  # V by which the level leans, east + j north: V' = h − V/T, h the horizontal force, T 1.5 to 3 s
+    # V of a levelling loop, east + j north: V' = h − V/T, with the horizontal specific force h and
+    # T = 1.5 to 3 s.
+    leaky_velocity_m_s: complex = 0j
     leaky_velocity_sd_m_s: float = math.inf
 
-    def check(self):
-        """Raises ValueError for what is no estimate."""
-        self.attitude.check()
+    def validate(self):
+        """Raises ValueError if the estimate is invalid."""
+        self.attitude.validate()
         if not all(abs(bias) <= 10.0 for bias in self.bias_rad_s) or not all(abs(part) <= 1e4 for part in self.hard_iron_ut):
             raise ValueError("a gyro bias above 10 rad/s, or a hard iron above 10,000 µT")
         if not all(abs(part) <= 0.1 for part in self.gyro_scale):
@@ -106,11 +114,11 @@ class Estimate(NamedTuple):
             self.leaky_velocity_sd_m_s,
         )
         if not all(sd >= 0.0 for sd in sds):
-            raise ValueError("a standard deviation below zero")
+            raise ValueError("a negative standard deviation")
 
 
 class CourseInput(NamedTuple):
-    """What a course stage is given."""
+    """Input of a course stage."""
 
     attitude: Attitude
     reference: int
@@ -119,8 +127,8 @@ class CourseInput(NamedTuple):
     dt_s: float
 
 
-class Reading(NamedTuple):
-    """What a course stage gives."""
+class CourseReading(NamedTuple):
+    """Output of a course stage."""
 
     yaw_rad: float
     pitch_rad: float
@@ -128,14 +136,14 @@ class Reading(NamedTuple):
     course_rad: float  # clockwise from above, [0, 2π)
     reference: int
     course_sd_rad: float
-    declination_rad: float  # what made a magnetic heading a true course; 0 where nothing did
-    quaternion: Quaternion  # body → reference, unit; its sign does not jump
+    declination_rad: float  # that was added to a magnetic heading, east positive; 0 if none
+    quaternion: Quaternion  # body → reference, unit, with a continuous sign
     near_gimbal: bool = False
-    aligned: bool = False  # the course was set anew and jumps
+    aligned: bool = False  # the course was realigned and jumps
 
 
-class Bearing(NamedTuple):
-    """A course and how far it can be believed."""
+class CourseEstimate(NamedTuple):
+    """Course with its uncertainty."""
 
     course_rad: float = 0.0
     reference: int = ARBITRARY
@@ -143,31 +151,32 @@ class Bearing(NamedTuple):
 
 
 class LastReading(NamedTuple):
-    """What every course stage can hand over to every other."""
+    """Last reading, which every course stage can hand over to every other."""
 
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    bearing: Optional[Bearing] = None
+    course: Optional[CourseEstimate] = None
 
-    def check(self):
-        """Raises ValueError for what is no reading."""
+    def validate(self):
+        """Raises ValueError if the quaternion or the course is invalid."""
         if not abs(sum(x * x for x in self.quaternion) - 1.0) <= 1e-6:
             raise ValueError("a quaternion that is not of unit length")
-        if self.bearing and not (0.0 <= self.bearing.course_rad < math.tau and self.bearing.sd_rad >= 0.0):
-            raise ValueError("a course that is none")
+        if self.course and not (0.0 <= self.course.course_rad < math.tau and self.course.sd_rad >= 0.0):
+            raise ValueError("a course outside [0, 2π) or a negative standard deviation")
 
 
 def _append(value, numbers):
     numbers.append(value)
 
 
-# How many numbers, a function that makes a value from an iterator of them, one that puts a value's at the end of a list.
+# Codec of a type: the count of its numbers, a function that reads a value from an iterator, and one
+# that appends a value to a list.
 _SIMPLE = {
     float: (1, next, _append),
     int: (1, lambda numbers: int(next(numbers)), _append),
     bool: (1, lambda numbers: next(numbers) > 0.5, _append),
     complex: (2, lambda numbers: complex(next(numbers), next(numbers)), lambda value, numbers: numbers.extend((value.real, value.imag))),
     Vector: (3, lambda numbers: (next(numbers), next(numbers), next(numbers)), lambda value, numbers: numbers.extend(value)),
-    # Sent as x, y, z, w.
+    # Transmitted as x, y, z, w.
     Quaternion: (
         4,
         lambda numbers: (lambda x, y, z, w: (w, x, y, z))(*(next(numbers) for _ in range(4))),
@@ -178,7 +187,7 @@ _SIMPLE = {
 
 @functools.cache
 def codec(kind):
-    """The same three for any kind of value."""
+    """Returns the codec of a type."""
     if kind in _SIMPLE:
         return _SIMPLE[kind]
     if type(None) in get_args(kind):
@@ -186,8 +195,8 @@ def codec(kind):
         absent = [0.0] * (1 + count)
 
         def read_optional(numbers):
-            there, value = next(numbers) > 0.5, read(numbers)
-            return value if there else None
+            present, value = next(numbers) > 0.5, read(numbers)
+            return value if present else None
 
         def write_optional(value, numbers):
             numbers.extend(absent if value is None else (1.0,))
@@ -206,7 +215,7 @@ def codec(kind):
 
 
 def numbers_of(value):
-    """Every number of a value."""
+    """Returns the numbers of a value."""
     numbers = []
     codec(type(value))[2](value, numbers)
     return numbers

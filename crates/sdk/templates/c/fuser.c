@@ -1,19 +1,20 @@
-/* The stage `@name@` for the slot fuser: where up is, from the gyro's motion and the accelerometer's direction. */
+/* Stage `@name@` for the slot fuser: the attitude, from gyro and accelerometer. */
 #include "plumbline.h"
 
-/* Turns with the gyro and leans towards the accelerometer, by 1 - exp(-dt/T) of the way at each tick. */
+/* Complementary filter: the attitude follows the gyro, and each tick corrects the fraction
+   1 - exp(-dt/T) of the tilt difference to the accelerometer. */
 static struct { plumbline_attitude attitude; double started; } state;
 static struct { double time_constant_s; } settings;
 static const plumbline_parameter parameters[] = {
-    {"time_constant_s", "s", 0.01, 1000.0, 1.0, "What is faster comes from the gyro, what is slower from the accelerometer."},
+    {"time_constant_s", "s", 0.01, 1000.0, 1.0, "Time constant of the correction of the tilt towards the accelerometer."},
 };
 
 static void step(const plumbline_fuser_input *input, plumbline_fused *output)
 {
     const plumbline_point *up = &input->inclination.up;
-    double seen[3], own[3], re, im, dt_s = 0.0;
+    double direction[3], own[3], re, im, dt_s = 0.0;
     if (input->has_motion) {
-        state.attitude = plumbline_turned(&state.attitude, &input->motion.turn);
+        state.attitude = plumbline_rotated(&state.attitude, &input->motion.rotation);
         memcpy(output->rate_rad_s, input->motion.rate_rad_s, sizeof output->rate_rad_s);
         dt_s = input->motion.dt_s;
     }
@@ -21,14 +22,14 @@ static void step(const plumbline_fuser_input *input, plumbline_fused *output)
         state.attitude = plumbline_realigned(&state.attitude, up);
         state.started = output->aligned = 1.0;
     } else if (input->has_inclination) {
-        plumbline_direction(up, seen);
+        plumbline_direction(up, direction);
         plumbline_direction(&state.attitude.up, own);
-        const double vertical = 1.0 + seen[0] * own[0] + seen[1] * own[1] + seen[2] * own[2];
+        const double vertical = 1.0 + direction[0] * own[0] + direction[1] * own[1] + direction[2] * own[2];
         if (vertical > 1e-6) {
-            const double share = -expm1(-dt_s / settings.time_constant_s) / vertical;
-            plumbline_horizontal(&state.attitude, seen, &re, &im);
+            const double gain = -expm1(-dt_s / settings.time_constant_s) / vertical;
+            plumbline_horizontal(&state.attitude, direction, &re, &im);
             output->innovation_rad = 2.0 * atan(hypot(re, im) / vertical);
-            state.attitude = plumbline_leaned(&state.attitude, re * share, im * share);
+            state.attitude = plumbline_tilted(&state.attitude, re * gain, im * gain);
             output->tilt = 1.0;
         }
     }
@@ -37,24 +38,27 @@ static void step(const plumbline_fuser_input *input, plumbline_fused *output)
     output->heading_sd_rad = PLUMBLINE_PI;
 }
 
-/* After a gap in which the body may have turned anywhere: the next inclination sets the level anew. */
+/* Re-initialises the level from the next inclination, as after a gap with an unknown rotation. */
 static void realign(void) { state.started = 0.0; }
 
-static const char *check(const void *numbers) { return plumbline_check_attitude((const plumbline_attitude *)numbers); }
-
-static void common(plumbline_estimate *it)
+static const char *validation_error(const void *numbers)
 {
-    it->attitude = state.attitude;
-    it->inclination_sd_rad = 0.1;
-    it->heading_sd_rad = PLUMBLINE_PI;
-    it->bias_sd_rad_s = it->hard_iron_sd_ut = it->leaky_velocity_sd_m_s = INFINITY;
-    for (int i = 0; i < 3; i++) it->gyro_scale_sd[i] = INFINITY;
+    return plumbline_attitude_validation_error((const plumbline_attitude *)numbers);
 }
 
-static int adopt(const plumbline_estimate *it)
+static void common(plumbline_estimate *estimate)
 {
-    if (plumbline_check_estimate(it) != NULL) return -1;
-    state.attitude = it->attitude;
+    estimate->attitude = state.attitude;
+    estimate->inclination_sd_rad = 0.1;
+    estimate->heading_sd_rad = PLUMBLINE_PI;
+    estimate->bias_sd_rad_s = estimate->hard_iron_sd_ut = estimate->leaky_velocity_sd_m_s = INFINITY;
+    for (int i = 0; i < 3; i++) estimate->gyro_scale_sd[i] = INFINITY;
+}
+
+static int adopt(const plumbline_estimate *estimate)
+{
+    if (plumbline_estimate_validation_error(estimate) != NULL) return -1;
+    state.attitude = estimate->attitude;
     state.started = 1.0;
     return 0;
 }
@@ -62,7 +66,7 @@ static int adopt(const plumbline_estimate *it)
 int main(void)
 {
     const plumbline_fuser fuser = {
-        {parameters, 1, &settings.time_constant_s, (double *)&state, PLUMBLINE_COUNT(state), check}, step, common, adopt, realign,
+        {parameters, 1, &settings.time_constant_s, (double *)&state, PLUMBLINE_COUNT(state), validation_error}, step, common, adopt, realign,
     };
     return plumbline_run_fuser(&fuser);
 }

@@ -1,4 +1,4 @@
-"""The stage `@name@` for the slot accel: where up seems to be, from the specific force."""
+"""Stage `@name@` for the slot accel: the measured up direction, from the specific force."""
 
 import math
 from typing import NamedTuple
@@ -6,16 +6,18 @@ from typing import NamedTuple
 import plumbline
 
 GRAVITY_M_S2 = 9.80665
-# Below this the direction of the force is noise.
-FORCE_MIN_M_S2 = 0.5
+# Smallest usable force. Below it the direction of the force is noise.
+MIN_FORCE_M_S2 = 0.5
 
 
 class @Class@(plumbline.Stage):
-    """Up is where the force points, trusted as far as the force is as large as gravity."""
+    """Up is the direction of the force. The trust falls with the difference from gravity."""
 
     SLOT = "accel"
     PARAMETERS = [
-        plumbline.Parameter("distrusted_g", "g", 0.001, 10.0, 0.5, "Difference from gravity at which a force is no longer trusted."),
+        plumbline.Parameter(
+            "zero_trust_difference_g", "g", 0.001, 10.0, 0.5, "Difference from gravity at which the trust in a force is zero."
+        ),
     ]
 
     class State(NamedTuple):
@@ -23,20 +25,20 @@ class @Class@(plumbline.Stage):
 
     def step(self, force_m_s2):
         norm_m_s2 = math.hypot(*force_m_s2)
-        seen = plumbline.Point.of(force_m_s2) if norm_m_s2 >= FORCE_MIN_M_S2 else None
-        self.state = self.State(seen or self.state.up)
-        off_g = abs(norm_m_s2 / GRAVITY_M_S2 - 1.0)
-        trust = max(0.0, 1.0 - off_g / self.distrusted_g) if seen else 0.0
+        up = plumbline.Point.from_direction(force_m_s2) if norm_m_s2 >= MIN_FORCE_M_S2 else None
+        self.state = self.State(up or self.state.up)
+        difference_g = abs(norm_m_s2 / GRAVITY_M_S2 - 1.0)
+        trust = max(0.0, 1.0 - difference_g / self.zero_trust_difference_g) if up else 0.0
         return plumbline.Inclination(self.state.up, force_m_s2, min(norm_m_s2, 1e300), trust)
 
-    def check(self, state):
-        plumbline.Attitude(state.up).check()
+    def validate(self, state):
+        plumbline.Attitude(state.up).validate()
 
     def common(self):
         return self.state.up
 
     def adopt(self, common):
-        plumbline.Attitude(common).check()
+        plumbline.Attitude(common).validate()
         self.state = self.State(common)
 
 

@@ -1,4 +1,4 @@
-"""The stage `@name@` for the slot fuser: where up is, from the gyro's motion and the accelerometer's direction."""
+"""Stage `@name@` for the slot fuser: the attitude, from gyro and accelerometer."""
 
 import math
 from typing import NamedTuple
@@ -7,12 +7,16 @@ import plumbline
 
 
 class @Class@(plumbline.Stage):
-    """Turns with the gyro and leans towards the accelerometer, by 1 − e^{−dt/T} of the way at each tick."""
+    """Complementary filter.
+
+    The attitude follows the gyro. In each tick the fraction 1 − e^{−dt/T} of the tilt difference to
+    the accelerometer is corrected.
+    """
 
     SLOT = "fuser"
     PARAMETERS = [
         plumbline.Parameter(
-            "time_constant_s", "s", 0.01, 1000.0, 1.0, "What is faster comes from the gyro, what is slower from the accelerometer."
+            "time_constant_s", "s", 0.01, 1000.0, 1.0, "Time constant of the correction of the tilt towards the accelerometer."
         ),
     ]
 
@@ -24,34 +28,34 @@ class @Class@(plumbline.Stage):
         attitude, started = self.state
         dt_s, rate_rad_s, innovation_rad, tilt, aligned = 0.0, (0.0, 0.0, 0.0), 0.0, False, False
         if input.motion:
-            attitude = attitude.turned(input.motion.turn)
+            attitude = attitude.rotated(input.motion.rotation)
             dt_s, rate_rad_s = input.motion.dt_s, input.motion.rate_rad_s
         if input.inclination:
-            seen, own = input.inclination.up.direction(), attitude.up.direction()
-            vertical = 1.0 + sum(a * b for a, b in zip(seen, own))
+            direction, own = input.inclination.up.direction(), attitude.up.direction()
+            vertical = 1.0 + sum(a * b for a, b in zip(direction, own))
             if not started:
                 attitude = attitude.realigned(input.inclination.up)
                 started = aligned = True
             elif vertical > 1e-6:
-                lean = attitude.horizontal(seen) / vertical
-                innovation_rad = 2.0 * math.atan(abs(lean))
-                attitude = attitude.leaned(lean * -math.expm1(-dt_s / self.time_constant_s))
+                tilt_error = attitude.horizontal(direction) / vertical
+                innovation_rad = 2.0 * math.atan(abs(tilt_error))
+                attitude = attitude.tilted(tilt_error * -math.expm1(-dt_s / self.time_constant_s))
                 tilt = True
         self.state = self.State(attitude, started)
         return plumbline.Fused(attitude, rate_rad_s, innovation_rad=innovation_rad, tilt=tilt, aligned=aligned)
 
     def realign(self):
-        """After a gap in which the body may have turned anywhere: the next inclination sets the level anew."""
+        """Re-initialises the level from the next inclination, as after a data gap."""
         self.state = self.state._replace(started=False)
 
-    def check(self, state):
-        state.attitude.check()
+    def validate(self, state):
+        state.attitude.validate()
 
     def common(self):
         return plumbline.Estimate(self.state.attitude)
 
     def adopt(self, common):
-        common.check()
+        common.validate()
         self.state = self.State(common.attitude, True)
 
 

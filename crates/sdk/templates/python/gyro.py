@@ -1,45 +1,45 @@
-"""The stage `@name@` for the slot gyro: how the body turned over each interval, from its rate."""
+"""Stage `@name@` for the slot gyro: the rotation of the body over each interval, from its rate."""
 
 from typing import NamedTuple, Optional
 
 import plumbline
 
-# Faster than any gyro's range; what is beyond it is taken for this.
-RATE_MAX_RAD_S = 1000.0
+# Limit that rates are clamped to, above the range of any gyro.
+MAX_RATE_RAD_S = 1000.0
 
 
 class @Class@(plumbline.Stage):
-    """Turns by the mean rate of the interval: exact while the rate is constant."""
+    """Rotates the attitude by the mean rate of the interval, which is exact for a constant rate."""
 
     SLOT = "gyro"
 
     class State(NamedTuple):
         attitude: plumbline.Attitude = plumbline.Attitude()
-        before_rad_s: Optional[plumbline.Vector] = None
+        previous_rad_s: Optional[plumbline.Vector] = None
 
     def align(self, attitude):
-        """Where to integrate from."""
+        """Sets the attitude to integrate from."""
         self.state = self.state._replace(attitude=attitude)
 
     def step(self, sample):
-        after_rad_s = tuple(max(-RATE_MAX_RAD_S, min(RATE_MAX_RAD_S, x)) for x in sample.rate_rad_s)
-        # The mean of an interval of which both ends are known is half their sum.
-        before_rad_s = self.state.before_rad_s if sample.instant and self.state.before_rad_s else after_rad_s
-        mean_rad_s = tuple(0.5 * (a + b) for a, b in zip(before_rad_s, after_rad_s))
-        turn = plumbline.Turn.of_rotation_vector(*(x * sample.dt_s for x in mean_rad_s))
-        self.state = self.State(self.state.attitude.turned(turn), after_rad_s)
-        return plumbline.Motion(self.state.attitude, turn, mean_rad_s, sample.dt_s)
+        end_rad_s = tuple(max(-MAX_RATE_RAD_S, min(MAX_RATE_RAD_S, x)) for x in sample.rate_rad_s)
+        # With both ends of the interval known, the mean is half their sum.
+        start_rad_s = self.state.previous_rad_s if sample.instant and self.state.previous_rad_s else end_rad_s
+        mean_rad_s = tuple(0.5 * (a + b) for a, b in zip(start_rad_s, end_rad_s))
+        rotation = plumbline.Rotation.from_rotation_vector(*(x * sample.dt_s for x in mean_rad_s))
+        self.state = self.State(self.state.attitude.rotated(rotation), end_rad_s)
+        return plumbline.Motion(self.state.attitude, rotation, mean_rad_s, sample.dt_s)
 
-    def check(self, state):
-        state.attitude.check()
-        if not all(abs(rate) <= RATE_MAX_RAD_S for rate in state.before_rad_s or ()):
-            raise ValueError("a rate that no gyro gives")
+    def validate(self, state):
+        state.attitude.validate()
+        if not all(abs(rate) <= MAX_RATE_RAD_S for rate in state.previous_rad_s or ()):
+            raise ValueError("a rate above 1000 rad/s")
 
     def common(self):
         return self.state.attitude
 
     def adopt(self, common):
-        common.check()
+        common.validate()
         self.state = self.state._replace(attitude=common)
 
 

@@ -1,13 +1,13 @@
-"""`python3 -m unittest` in this folder; needs nothing but Python."""
+"""Tests of the stage. Run `python3 -m unittest` in this folder; they need only Python."""
 
 import unittest
 
 from @module@ import @Class@
-from plumbline.trial import Checks
+from plumbline.stage_tests import StageTests
 
 
-class @Class@Test(Checks, unittest.TestCase):
-    """What every stage must be able to do; add what yours is for."""
+class @Class@Test(StageTests, unittest.TestCase):
+    """Tests that every stage must pass. Add the tests of this stage."""
 
     stage = @Class@
 

@@ -1,14 +1,18 @@
-//! The stage `@name@` for the slot accel: where up seems to be, from the specific force.
+//! Stage `@name@` for the slot accel: the measured up direction, from the specific force.
 //!
-//! Input: the specific force in body axes. Output: where it points, and how far to trust it. Time: none. Failure: a force without a
-//! direction keeps the last point and is given no trust; one that is not a number is none.
+//! Input: specific force in body axes.
+//!
+//! Output: direction of the force, with the trust in it.
+//!
+//! Failure: a force without a direction keeps the previous point with trust 0. A non-finite force
+//! counts as zero.
 
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::{MIN_FORCE_M_S2, Inclination},
-    scalars::Scalars,
+    accel::{Inclination, MIN_FORCE_M_S2},
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
@@ -16,12 +20,12 @@ use attitude::{
 settings! {
     /// Settings of the stage.
     pub struct Settings {
-        /// Difference from gravity at which a force is no longer trusted.
-        distrusted_g: 0.5 in 0.001 .. 10.0, "g";
+        /// Difference from gravity at which the trust in a force is zero.
+        zero_trust_difference_g: 0.5 in 0.001 .. 10.0, "g";
     }
 }
 
-/// Up is where the force points, trusted as far as the force is as large as gravity.
+/// Stage that reports the direction of the force. The trust falls with the difference from gravity.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,
@@ -46,13 +50,13 @@ impl Stage for @Class@ {
     }
 
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        let known = force_m_s2.iter().all(|x| x.is_finite());
-        let force_m_s2 = if known { *force_m_s2 } else { Vector3::zeros() };
+        let is_finite = force_m_s2.iter().all(|x| x.is_finite());
+        let force_m_s2 = if is_finite { *force_m_s2 } else { Vector3::zeros() };
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
-        let seen = Point::from_direction(force_m_s2).filter(|_| norm_m_s2 >= MIN_FORCE_M_S2);
-        self.up = seen.unwrap_or(self.up);
-        let off_g = (norm_m_s2 / GRAVITY_M_S2 - 1.0).abs();
-        let trust = seen.map_or(0.0, |_| (1.0 - off_g / self.settings.distrusted_g).max(0.0));
+        let up = Point::from_direction(force_m_s2).filter(|_| norm_m_s2 >= MIN_FORCE_M_S2);
+        self.up = up.unwrap_or(self.up);
+        let difference_g = (norm_m_s2 / GRAVITY_M_S2 - 1.0).abs();
+        let trust = up.map_or(0.0, |_| (1.0 - difference_g / self.settings.zero_trust_difference_g).max(0.0));
         Inclination { up: self.up, force_m_s2, norm_m_s2, trust }
     }
 

@@ -1,9 +1,9 @@
-//! The stage against the kit that every stage of Plumbline passes.
+//! Conformance checks that every stage of Plumbline must pass.
 
 use @module@::@Class@;
 
 #[test]
-fn the_stage_conforms() {
+fn stage_conforms() {
     let report = conformance::@slot@(@Class@::default);
     println!("{report}");
     assert!(report.passed(), "{report}");

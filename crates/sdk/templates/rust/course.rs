@@ -1,30 +1,33 @@
-//! The stage `@name@` for the slot course: angles and course, from the fused attitude.
+//! Stage `@name@` for the slot course: angles and course, from the fused attitude.
 //!
-//! Input: the attitude and what its heading is counted from. Output: yaw, pitch, roll, the course and the quaternion. Time: none.
-//! Failure: near the vertical yaw and roll lose their meaning, and the output says so.
+//! Input: the attitude and the reference direction of its heading.
+//!
+//! Output: yaw, pitch, roll, course and quaternion.
+//!
+//! Failure: near the vertical yaw and roll lose their meaning, and the output is flagged.
 
 use std::f64::consts::{PI, TAU};
 
 use attitude::{
     Quaternion,
     course::{CourseEstimate, CourseInput, CourseReading, CourseReference, LastReading},
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
 };
 
-/// Nearer to the vertical yaw and roll are not told apart, rad: 89°.
+/// Pitch beyond which yaw and roll cannot be separated, rad: 89°.
 const GIMBAL_RAD: f64 = 1.553_343;
 
 settings! {
     /// Settings of the stage.
     pub struct Settings {
-        /// Magnetic declination, east positive: makes a magnetic course a true one.
+        /// Magnetic declination, east positive. It converts a magnetic course to a true one.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
     }
 }
 
-/// The course is the fuser's heading, counted clockwise, and the declination where it is magnetic.
+/// Stage that reports the fuser's heading, clockwise, plus the declination if it is magnetic.
 #[derive(Debug, Clone)]
 pub struct @Class@ {
     settings: Settings,
@@ -57,15 +60,15 @@ impl Stage for @Class@ {
 
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
-        let made_true = input.reference == CourseReference::Magnetic && self.settings.declination_deg != 0.0;
-        let declination_rad = if made_true { self.settings.declination_deg.to_radians() } else { 0.0 };
-        let reference = if made_true { CourseReference::True } else { input.reference };
+        let is_corrected = input.reference == CourseReference::Magnetic && self.settings.declination_deg != 0.0;
+        let declination_rad = if is_corrected { self.settings.declination_deg.to_radians() } else { 0.0 };
+        let reference = if is_corrected { CourseReference::True } else { input.reference };
         let course_rad = (declination_rad - angles.yaw_rad).rem_euclid(TAU) % TAU;
         let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
         let quaternion = input.attitude.quaternion();
-        // The other sign is the same attitude, and a jump for whoever interpolates.
+        // The sign is kept continuous, because a change would break interpolation.
         let quaternion = if quaternion.dot(&self.last.quaternion) < 0.0 { -quaternion } else { quaternion };
-        let aligned = self.last.course.is_some_and(|before| before.reference != reference);
+        let aligned = self.last.course.is_some_and(|previous| previous.reference != reference);
         self.last = LastReading { quaternion, course: Some(CourseEstimate { course_rad, reference, sd_rad }) };
         CourseReading {
             angles,
@@ -84,7 +87,7 @@ impl Stage for @Class@ {
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        self.last.validate().err().map(|_| "an invalid last reading")
+        self.last.validate().err().map(|_| "an invalid previous reading")
     }
 
     fn common(&self) -> LastReading {

@@ -1,29 +1,37 @@
-//! The stage `@name@` for the slot fuser: where up is, from the gyro's motion and the accelerometer's direction.
+//! Stage `@name@` for the slot fuser: the attitude, from gyro and accelerometer.
 //!
-//! Input: what of motion and inclination a tick has. Output: the attitude. Time: the motion's interval. Failure: what is missing or not
-//! a number is left out.
+//! Input: motion and inclination of a tick. Both may be missing.
+//!
+//! Output: the attitude.
+//!
+//! Time: the interval of the motion.
+//!
+//! Failure: non-finite numbers are treated as missing.
 
 use attitude::{
     fuser::{Corrections, Estimate, Fused, FuserInput, FuserStage, innovation_rad},
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
 
-/// Standard deviations that are told as long as nothing better is known, rad.
+/// Reported standard deviation of the inclination, rad. The stage does not estimate it.
 const INCLINATION_SD_RAD: f64 = 0.1;
+/// Standard deviation of the heading, rad: π, because the heading is unknown.
 const HEADING_SD_RAD: f64 = std::f64::consts::PI;
 
 settings! {
     /// Settings of the stage.
     pub struct Settings {
-        /// What is faster comes from the gyro, what is slower from the accelerometer.
+        /// Time constant of the correction of the tilt towards the accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
     }
 }
 
-/// Turns with the gyro and leans towards the accelerometer, by 1 − e^{−dt/T} of the way at each tick.
+/// Complementary filter: the attitude follows the gyro, its tilt is corrected by the accelerometer.
+///
+/// Each tick corrects the fraction 1 − e^{−dt/T} of the tilt difference.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,
@@ -62,17 +70,17 @@ impl Stage for @Class@ {
         (fused.inclination_sd_rad, fused.heading_sd_rad) = (INCLINATION_SD_RAD, HEADING_SD_RAD);
         self.attitude = self.attitude.rotated(motion.rotation).attitude;
         if let Some(inclination) = inclination {
-            let seen = inclination.up.direction();
-            let vertical = 1.0 + seen.dot(&self.attitude.up.direction());
+            let direction = inclination.up.direction();
+            let vertical = 1.0 + direction.dot(&self.attitude.up.direction());
             if !self.started {
                 self.attitude = self.attitude.realigned(inclination.up).attitude;
                 self.started = true;
                 fused.corrections = Corrections { aligned: true, ..fused.corrections };
             } else if vertical > 1e-6 {
                 fused.innovation_rad = innovation_rad(inclination, self.attitude);
-                let share = -(-motion.dt_s / self.settings.time_constant_s).exp_m1();
-                let lean = self.attitude.horizontal(seen) / vertical;
-                self.attitude = self.attitude.tilted(lean * share).attitude;
+                let gain = -(-motion.dt_s / self.settings.time_constant_s).exp_m1();
+                let tilt = self.attitude.horizontal(direction) / vertical;
+                self.attitude = self.attitude.tilted(tilt * gain).attitude;
                 fused.corrections = Corrections { tilt: true, ..fused.corrections };
             }
         }

@@ -1,4 +1,4 @@
-//! `@name@` as a program: Plumbline starts it where a launch file has `[stages.@name@]`.
+//! Program of the stage, which Plumbline starts for `[stages.@name@]` of a launch file.
 
 use std::process::ExitCode;
 

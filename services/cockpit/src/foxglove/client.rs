@@ -1,5 +1,9 @@
-//! A client: what it subscribes to goes out as it comes. One who does not take what is sent is dropped after a while; one who is slow misses
-//! messages; one who asks for what is not there again and again is dropped.
+//! Connection of a Foxglove client.
+//!
+//! Input: subscriptions of the client.
+//! Output: messages of the subscribed channels, as they are published.
+//! Failure: a slow client misses messages. A client that accepts no data for [`SEND_TIMEOUT`] or
+//! sends [`MAX_REJECTED`] invalid requests is disconnected.
 
 use std::{future::poll_fn, pin::pin, task::Poll, time::Duration};
 
@@ -10,109 +14,110 @@ use tokio::{
 };
 
 use super::{
-    feed::{Live, Told},
+    feed::{Broadcaster, ChannelMessage},
     protocol::{self, Subscriptions},
 };
 
-/// Who has taken nothing for so long is dropped.
-const SEND_LIMIT: Duration = Duration::from_secs(5);
-/// Requests that are refused before a client is dropped.
-const MAX_REFUSED: u32 = 100;
+/// Time after which a client that accepts no data is disconnected.
+const SEND_TIMEOUT: Duration = Duration::from_secs(5);
+/// Number of rejected requests after which a client is disconnected.
+const MAX_REJECTED: u32 = 100;
 
-/// What a client wants, for as long as it is there.
-struct Wants<'l> {
-    live: &'l Live,
+/// Subscriptions of a client. They are removed from the broadcaster's counts when dropped.
+struct ClientSubscriptions<'l> {
+    broadcaster: &'l Broadcaster,
     subscriptions: Subscriptions,
 }
 
-impl Wants<'_> {
-    fn hear(&mut self, text: &str) -> Result<(), String> {
-        let before: Vec<_> = self.subscriptions.each().collect();
-        let done = self.subscriptions.hear(text);
-        self.live.want(before.into_iter(), self.subscriptions.each());
-        done
+impl ClientSubscriptions<'_> {
+    fn handle(&mut self, text: &str) -> Result<(), String> {
+        let before: Vec<_> = self.subscriptions.are_subscribed().collect();
+        let result = self.subscriptions.handle(text);
+        self.broadcaster.update_subscriptions(before.into_iter(), self.subscriptions.are_subscribed());
+        result
     }
 }
 
-impl Drop for Wants<'_> {
+impl Drop for ClientSubscriptions<'_> {
     fn drop(&mut self) {
-        self.live.want(self.subscriptions.each(), std::iter::repeat(false));
+        self.broadcaster.update_subscriptions(self.subscriptions.are_subscribed(), std::iter::repeat(false));
     }
 }
 
-/// Serves a client until it goes.
-pub(crate) async fn serve(mut socket: WebSocket, system: &str, live: &Live) {
-    let mut wants = Wants { live, subscriptions: Subscriptions::none(live.channels.len()) };
-    let (mut told, mut session, mut refused) = (live.join(), live.session(), 0);
-    let greeting = [protocol::server_info(system, session), protocol::advertise(&live.channels)];
+/// Serves a client until it disconnects.
+pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Broadcaster) {
+    let channels = broadcaster.channels.len();
+    let mut client = ClientSubscriptions { broadcaster, subscriptions: Subscriptions::new(channels) };
+    let (mut messages, mut session, mut rejected) = (broadcaster.subscribe(), broadcaster.session(), 0);
+    let greeting = [protocol::server_info(system, session), protocol::advertise(&broadcaster.channels)];
     for text in greeting {
         if !send(&mut socket, Message::text(text)).await {
             return;
         }
     }
     loop {
-        let goes_on = match next(&mut socket, &mut told).await {
-            Step::Told(message) => {
-                let begins = message.session != session;
+        let is_open = match next_event(&mut socket, &mut messages).await {
+            Event::Message(message) => {
+                let is_new_session = message.session != session;
                 session = message.session;
                 let info = || Message::text(protocol::server_info(system, session));
-                let greeted = !begins || send(&mut socket, info()).await;
-                match wants.subscriptions.of(message.channel) {
-                    Some(id) if greeted => {
+                let is_sent = !is_new_session || send(&mut socket, info()).await;
+                match client.subscriptions.subscription_id(message.channel) {
+                    Some(id) if is_sent => {
                         let data = protocol::message(id, message.t_ns, &message.data);
                         send(&mut socket, Message::binary(data)).await
                     }
-                    _ => greeted,
+                    _ => is_sent,
                 }
             }
-            Step::Asked(text) => match wants.hear(&text) {
+            Event::Request(text) => match client.handle(&text) {
                 Ok(()) => true,
-                Err(why) => {
-                    refused += 1;
-                    refused < MAX_REFUSED && send(&mut socket, Message::text(protocol::refusal(&why))).await
+                Err(reason) => {
+                    rejected += 1;
+                    rejected < MAX_REJECTED && send(&mut socket, Message::text(protocol::error_status(&reason))).await
                 }
             },
-            Step::Missed => true,
-            Step::Gone => false,
+            Event::Ignored => true,
+            Event::Closed => false,
         };
-        if !goes_on {
+        if !is_open {
             return;
         }
     }
 }
 
-/// What comes next.
-enum Step {
-    Told(Told),
-    Asked(String),
-    /// Messages came that this client was too slow for, or nothing of interest.
-    Missed,
-    Gone,
+/// Event on a client's connection.
+enum Event {
+    Message(ChannelMessage),
+    Request(String),
+    /// Ping or pong frame, or messages that this client was too slow to receive.
+    Ignored,
+    Closed,
 }
 
-async fn next(socket: &mut WebSocket, told: &mut Receiver<Told>) -> Step {
-    // Whichever is ready first; each of them can be left and begun again without a loss.
-    let (mut said, mut asked) = (pin!(told.recv()), pin!(socket.recv()));
+async fn next_event(socket: &mut WebSocket, messages: &mut Receiver<ChannelMessage>) -> Event {
+    // Polls both; each future is cancel-safe, so that dropping it loses nothing.
+    let (mut next_message, mut next_request) = (pin!(messages.recv()), pin!(socket.recv()));
     poll_fn(|context| {
-        if let Poll::Ready(message) = asked.as_mut().poll(context) {
+        if let Poll::Ready(message) = next_request.as_mut().poll(context) {
             return Poll::Ready(match message {
-                Some(Ok(Message::Text(text))) => Step::Asked(text.as_str().to_owned()),
-                Some(Ok(Message::Binary(_))) => Step::Asked(String::new()),
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Step::Missed,
-                Some(Ok(Message::Close(_)) | Err(_)) | None => Step::Gone,
+                Some(Ok(Message::Text(text))) => Event::Request(text.as_str().to_owned()),
+                Some(Ok(Message::Binary(_))) => Event::Request(String::new()),
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Event::Ignored,
+                Some(Ok(Message::Close(_)) | Err(_)) | None => Event::Closed,
             });
         }
-        match said.as_mut().poll(context) {
-            Poll::Ready(Ok(message)) => Poll::Ready(Step::Told(message)),
-            Poll::Ready(Err(RecvError::Lagged(_))) => Poll::Ready(Step::Missed),
-            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Step::Gone),
+        match next_message.as_mut().poll(context) {
+            Poll::Ready(Ok(message)) => Poll::Ready(Event::Message(message)),
+            Poll::Ready(Err(RecvError::Lagged(_))) => Poll::Ready(Event::Ignored),
+            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Event::Closed),
             Poll::Pending => Poll::Pending,
         }
     })
     .await
 }
 
-/// Whether it was taken in time.
+/// Sends a message. Returns `false` if the client has not accepted it in time.
 async fn send(socket: &mut WebSocket, message: Message) -> bool {
-    matches!(timeout(SEND_LIMIT, socket.send(message)).await, Ok(Ok(())))
+    matches!(timeout(SEND_TIMEOUT, socket.send(message)).await, Ok(Ok(())))
 }

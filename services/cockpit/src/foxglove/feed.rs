@@ -1,4 +1,6 @@
-//! Messages on their way to whoever has subscribed: encoded once, where somebody wants them.
+//! Encoding and distribution of messages to the Foxglove clients.
+//!
+//! Each message is encoded once, and only if a client subscribes to its channel.
 
 use std::sync::{
     Arc,
@@ -11,62 +13,65 @@ use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use tokio::sync::broadcast;
 use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
-use crate::{board::TOPICS, foxglove::pace::Pace, source::SourceState};
+use crate::{local_system::TOPICS, foxglove::rate_limit::RateLimit, source::SourceState};
 
-/// Messages that a client may be behind before it misses some: half a second of every channel.
-const MAX_BEHIND: usize = 512;
-/// A message whose publication is so much before the last one's is of a system that has begun anew.
-const BACKWARDS_NS: u64 = 1_000_000_000;
+/// Messages queued for each client: half a second of every channel. A client further behind loses
+/// the oldest.
+const MAX_QUEUED_MESSAGES: usize = 512;
+/// Step back in publication time that indicates a restarted system. Publishers differ by less.
+const RESTART_STEP_NS: u64 = 1_000_000_000;
 
-/// Between who takes messages and who sends them.
+/// Channels, their subscriber counts, and the queues of the clients.
 #[derive(Debug)]
-pub(crate) struct Live {
+pub(crate) struct Broadcaster {
     pub(crate) channels: Vec<Channel>,
-    told: broadcast::Sender<Told>,
-    /// Clients of each channel.
-    wanted: Vec<AtomicUsize>,
-    /// When what is shown began, CLOCK_REALTIME, ns: no two sessions have the same.
+    messages: broadcast::Sender<ChannelMessage>,
+    /// Number of subscribed clients by channel index.
+    subscriber_counts: Vec<AtomicUsize>,
+    /// Identifier of the session: its start on CLOCK_REALTIME, ns, made unique.
     session: AtomicU64,
 }
 
-/// A message of a channel.
+/// Encoded message of a channel.
 #[derive(Debug, Clone)]
-pub(crate) struct Told {
+pub(crate) struct ChannelMessage {
     pub(crate) session: u64,
-    /// Its place.
+    /// Index of the channel.
     pub(crate) channel: usize,
     /// Publication on CLOCK_REALTIME, ns.
     pub(crate) t_ns: u64,
     pub(crate) data: Bytes,
 }
 
-impl Default for Live {
+impl Default for Broadcaster {
     fn default() -> Self {
         let channels = channels(&TOPICS);
-        let wanted = channels.iter().map(|_| AtomicUsize::new(0)).collect();
-        Self { channels, told: broadcast::Sender::new(MAX_BEHIND), wanted, session: AtomicU64::new(now_ns()) }
+        let subscriber_counts = channels.iter().map(|_| AtomicUsize::new(0)).collect();
+        let messages = broadcast::Sender::new(MAX_QUEUED_MESSAGES);
+        Self { channels, messages, subscriber_counts, session: AtomicU64::new(now_ns()) }
     }
 }
 
-impl Live {
-    /// Somebody is told.
-    pub(crate) fn is_watched(&self) -> bool {
-        self.told.receiver_count() > 0
+impl Broadcaster {
+    /// Returns `true` if a client is connected.
+    pub(crate) fn has_clients(&self) -> bool {
+        self.messages.receiver_count() > 0
     }
 
-    /// What is told from now on.
-    pub(crate) fn join(&self) -> broadcast::Receiver<Told> {
-        self.told.subscribe()
+    /// Returns a queue of the messages from now on.
+    pub(crate) fn subscribe(&self) -> broadcast::Receiver<ChannelMessage> {
+        self.messages.subscribe()
     }
 
-    /// The session that is shown.
+    /// Returns the identifier of the current session.
     pub(crate) fn session(&self) -> u64 {
         self.session.load(Ordering::SeqCst)
     }
 
-    /// A client wants the channels that it did not want before, and the other way about.
-    pub(crate) fn want(&self, before: impl Iterator<Item = bool>, now: impl Iterator<Item = bool>) {
-        for (clients, change) in self.wanted.iter().zip(before.zip(now)) {
+    /// Updates the subscriber counts for a client, given whether it is subscribed to each channel
+    /// before and after the change.
+    pub(crate) fn update_subscriptions(&self, before: impl Iterator<Item = bool>, after: impl Iterator<Item = bool>) {
+        for (clients, change) in self.subscriber_counts.iter().zip(before.zip(after)) {
             match change {
                 (false, true) => _ = clients.fetch_add(1, Ordering::SeqCst),
                 (true, false) => _ = clients.fetch_sub(1, Ordering::SeqCst),
@@ -75,90 +80,91 @@ impl Live {
         }
     }
 
-    fn is_wanted(&self, channel: usize) -> bool {
-        self.wanted.get(channel).is_some_and(|clients| clients.load(Ordering::SeqCst) > 0)
+    fn has_subscribers(&self, channel: usize) -> bool {
+        self.subscriber_counts.get(channel).is_some_and(|clients| clients.load(Ordering::SeqCst) > 0)
     }
 
-    fn begin_session(&self) {
-        // Two within the clock's step are two all the same.
+    fn start_session(&self) {
+        // The identifier must differ even if two sessions start within the clock's resolution.
         let _ = self.session.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |last| Some(now_ns().max(last + 1)));
     }
 }
 
-/// Takes messages, and tells those that somebody wants.
+/// Encodes messages for the channels with subscribers.
 #[derive(Debug)]
 pub(crate) struct Feed {
-    live: Arc<Live>,
+    broadcaster: Arc<Broadcaster>,
     clocks: Clocks,
-    intakes: Vec<Option<Intake>>,
-    /// It has been shown, and has stopped since.
+    topic_feeds: Vec<Option<TopicFeed>>,
+    /// Whether the source has stopped since it was last live; `None` before it is live for the
+    /// first time.
     has_stopped: Option<bool>,
 }
 
-/// A topic's messages.
+/// Encoder and channels of a topic.
 #[derive(Debug)]
-struct Intake {
+struct TopicFeed {
     encoder: Encoder,
-    pace: Option<Pace>,
-    /// The newest publication, CLOCK_MONOTONIC, ns.
+    rate_limit: Option<RateLimit>,
+    /// Newest publication time, CLOCK_MONOTONIC, ns.
     newest_ns: u64,
-    /// The places of its channels.
+    /// Indices of the topic's channels.
     channels: Vec<usize>,
 }
 
 impl Feed {
-    pub(crate) fn new(live: Arc<Live>) -> Self {
-        let mut intakes: Vec<_> = Topic::ALL.iter().map(|_| None).collect();
+    pub(crate) fn new(broadcaster: Arc<Broadcaster>) -> Self {
+        let mut topic_feeds: Vec<_> = Topic::ALL.iter().map(|_| None).collect();
         for topic in TOPICS {
-            let channels = live.channels.iter().enumerate().filter(|(_, channel)| channel.topic == topic);
-            let channels = channels.map(|(place, _)| place).collect();
-            let (encoder, pace) = (Encoder::new(topic), Pace::of(topic));
-            intakes[topic as usize] = Some(Intake { encoder, pace, newest_ns: 0, channels });
+            let channels = broadcaster.channels.iter().enumerate().filter(|(_, channel)| channel.topic == topic);
+            let channels = channels.map(|(index, _)| index).collect();
+            let (encoder, rate_limit) = (Encoder::new(topic), RateLimit::for_topic(topic));
+            topic_feeds[topic as usize] = Some(TopicFeed { encoder, rate_limit, newest_ns: 0, channels });
         }
-        // The time of the source goes with no message here, and so its rate is not needed.
+        // The rate serves only to stamp messages with the source's time, which is not needed here.
         let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: 0.0 };
-        Self { live, clocks, intakes, has_stopped: None }
+        Self { broadcaster, clocks, topic_feeds, has_stopped: None }
     }
 
-    /// Takes a message of a topic at `taken_ns`, CLOCK_MONOTONIC.
-    pub(crate) fn take(&mut self, topic: Topic, bytes: &[u8], taken_ns: u64) {
-        let Self { live, clocks, intakes, .. } = self;
-        let Some(intake) = &mut intakes[topic as usize] else { return };
-        if !intake.channels.iter().any(|channel| live.is_wanted(*channel)) {
+    /// Publishes a message of `topic` that was received at `received_ns` on CLOCK_MONOTONIC.
+    pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) {
+        let Self { broadcaster, clocks, topic_feeds, .. } = self;
+        let Some(topic_feed) = &mut topic_feeds[topic as usize] else { return };
+        if !topic_feed.channels.iter().any(|channel| broadcaster.has_subscribers(*channel)) {
             return;
         }
-        let sent_ns = intake.encoder.sent_ns(bytes, taken_ns);
-        if sent_ns.saturating_add(BACKWARDS_NS) < intake.newest_ns {
-            live.begin_session();
-            (intake.newest_ns, intake.pace) = (0, Pace::of(topic));
+        let sent_ns = topic_feed.encoder.sent_ns(bytes, received_ns);
+        if sent_ns.saturating_add(RESTART_STEP_NS) < topic_feed.newest_ns {
+            broadcaster.start_session();
+            (topic_feed.newest_ns, topic_feed.rate_limit) = (0, RateLimit::for_topic(topic));
         }
-        intake.newest_ns = intake.newest_ns.max(sent_ns);
-        if !intake.pace.as_mut().is_none_or(|pace| pace.admits(sent_ns)) {
+        topic_feed.newest_ns = topic_feed.newest_ns.max(sent_ns);
+        if !topic_feed.rate_limit.as_mut().is_none_or(|limit| limit.admit(sent_ns)) {
             return;
         }
-        let Some((data, stamps)) = intake.encoder.encode(bytes, taken_ns, *clocks) else { return };
-        let (data, session) = (Bytes::from(data), live.session());
-        for place in intake.channels.iter().copied().filter(|place| live.is_wanted(*place)) {
-            let Channel { name, is_for_viewers, .. } = &live.channels[place];
+        let Some((data, stamps)) = topic_feed.encoder.encode(bytes, received_ns, *clocks) else { return };
+        let (data, session) = (Bytes::from(data), broadcaster.session());
+        for index in topic_feed.channels.iter().copied().filter(|index| broadcaster.has_subscribers(*index)) {
+            let Channel { name, is_for_viewers, .. } = &broadcaster.channels[index];
             let data = match is_for_viewers {
                 true => encode_for_viewers(name, bytes, stamps.log_ns).map(Bytes::from),
                 false => Some(data.clone()),
             };
             if let Some(data) = data {
-                // Whoever wanted it may have gone meanwhile.
-                let _ = live.told.send(Told { session, channel: place, t_ns: stamps.log_ns, data });
+                // Sending fails only if the subscriber has disconnected meanwhile.
+                let _ = broadcaster.messages.send(ChannelMessage { session, channel: index, t_ns: stamps.log_ns, data });
             }
         }
     }
 
-    /// Is told how the source is; one that comes again begins anew.
-    pub(crate) fn source_is(&mut self, state: &SourceState) {
+    /// Processes the source's state. A source that becomes live again starts a new session.
+    pub(crate) fn set_source_state(&mut self, state: &SourceState) {
         match (state, self.has_stopped) {
             (SourceState::Live, Some(true)) => {
-                self.live.begin_session();
-                for (topic, intake) in Topic::ALL.iter().zip(&mut self.intakes) {
-                    if let Some(intake) = intake {
-                        (intake.newest_ns, intake.pace) = (0, Pace::of(*topic));
+                self.broadcaster.start_session();
+                for (topic, topic_feed) in Topic::ALL.iter().zip(&mut self.topic_feeds) {
+                    if let Some(topic_feed) = topic_feed {
+                        (topic_feed.newest_ns, topic_feed.rate_limit) = (0, RateLimit::for_topic(*topic));
                     }
                 }
                 self.has_stopped = Some(false);
@@ -170,7 +176,7 @@ impl Feed {
     }
 }
 
-/// CLOCK_REALTIME, ns.
+/// Returns the time on CLOCK_REALTIME, ns.
 fn now_ns() -> u64 {
     monotonic_ns().saturating_add_signed(realtime_offset_ns())
 }
@@ -191,65 +197,65 @@ mod tests {
         attitude
     }
 
-    fn all(live: &Live, wanted: bool) -> impl Iterator<Item = bool> {
-        live.channels.iter().map(move |_| wanted).collect::<Vec<_>>().into_iter()
+    fn all_channels(broadcaster: &Broadcaster, subscribed: bool) -> impl Iterator<Item = bool> {
+        broadcaster.channels.iter().map(move |_| subscribed).collect::<Vec<_>>().into_iter()
     }
 
-    fn names(live: &Live, told: &mut broadcast::Receiver<Told>) -> Vec<String> {
-        let told = std::iter::from_fn(|| told.try_recv().ok());
-        told.map(|told| live.channels[told.channel].name.clone()).collect()
-    }
-
-    #[test]
-    fn what_nobody_wants_is_not_encoded_and_the_attitude_has_three_channels() {
-        let live = Arc::new(Live::default());
-        let (mut feed, mut told) = (Feed::new(live.clone()), live.join());
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 5)), 9);
-        assert_eq!(names(&live, &mut told), Vec::<String>::new());
-        live.want(all(&live, false), all(&live, true));
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(1, SECOND_NS)), 9);
-        assert_eq!(names(&live, &mut told), ["/attitude", "/tf", "/pose"]);
-        feed.take(Topic::Attitude, &[1, 2, 3], 9);
-        feed.take(Topic::Credit, &[], 9);
-        live.want(all(&live, true), all(&live, false));
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(2, 2 * SECOND_NS)), 9);
-        assert_eq!(names(&live, &mut told), Vec::<String>::new());
+    fn names(broadcaster: &Broadcaster, queue: &mut broadcast::Receiver<ChannelMessage>) -> Vec<String> {
+        let messages = std::iter::from_fn(|| queue.try_recv().ok());
+        messages.map(|message| broadcaster.channels[message.channel].name.clone()).collect()
     }
 
     #[test]
-    fn a_system_that_begins_anew_is_another_session() {
-        let live = Arc::new(Live::default());
-        let mut feed = Feed::new(live.clone());
-        live.want(all(&live, false), all(&live, true));
-        let first = live.session();
-        feed.source_is(&SourceState::Connecting(String::new()));
-        feed.source_is(&SourceState::Live);
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 9 * SECOND_NS)), 0);
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(1, 9 * SECOND_NS - SECOND_NS / 2)), 0);
-        assert_eq!(live.session(), first, "of two publishers one is a little late");
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 7 * SECOND_NS)), 0);
-        let second = live.session();
-        assert!(second > first, "time has gone back");
-        let mut told = live.join();
-        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(20, 7 * SECOND_NS + 20_000_000)), 0);
-        assert_eq!(told.try_recv().unwrap().session, second, "and goes on");
-        feed.source_is(&SourceState::Ended(String::new()));
-        feed.source_is(&SourceState::Connecting(String::new()));
-        assert_eq!(live.session(), second);
-        feed.source_is(&SourceState::Live);
-        assert!(live.session() > second);
+    fn unsubscribed_topics_are_not_encoded() {
+        let broadcaster = Arc::new(Broadcaster::default());
+        let (mut feed, mut queue) = (Feed::new(broadcaster.clone()), broadcaster.subscribe());
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 5)), 9);
+        assert_eq!(names(&broadcaster, &mut queue), Vec::<String>::new());
+        broadcaster.update_subscriptions(all_channels(&broadcaster, false), all_channels(&broadcaster, true));
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(1, SECOND_NS)), 9);
+        assert_eq!(names(&broadcaster, &mut queue), ["/attitude", "/tf", "/pose"]);
+        feed.push(Topic::Attitude, &[1, 2, 3], 9);
+        feed.push(Topic::Credit, &[], 9);
+        broadcaster.update_subscriptions(all_channels(&broadcaster, true), all_channels(&broadcaster, false));
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(2, 2 * SECOND_NS)), 9);
+        assert_eq!(names(&broadcaster, &mut queue), Vec::<String>::new());
     }
 
     #[test]
-    fn a_client_that_does_not_read_misses_messages_and_holds_up_nobody() {
-        let live = Arc::new(Live::default());
-        let (mut feed, mut told) = (Feed::new(live.clone()), live.join());
-        live.want(all(&live, false), all(&live, true));
+    fn restarted_system_starts_new_session() {
+        let broadcaster = Arc::new(Broadcaster::default());
+        let mut feed = Feed::new(broadcaster.clone());
+        broadcaster.update_subscriptions(all_channels(&broadcaster, false), all_channels(&broadcaster, true));
+        let first = broadcaster.session();
+        feed.set_source_state(&SourceState::Connecting(String::new()));
+        feed.set_source_state(&SourceState::Live);
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 9 * SECOND_NS)), 0);
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(1, 9 * SECOND_NS - SECOND_NS / 2)), 0);
+        assert_eq!(broadcaster.session(), first, "publishers may differ by half a second");
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 7 * SECOND_NS)), 0);
+        let second = broadcaster.session();
+        assert!(second > first, "a step back in time starts a session");
+        let mut queue = broadcaster.subscribe();
+        feed.push(Topic::Attitude, bytemuck::bytes_of(&attitude(20, 7 * SECOND_NS + 20_000_000)), 0);
+        assert_eq!(queue.try_recv().unwrap().session, second, "messages carry the new session");
+        feed.set_source_state(&SourceState::Ended(String::new()));
+        feed.set_source_state(&SourceState::Connecting(String::new()));
+        assert_eq!(broadcaster.session(), second);
+        feed.set_source_state(&SourceState::Live);
+        assert!(broadcaster.session() > second);
+    }
+
+    #[test]
+    fn slow_client_misses_messages_without_blocking() {
+        let broadcaster = Arc::new(Broadcaster::default());
+        let (mut feed, mut queue) = (Feed::new(broadcaster.clone()), broadcaster.subscribe());
+        broadcaster.update_subscriptions(all_channels(&broadcaster, false), all_channels(&broadcaster, true));
         for number in 0..1000 {
             let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
-            feed.take(Topic::Event, bytemuck::bytes_of(&event), 7);
+            feed.push(Topic::Event, bytemuck::bytes_of(&event), 7);
         }
-        assert!(matches!(told.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_BEHIND as u64));
-        assert_eq!(names(&live, &mut told).len(), MAX_BEHIND, "and has the newest");
+        assert!(matches!(queue.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64));
+        assert_eq!(names(&broadcaster, &mut queue).len(), MAX_QUEUED_MESSAGES, "the newest are kept");
     }
 }

@@ -1,17 +1,19 @@
-//! The system for Foxglove and Lichtblick: the messages of its topics, and the attitude as viewers know it, over their WebSocket protocol.
+//! Server of the Foxglove WebSocket protocol, for Foxglove and Lichtblick.
 //!
-//! Input: messages of the topics as they are on the bus. Output: to each client what it subscribes to, on the channels that a flight has, too.
-//! Time: each message with its publication on CLOCK_REALTIME. Failure: of a topic that is faster only sixty messages a second are told; a
-//! client that is slow misses messages, one that takes nothing is dropped; nobody waits for it.
+//! Input: messages of the topics, in their bus layout.
+//! Output: the subscribed channels, the same as those of a recorded flight.
+//! Time: each message is stamped with its publication on CLOCK_REALTIME.
+//! Failure: fast topics are limited to 60 messages per second, slow clients miss messages, and a
+//! client that accepts no data is disconnected.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! | --- | --- |
-//! | `feed` | messages on their way to whoever has subscribed |
-//! | `pace` | which of them are told |
-//! | `protocol` | what is said, and heard |
-//! | `client` | a client |
+//! | `feed` | encoding and distribution of the messages |
+//! | `rate_limit` | limit on the messages of a topic |
+//! | `protocol` | messages of the protocol |
+//! | `client` | connection of a client |
 
 pub(crate) mod client;
 pub(crate) mod feed;
-mod pace;
+mod rate_limit;
 pub(crate) mod protocol;

@@ -1,25 +1,25 @@
-//! Every row of the conditioner's table, and a storm of whatever 64 bits can say.
+//! Tests each row of the conditioner's table, and random stamps and values.
 use attitude::gnss::Fix;
 use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
 
 const RATE_HZ: f64 = 200.0;
-const USUAL_NS: i64 = 5_000_000;
+const INTERVAL_NS: i64 = 5_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
 const HOUR_NS: i64 = 3600 * SECOND_NS;
 const YEAR_NS: i64 = 365 * 24 * HOUR_NS;
-const NO_PLACES: [usize; 0] = [];
+const NO_INDICES: [usize; 0] = [];
 
 fn conditioner(kind: GyroSamples) -> Conditioner {
     Conditioner::new(&Launch::default().ingest, RATE_HZ, kind).unwrap()
 }
 
-/// A good reading that no other count gives.
+/// Returns a valid reading with different values for each count.
 fn reading(count: i64) -> Reading {
     let x = count as f64 * 1e-3;
     Reading {
-        t_ns: count * USUAL_NS,
+        t_ns: count * INTERVAL_NS,
         rate_rad_s: [x, -x, 0.1],
         force_m_s2: [0.1, x, 9.8],
         field_ut: None,
@@ -32,19 +32,19 @@ fn readings(count: i64) -> Vec<Reading> {
     (0..count).map(reading).collect()
 }
 
-/// What becomes of each reading, in order, time and number checked.
+/// Conditions all readings and checks the time, numbers and counts of the samples.
 fn conditioned(readings: &[Reading]) -> Vec<Option<ImuSample>> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let samples: Vec<_> =
         readings.iter().map(|reading| conditioner.condition(reading).map(|sample| sample.imu)).collect();
-    let given: Vec<_> = samples.iter().flatten().copied().collect();
-    assert_sound(&given);
-    assert_eq!(conditioner.ticks(), given.len() as u64);
-    assert_eq!(conditioner.refused(), (samples.len() - given.len()) as u64);
+    let accepted: Vec<_> = samples.iter().flatten().copied().collect();
+    assert_valid(&accepted);
+    assert_eq!(conditioner.ticks(), accepted.len() as u64);
+    assert_eq!(conditioner.rejected(), (samples.len() - accepted.len()) as u64);
     samples
 }
 
-fn assert_sound(samples: &[ImuSample]) {
+fn assert_valid(samples: &[ImuSample]) {
     for (tick, sample) in (0..).zip(samples) {
         assert_eq!(sample.header.tick, tick);
         assert!(sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|x| x.is_finite()), "{sample:?}");
@@ -55,16 +55,16 @@ fn assert_sound(samples: &[ImuSample]) {
     }
 }
 
-/// Every reading became a sample.
-fn all_given(readings: &[Reading]) -> Vec<ImuSample> {
+/// Returns the samples, each of which must have been accepted.
+fn all_accepted(readings: &[Reading]) -> Vec<ImuSample> {
     conditioned(readings).into_iter().map(Option::unwrap).collect()
 }
 
-fn refused(samples: &[Option<ImuSample>]) -> Vec<usize> {
+fn rejected(samples: &[Option<ImuSample>]) -> Vec<usize> {
     (0..samples.len()).filter(|i| samples[*i].is_none()).collect()
 }
 
-/// The places and flags of the samples that have any.
+/// Returns the indices and flags of the flagged samples.
 fn flagged(samples: &[Option<ImuSample>]) -> Vec<(usize, Flags)> {
     let flags = |i: usize| samples[i].map_or(Flags::NONE, |sample| sample.header.flags);
     (0..samples.len()).map(|i| (i, flags(i))).filter(|(_, flags)| *flags != Flags::NONE).collect()
@@ -76,22 +76,22 @@ fn duration_ns(sample: &Option<ImuSample>) -> i64 {
 }
 
 #[test]
-fn good_readings_pass_as_they_are() {
+fn valid_readings_pass_unchanged() {
     let readings = readings(1000);
-    for (reading, sample) in readings.iter().zip(all_given(&readings)) {
+    for (reading, sample) in readings.iter().zip(all_accepted(&readings)) {
         assert_eq!((sample.header.t_end_ns, sample.header.flags), (reading.t_ns, Flags::NONE));
         assert_eq!((sample.rate_rad_s, sample.force_m_s2), (reading.rate_rad_s, reading.force_m_s2));
     }
 }
 
 #[test]
-fn instants_are_said_to_be_instants() {
+fn instantaneous_rates_are_flagged() {
     let sample = conditioner(GyroSamples::Instants).condition(&reading(0)).unwrap();
     assert_eq!(sample.imu.header.flags, Flags::RATE_INSTANT);
 }
 
 #[test]
-fn values_that_are_no_measurements_are_replaced_by_the_last_good_ones_and_flagged() {
+fn invalid_values_become_last_valid_ones_with_flag() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, f64::MAX] {
         let mut readings = readings(10);
         readings[4].rate_rad_s[1] = bad;
@@ -106,21 +106,21 @@ fn values_that_are_no_measurements_are_replaced_by_the_last_good_ones_and_flagge
 }
 
 #[test]
-fn values_that_are_no_measurements_from_the_start_become_zero() {
+fn invalid_values_at_start_become_zero() {
     let mut readings = readings(2);
     readings[0].rate_rad_s = [f64::NAN; 3];
     readings[0].force_m_s2 = [f64::INFINITY; 3];
-    let samples = all_given(&readings);
+    let samples = all_accepted(&readings);
     assert_eq!((samples[0].rate_rad_s, samples[0].force_m_s2), ([0.0; 3], [0.0; 3]));
     assert_eq!(samples[0].header.flags, Flags::RATE_INVALID | Flags::FORCE_INVALID);
     assert_eq!(samples[1].header.flags, Flags::NONE);
 }
 
 #[test]
-fn a_rate_that_stays_away_for_longer_than_a_gap_is_taken_as_zero() {
+fn rate_missing_longer_than_gap_becomes_zero() {
     let mut readings = readings(200);
     readings[100..150].iter_mut().for_each(|reading| reading.rate_rad_s[0] = f64::NAN);
-    let samples = all_given(&readings);
+    let samples = all_accepted(&readings);
     assert!(samples[100..150].iter().all(|sample| sample.header.flags == Flags::RATE_INVALID));
     assert!(samples[100..120].iter().all(|sample| sample.rate_rad_s == readings[99].rate_rad_s), "0.1 s");
     assert!(samples[120..150].iter().all(|sample| sample.rate_rad_s == [0.0; 3]));
@@ -128,7 +128,7 @@ fn a_rate_that_stays_away_for_longer_than_a_gap_is_taken_as_zero() {
 }
 
 #[test]
-fn the_end_of_the_range_is_flagged_and_passes() {
+fn clipped_values_pass_with_flag() {
     let mut readings = readings(10);
     readings[3].rate_rad_s[2] = -2000f64.to_radians();
     readings[5].force_m_s2[0] = 16.0 * attitude::GRAVITY_M_S2;
@@ -139,18 +139,18 @@ fn the_end_of_the_range_is_flagged_and_passes() {
 }
 
 #[test]
-fn a_force_near_zero_passes_as_it_is() {
+fn force_near_zero_passes_unchanged() {
     let mut readings = readings(10);
     readings[3].force_m_s2 = [0.0, 1e-300, -0.0];
-    assert_eq!(all_given(&readings)[3].force_m_s2, readings[3].force_m_s2);
+    assert_eq!(all_accepted(&readings)[3].force_m_s2, readings[3].force_m_s2);
 }
 
 #[test]
-fn a_vector_that_stays_the_same_for_half_a_second_is_flagged_as_stuck() {
+fn vector_constant_for_half_a_second_is_flagged_stuck() {
     let mut readings = readings(400);
     readings[100..300].iter_mut().for_each(|it| it.rate_rad_s = reading(100).rate_rad_s);
     readings[150..350].iter_mut().for_each(|it| it.force_m_s2 = reading(150).force_m_s2);
-    let samples = all_given(&readings);
+    let samples = all_accepted(&readings);
     for (i, sample) in samples.iter().enumerate() {
         let expected =
             Flags::RATE_STUCK.when((200..300).contains(&i)) | Flags::FORCE_STUCK.when((250..350).contains(&i));
@@ -160,159 +160,159 @@ fn a_vector_that_stays_the_same_for_half_a_second_is_flagged_as_stuck() {
 }
 
 #[test]
-fn the_same_reading_again_is_refused() {
+fn repeated_reading_is_rejected() {
     let mut readings = readings(10);
     readings.insert(5, reading(4));
     readings.insert(6, reading(4));
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), [5, 6]);
+    assert_eq!(rejected(&samples), [5, 6]);
     assert_eq!(flagged(&samples), [(7, Flags::REFUSED_BEFORE)]);
-    assert_eq!(duration_ns(&samples[7]), USUAL_NS);
+    assert_eq!(duration_ns(&samples[7]), INTERVAL_NS);
 }
 
 #[test]
-fn not_a_number_again_is_the_same_reading_too() {
+fn repeated_reading_with_nan_is_rejected() {
     let mut readings = readings(4);
     readings[2].rate_rad_s[0] = f64::NAN;
     readings[3] = readings[2];
-    assert_eq!(refused(&conditioned(&readings)), [3]);
+    assert_eq!(rejected(&conditioned(&readings)), [3]);
 }
 
 #[test]
-fn the_same_stamp_with_other_values_is_a_sample_one_usual_interval_later() {
+fn same_stamp_with_new_values_gets_typical_interval() {
     let mut readings = readings(10);
     readings[5].t_ns = readings[4].t_ns;
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), NO_PLACES);
+    assert_eq!(rejected(&samples), NO_INDICES);
     assert_eq!(flagged(&samples)[0], (5, Flags::CLOCK_LEAP));
-    assert_eq!(duration_ns(&samples[5]), USUAL_NS);
+    assert_eq!(duration_ns(&samples[5]), INTERVAL_NS);
     assert_eq!(samples[9].unwrap().header.t_end_ns, reading(9).t_ns);
 }
 
 #[test]
-fn a_sensor_clock_that_stands_still_does_not_stop_time() {
+fn stopped_sensor_clock_does_not_stop_time() {
     let mut readings = readings(400);
     readings[100..300].iter_mut().for_each(|it| it.t_ns = reading(100).t_ns);
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), NO_PLACES);
-    assert!(samples[101..300].iter().all(|it| duration_ns(it) == USUAL_NS));
+    assert_eq!(rejected(&samples), NO_INDICES);
+    assert!(samples[101..300].iter().all(|it| duration_ns(it) == INTERVAL_NS));
     assert!(samples[101..300].iter().all(|it| it.unwrap().header.flags.any(Flags::CLOCK_LEAP)));
     assert_eq!(samples[399].unwrap().header.t_end_ns, reading(399).t_ns);
 }
 
 #[test]
-fn a_sensor_clock_of_milliseconds_does_not_shift_time() {
+fn coarse_sensor_clock_does_not_shift_time() {
     let mut readings = readings(1000);
-    readings.iter_mut().for_each(|it| it.t_ns = it.t_ns / (2 * USUAL_NS) * (2 * USUAL_NS));
+    readings.iter_mut().for_each(|it| it.t_ns = it.t_ns / (2 * INTERVAL_NS) * (2 * INTERVAL_NS));
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), NO_PLACES);
+    assert_eq!(rejected(&samples), NO_INDICES);
     assert_eq!(samples[999].unwrap().header.t_end_ns, reading(999).t_ns);
 }
 
 #[test]
-fn an_earlier_stamp_is_refused_and_time_is_not_touched() {
+fn earlier_stamp_is_rejected_and_keeps_time() {
     let mut readings = readings(10);
-    readings[5].t_ns -= 3 * USUAL_NS;
+    readings[5].t_ns -= 3 * INTERVAL_NS;
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), [5]);
+    assert_eq!(rejected(&samples), [5]);
     assert_eq!(flagged(&samples), [(6, Flags::REFUSED_BEFORE)]);
     assert_eq!(samples[9].unwrap().header.t_end_ns, reading(9).t_ns);
 }
 
 #[test]
-fn of_two_swapped_readings_one_is_refused() {
+fn second_of_two_swapped_readings_is_rejected() {
     let mut readings = readings(10);
     readings.swap(4, 5);
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), [5]);
+    assert_eq!(rejected(&samples), [5]);
     assert_eq!(flagged(&samples), [(6, Flags::REFUSED_BEFORE)]);
-    assert_eq!(duration_ns(&samples[4]), 2 * USUAL_NS);
+    assert_eq!(duration_ns(&samples[4]), 2 * INTERVAL_NS);
 }
 
 #[test]
-fn a_clock_set_back_by_an_hour_costs_one_reading() {
+fn clock_set_back_by_an_hour_costs_one_reading() {
     let mut readings = readings(200);
     readings[100..].iter_mut().for_each(|it| it.t_ns -= HOUR_NS);
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), [100]);
+    assert_eq!(rejected(&samples), [100]);
     assert_eq!(flagged(&samples), [(101, Flags::CLOCK_LEAP | Flags::REFUSED_BEFORE)]);
-    assert_eq!(duration_ns(&samples[101]), 2 * USUAL_NS, "that of the refused one and its own");
-    assert!(samples[102..].iter().all(|it| duration_ns(it) == USUAL_NS));
+    assert_eq!(duration_ns(&samples[101]), 2 * INTERVAL_NS, "the rejected interval is included");
+    assert!(samples[102..].iter().all(|it| duration_ns(it) == INTERVAL_NS));
     assert_eq!(samples[199].unwrap().header.t_end_ns, reading(199).t_ns);
 }
 
 #[test]
-fn a_clock_that_runs_backward_is_not_waited_for() {
+fn backward_running_clock_does_not_stop_samples() {
     let mut readings = readings(300);
-    readings[100..].iter_mut().for_each(|it| it.t_ns = 200 * USUAL_NS - it.t_ns);
+    readings[100..].iter_mut().for_each(|it| it.t_ns = 200 * INTERVAL_NS - it.t_ns);
     let samples = conditioned(&readings);
-    let given: Vec<_> = samples[101..].iter().flatten().collect();
-    assert!(given.len() >= 199 / 11, "{}", given.len());
-    assert!(given.iter().all(|it| it.header.flags.any(Flags::CLOCK_LEAP)));
-    let end_ns = given.last().unwrap().header.t_end_ns;
+    let accepted: Vec<_> = samples[101..].iter().flatten().collect();
+    assert!(accepted.len() >= 199 / 11, "{}", accepted.len());
+    assert!(accepted.iter().all(|it| it.header.flags.any(Flags::CLOCK_LEAP)));
+    let end_ns = accepted.last().unwrap().header.t_end_ns;
     assert!((reading(289).t_ns..=reading(299).t_ns).contains(&end_ns), "{end_ns}");
 }
 
 #[test]
-fn a_later_stamp_is_a_gap() {
+fn later_stamp_is_flagged_as_gap() {
     for gap_ns in [SECOND_NS / 2, 5 * SECOND_NS, 10 * SECOND_NS] {
         let mut readings = readings(10);
-        readings[5..].iter_mut().for_each(|it| it.t_ns += gap_ns - USUAL_NS);
+        readings[5..].iter_mut().for_each(|it| it.t_ns += gap_ns - INTERVAL_NS);
         let samples = conditioned(&readings);
         assert_eq!(flagged(&samples), [(5, Flags::GAP)]);
         assert_eq!(duration_ns(&samples[5]), gap_ns);
-        assert_eq!(duration_ns(&samples[6]), USUAL_NS);
+        assert_eq!(duration_ns(&samples[6]), INTERVAL_NS);
     }
 }
 
 #[test]
-fn a_leap_of_ten_years_is_a_usual_interval() {
+fn forward_leap_becomes_typical_interval() {
     for leap_ns in [10 * SECOND_NS + 1, 10 * YEAR_NS] {
         let mut readings = readings(10);
         readings[5..].iter_mut().for_each(|it| it.t_ns += leap_ns);
         let samples = conditioned(&readings);
-        assert_eq!(refused(&samples), NO_PLACES);
+        assert_eq!(rejected(&samples), NO_INDICES);
         assert_eq!(flagged(&samples), [(5, Flags::CLOCK_LEAP)]);
-        assert!(samples[1..].iter().all(|it| duration_ns(it) == USUAL_NS));
+        assert!(samples[1..].iter().all(|it| duration_ns(it) == INTERVAL_NS));
     }
 }
 
 #[test]
-fn one_stamp_ten_years_ahead_costs_one_reading() {
+fn single_stamp_far_ahead_costs_one_reading() {
     let mut readings = readings(10);
     readings[5].t_ns += 10 * YEAR_NS;
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), [6]);
+    assert_eq!(rejected(&samples), [6]);
     assert_eq!(samples[9].unwrap().header.t_end_ns, reading(9).t_ns);
 }
 
 #[test]
-fn the_usual_interval_is_that_of_the_readings() {
+fn typical_interval_follows_readings() {
     let mut readings = readings(400);
     readings.iter_mut().for_each(|it| it.t_ns *= 2);
     readings[300..].iter_mut().for_each(|it| it.t_ns += YEAR_NS);
-    let usual_ns = duration_ns(&conditioned(&readings)[300]);
-    assert!((usual_ns - 2 * USUAL_NS).abs() < USUAL_NS / 100, "{usual_ns}");
+    let interval_ns = duration_ns(&conditioned(&readings)[300]);
+    assert!((interval_ns - 2 * INTERVAL_NS).abs() < INTERVAL_NS / 100, "{interval_ns}");
 }
 
 #[test]
-fn stamps_at_the_ends_of_64_bits_do_not_stop_time() {
+fn extreme_stamps_do_not_stop_time() {
     for first in [i64::MIN, i64::MIN + 1, -1, i64::MAX - 1, i64::MAX] {
         for extreme in [i64::MIN, i64::MAX] {
             let mut readings = readings(100);
             readings[0].t_ns = first;
             readings[50].t_ns = extreme;
             let samples = conditioned(&readings);
-            assert!(refused(&samples).len() <= 2, "{first} {extreme}: refused {:?}", refused(&samples));
-            assert!(samples[53..].iter().all(|it| duration_ns(it) == USUAL_NS), "{first} {extreme}");
+            assert!(rejected(&samples).len() <= 2, "{first} {extreme}: rejected {:?}", rejected(&samples));
+            assert!(samples[53..].iter().all(|it| duration_ns(it) == INTERVAL_NS), "{first} {extreme}");
         }
     }
 }
 
-/// Choices for a storm: splitmix64 (Steele, Lea, Flood 2014).
-struct Choices(u64);
+/// Random stamps and values: splitmix64 (Steele, Lea, Flood 2014).
+struct FuzzRng(u64);
 
-impl Choices {
+impl FuzzRng {
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -324,9 +324,9 @@ impl Choices {
         self.next() % limit
     }
 
-    fn stamp(&mut self, last_ns: i64, wildness: u64) -> i64 {
-        if self.below(100) >= wildness {
-            return last_ns.wrapping_add(USUAL_NS);
+    fn stamp(&mut self, last_ns: i64, percent: u64) -> i64 {
+        if self.below(100) >= percent {
+            return last_ns.wrapping_add(INTERVAL_NS);
         }
         let scale = self.below(63);
         let far_ns = (self.next() >> scale) as i64;
@@ -340,9 +340,9 @@ impl Choices {
         }
     }
 
-    fn values(&mut self, good: [f64; 3], wildness: u64) -> [f64; 3] {
-        good.map(|x| {
-            if self.below(100) >= wildness {
+    fn values(&mut self, valid: [f64; 3], percent: u64) -> [f64; 3] {
+        valid.map(|x| {
+            if self.below(100) >= percent {
                 return x;
             }
             match self.below(6) {
@@ -358,34 +358,34 @@ impl Choices {
 }
 
 #[test]
-fn whatever_comes_samples_are_finite_and_time_grows() {
+fn fuzzed_readings_give_finite_samples_in_time_order() {
     for seed in 0..600 {
-        let mut choices = Choices(seed);
-        let wildness = [1, 10, 50, 100][seed as usize % 4];
-        let mut t_ns = if seed % 3 == 0 { choices.next() as i64 } else { 0 };
+        let mut rng = FuzzRng(seed);
+        let percent = [1, 10, 50, 100][seed as usize % 4];
+        let mut t_ns = if seed % 3 == 0 { rng.next() as i64 } else { 0 };
         let readings: Vec<_> = (0..2000)
             .map(|count| {
-                let good = reading(count);
-                t_ns = choices.stamp(t_ns, wildness);
-                let rate_rad_s = choices.values(good.rate_rad_s, wildness);
-                Reading { t_ns, rate_rad_s, force_m_s2: choices.values(good.force_m_s2, wildness), ..good }
+                let valid = reading(count);
+                t_ns = rng.stamp(t_ns, percent);
+                let rate_rad_s = rng.values(valid.rate_rad_s, percent);
+                Reading { t_ns, rate_rad_s, force_m_s2: rng.values(valid.force_m_s2, percent), ..valid }
             })
             .collect();
-        let given = conditioned(&readings).iter().flatten().count();
-        assert!(given >= readings.len() / 12, "seed {seed}: {given} samples of {} readings", readings.len());
+        let accepted = conditioned(&readings).iter().flatten().count();
+        assert!(accepted >= readings.len() / 12, "seed {seed}: {accepted} samples of {} readings", readings.len());
     }
 }
 
-/// For each reading: whether its tick has a field and a fix, and its flags of both.
+/// Returns for each sample whether it has a field and a fix, and its flags of both.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
-    let of = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;
+    let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;
     let samples = readings.iter().filter_map(|reading| conditioner.condition(reading));
-    samples.map(|s| (s.mag.is_some(), s.gnss.is_some(), Flags(s.imu.header.flags.0 & of.0))).collect()
+    samples.map(|s| (s.mag.is_some(), s.gnss.is_some(), Flags(s.imu.header.flags.0 & relevant.0))).collect()
 }
 
 #[test]
-fn a_field_is_given_on_once_and_only_if_it_is_one() {
+fn field_is_passed_once_and_only_if_valid() {
     let fields = [None, Some([20.0, 0.0, -40.0]), Some([20.0, 0.0, -40.0]), Some([f64::NAN, 0.0, 0.0]), Some([2e3; 3])];
     let readings: Vec<_> = (0..).zip(fields).map(|(count, field_ut)| Reading { field_ut, ..reading(count) }).collect();
     let expected = [Flags::NONE, Flags::FIELD, Flags::NONE, Flags::FIELD_INVALID, Flags::FIELD_INVALID];
@@ -393,7 +393,7 @@ fn a_field_is_given_on_once_and_only_if_it_is_one() {
 }
 
 #[test]
-fn a_fix_goes_with_the_first_tick_after_it_even_when_its_reading_is_refused() {
+fn fix_of_rejected_reading_goes_with_next_tick() {
     let fix = |speed: f64| {
         Some(Fix { velocity_m_s: [speed, 0.0, 0.0].into(), sd_m_s: None, age_s: None, latitude_rad: None }.into())
     };
@@ -401,14 +401,14 @@ fn a_fix_goes_with_the_first_tick_after_it_even_when_its_reading_is_refused() {
     readings[1].fix = fix(30.0);
     readings[2] = Reading { fix: fix(31.0), ..readings[1] };
     readings[4].fix = fix(f64::INFINITY);
-    let given = aiding(&readings);
-    let flags: Vec<_> = given.iter().map(|(_, fix, flags)| (*fix, *flags)).collect();
+    let samples = aiding(&readings);
+    let flags: Vec<_> = samples.iter().map(|(_, fix, flags)| (*fix, *flags)).collect();
     let (none, fix, invalid) = ((false, Flags::NONE), (true, Flags::FIX), (false, Flags::FIX_INVALID));
-    assert_eq!(flags, [none, fix, fix, invalid], "the third reading came twice and is no tick");
+    assert_eq!(flags, [none, fix, fix, invalid], "the third reading is a duplicate and gives no tick");
 }
 
 #[test]
-fn readings_are_calibrated_in_the_sensors_axes_and_then_turned_into_the_bodys() {
+fn readings_are_calibrated_then_rotated_to_body_axes() {
     let text = r#"
         [ingest]
         mounting.axes = "x-forward-y-left"

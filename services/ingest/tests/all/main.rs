@@ -1,5 +1,5 @@
-//! Every integration test of `ingest`, in one executable.
+//! Integration tests of `ingest`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod conditioner;
-mod script;
+mod fault_injection;

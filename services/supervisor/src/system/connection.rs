@@ -85,28 +85,28 @@ impl BusConnection {
     /// Collects the attitudes received.
     pub(super) fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
         let collect_references =
-            |collector: &mut Collector| self.reference.drain(self.buffer, |reference| collector.reference(reference));
+            |collector: &mut Collector| self.reference.drain(self.buffer, |reference| collector.record_reference(reference));
         let mut result = collect_references(collector);
         // Each is counted immediately, because after an outage as many as a topic holds have
         // arrived.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
             // A reference is published before its tick, so the reference of this tick has arrived.
-            if result.is_ok() && collector.lacks_reference(output.header.tick) {
+            if result.is_ok() && collector.awaits_reference(output.header.tick) {
                 result = collect_references(collector);
             }
-            collector.attitude(&output);
+            collector.record_attitude(&output);
         })?;
         // Each fused state was published before its attitude.
         if let Some(fused) = &self.fused {
-            fused.drain(self.buffer, &mut |state| collector.fused(&state))?;
+            fused.drain(self.buffer, &mut |state| collector.record_fused(&state))?;
         }
         Ok(result?)
     }
 
     /// Collects the attitudes that wait for missing ticks, which will not arrive any more.
     pub(super) fn finish(&self, collector: &mut Collector) {
-        self.attitude.finish(&mut |output| collector.attitude(&output));
-        self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.fused(&state)));
+        self.attitude.finish(&mut |output| collector.record_attitude(&output));
+        self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.record_fused(&state)));
     }
 
     /// Returns the messages of the services, and the newest tick published by each.

@@ -1,21 +1,21 @@
-//! Recordings of BROAD with errors added: calibrated, they score as they did without.
+//! BROAD recordings with added errors: after calibration they score as well as the originals.
 use std::path::{Path, PathBuf};
 
 use attitude::{Vector3, gyro::RateKind};
-use calibrate::{Kind, Known, Sample};
+use calibrate::{Kind, Prior, Sample};
 use ingest::source::Reading;
 use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::Collector;
 use runtime::{Pace, Role, ServiceConfig};
-use score::trial::{Options, Trial};
+use score::trial::{TrialOptions, Trial};
 
 use crate::{
-    simulated::calibrated,
+    simulated::run_calibration,
     unit::{Errors, Noise},
 };
 
-/// A sensor as it comes out of the box, and worse: 3 °/s, 0.05 g, 3 %, 30 µT, 10 %.
+/// Errors beyond those of an uncalibrated sensor: 3 °/s, 0.05 g, 3 %, 30 µT, 10 %.
 fn errors() -> Errors {
     let mut noise = Noise::new(20);
     let soft_iron = noise.symmetric(0.1, 0.05);
@@ -29,16 +29,16 @@ fn errors() -> Errors {
     }
 }
 
-/// A recording; none where there are no recordings.
-fn trial(begins: &str) -> Option<Trial> {
+/// Opens the recording whose name starts with `prefix`; `None` without the data set.
+fn trial(prefix: &str) -> Option<Trial> {
     let data = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
     let Ok(folder) = std::fs::read_dir(data.join("broad")) else {
         println!("skipped: no recordings in {}", data.display());
         return None;
     };
-    let file = folder.flatten().find(|entry| entry.file_name().to_string_lossy().starts_with(begins)).unwrap();
-    Some(Trial::open(file.path().to_str().unwrap(), &Options::default()).unwrap())
+    let file = folder.flatten().find(|entry| entry.file_name().to_string_lossy().starts_with(prefix)).unwrap();
+    Some(Trial::open(file.path().to_str().unwrap(), &TrialOptions::default()).unwrap())
 }
 
 fn readings(trial: &Trial) -> Vec<Reading> {
@@ -54,9 +54,9 @@ fn samples(readings: &[Reading]) -> Vec<Sample> {
     readings.iter().map(sample).collect()
 }
 
-fn spoilt(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
-    let spoil = |reading: &Reading| {
-        let Sample { rate_rad_s, force_m_s2, field_ut, .. } = errors.spoil(&sample(reading));
+fn distorted(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
+    let distort = |reading: &Reading| {
+        let Sample { rate_rad_s, force_m_s2, field_ut, .. } = errors.distort(&sample(reading));
         Reading {
             rate_rad_s: rate_rad_s.into(),
             force_m_s2: force_m_s2.into(),
@@ -64,12 +64,13 @@ fn spoilt(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
             ..*reading
         }
     };
-    readings.iter().map(spoil).collect()
+    readings.iter().map(distort).collect()
 }
 
-/// Total error of the default fuser with the field, root mean square, degrees, in a system whose launch file has this piece.
-fn score_deg(trial: &Trial, readings: &[Reading], piece: &str) -> f64 {
-    let mut launch = Launch::parse("launch.toml", piece).unwrap_or_else(|error| panic!("{piece}\n{error}"));
+/// Returns the root mean square total error of the default fuser, degrees, with `block` as launch
+/// file.
+fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
+    let mut launch = Launch::parse("launch.toml", block).unwrap_or_else(|error| panic!("{block}\n{error}"));
     launch.ingest.source = Source::Replay;
     let config = ServiceConfig {
         launch,
@@ -89,62 +90,62 @@ fn score_deg(trial: &Trial, readings: &[Reading], piece: &str) -> f64 {
     let mut collector = Collector::new(None).unwrap();
     for reading in readings {
         let Some(sample) = conditioner.condition(reading) else { continue };
-        if let Some(truth) = sample.reference {
-            let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
-            collector.reference(Reference { tick, scored, quaternion: truth.quaternion });
+        if let Some(reference) = sample.reference {
+            let (tick, scored) = (sample.imu.header.tick, reference.scored.into());
+            collector.record_reference(Reference { tick, scored, quaternion: reference.quaternion });
         }
-        path.offer(sample, &mut |output| collector.attitude(&output)).unwrap();
+        path.offer(sample, &mut |output| collector.record_attitude(&output)).unwrap();
     }
     collector.finish().unwrap();
     collector.accuracy().rmse().unwrap().total_deg
 }
 
 #[test]
-fn with_errors_added_the_score_comes_back() {
-    /// How much worse than without the errors a calibrated recording may be, degrees.
+fn calibration_restores_score_after_added_errors() {
+    /// Maximum increase of the error over that of the original recording, degrees.
     const MARGIN_DEG: f64 = 0.15;
     let errors = errors();
-    // The people of BROAD let the unit rest on one side only; they turned it slowly in this one.
+    // In BROAD the unit rests on one side only. In this recording it rotates slowly.
     let Some(slow) = trial("02") else { return };
-    let slowly = samples(&spoilt(&readings(&slow), &errors));
-    for (scored, turned) in [("02", "02"), ("04", "04"), ("24", "24"), ("07", "02")] {
-        let (Some(scored), Some(turned)) = (trial(scored), trial(turned)) else { return };
+    let slow_samples = samples(&distorted(&readings(&slow), &errors));
+    for (scored, mag_source) in [("02", "02"), ("04", "04"), ("24", "24"), ("07", "02")] {
+        let (Some(scored), Some(mag_source)) = (trial(scored), trial(mag_source)) else { return };
         let exact = readings(&scored);
-        let raw = spoilt(&exact, &errors);
-        let about = samples(&spoilt(&readings(&turned), &errors));
-        let here = samples(&raw);
-        let of_gyro = Launch::parse("launch.toml", &calibrated(Kind::Gyro, &Known::default(), &slowly).unwrap().block);
-        let known = Known { gyro: of_gyro.unwrap().ingest.calibration.gyro.to_calibration().unwrap(), ..Known::default() };
-        let of_accel = calibrated(Kind::Accel, &known, &slowly).unwrap();
-        assert!(of_accel.notes.iter().any(|note| note.contains("found in motion")), "{of_accel}");
-        let of_rest = [(Kind::Gyro, &here), (Kind::Mag, &about)]
-            .map(|(kind, samples)| calibrated(kind, &Known::default(), samples).unwrap().block);
-        let [gyro, mag] = of_rest;
-        let pieces = [gyro, of_accel.block, mag];
-        let (without_deg, raw_deg) = (score_deg(&scored, &exact, ""), score_deg(&scored, &raw, ""));
-        let calibrated_deg = score_deg(&scored, &raw, &pieces.concat());
-        let one_left_out = |left_out: usize| {
-            let rest: String = (0..3).filter(|i| *i != left_out).map(|i| pieces[i].as_str()).collect();
+        let raw = distorted(&exact, &errors);
+        let mag_samples = samples(&distorted(&readings(&mag_source), &errors));
+        let own_samples = samples(&raw);
+        let gyro_report = run_calibration(Kind::Gyro, &Prior::default(), &slow_samples).unwrap();
+        let gyro_launch = Launch::parse("launch.toml", &gyro_report.block).unwrap();
+        let prior = Prior { gyro: gyro_launch.ingest.calibration.gyro.to_calibration().unwrap(), ..Prior::default() };
+        let accel_report = run_calibration(Kind::Accel, &prior, &slow_samples).unwrap();
+        assert!(accel_report.notes.iter().any(|note| note.contains("estimated in motion")), "{accel_report}");
+        let [gyro, mag] = [(Kind::Gyro, &own_samples), (Kind::Mag, &mag_samples)]
+            .map(|(kind, samples)| run_calibration(kind, &Prior::default(), samples).unwrap().block);
+        let blocks = [gyro, accel_report.block, mag];
+        let (exact_deg, raw_deg) = (score_deg(&scored, &exact, ""), score_deg(&scored, &raw, ""));
+        let calibrated_deg = score_deg(&scored, &raw, &blocks.concat());
+        let score_without = |index: usize| {
+            let rest: String = (0..3).filter(|i| *i != index).map(|i| blocks[i].as_str()).collect();
             score_deg(&scored, &raw, &rest)
         };
-        let [no_gyro, no_accel, no_mag] = [0, 1, 2].map(one_left_out);
+        let [no_gyro, no_accel, no_mag] = [0, 1, 2].map(score_without);
         println!(
-            "{}: {without_deg:.3}° as it is, {raw_deg:.1}° with errors, {calibrated_deg:.3}° calibrated; without the piece of \
-             gyro {no_gyro:.2}°, accel {no_accel:.2}°, mag {no_mag:.2}°",
+            "{}: {exact_deg:.3}° original, {raw_deg:.1}° with errors, {calibrated_deg:.3}° calibrated; without gyro \
+             {no_gyro:.2}°, accel {no_accel:.2}°, mag {no_mag:.2}°",
             scored.name
         );
-        assert!(raw_deg > 5.0 * without_deg, "{}: errors that do no harm", scored.name);
-        assert!(calibrated_deg < without_deg + MARGIN_DEG, "{}: {without_deg} → {calibrated_deg}", scored.name);
+        assert!(raw_deg > 5.0 * exact_deg, "{}: the added errors have no effect", scored.name);
+        assert!(calibrated_deg < exact_deg + MARGIN_DEG, "{}: {exact_deg} → {calibrated_deg}", scored.name);
     }
 }
 
 #[test]
-fn what_is_found_is_what_was_added() {
+fn estimated_errors_match_added_errors() {
     let errors = errors();
     let Some(trial) = trial("02") else { return };
-    let (exact, raw) = (readings(&trial), spoilt(&readings(&trial), &errors));
+    let (exact, raw) = (readings(&trial), distorted(&readings(&trial), &errors));
     let value = |kind: Kind, readings: &[Reading]| {
-        let report = calibrated(kind, &Known::default(), &samples(readings)).unwrap();
+        let report = run_calibration(kind, &Prior::default(), &samples(readings)).unwrap();
         Vector3::from_column_slice(&report.values[0].value)
     };
     let added = value(Kind::Gyro, &raw) - value(Kind::Gyro, &exact);
@@ -155,21 +156,21 @@ fn what_is_found_is_what_was_added() {
 }
 
 #[test]
-fn the_magnetometers_of_broad_are_as_late_as_others_found_and_later_where_they_are_made_so() {
+fn mag_delay_matches_literature_and_added_delay() {
     let Some(trial) = trial("07") else { return };
     let mut readings = readings(&trial);
     let delay_ms = |readings: &[Reading]| {
-        let known = Known { rate_kind: RateKind::Mean, ..Known::default() };
-        let report = calibrated(Kind::Clock, &known, &samples(readings)).unwrap();
+        let prior = Prior { rate_kind: RateKind::Mean, ..Prior::default() };
+        let report = run_calibration(Kind::Clock, &prior, &samples(readings)).unwrap();
         assert!(report.values[0].sd[0] < 0.3, "{report}");
         report.values[0].value[0]
     };
-    let as_it_is = delay_ms(&readings);
-    assert!((as_it_is - 13.0).abs() < 1.0, "{as_it_is} ms");
-    // Three rows of 3.5 ms.
+    let original_ms = delay_ms(&readings);
+    assert!((original_ms - 13.0).abs() < 1.0, "{original_ms} ms");
+    // Shift the field by three rows of 3.5 ms.
     for row in (3..readings.len()).rev() {
         readings[row].field_ut = readings[row - 3].field_ut;
     }
-    let later = delay_ms(&readings);
-    assert!((later - as_it_is - 10.5).abs() < 0.3, "{as_it_is} ms, {later} ms");
+    let delayed_ms = delay_ms(&readings);
+    assert!((delayed_ms - original_ms - 10.5).abs() < 0.3, "{original_ms} ms, {delayed_ms} ms");
 }

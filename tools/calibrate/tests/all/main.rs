@@ -1,9 +1,9 @@
-//! Calibrations against truth: simulated units, and real recordings with errors added.
+//! Calibrations compared with truth: simulated units, and recordings with added errors.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod broad;
 mod launch_file;
-mod refusals;
+mod rejections;
 mod simulated;
 mod truth;
 mod unit;

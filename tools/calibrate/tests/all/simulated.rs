@@ -1,26 +1,26 @@
-//! What simulated units have is found, within what is said about it.
+//! Estimates from simulated units match the truth within their standard deviations.
 use attitude::{Quaternion, Vector3, gyro::RateKind};
-use calibrate::{Calibrator, Kind, Known, Report, Sample};
+use calibrate::{Calibrator, Kind, Prior, Report, Sample};
 
 use crate::{
-    truth::Normalised,
+    truth::NormalisedErrors,
     unit::{Errors, Noise, Unit, exp, rotated, six_sides, with_up},
 };
 
 const SEEDS: u64 = 60;
 
-pub(crate) fn calibrated(kind: Kind, known: &Known, samples: &[Sample]) -> Result<Report, calibrate::Refusal> {
-    let mut calibrator = Calibrator::new(kind, known);
-    samples.iter().for_each(|sample| calibrator.take(sample));
+pub(crate) fn run_calibration(kind: Kind, prior: &Prior, samples: &[Sample]) -> Result<Report, calibrate::Rejection> {
+    let mut calibrator = Calibrator::new(kind, prior);
+    samples.iter().for_each(|sample| calibrator.push(sample));
     calibrator.finish()
 }
 
-fn found(kind: Kind, samples: &[Sample]) -> Report {
-    calibrated(kind, &Known::default(), samples).unwrap()
+fn calibrate_raw(kind: Kind, samples: &[Sample]) -> Report {
+    run_calibration(kind, &Prior::default(), samples).unwrap()
 }
 
-/// Turned by hand about axes that wander, for so long, at some 60 °/s; every direction comes.
-pub(crate) fn tumbled(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
+/// Returns a rotation by hand about wandering axes at about 60 °/s that covers all directions.
+pub(crate) fn tumbling(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     let mut noise = Noise::new(seed + 1_000_000);
     let phases: [f64; 4] = [0; 4].map(|_| noise.within(std::f64::consts::PI));
     let rates: [f64; 2] = [0; 2].map(|_| 0.9 + noise.within(0.1));
@@ -33,8 +33,8 @@ pub(crate) fn tumbled(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     }
 }
 
-/// To and fro about axes of its own, as by hand.
-pub(crate) fn shaken(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
+/// Returns an oscillation by hand about three axes.
+pub(crate) fn shaking(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     let mut noise = Noise::new(seed + 2_000_000);
     let phases = noise.vector_within(3.0);
     move |t_s| {
@@ -44,61 +44,61 @@ pub(crate) fn shaken(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
 }
 
 #[test]
-fn a_gyros_bias_is_found_at_rest() {
-    let mut errors = Normalised::default();
+fn gyro_bias_at_rest_matches_truth() {
+    let mut errors = NormalisedErrors::default();
     for seed in 0..SEEDS {
         let bias = Noise::new(seed).vector_within(0.05);
-        let unit = Unit::of(Errors { gyro_bias_rad_s: bias, ..Errors::NONE }, seed);
+        let unit = Unit::new(Errors { gyro_bias_rad_s: bias, ..Errors::NONE }, seed);
         let poses = [with_up(Vector3::z()), with_up(Vector3::new(0.3, 0.2, 1.0)), with_up(Vector3::x())];
-        let report = found(Kind::Gyro, &unit.through(&poses, 6.0, 1.5));
-        let bias_found = &report.values[0];
-        errors.take(&bias_found.value, &bias_found.sd, bias.as_slice());
-        assert!(bias_found.sd.iter().all(|sd| *sd < 4e-4), "{report}");
+        let report = calibrate_raw(Kind::Gyro, &unit.readings_in_poses(&poses, 6.0, 1.5));
+        let estimate = &report.values[0];
+        errors.push(&estimate.value, &estimate.sd, bias.as_slice());
+        assert!(estimate.sd.iter().all(|sd| *sd < 4e-4), "{report}");
         assert!(report.residual.after < report.residual.before);
     }
-    errors.assert_honest("gyro bias");
+    errors.assert_consistent("gyro bias");
 }
 
 #[test]
-fn six_positions_give_the_accelerometers_bias_and_scale() {
-    let (mut of_bias, mut of_scale) = (Normalised::default(), Normalised::default());
+fn accel_six_positions_match_bias_and_scale() {
+    let (mut bias_errors, mut scale_errors) = (NormalisedErrors::default(), NormalisedErrors::default());
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         let truth =
             Errors { accel_bias_m_s2: noise.vector_within(0.5), accel: noise.symmetric(0.05, 0.0), ..Errors::NONE };
-        // Nobody lays a unit exactly on its sides.
+        // Hand-placed positions deviate from the exact sides.
         let poses: Vec<_> = six_sides().into_iter().map(|pose| pose * exp(noise.vector_within(0.15))).collect();
-        let report = found(Kind::Accel, &Unit::of(truth, seed).through(&poses, 3.0, 1.0));
+        let report = calibrate_raw(Kind::Accel, &Unit::new(truth, seed).readings_in_poses(&poses, 3.0, 1.0));
         assert!(report.block.contains("scale = ") && !report.block.contains("matrix"), "{report}");
-        of_bias.take(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
-        of_scale.take(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
+        bias_errors.push(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
+        scale_errors.push(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
         assert!(report.residual.after < 0.1 * report.residual.before, "{report}");
     }
-    of_bias.assert_honest("accelerometer's bias, six positions");
-    of_scale.assert_honest("accelerometer's scale, six positions");
+    bias_errors.assert_consistent("accelerometer's bias, six positions");
+    scale_errors.assert_consistent("accelerometer's scale, six positions");
 }
 
 #[test]
-fn many_positions_of_any_kind_give_the_misalignment_too() {
-    let (mut of_bias, mut of_matrix) = (Normalised::default(), Normalised::default());
+fn accel_many_positions_match_misalignment() {
+    let (mut bias_errors, mut matrix_errors) = (NormalisedErrors::default(), NormalisedErrors::default());
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         let truth =
             Errors { accel_bias_m_s2: noise.vector_within(0.5), accel: noise.symmetric(0.05, 0.02), ..Errors::NONE };
         let poses: Vec<_> = six_sides().into_iter().chain((0..20).map(|_| with_up(noise.direction()))).collect();
-        let report = found(Kind::Accel, &Unit::of(truth, seed).through(&poses, 2.5, 1.0));
+        let report = calibrate_raw(Kind::Accel, &Unit::new(truth, seed).readings_in_poses(&poses, 2.5, 1.0));
         assert!(report.block.contains("matrix = "), "{report}");
-        of_bias.take(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
-        of_matrix.take(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
+        bias_errors.push(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
+        matrix_errors.push(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
         let cross = [truth.accel.m12, truth.accel.m13, truth.accel.m23];
-        of_matrix.take(&report.values[2].value, &report.values[2].sd, &cross);
+        matrix_errors.push(&report.values[2].value, &report.values[2].sd, &cross);
     }
-    of_bias.assert_honest("accelerometer's bias, any positions");
-    of_matrix.assert_honest("accelerometer's matrix, any positions");
+    bias_errors.assert_consistent("accelerometer's bias, any positions");
+    matrix_errors.assert_consistent("accelerometer's matrix, any positions");
 }
 
-/// What a hand does to a unit that it turns about: accelerations to and fro that lead nowhere.
-pub(crate) fn shaken_by_a_hand(
+/// Adds the accelerations of a hand that turns the unit: oscillations without net displacement.
+pub(crate) fn add_hand_accelerations(
     samples: &mut [Sample],
     pose: impl Fn(f64) -> Quaternion<f64>,
     errors: &Errors,
@@ -111,10 +111,10 @@ pub(crate) fn shaken_by_a_hand(
     for sample in samples {
         let t_s = sample.t_ns as f64 * 1e-9;
         let swing = |i: usize| {
-            let of = |(sizes, phases, hz): &(Vector3<f64>, Vector3<f64>, Vector3<f64>)| {
+            let term = |(sizes, phases, hz): &(Vector3<f64>, Vector3<f64>, Vector3<f64>)| {
                 sizes[i] * (std::f64::consts::TAU * hz[i] * t_s + phases[i]).sin()
             };
-            swings.iter().map(of).sum()
+            swings.iter().map(term).sum()
         };
         let earth = Vector3::from_fn(|i, _| swing(i));
         sample.force_m_s2 += errors.accel.try_inverse().unwrap() * rotated(pose(t_s).conjugate(), earth);
@@ -122,74 +122,74 @@ pub(crate) fn shaken_by_a_hand(
 }
 
 #[test]
-fn slow_turns_by_hand_give_the_accelerometers_errors_without_a_rest() {
-    let (mut of_bias, mut of_matrix) = (Normalised::default(), Normalised::default());
+fn accel_slow_motion_without_rest_matches_truth() {
+    let (mut bias_errors, mut matrix_errors) = (NormalisedErrors::default(), NormalisedErrors::default());
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         let truth =
             Errors { accel_bias_m_s2: noise.vector_within(0.5), accel: noise.symmetric(0.05, 0.02), ..Errors::NONE };
-        let mut samples = Unit::of(truth, seed).along(120.0, tumbled(seed));
-        shaken_by_a_hand(&mut samples, tumbled(seed), &truth, seed);
-        let report = found(Kind::Accel, &samples);
-        assert!(report.notes.iter().any(|note| note.contains("found in motion")), "{report}");
+        let mut samples = Unit::new(truth, seed).readings_along(120.0, tumbling(seed));
+        add_hand_accelerations(&mut samples, tumbling(seed), &truth, seed);
+        let report = calibrate_raw(Kind::Accel, &samples);
+        assert!(report.notes.iter().any(|note| note.contains("estimated in motion")), "{report}");
         assert!(report.block.contains("matrix = "), "{report}");
-        of_bias.take(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
-        of_matrix.take(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
+        bias_errors.push(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
+        matrix_errors.push(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
         let cross = [truth.accel.m12, truth.accel.m13, truth.accel.m23];
-        of_matrix.take(&report.values[2].value, &report.values[2].sd, &cross);
+        matrix_errors.push(&report.values[2].value, &report.values[2].sd, &cross);
         assert!(report.residual.after < report.residual.before, "{report}");
     }
-    // What a hand gives to one window it takes from the next, so that means are better than their residuals say.
-    of_bias.assert_within("accelerometer's bias, in motion", 0.5);
-    of_matrix.assert_within("accelerometer's matrix, in motion", 0.5);
+    // Successive windows are anticorrelated, so the means are better than their residuals suggest.
+    bias_errors.assert_rms_above("accelerometer's bias, in motion", 0.5);
+    matrix_errors.assert_rms_above("accelerometer's matrix, in motion", 0.5);
 }
 
 #[test]
-fn hard_and_soft_iron_are_found_by_turning_about() {
-    let (mut of_hard, mut of_soft) = (Normalised::default(), Normalised::default());
+fn mag_tumbling_matches_hard_and_soft_iron() {
+    let (mut hard_iron_errors, mut soft_iron_errors) = (NormalisedErrors::default(), NormalisedErrors::default());
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         let soft_iron = noise.symmetric(0.15, 0.06);
         let soft_iron = soft_iron / soft_iron.determinant().cbrt();
         let truth = Errors { hard_iron_ut: noise.vector_within(60.0), soft_iron, ..Errors::NONE };
-        let samples = Unit::of(truth, seed).along(90.0, tumbled(seed));
-        let report = found(Kind::Mag, &samples);
-        of_hard.take(&report.values[0].value, &report.values[0].sd, truth.hard_iron_ut.as_slice());
-        of_soft.take(&report.values[1].value, &report.values[1].sd, soft_iron.diagonal().as_slice());
+        let samples = Unit::new(truth, seed).readings_along(90.0, tumbling(seed));
+        let report = calibrate_raw(Kind::Mag, &samples);
+        hard_iron_errors.push(&report.values[0].value, &report.values[0].sd, truth.hard_iron_ut.as_slice());
+        soft_iron_errors.push(&report.values[1].value, &report.values[1].sd, soft_iron.diagonal().as_slice());
         let cross = [soft_iron.m12, soft_iron.m13, soft_iron.m23];
-        of_soft.take(&report.values[2].value, &report.values[2].sd, &cross);
+        soft_iron_errors.push(&report.values[2].value, &report.values[2].sd, &cross);
         assert!(report.values[0].sd.iter().all(|sd| *sd < 0.3), "{report}");
         assert!(report.residual.after < 1.0, "{report}");
     }
-    of_hard.assert_honest("hard iron");
-    of_soft.assert_honest("soft iron");
+    hard_iron_errors.assert_consistent("hard iron");
+    soft_iron_errors.assert_consistent("soft iron");
 }
 
 #[test]
-fn a_known_strength_gives_the_field_its_scale() {
+fn mag_known_strength_sets_scale() {
     let strength_ut = Vector3::from(crate::unit::FIELD_UT).norm();
     let truth = Errors { soft_iron: attitude::Matrix3::identity() * 1.25, ..Errors::NONE };
-    let samples = Unit::of(truth, 1).along(90.0, tumbled(1));
-    let known = Known { field_ut: Some(strength_ut), ..Known::default() };
-    let report = calibrated(Kind::Mag, &known, &samples).unwrap();
+    let samples = Unit::new(truth, 1).readings_along(90.0, tumbling(1));
+    let prior = Prior { field_ut: Some(strength_ut), ..Prior::default() };
+    let report = run_calibration(Kind::Mag, &prior, &samples).unwrap();
     report.values[1].value.iter().for_each(|scale| assert!((scale - 1.25).abs() < 0.01, "{report}"));
 }
 
 #[test]
-fn iron_that_passes_by_spoils_little() {
+fn mag_passing_iron_has_little_effect() {
     let truth = Errors { hard_iron_ut: Vector3::new(30.0, -20.0, 10.0), ..Errors::NONE };
-    let mut samples = Unit::of(truth, 3).along(90.0, tumbled(3));
+    let mut samples = Unit::new(truth, 3).readings_along(90.0, tumbling(3));
     for sample in samples.iter_mut().filter(|sample| (40_000_000_000..45_000_000_000).contains(&sample.t_ns)) {
         sample.field_ut = sample.field_ut.map(|field_ut| field_ut + Vector3::new(25.0, 10.0, 0.0));
     }
-    let report = found(Kind::Mag, &samples);
-    let off = Vector3::from_column_slice(&report.values[0].value) - truth.hard_iron_ut;
-    assert!(off.amax() < 1.0, "{report}");
+    let report = calibrate_raw(Kind::Mag, &samples);
+    let deviation = Vector3::from_column_slice(&report.values[0].value) - truth.hard_iron_ut;
+    assert!(deviation.amax() < 1.0, "{report}");
 }
 
 #[test]
-fn the_mounting_is_found_by_a_level_and_a_nose_down_pose() {
-    let mut errors = Normalised::default();
+fn mounting_level_and_nose_down_pose_match_truth() {
+    let mut errors = NormalisedErrors::default();
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         // Sensor → body.
@@ -197,34 +197,34 @@ fn the_mounting_is_found_by_a_level_and_a_nose_down_pose() {
         let level = exp(Vector3::z() * noise.within(3.0));
         let nose_down = level * exp(Vector3::x() * -(0.5 + 0.8 * noise.unit()));
         let poses = [level * mounting, nose_down * mounting];
-        let report = found(Kind::Mounting, &Unit::of(Errors::NONE, seed).through(&poses, 4.0, 1.5));
+        let report = calibrate_raw(Kind::Mounting, &Unit::new(Errors::NONE, seed).readings_in_poses(&poses, 4.0, 1.5));
         let [w, x, y, z] = report.values[0].value.clone().try_into().unwrap();
-        // Small turns about the body's axes between what was found and the truth.
-        let off = Quaternion::new(w, x, y, z) * mounting.conjugate();
-        let off = Vector3::new(off.i, off.j, off.k) * (2.0 * off.w.signum()).to_degrees();
-        errors.take(off.as_slice(), &report.values[1].sd, &[0.0; 3]);
-        assert!(off.amax() < 0.5, "{off} {report}");
+        // Small rotations about the body axes between estimate and truth.
+        let deviation = Quaternion::new(w, x, y, z) * mounting.conjugate();
+        let deviation = Vector3::new(deviation.i, deviation.j, deviation.k) * (2.0 * deviation.w.signum()).to_degrees();
+        errors.push(deviation.as_slice(), &report.values[1].sd, &[0.0; 3]);
+        assert!(deviation.amax() < 0.5, "{deviation} {report}");
     }
-    errors.assert_honest("mounting");
+    errors.assert_consistent("mounting");
 }
 
 #[test]
-fn a_mounting_builds_on_the_accelerometers_calibration() {
+fn mounting_uses_prior_accel_calibration() {
     let truth = Errors { accel_bias_m_s2: Vector3::new(0.8, -0.6, 0.4), ..Errors::NONE };
     let level = exp(Vector3::zeros());
-    let samples = Unit::of(truth, 5).through(&[level, exp(Vector3::x() * -0.9)], 4.0, 1.0);
-    let turned_deg = |known: &Known| {
-        let report = calibrated(Kind::Mounting, known, &samples).unwrap();
+    let samples = Unit::new(truth, 5).readings_in_poses(&[level, exp(Vector3::x() * -0.9)], 4.0, 1.0);
+    let mounting_angle_deg = |prior: &Prior| {
+        let report = run_calibration(Kind::Mounting, prior, &samples).unwrap();
         2.0 * report.values[0].value[0].clamp(-1.0, 1.0).acos().to_degrees()
     };
-    let raw = turned_deg(&Known::default());
-    let built_on = turned_deg(&Known { accel: truth.accel(), ..Known::default() });
-    assert!(raw > 3.0 && built_on < 0.5, "{raw} {built_on}");
+    let raw = mounting_angle_deg(&Prior::default());
+    let calibrated = mounting_angle_deg(&Prior { accel: truth.accel(), ..Prior::default() });
+    assert!(raw > 3.0 && calibrated < 0.5, "{raw} {calibrated}");
 }
 
 #[test]
-fn the_magnetometers_delay_is_found_by_turns_to_and_fro() {
-    let mut errors = Normalised::default();
+fn clock_delay_matches_truth() {
+    let mut errors = NormalisedErrors::default();
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
         let delay_s = -0.008 + 0.045 * noise.unit();
@@ -234,27 +234,28 @@ fn the_magnetometers_delay_is_found_by_turns_to_and_fro() {
             gyro_bias_rad_s: noise.vector_within(0.02),
             ..Errors::NONE
         };
-        let samples = Unit::of(truth, seed).along(40.0, shaken(seed));
-        let report = found(Kind::Clock, &samples);
-        errors.take(&report.values[0].value, &report.values[0].sd, &[1e3 * delay_s]);
+        let samples = Unit::new(truth, seed).readings_along(40.0, shaking(seed));
+        let report = calibrate_raw(Kind::Clock, &samples);
+        errors.push(&report.values[0].value, &report.values[0].sd, &[1e3 * delay_s]);
         assert!(report.values[0].sd[0] < 0.5, "{report}");
         assert!(report.residual.after <= report.residual.before, "{report}");
     }
-    errors.assert_honest("delay");
+    errors.assert_consistent("delay");
 }
 
 #[test]
-fn a_rate_at_the_end_of_its_interval_is_half_an_interval_away_from_the_mean_of_it() {
-    let samples = Unit::of(Errors { delay_s: 0.012, ..Errors::NONE }, 7).along(40.0, shaken(7));
-    let instants = Known { rate_kind: RateKind::Instant, ..Known::default() };
-    let delay_ms = |known: &Known| calibrated(Kind::Clock, known, &samples).unwrap().values[0].value[0];
-    let (as_means, as_instants) = (delay_ms(&Known::default()), delay_ms(&instants));
-    // 10 ms of interval: taken for instants, means are 5 ms late, and the magnetometer less.
+fn clock_rate_kind_shifts_delay_by_half_interval() {
+    let samples = Unit::new(Errors { delay_s: 0.012, ..Errors::NONE }, 7).readings_along(40.0, shaking(7));
+    let instants = Prior { rate_kind: RateKind::Instant, ..Prior::default() };
+    let delay_ms = |prior: &Prior| run_calibration(Kind::Clock, prior, &samples).unwrap().values[0].value[0];
+    let (as_means, as_instants) = (delay_ms(&Prior::default()), delay_ms(&instants));
+    // With an interval of 10 ms, means treated as instants are 5 ms late, and the delay is 5 ms
+    // smaller.
     assert!((as_means - 12.0).abs() < 1.0 && (as_means - as_instants - 5.0).abs() < 0.5, "{as_means} {as_instants}");
 }
 
 #[test]
-fn forces_are_turned_as_poses_say() {
+fn with_up_rotates_vector_to_vertical() {
     let up = rotated(with_up(Vector3::new(1.0, 2.0, -3.0)), Vector3::new(1.0, 2.0, -3.0).normalize());
     assert!((up - Vector3::z()).amax() < 1e-12);
 }

@@ -1,4 +1,4 @@
-//! A simulated sensor unit: a body that is turned by hand, and sensors with errors and noise from a seed.
+//! Simulated sensor unit: a body turned by hand, and sensors with errors and noise from a seed.
 use attitude::{GRAVITY_M_S2, Matrix3, Quaternion, Vector3, calibration::Calibration};
 use calibrate::Sample;
 use rand_chacha::{
@@ -6,10 +6,10 @@ use rand_chacha::{
     rand_core::{Rng, SeedableRng},
 };
 
-/// The field of the place, µT, east, north, up.
+/// Local magnetic field, µT, east, north, up.
 pub(crate) const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];
 
-/// Random numbers.
+/// Source of random numbers.
 pub(crate) struct Noise(ChaCha8Rng);
 
 impl Noise {
@@ -38,12 +38,12 @@ impl Noise {
         Vector3::from_fn(|_, _| sd * self.normal())
     }
 
-    /// A direction, uniform on the sphere.
+    /// Returns a direction, uniform on the sphere.
     pub(crate) fn direction(&mut self) -> Vector3<f64> {
         self.normals(1.0).normalize()
     }
 
-    /// A symmetric matrix near one.
+    /// Returns a symmetric matrix near the identity.
     pub(crate) fn symmetric(&mut self, scale: f64, cross: f64) -> Matrix3<f64> {
         let [xy, xz, yz] = [0; 3].map(|_| self.within(cross));
         let [x, y, z] = [0; 3].map(|_| 1.0 + self.within(scale));
@@ -51,7 +51,7 @@ impl Noise {
     }
 }
 
-/// What is wrong with the sensors: a raw reading is M⁻¹ true + bias, so that M (raw − bias) is the truth.
+/// Sensor errors: a raw reading is M⁻¹ true + bias, so that M (raw − bias) is the true value.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Errors {
     pub(crate) gyro_bias_rad_s: Vector3<f64>,
@@ -59,7 +59,7 @@ pub(crate) struct Errors {
     pub(crate) accel: Matrix3<f64>,
     pub(crate) hard_iron_ut: Vector3<f64>,
     pub(crate) soft_iron: Matrix3<f64>,
-    /// The magnetometer is so late.
+    /// Delay of the magnetometer, s.
     pub(crate) delay_s: f64,
 }
 
@@ -73,8 +73,8 @@ impl Errors {
         delay_s: 0.0,
     };
 
-    /// The raw reading of an exact one.
-    pub(crate) fn spoil(&self, sample: &Sample) -> Sample {
+    /// Returns the raw reading for an exact one.
+    pub(crate) fn distort(&self, sample: &Sample) -> Sample {
         let raw = |matrix: &Matrix3<f64>, exact: Vector3<f64>, bias: Vector3<f64>| {
             matrix.try_inverse().unwrap() * exact + bias
         };
@@ -91,7 +91,7 @@ impl Errors {
     }
 }
 
-/// White noise of one reading.
+/// Standard deviation of the white noise of one reading.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NoiseSd {
     pub(crate) gyro_rad_s: f64,
@@ -99,10 +99,10 @@ pub(crate) struct NoiseSd {
     pub(crate) mag_ut: f64,
 }
 
-/// Of a consumer MEMS unit.
+/// Noise of a consumer MEMS unit.
 pub(crate) const MEMS: NoiseSd = NoiseSd { gyro_rad_s: 0.003, accel_m_s2: 0.03, mag_ut: 0.4 };
 
-/// A body whose orientation is given at every moment, and the readings of the unit on it.
+/// Sensor unit on a body with a given motion.
 pub(crate) struct Unit {
     pub(crate) rate_hz: f64,
     pub(crate) errors: Errors,
@@ -111,42 +111,43 @@ pub(crate) struct Unit {
 }
 
 impl Unit {
-    pub(crate) fn of(errors: Errors, seed: u64) -> Self {
+    pub(crate) fn new(errors: Errors, seed: u64) -> Self {
         Self { rate_hz: 100.0, errors, noise: MEMS, seed }
     }
 
-    /// Readings while the body goes through poses (body → earth): it rests in each for `rest_s` and turns to the next in `turn_s`.
-    pub(crate) fn through(&self, poses: &[Quaternion<f64>], rest_s: f64, turn_s: f64) -> Vec<Sample> {
-        let leg_s = rest_s + turn_s;
-        let turns: Vec<_> = poses.windows(2).map(|pair| scaled_axis(pair[0].conjugate() * pair[1])).collect();
-        let whole_s = leg_s * turns.len() as f64 + rest_s;
-        self.along(whole_s, |t_s| {
-            let leg = ((t_s / leg_s) as usize).min(poses.len() - 1);
-            let since_s = t_s - leg as f64 * leg_s - rest_s;
-            let (Some(turn), true) = (turns.get(leg), since_s > 0.0) else { return poses[leg] };
-            let share = since_s / turn_s;
-            // Without a jerk at both ends.
-            poses[leg] * exp(*turn * (share * share * (3.0 - 2.0 * share)))
+    /// Returns readings while the body passes through poses (body → earth): `rest_s` in each,
+    /// `move_s` between them.
+    pub(crate) fn readings_in_poses(&self, poses: &[Quaternion<f64>], rest_s: f64, move_s: f64) -> Vec<Sample> {
+        let period_s = rest_s + move_s;
+        let rotations: Vec<_> = poses.windows(2).map(|pair| scaled_axis(pair[0].conjugate() * pair[1])).collect();
+        let duration_s = period_s * rotations.len() as f64 + rest_s;
+        self.readings_along(duration_s, |t_s| {
+            let index = ((t_s / period_s) as usize).min(poses.len() - 1);
+            let since_s = t_s - index as f64 * period_s - rest_s;
+            let (Some(rotation), true) = (rotations.get(index), since_s > 0.0) else { return poses[index] };
+            let share = since_s / move_s;
+            // Smooth start and end.
+            poses[index] * exp(*rotation * (share * share * (3.0 - 2.0 * share)))
         })
     }
 
-    /// Readings while the body has these orientations.
-    pub(crate) fn along(&self, whole_s: f64, pose: impl Fn(f64) -> Quaternion<f64>) -> Vec<Sample> {
+    /// Returns readings for an orientation given as a function of time, s.
+    pub(crate) fn readings_along(&self, duration_s: f64, pose: impl Fn(f64) -> Quaternion<f64>) -> Vec<Sample> {
         let mut noise = Noise::new(self.seed);
         let dt_s = self.rate_hz.recip();
-        let into = |pose: Quaternion<f64>, earth: Vector3<f64>| rotated(pose.conjugate(), earth);
-        (1..(whole_s * self.rate_hz) as i64)
+        let to_body = |pose: Quaternion<f64>, earth: Vector3<f64>| rotated(pose.conjugate(), earth);
+        (1..(duration_s * self.rate_hz) as i64)
             .map(|i| {
                 let t_s = i as f64 * dt_s;
-                let (before, now, late) = (pose(t_s - dt_s), pose(t_s), pose(t_s - self.errors.delay_s));
+                let (before, now, delayed) = (pose(t_s - dt_s), pose(t_s), pose(t_s - self.errors.delay_s));
                 let exact = Sample {
                     t_ns: (t_s * 1e9).round() as i64,
-                    // The mean over the interval.
+                    // Mean over the interval.
                     rate_rad_s: scaled_axis(before.conjugate() * now) / dt_s,
-                    force_m_s2: into(now, Vector3::z() * GRAVITY_M_S2),
-                    field_ut: Some(into(late, FIELD_UT.into())),
+                    force_m_s2: to_body(now, Vector3::z() * GRAVITY_M_S2),
+                    field_ut: Some(to_body(delayed, FIELD_UT.into())),
                 };
-                let raw = self.errors.spoil(&exact);
+                let raw = self.errors.distort(&exact);
                 Sample {
                     t_ns: raw.t_ns,
                     rate_rad_s: raw.rate_rad_s + noise.normals(self.noise.gyro_rad_s),
@@ -158,10 +159,10 @@ impl Unit {
     }
 }
 
-/// A turn by a vector along its axis, as long as its angle.
-pub(crate) fn exp(turn: Vector3<f64>) -> Quaternion<f64> {
-    let half = 0.5 * turn.norm();
-    let along = if half > 1e-12 { turn * (half.sin() / (2.0 * half)) } else { turn * 0.5 };
+/// Returns the rotation about `rotation` by its norm, rad.
+pub(crate) fn exp(rotation: Vector3<f64>) -> Quaternion<f64> {
+    let half = 0.5 * rotation.norm();
+    let along = if half > 1e-12 { rotation * (half.sin() / (2.0 * half)) } else { rotation * 0.5 };
     Quaternion::new(half.cos(), along.x, along.y, along.z)
 }
 
@@ -177,7 +178,7 @@ pub(crate) fn rotated(q: Quaternion<f64>, v: Vector3<f64>) -> Vector3<f64> {
     Vector3::new(turned.i, turned.j, turned.k)
 }
 
-/// A pose in which `up` of the body points up.
+/// Returns a pose in which `up` of the body points up.
 pub(crate) fn with_up(up: Vector3<f64>) -> Quaternion<f64> {
     let (up, zeta) = (up.normalize(), Vector3::z());
     let axis = up.cross(&zeta);
@@ -188,7 +189,7 @@ pub(crate) fn with_up(up: Vector3<f64>) -> Quaternion<f64> {
     exp(axis.normalize() * angle)
 }
 
-/// The six sides up, one after the other.
+/// Returns poses with each of the six sides up in turn.
 pub(crate) fn six_sides() -> Vec<Quaternion<f64>> {
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
     axes.iter().flat_map(|axis| [*axis, -*axis]).map(with_up).collect()

@@ -1,34 +1,34 @@
-//! Every stage of every slot through the kit.
-fn all_conform(slot: &str) {
-    let judge = |stage: &str| {
+//! Conformance of every built-in stage.
+fn assert_all_conform(slot: &str) {
+    let check = |stage: &str| {
         let report = conformance::run(slot, stage).unwrap();
         println!("{report}\n");
         report.failures().map(|check| format!("{slot} {stage}\n{check}\n")).collect::<String>()
     };
     let failures: String = std::thread::scope(|scope| {
-        let stages = conformance::stages().filter(|(of, _)| *of == slot);
-        let judged: Vec<_> = stages.map(|(_, stage)| scope.spawn(move || judge(stage))).collect();
-        judged.into_iter().map(|judged| judged.join().unwrap()).collect()
+        let stages = conformance::stages().filter(|(stage_slot, _)| *stage_slot == slot);
+        let threads: Vec<_> = stages.map(|(_, stage)| scope.spawn(move || check(stage))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
     });
     assert!(failures.is_empty(), "\n{failures}");
 }
 
 #[test]
-fn every_gyro_stage_conforms() {
-    all_conform("gyro");
+fn gyro_stages_conform() {
+    assert_all_conform("gyro");
 }
 
 #[test]
-fn every_accel_stage_conforms() {
-    all_conform("accel");
+fn accel_stages_conform() {
+    assert_all_conform("accel");
 }
 
 #[test]
-fn every_fuser_stage_conforms() {
-    all_conform("fuser");
+fn fuser_stages_conform() {
+    assert_all_conform("fuser");
 }
 
 #[test]
-fn every_course_stage_conforms() {
-    all_conform("course");
+fn course_stages_conform() {
+    assert_all_conform("course");
 }

@@ -1,4 +1,5 @@
-//! The kit tells a bad stage from a good one: each mistake fails the check that is made for it.
+//! Tests that each defect of a stage fails the check for it, and that a stage without defect
+//! passes.
 
 use attitude::{
     fuser::{Estimate, Fused, FuserInput, wz_closed::WzClosed},
@@ -7,48 +8,48 @@ use attitude::{
     state::Attitude,
 };
 
-/// What is wrong with a stage that is otherwise `wz-closed`.
+/// Defect of a stage that otherwise behaves as `wz-closed`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Mistake {
+enum Defect {
     None,
-    /// Divides by the interval.
+    /// Division by the interval.
     Interval,
-    /// Leaves a number out of the state.
-    Forgotten,
-    /// Numbers its state has whose meaning it does not check.
-    Unchecked,
-    /// Takes over the level and not the heading.
-    HeadingLost,
-    /// Takes over whatever it is given.
-    Credulous,
-    /// Does not follow the motion.
-    Deaf,
-    /// A parameter that divides by its least value.
+    /// A number is missing from the state.
+    MissingState,
+    /// The state has a number that is not validated.
+    UncheckedState,
+    /// `adopt` takes over the level but not the heading.
+    WrongHeading,
+    /// `adopt` accepts any state.
+    AcceptsAnyState,
+    /// The motion is ignored.
+    IgnoresMotion,
+    /// Division by a parameter whose minimum is 0.
     Parameter,
-    /// Tells no number long after a stamp stood.
-    Late,
+    /// Outputs become NaN long after an interval of zero.
+    DelayedNan,
 }
 
 #[derive(Debug, Clone)]
-struct Bad {
-    mistake: Mistake,
+struct DefectiveStage {
+    defect: Defect,
     inner: WzClosed,
     count: f64,
     divisor: f64,
-    /// When a stamp stood.
-    stood: f64,
+    /// Step with an interval of zero; infinite if there was none.
+    zero_interval_step: f64,
 }
 
 const PARAMETER: &[Parameter] =
-    &[Parameter { name: "divisor", unit: "", default: 1.0, min: 0.0, max: 2.0, description: "Divides." }];
+    &[Parameter { name: "divisor", unit: "", default: 1.0, min: 0.0, max: 2.0, description: "Divisor." }];
 
-impl Bad {
-    fn with(mistake: Mistake) -> Self {
-        Self { mistake, inner: WzClosed::default(), count: 0.0, divisor: 1.0, stood: f64::INFINITY }
+impl DefectiveStage {
+    fn new(defect: Defect) -> Self {
+        Self { defect, inner: WzClosed::default(), count: 0.0, divisor: 1.0, zero_interval_step: f64::INFINITY }
     }
 }
 
-impl Stage for Bad {
+impl Stage for DefectiveStage {
     type Input = FuserInput;
     type Output = Fused;
     type Common = Estimate;
@@ -58,7 +59,7 @@ impl Stage for Bad {
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        if self.mistake == Mistake::Parameter { PARAMETER } else { &[] }
+        if self.defect == Defect::Parameter { PARAMETER } else { &[] }
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
@@ -73,15 +74,15 @@ impl Stage for Bad {
 
     fn step(&mut self, input: &FuserInput) -> Fused {
         self.count += 1.0;
-        let deaf = FuserInput { motion: None, ..*input };
-        let mut fused = self.inner.step(if self.mistake == Mistake::Deaf { &deaf } else { input });
+        let without_motion = FuserInput { motion: None, ..*input };
+        let mut fused = self.inner.step(if self.defect == Defect::IgnoresMotion { &without_motion } else { input });
         let dt_s = input.motion.map_or(1.0, |motion| motion.dt_s);
-        match self.mistake {
-            Mistake::Interval => fused.innovation_rad *= dt_s * dt_s.recip(),
-            Mistake::Forgotten | Mistake::Unchecked => fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6,
-            Mistake::Parameter => fused.innovation_rad /= self.divisor,
-            Mistake::Late if self.count > 1.0 && dt_s == 0.0 => self.stood = self.count,
-            Mistake::Late if self.count > self.stood + 4000.0 => fused.innovation_rad = f64::NAN,
+        match self.defect {
+            Defect::Interval => fused.innovation_rad *= dt_s * dt_s.recip(),
+            Defect::MissingState | Defect::UncheckedState => fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6,
+            Defect::Parameter => fused.innovation_rad /= self.divisor,
+            Defect::DelayedNan if self.count > 1.0 && dt_s == 0.0 => self.zero_interval_step = self.count,
+            Defect::DelayedNan if self.count > self.zero_interval_step + 4000.0 => fused.innovation_rad = f64::NAN,
             _ => (),
         }
         fused
@@ -89,7 +90,7 @@ impl Stage for Bad {
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.inner.visit_state(visit);
-        if self.mistake == Mistake::Unchecked {
+        if self.defect == Defect::UncheckedState {
             visit(&mut self.count);
         }
     }
@@ -103,12 +104,12 @@ impl Stage for Bad {
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        match self.mistake {
-            Mistake::HeadingLost => {
+        match self.defect {
+            Defect::WrongHeading => {
                 let attitude = Attitude { z_rad: common.attitude.z_rad + 0.1, ..common.attitude };
                 self.inner.adopt(&Estimate { attitude, ..*common })
             }
-            Mistake::Credulous => {
+            Defect::AcceptsAnyState => {
                 let _ = self.inner.adopt(common);
                 Ok(())
             }
@@ -117,33 +118,33 @@ impl Stage for Bad {
     }
 }
 
-fn failures(mistake: Mistake) -> Vec<String> {
-    let report = conformance::fuser(|| Bad::with(mistake));
-    println!("{mistake:?}: {report}");
+fn failures(defect: Defect) -> Vec<String> {
+    let report = conformance::fuser(|| DefectiveStage::new(defect));
+    println!("{defect:?}: {report}");
     report.failures().map(|check| check.name.clone()).collect()
 }
 
 #[test]
-fn a_good_stage_passes() {
-    assert_eq!(failures(Mistake::None), Vec::<String>::new());
+fn stage_without_defect_passes() {
+    assert_eq!(failures(Defect::None), Vec::<String>::new());
 }
 
 #[test]
-fn each_mistake_fails_the_check_that_is_made_for_it() {
-    for (mistake, check) in [
-        (Mistake::Interval, "outputs are finite and rotations under stamps that stand"),
-        (Mistake::Forgotten, "a run goes on from a snapshot bit for bit"),
-        (Mistake::Unchecked, "a record with one impossible number is refused or does no harm"),
-        (Mistake::HeadingLost, "hand-over from wz: the attitude goes on"),
-        (Mistake::Credulous, "an estimate that is none is not taken over"),
-        (Mistake::Deaf, "tumbling: largest inclination error with exact sensors"),
-        (Mistake::Parameter, "sound and resumable with divisor = 0"),
-        (Mistake::Late, "recovers from stamps that stand to "),
+fn each_defect_fails_its_check() {
+    for (defect, check) in [
+        (Defect::Interval, "outputs are valid under constant timestamps"),
+        (Defect::MissingState, "a restored run is bit-identical"),
+        (Defect::UncheckedState, "a snapshot with one altered value is rejected or harmless"),
+        (Defect::WrongHeading, "hand-over from wz: the attitude is continuous"),
+        (Defect::AcceptsAnyState, "an invalid common state is rejected"),
+        (Defect::IgnoresMotion, "tumbling: largest inclination error with exact sensors"),
+        (Defect::Parameter, "valid and repeatable with divisor = 0"),
+        (Defect::DelayedNan, "recovers from constant timestamps to within "),
     ] {
-        let failures = failures(mistake);
+        let failures = failures(defect);
         assert!(
             failures.iter().any(|failure| failure.starts_with(check)),
-            "{mistake:?}: {check} passed; failed: {failures:?}"
+            "{defect:?}: {check} passed; failed: {failures:?}"
         );
     }
 }

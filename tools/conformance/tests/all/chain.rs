@@ -1,43 +1,44 @@
-//! Readings as sensors send them, through ingest's conditioner and the slots: stamps and values that no stage sees as they are.
+//! Raw sensor readings with faults that ingest's conditioner removes, through the complete chain.
 use attitude::Quaternion;
 use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
 use messages::AttitudeOutput;
 use runtime::{Pace, ServiceConfig};
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 const RATE_HZ: f64 = 100.0;
-const USUAL_NS: i64 = 10_000_000;
-const BEGIN: usize = 2000;
+const INTERVAL_NS: i64 = 10_000_000;
+const FAULT_START: usize = 2000;
 
-/// A fault of raw readings, and the readings that it lasts for.
+/// Name, number of readings and effect of a fault. The effect gets the reading, the last one before
+/// the fault and the index in the fault.
 type Fault = (&'static str, usize, fn(&mut Reading, &Reading, i64));
 
 const FAULTS: [Fault; 12] = [
-    ("rate not a number", 200, |it, _, _| it.rate_rad_s[1] = f64::NAN),
-    ("force not a number", 300, |it, _, _| it.force_m_s2 = [f64::NAN; 3]),
-    ("everything not a number", 100, |it, _, _| (it.rate_rad_s, it.force_m_s2) = ([f64::NAN; 3], [f64::NAN; 3])),
-    ("rates and forces infinite", 100, |it, _, _| {
-        (it.rate_rad_s, it.force_m_s2) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    ("NaN rate", 200, |reading, _, _| reading.rate_rad_s[1] = f64::NAN),
+    ("NaN force", 300, |reading, _, _| reading.force_m_s2 = [f64::NAN; 3]),
+    ("NaN rate and force", 100, |reading, _, _| (reading.rate_rad_s, reading.force_m_s2) = ([f64::NAN; 3], [f64::NAN; 3])),
+    ("infinite rate and force", 100, |reading, _, _| {
+        (reading.rate_rad_s, reading.force_m_s2) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     }),
-    ("rates and forces of 1e300", 100, |it, _, _| (it.rate_rad_s[0], it.force_m_s2[1]) = (1e300, -1e300)),
-    ("stamps of zero", 100, |it, _, _| it.t_ns = 0),
-    ("stamps that stand", 100, |it, last, _| it.t_ns = last.t_ns),
-    ("stamps that run backward", 100, |it, last, i| it.t_ns = last.t_ns - i * USUAL_NS),
-    ("stamps that leap", 100, |it, _, i| it.t_ns += (i % 7 - 3) * 3_000_000_000),
-    ("stamps at the ends of 64 bits", 100, |it, _, i| it.t_ns = if i % 2 == 0 { i64::MAX } else { i64::MIN }),
-    ("the same reading again", 100, |it, last, _| *it = *last),
-    ("sensors all zero", 200, |it, _, _| (it.rate_rad_s, it.force_m_s2) = ([0.0; 3], [0.0; 3])),
+    ("rate and force of 1e300", 100, |reading, _, _| (reading.rate_rad_s[0], reading.force_m_s2[1]) = (1e300, -1e300)),
+    ("timestamps of zero", 100, |reading, _, _| reading.t_ns = 0),
+    ("constant timestamps", 100, |reading, last, _| reading.t_ns = last.t_ns),
+    ("decreasing timestamps", 100, |reading, last, i| reading.t_ns = last.t_ns - i * INTERVAL_NS),
+    ("jumping timestamps", 100, |reading, _, i| reading.t_ns += (i % 7 - 3) * 3_000_000_000),
+    ("timestamps at the ends of the i64 range", 100, |reading, _, i| reading.t_ns = if i % 2 == 0 { i64::MAX } else { i64::MIN }),
+    ("repeated reading", 100, |reading, last, _| *reading = *last),
+    ("sensors all zero", 200, |reading, _, _| (reading.rate_rad_s, reading.force_m_s2) = ([0.0; 3], [0.0; 3])),
 ];
 
-/// S1 with its errors and one fault, and the truth at each reading.
+/// Returns readings of S1 with sensor errors and one fault, each with the true attitude.
 fn readings(motion: Motion, fault: &Fault) -> Vec<(Reading, Quaternion<f64>)> {
-    let mut sensors = Sensors::new(motion, Errors::S1, 11);
+    let mut sensors = Sensors::new(motion, SensorErrors::S1, 11);
     let mut readings: Vec<_> = (0..8000)
         .map(|count| {
             let reading = sensors.read(count as f64 / RATE_HZ);
             let raw = Reading {
-                t_ns: count * USUAL_NS,
+                t_ns: count * INTERVAL_NS,
                 rate_rad_s: reading.rate_rad_s.into(),
                 force_m_s2: reading.force_m_s2.into(),
                 field_ut: None,
@@ -48,16 +49,16 @@ fn readings(motion: Motion, fault: &Fault) -> Vec<(Reading, Quaternion<f64>)> {
         })
         .collect();
     let (_, length, change) = fault;
-    let last = readings[BEGIN - 1].0;
-    for (i, (reading, _)) in (0..).zip(&mut readings[BEGIN..BEGIN + length]) {
+    let last = readings[FAULT_START - 1].0;
+    for (i, (reading, _)) in (0..).zip(&mut readings[FAULT_START..FAULT_START + length]) {
         change(reading, &last, i);
     }
     readings
 }
 
-/// Runs the chain; the last attitude and the truth there.
+/// Runs the chain and returns the last attitude with the true one.
 fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput, Quaternion<f64>) {
-    let (what, ..) = fault;
+    let (name, ..) = fault;
     let mut launch = Launch::default();
     launch.fuser.stage = fuser.into();
     let mut conditioner = Conditioner::new(&launch.ingest, RATE_HZ, GyroSamples::Instants).unwrap();
@@ -80,34 +81,34 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
         let Some(sample) = conditioner.condition(&reading) else { continue };
         let offered = path.offer(sample, &mut |output| {
             let norm2: f64 = output.quaternion.iter().map(|x| x * x).sum();
-            assert_eq!(output.header.tick, next_tick, "{fuser}, {what}");
-            assert!((norm2 - 1.0).abs() < 1e-9, "{fuser}, {what}, tick {next_tick}: {:?}", output.quaternion);
+            assert_eq!(output.header.tick, next_tick, "{fuser}, {name}");
+            assert!((norm2 - 1.0).abs() < 1e-9, "{fuser}, {name}, tick {next_tick}: {:?}", output.quaternion);
             let numbers = [output.yaw_rad, output.pitch_rad, output.roll_rad, output.course_rad];
             let numbers = numbers.iter().chain(&output.rate_rad_s).chain(&output.jump);
-            assert!(numbers.chain([&output.inclination_sd_rad]).all(|x| x.is_finite()), "{fuser}, {what}: {output:?}");
+            assert!(numbers.chain([&output.inclination_sd_rad]).all(|x| x.is_finite()), "{fuser}, {name}: {output:?}");
             next_tick += 1;
             last = Some((output, truth));
         });
         offered.unwrap();
     }
-    assert_eq!(next_tick, conditioner.ticks(), "{fuser}, {what}: every tick comes out");
+    assert_eq!(next_tick, conditioner.ticks(), "{fuser}, {name}: ticks are missing");
     last.unwrap()
 }
 
 #[test]
-fn whatever_is_read_every_tick_comes_out_finite_and_of_unit_length() {
+fn chain_output_is_valid_for_any_reading() {
     for (_, fuser) in conformance::stages().filter(|(slot, _)| *slot == "fuser") {
         for fault in &FAULTS {
-            last_attitude(fuser, Motion::named("tumble").unwrap(), fault);
+            last_attitude(fuser, Motion::from_name("tumble").unwrap(), fault);
             last_attitude(fuser, Motion::S1, fault);
         }
     }
 }
 
 #[test]
-fn the_default_and_wz_are_level_again_at_the_end_of_every_fault() {
+fn default_and_wz_recover_from_every_reading_fault() {
     for (fuser, fault) in
-        ["multiple-model", "wz"].into_iter().flat_map(|fuser| FAULTS.iter().map(move |of| (fuser, of)))
+        ["multiple-model", "wz"].into_iter().flat_map(|fuser| FAULTS.iter().map(move |fault| (fuser, fault)))
     {
         let (output, truth) = last_attitude(fuser, Motion::S1, fault);
         let [w, x, y, z] = output.quaternion;

@@ -1,4 +1,4 @@
-//! Every integration test of `conformance`, in one executable.
+//! Integration tests of `conformance` in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod all_stages;

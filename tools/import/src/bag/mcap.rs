@@ -1,7 +1,8 @@
-//! The messages of an MCAP file, in its order.
+//! Reader of the messages of an MCAP file, in file order.
 //!
-//! Each chunk is read by itself, so that one that is damaged is left out and the next is read. Memory: a record or a chunk, each up to
-//! [`MAX_RECORD_BYTES`].
+//! Each chunk is read separately, so that a damaged chunk is skipped and the next one is read.
+//!
+//! Memory: a record or a chunk, each up to [`MAX_RECORD_BYTES`].
 
 use std::{
     cell::Cell,
@@ -18,36 +19,37 @@ use mcap::{
     sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use super::{Message, Stop, topics::Topic};
-use crate::{error::opening, csv_reader::Counted};
+use super::{Message, ReadError, topics::Topic};
+use crate::{error::open_error, csv_reader::CountingReader};
 
-/// The largest record or chunk that is read.
+/// Maximum length of a record or a chunk. A longer one ends the file.
 const MAX_RECORD_BYTES: usize = 1 << 27;
-/// The largest message of a topic that is read.
+/// Maximum length of a message record. Longer messages are ignored.
 const MAX_MESSAGE_BYTES: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 16;
 const MAGIC_BYTES: u64 = 8;
-/// Type and length of a record.
-const RECORD_START_BYTES: usize = 9;
+/// Length of the type and length fields at the start of a record.
+const RECORD_HEADER_BYTES: usize = 9;
 
+/// Position in an MCAP file.
 pub(super) struct Cursor {
-    file: BufReader<Counted>,
+    file: BufReader<CountingReader>,
     reader: LinearReader,
     chunk: Option<Chunk>,
-    directory: Directory,
+    records: RecordHandler,
     position: u64,
-    /// Chunks that were left out.
+    /// Number of chunks skipped because they are damaged.
     pub(super) damaged_chunks: u64,
 }
 
-/// A chunk in memory, with the start of its record.
+/// Chunk in memory, as a complete record with its header.
 struct Chunk {
     reader: LinearReader,
     bytes: io::Cursor<Vec<u8>>,
 }
 
-/// The channels seen so far, and what the last record was.
-struct Directory {
+/// Handler of records, with the channels seen so far and the content of the last record.
+struct RecordHandler {
     wanted: Option<HashSet<Topic>>,
     schemas: HashMap<u16, String>,
     topics: HashMap<u16, Rc<Topic>>,
@@ -56,22 +58,22 @@ struct Directory {
     has_ended: bool,
 }
 
-enum Pulled {
+enum ReadOutcome {
     Record { length_bytes: usize },
     End,
 }
 
 impl Cursor {
-    /// Opens a file for the messages of the `wanted` topics, or of all that can be read.
+    /// Opens a file for the messages of the `wanted` topics, or of all readable topics.
     pub(super) fn open(
         path: &Path,
         wanted: Option<&[Topic]>,
         read_bytes: &Rc<Cell<u64>>,
     ) -> Result<Self, crate::ImportError> {
-        let file = File::open(path).map_err(|cause| opening(path, cause))?;
-        let file = BufReader::with_capacity(BUFFER_BYTES, Counted::new(file, read_bytes));
+        let file = File::open(path).map_err(|cause| open_error(path, cause))?;
+        let file = BufReader::with_capacity(BUFFER_BYTES, CountingReader::new(file, read_bytes));
         let options = LinearReaderOptions::default().with_emit_chunks(true);
-        let directory = Directory {
+        let records = RecordHandler {
             wanted: wanted.map(|wanted| wanted.iter().cloned().collect()),
             schemas: HashMap::new(),
             topics: HashMap::new(),
@@ -83,43 +85,43 @@ impl Cursor {
             file,
             reader: LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES)),
             chunk: None,
-            directory,
+            records,
             position: MAGIC_BYTES,
             damaged_chunks: 0,
         })
     }
 
-    /// The next message; `None` at the end.
-    pub(super) fn next(&mut self) -> Result<Option<Message>, Stop> {
+    /// Returns the next message; `None` at the end.
+    pub(super) fn next(&mut self) -> Result<Option<Message>, ReadError> {
         loop {
             if let Some(chunk) = &mut self.chunk {
-                match pull(&mut chunk.reader, &mut chunk.bytes, |kind, data| self.directory.take(kind, data)) {
-                    Ok(Pulled::Record { .. }) => {}
-                    Ok(Pulled::End) => self.chunk = None,
+                match read_record(&mut chunk.reader, &mut chunk.bytes, |kind, data| self.records.handle(kind, data)) {
+                    Ok(ReadOutcome::Record { .. }) => {}
+                    Ok(ReadOutcome::End) => self.chunk = None,
                     Err(_) => {
                         self.damaged_chunks += 1;
                         self.chunk = None;
                     }
                 }
             } else {
-                let pulled = pull(&mut self.reader, &mut self.file, |kind, data| self.directory.take(kind, data));
-                let at = |found: &dyn std::fmt::Display| Stop::Damage(format!("byte {}: {found}", self.position));
-                match pulled {
-                    Ok(Pulled::Record { length_bytes }) => {
-                        self.position += (RECORD_START_BYTES + length_bytes) as u64;
+                let read = read_record(&mut self.reader, &mut self.file, |kind, data| self.records.handle(kind, data));
+                let damage = |found: &dyn std::fmt::Display| ReadError::Damage(format!("byte {}: {found}", self.position));
+                match read {
+                    Ok(ReadOutcome::Record { length_bytes }) => {
+                        self.position += (RECORD_HEADER_BYTES + length_bytes) as u64;
                     }
-                    Ok(Pulled::End) | Err(McapError::UnexpectedEof) => return Err(at(&"the file was cut here")),
-                    Err(cause) => return Err(at(&cause)),
+                    Ok(ReadOutcome::End) | Err(McapError::UnexpectedEof) => return Err(damage(&"unexpected end of the file")),
+                    Err(cause) => return Err(damage(&cause)),
                 }
-                if let Some(bytes) = self.directory.chunk.take() {
-                    self.chunk = Chunk::of(bytes);
+                if let Some(bytes) = self.records.chunk.take() {
+                    self.chunk = Chunk::parse(bytes);
                     self.damaged_chunks += u64::from(self.chunk.is_none());
                 }
-                if self.directory.has_ended {
+                if self.records.has_ended {
                     return Ok(None);
                 }
             }
-            if let Some(message) = self.directory.message.take() {
+            if let Some(message) = self.records.message.take() {
                 return Ok(Some(message));
             }
         }
@@ -127,12 +129,12 @@ impl Cursor {
 }
 
 impl Chunk {
-    /// `None` of a chunk that is none.
-    fn of(bytes: Vec<u8>) -> Option<Self> {
-        let record = mcap::parse_record(op::CHUNK, &bytes[RECORD_START_BYTES..]).ok()?;
+    /// Parses a chunk record; `None` if it is damaged.
+    fn parse(bytes: Vec<u8>) -> Option<Self> {
+        let record = mcap::parse_record(op::CHUNK, &bytes[RECORD_HEADER_BYTES..]).ok()?;
         let Record::Chunk { header, data } = record else { return None };
-        // The reader counts on it.
-        if header.compression.is_empty() && !is_whole_records(&data) {
+        // The reader relies on complete records in uncompressed chunks.
+        if header.compression.is_empty() && !contains_complete_records(&data) {
             return None;
         }
         let options = LinearReaderOptions::default()
@@ -144,10 +146,10 @@ impl Chunk {
     }
 }
 
-/// Records that end where the bytes end.
-fn is_whole_records(mut bytes: &[u8]) -> bool {
+/// Returns `true` if the bytes consist of complete records.
+fn contains_complete_records(mut bytes: &[u8]) -> bool {
     while !bytes.is_empty() {
-        let Some((start, rest)) = bytes.split_at_checked(RECORD_START_BYTES) else { return false };
+        let Some((start, rest)) = bytes.split_at_checked(RECORD_HEADER_BYTES) else { return false };
         let length = start[1..].try_into().map_or(u64::MAX, u64::from_le_bytes);
         let Some(rest) = usize::try_from(length).ok().and_then(|length| rest.get(length..)) else { return false };
         bytes = rest;
@@ -155,8 +157,8 @@ fn is_whole_records(mut bytes: &[u8]) -> bool {
     true
 }
 
-impl Directory {
-    fn take(&mut self, kind: u8, data: &[u8]) {
+impl RecordHandler {
+    fn handle(&mut self, kind: u8, data: &[u8]) {
         match kind {
             op::DATA_END => self.has_ended = true,
             op::CHUNK => {
@@ -172,7 +174,7 @@ impl Directory {
                     self.message = Some(Message { topic: topic.clone(), data: data.into_owned() });
                 }
             }
-            // What is malformed has no messages that are read.
+            // Malformed schemas and channels are ignored, and with them their messages.
             op::SCHEMA => {
                 if let Ok(Record::Schema { header, .. }) = mcap::parse_record(kind, data)
                     && header.name.len() <= MAX_MESSAGE_BYTES
@@ -183,7 +185,7 @@ impl Directory {
             op::CHANNEL => {
                 if let Ok(Record::Channel(channel)) = mcap::parse_record(kind, data) {
                     let schema = self.schemas.get(&channel.schema_id).map_or("", String::as_str);
-                    let topic = Topic::of(&channel.topic, &channel.message_encoding, schema);
+                    let topic = Topic::from_channel(&channel.topic, &channel.message_encoding, schema);
                     let is_wanted = |topic: &Topic| self.wanted.as_ref().is_none_or(|wanted| wanted.contains(topic));
                     match topic.filter(is_wanted) {
                         Some(topic) => self.topics.insert(channel.id, Rc::new(topic)),
@@ -196,12 +198,12 @@ impl Directory {
     }
 }
 
-/// Hands the next record to `take`.
-fn pull(
+/// Reads the next record and passes it to `handle`.
+fn read_record(
     reader: &mut LinearReader,
     source: &mut impl Read,
-    mut take: impl FnMut(u8, &[u8]),
-) -> Result<Pulled, McapError> {
+    mut handle: impl FnMut(u8, &[u8]),
+) -> Result<ReadOutcome, McapError> {
     while let Some(event) = reader.next_event() {
         match event? {
             LinearReadEvent::ReadRequest(bytes) => {
@@ -209,10 +211,10 @@ fn pull(
                 reader.notify_read(count);
             }
             LinearReadEvent::Record { opcode, data } => {
-                take(opcode, data);
-                return Ok(Pulled::Record { length_bytes: data.len() });
+                handle(opcode, data);
+                return Ok(ReadOutcome::Record { length_bytes: data.len() });
             }
         }
     }
-    Ok(Pulled::End)
+    Ok(ReadOutcome::End)
 }

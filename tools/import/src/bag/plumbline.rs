@@ -1,24 +1,30 @@
-//! Messages of this system.
+//! Decoding of Plumbline messages.
 //!
-//! Input: protobuf as `proto/plumbline/v1` defines it. Output: samples; axes and units are ours already. Time: that of each sample
-//! on the source's clock, `t_end_ns`; the reference has the number of its sample. Failure: `None` of what is no message.
+//! Input: protobuf as defined in `proto/plumbline/v1`.
+//!
+//! Output: samples. Axes and units are native already.
+//!
+//! Time: `t_end_ns` of each sample on the clock of the source. The reference contains the tick of
+//! its sample instead of a time.
+//!
+//! Failure: `None` if the message is invalid.
 
 use std::collections::VecDeque;
 
 use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
-use super::{Fix, Inertial, Position};
+use super::{VelocityFix, InertialSample, Position};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
-/// Samples and references that wait for each other.
-const MAX_WAITING: usize = 4096;
+/// Maximum number of samples, and of references, that wait for their counterpart.
+const MAX_PENDING: usize = 4096;
 
-/// A sample and its number.
-pub(super) fn inertial(data: &[u8]) -> Option<(u64, Inertial)> {
+/// Decodes an IMU sample and returns its tick with it.
+pub(super) fn inertial(data: &[u8]) -> Option<(u64, InertialSample)> {
     let ImuSample { header, rate_rad_s, force_m_s2 } = ImuSample::from_bytes(data).ok()?;
     let is_instant = header.flags.any(Flags::RATE_INSTANT);
-    Some((header.tick, Inertial { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, is_instant, attitude: None }))
+    Some((header.tick, InertialSample { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, is_instant, attitude: None }))
 }
 
 pub(super) fn field(data: &[u8]) -> Option<Sample> {
@@ -26,52 +32,58 @@ pub(super) fn field(data: &[u8]) -> Option<Sample> {
     Some((header.t_end_ns, field_ut))
 }
 
-pub(super) fn fix(data: &[u8]) -> Option<Fix> {
+pub(super) fn fix(data: &[u8]) -> Option<VelocityFix> {
     let GnssFix { header, velocity_m_s, latitude_rad, longitude_rad, altitude_m, .. } = GnssFix::from_bytes(data).ok()?;
-    let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(degrees);
-    Some(Fix {
+    let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(shortest_degrees);
+    Some(VelocityFix {
         t_ns: header.t_end_ns,
         velocity_m_s,
         position: Some(Position { latitude_deg, longitude_deg, altitude_m }),
     })
 }
 
-/// The angle in degrees that has these radians: of the few that do, the one with the fewest digits, which is the one that was written.
-fn degrees(angle_rad: f64) -> f64 {
-    let near = angle_rad.to_degrees();
-    let neighbours = [near, near.next_up(), near.next_down(), near.next_up().next_up(), near.next_down().next_down()];
-    let same = neighbours.into_iter().filter(|angle_deg| angle_deg.to_radians() == angle_rad);
-    same.min_by_key(|angle_deg| angle_deg.to_string().len()).unwrap_or(near)
+/// Converts to the degrees that were written originally.
+///
+/// Several neighbouring values convert back to the same radians. The one with the fewest digits is
+/// returned.
+fn shortest_degrees(angle_rad: f64) -> f64 {
+    let nearest_deg = angle_rad.to_degrees();
+    let candidates = [nearest_deg, nearest_deg.next_up(), nearest_deg.next_down(), nearest_deg.next_up().next_up(), nearest_deg.next_down().next_down()];
+    let matching = candidates.into_iter().filter(|angle_deg| angle_deg.to_radians() == angle_rad);
+    matching.min_by_key(|angle_deg| angle_deg.to_string().len()).unwrap_or(nearest_deg)
 }
 
 pub(super) fn reference(data: &[u8]) -> Option<Reference> {
     Reference::from_bytes(data).ok()
 }
 
-/// Samples and references, joined by their number.
+/// Join of samples and references by tick.
 #[derive(Default)]
-pub(super) struct Joined {
-    samples: VecDeque<(u64, i64)>,
-    references: VecDeque<Reference>,
+pub(super) struct ReferenceJoin {
+    pending_samples: VecDeque<(u64, i64)>,
+    pending_references: VecDeque<Reference>,
 }
 
-impl Joined {
-    /// Takes a sample's number and time.
-    pub(super) fn sample(&mut self, tick: u64, t_ns: i64) -> Option<Attitude> {
-        let waiting = self.references.iter().position(|reference| reference.tick == tick);
-        if let Some(reference) = waiting.and_then(|index| self.references.drain(..=index).next_back()) {
+impl ReferenceJoin {
+    /// Adds the tick and the time of a sample.
+    ///
+    /// Returns the attitude if its reference has been added.
+    pub(super) fn push_sample(&mut self, tick: u64, t_ns: i64) -> Option<Attitude> {
+        let index = self.pending_references.iter().position(|reference| reference.tick == tick);
+        if let Some(reference) = index.and_then(|index| self.pending_references.drain(..=index).next_back()) {
             return Some(attitude(t_ns, &reference));
         }
-        push(&mut self.samples, (tick, t_ns));
+        push_bounded(&mut self.pending_samples, (tick, t_ns));
         None
     }
 
-    pub(super) fn reference(&mut self, reference: Reference) -> Option<Attitude> {
-        let waiting = self.samples.iter().position(|(tick, _)| *tick == reference.tick);
-        if let Some((_, t_ns)) = waiting.and_then(|index| self.samples.drain(..=index).next_back()) {
+    /// Adds a reference. Returns the attitude if its sample has been added.
+    pub(super) fn push_reference(&mut self, reference: Reference) -> Option<Attitude> {
+        let index = self.pending_samples.iter().position(|(tick, _)| *tick == reference.tick);
+        if let Some((_, t_ns)) = index.and_then(|index| self.pending_samples.drain(..=index).next_back()) {
             return Some(attitude(t_ns, &reference));
         }
-        push(&mut self.references, reference);
+        push_bounded(&mut self.pending_references, reference);
         None
     }
 }
@@ -81,28 +93,29 @@ fn attitude(t_ns: i64, reference: &Reference) -> Attitude {
     Attitude { t_ns, reference, reset_counter: None }
 }
 
-fn push<T>(waiting: &mut VecDeque<T>, next: T) {
-    if waiting.len() >= MAX_WAITING {
-        waiting.pop_front();
+/// Appends to a queue and drops the oldest item if the queue is full.
+fn push_bounded<T>(queue: &mut VecDeque<T>, item: T) {
+    if queue.len() >= MAX_PENDING {
+        queue.pop_front();
     }
-    waiting.push_back(next);
+    queue.push_back(item);
 }
 
 #[cfg(test)]
 mod tests {
-    use super::degrees;
+    use super::shortest_degrees;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn degrees_as_they_are_written_come_back_from_radians(steps in -1_800_000_000_i64..=1_800_000_000) {
-            let told_deg = steps as f64 / 1e7;
-            prop_assert_eq!(degrees(told_deg.to_radians()), told_deg);
+        fn degrees_survive_conversion_to_radians_and_back(steps in -1_800_000_000_i64..=1_800_000_000) {
+            let written_deg = steps as f64 / 1e7;
+            prop_assert_eq!(shortest_degrees(written_deg.to_radians()), written_deg);
         }
     }
 
     #[test]
-    fn what_is_not_known_stays_so() {
-        assert!(degrees(f64::NAN).is_nan());
+    fn nan_angle_stays_nan() {
+        assert!(shortest_degrees(f64::NAN).is_nan());
     }
 }

@@ -1,7 +1,9 @@
-//! The messages of a database of ROS 2, in the order in which they were written.
+//! Reader of the messages of a ROS 2 database, in the order in which they were written.
 //!
-//! The file is opened for reading alone, and nothing in it runs: what is read are two tables, no views. Memory: [`BATCH`] messages
-//! of at most [`MAX_MESSAGE_BYTES`] each.
+//! The database is opened read-only. Only two tables are read and views are rejected, so that the
+//! file cannot execute queries of its own.
+//!
+//! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
 
 use std::{
     cell::Cell,
@@ -13,102 +15,103 @@ use std::{
 
 use rusqlite::{Connection, OpenFlags, limits::Limit};
 
-use super::{Message, Stop, topics::Topic};
+use super::{Message, ReadError, topics::Topic};
 
-const BATCH: i64 = 256;
+const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;
 const MAX_TOPICS: i64 = 4096;
-/// The longest text or blob that SQLite makes.
-const MAX_LENGTH: i32 = 1 << 24;
+/// Maximum length of a text or blob in SQLite.
+const MAX_VALUE_BYTES: i32 = 1 << 24;
 
+/// Position in a database.
 pub(super) struct Cursor {
-    database: Connection,
+    connection: Connection,
     topics: HashMap<i64, Rc<Topic>>,
     batch: VecDeque<Message>,
     query: String,
-    after: i64,
+    last_row_id: i64,
     has_ended: bool,
     progress: Progress,
 }
 
-/// How far the file has been read, as far as the numbers of the messages tell.
+/// Progress of reading, estimated from the row numbers of the messages.
 struct Progress {
     read_bytes: Rc<Cell<u64>>,
     length_bytes: u64,
-    told_bytes: u64,
-    first: i64,
-    last: i64,
+    reported_bytes: u64,
+    first_row_id: i64,
+    final_row_id: i64,
 }
 
 impl Cursor {
-    /// Opens a file for the messages of the `wanted` topics, or of all that can be read.
-    pub(super) fn open(path: &Path, wanted: Option<&[Topic]>, read_bytes: &Rc<Cell<u64>>) -> Result<Self, Stop> {
-        let length_bytes = fs::metadata(path).map_err(|cause| Stop::Failed(crate::error::opening(path, cause)))?.len();
-        let database = connection(path)?;
+    /// Opens a file for the messages of the `wanted` topics, or of all readable topics.
+    pub(super) fn open(path: &Path, wanted: Option<&[Topic]>, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ReadError> {
+        let length_bytes = fs::metadata(path).map_err(|cause| ReadError::Fatal(crate::error::open_error(path, cause)))?.len();
+        let connection = open_read_only(path)?;
         for table in ["topics", "messages"] {
             let query =
                 "SELECT count(*) FROM sqlite_master WHERE name = ?1 AND type = 'table' AND sql LIKE 'CREATE TABLE%'";
-            let count: i64 = database.query_row(query, [table], |row| row.get(0))?;
+            let count: i64 = connection.query_row(query, [table], |row| row.get(0))?;
             if count != 1 {
-                return Err(Stop::Damage(format!("it has no table {table}, so it is no bag")));
+                return Err(ReadError::Damage(format!("no table {table}, not a ROS 2 bag")));
             }
         }
         let mut topics = HashMap::new();
-        let mut statement = database.prepare("SELECT id, name, type, serialization_format FROM topics LIMIT ?1")?;
+        let mut statement = connection.prepare("SELECT id, name, type, serialization_format FROM topics LIMIT ?1")?;
         let mut rows = statement.query([MAX_TOPICS])?;
         while let Some(row) = rows.next()? {
             let [name, schema, encoding]: [String; 3] = [row.get(1)?, row.get(2)?, row.get(3)?];
-            let topic = Topic::of(&name, &encoding, &schema);
+            let topic = Topic::from_channel(&name, &encoding, &schema);
             if let Some(topic) = topic.filter(|topic| wanted.is_none_or(|wanted| wanted.contains(topic))) {
                 topics.insert(row.get(0)?, Rc::new(topic));
             }
         }
         drop(rows);
         drop(statement);
-        let ends = "SELECT min(rowid), max(rowid) FROM messages";
+        let row_id_range = "SELECT min(rowid), max(rowid) FROM messages";
         let (first, last): (Option<i64>, Option<i64>) =
-            database.query_row(ends, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            connection.query_row(row_id_range, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let ids: Vec<_> = topics.keys().map(i64::to_string).collect();
         let query = format!(
             "SELECT rowid, topic_id, data FROM messages WHERE rowid > ?1 AND topic_id IN ({}) AND typeof(data) = 'blob' \
-             AND length(data) <= {MAX_MESSAGE_BYTES} ORDER BY rowid LIMIT {BATCH}",
+             AND length(data) <= {MAX_MESSAGE_BYTES} ORDER BY rowid LIMIT {BATCH_MESSAGES}",
             ids.join(",")
         );
         let [first, last] = [first, last].map(Option::unwrap_or_default);
-        let progress = Progress { read_bytes: read_bytes.clone(), length_bytes, told_bytes: 0, first, last };
+        let progress = Progress { read_bytes: read_bytes.clone(), length_bytes, reported_bytes: 0, first_row_id: first, final_row_id: last };
         let (batch, after, has_ended) = (VecDeque::new(), i64::MIN, topics.is_empty());
-        Ok(Self { database, topics, batch, query, after, has_ended, progress })
+        Ok(Self { connection, topics, batch, query, last_row_id: after, has_ended, progress })
     }
 
-    /// The next message; `None` at the end.
-    pub(super) fn next(&mut self) -> Result<Option<Message>, Stop> {
+    /// Returns the next message; `None` at the end.
+    pub(super) fn next(&mut self) -> Result<Option<Message>, ReadError> {
         while self.batch.is_empty() && !self.has_ended {
-            self.read()?;
+            self.read_batch()?;
         }
         let next = self.batch.pop_front();
         if next.is_none() {
-            self.progress.tell(self.progress.last);
+            self.progress.report(self.progress.final_row_id);
         }
         Ok(next)
     }
 
-    fn read(&mut self) -> Result<(), Stop> {
-        let mut statement = self.database.prepare(&self.query)?;
-        let mut rows = statement.query([self.after])?;
+    fn read_batch(&mut self) -> Result<(), ReadError> {
+        let mut statement = self.connection.prepare(&self.query)?;
+        let mut rows = statement.query([self.last_row_id])?;
         let mut count = 0;
-        // What was read before the damage is given first.
+        // Messages read before the damage are returned before the error.
         let mut next = || rows.next().map(|row| row.map(|row| (row.get(0), row.get(1), row.get(2))));
         self.has_ended = loop {
             match next() {
                 Ok(Some((Ok(id), Ok(topic), Ok(data)))) => {
                     count += 1;
-                    self.after = id;
+                    self.last_row_id = id;
                     let topic: i64 = topic;
                     if let Some(topic) = self.topics.get(&topic) {
                         self.batch.push_back(Message { topic: topic.clone(), data });
                     }
                 }
-                Ok(None) => break count < BATCH,
+                Ok(None) => break count < BATCH_MESSAGES,
                 Ok(Some((Err(cause), ..) | (_, Err(cause), _) | (_, _, Err(cause)))) | Err(cause) => {
                     if count == 0 {
                         return Err(cause.into());
@@ -117,13 +120,15 @@ impl Cursor {
                 }
             }
         };
-        self.progress.tell(self.after);
+        self.progress.report(self.last_row_id);
         Ok(())
     }
 }
 
-/// For reading alone; where nothing waits to be written into it, as if it could never change, so that nothing is made beside it.
-fn connection(path: &Path) -> Result<Connection, Stop> {
+/// Opens a database read-only.
+///
+/// Without a pending journal it is opened as immutable, so that SQLite creates no files next to it.
+fn open_read_only(path: &Path) -> Result<Connection, ReadError> {
     let journal = |end: &str| {
         let mut name = path.as_os_str().to_owned();
         name.push(end);
@@ -131,25 +136,25 @@ fn connection(path: &Path) -> Result<Connection, Stop> {
     };
     let has_journal = ["-wal", "-journal"].iter().any(|end| journal(end).exists());
     let text = path.to_string_lossy().replace('%', "%25").replace('?', "%3f").replace('#', "%23");
-    let address = format!("file:{text}?{}", if has_journal { "mode=ro" } else { "immutable=1" });
+    let uri = format!("file:{text}?{}", if has_journal { "mode=ro" } else { "immutable=1" });
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
-    let database = Connection::open_with_flags(address, flags)?;
-    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_LENGTH)?;
-    database.execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON")?;
-    Ok(database)
+    let connection = Connection::open_with_flags(uri, flags)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)?;
+    connection.execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON")?;
+    Ok(connection)
 }
 
 impl Progress {
-    fn tell(&mut self, id: i64) {
-        let span = self.last.abs_diff(self.first).max(1) as f64;
-        let part = (id.max(self.first).abs_diff(self.first) as f64 / span).min(1.0);
-        let bytes = (part * self.length_bytes as f64) as u64;
-        self.read_bytes.set(self.read_bytes.get() + bytes.saturating_sub(self.told_bytes));
-        self.told_bytes = self.told_bytes.max(bytes);
+    fn report(&mut self, row_id: i64) {
+        let span = self.final_row_id.abs_diff(self.first_row_id).max(1) as f64;
+        let fraction = (row_id.max(self.first_row_id).abs_diff(self.first_row_id) as f64 / span).min(1.0);
+        let bytes = (fraction * self.length_bytes as f64) as u64;
+        self.read_bytes.set(self.read_bytes.get() + bytes.saturating_sub(self.reported_bytes));
+        self.reported_bytes = self.reported_bytes.max(bytes);
     }
 }
 
-impl From<rusqlite::Error> for Stop {
+impl From<rusqlite::Error> for ReadError {
     fn from(cause: rusqlite::Error) -> Self {
         Self::Damage(cause.to_string())
     }

@@ -1,4 +1,4 @@
-//! What the topics of a bag hold, and which of them are read.
+//! Classification and selection of the topics of a bag.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -6,24 +6,26 @@ use mapping::names::nearest;
 
 use crate::{ImportError, Note};
 
-/// Topics that are looked at.
+/// Maximum number of topics that are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
 
-/// What a message says; ours are taken before those of ROS.
+/// Type of the messages of a topic.
+///
+/// The order is the order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Kind {
-    OurSample,
-    OurField,
-    OurFix,
-    OurReference,
+    PlumblineImu,
+    PlumblineMag,
+    PlumblineFix,
+    PlumblineReference,
     Imu,
     MagneticField,
     Twist,
     NavSatFix,
 }
 
-/// What a topic is read for.
+/// Quantity for which a topic is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Rows,
@@ -34,25 +36,26 @@ pub(super) enum Role {
 }
 
 impl Role {
-    fn what(self) -> &'static str {
+    fn label(self) -> &'static str {
         match self {
             Self::Rows => "rate and force",
-            Self::Field => "the field",
-            Self::Velocity => "the velocity",
-            Self::Position => "the position",
-            Self::Reference => "the reference",
+            Self::Field => "field",
+            Self::Velocity => "velocity",
+            Self::Position => "position",
+            Self::Reference => "reference",
         }
     }
 }
 
 impl Kind {
-    /// The kind of messages of an encoding and a type; `None` of those that nothing is read of.
-    pub(super) fn of(encoding: &str, schema: &str) -> Option<Self> {
+    /// Returns the kind of messages with this encoding and schema; `None` if they are not
+    /// supported.
+    pub(super) fn from_schema(encoding: &str, schema: &str) -> Option<Self> {
         Some(match (encoding, schema) {
-            ("protobuf", "plumbline.v1.ImuSample") => Self::OurSample,
-            ("protobuf", "plumbline.v1.MagSample") => Self::OurField,
-            ("protobuf", "plumbline.v1.GnssFix") => Self::OurFix,
-            ("protobuf", "plumbline.v1.Reference") => Self::OurReference,
+            ("protobuf", "plumbline.v1.ImuSample") => Self::PlumblineImu,
+            ("protobuf", "plumbline.v1.MagSample") => Self::PlumblineMag,
+            ("protobuf", "plumbline.v1.GnssFix") => Self::PlumblineFix,
+            ("protobuf", "plumbline.v1.Reference") => Self::PlumblineReference,
             ("cdr", "sensor_msgs/msg/Imu") => Self::Imu,
             ("cdr", "sensor_msgs/msg/MagneticField") => Self::MagneticField,
             ("cdr", "geometry_msgs/msg/TwistStamped" | "geometry_msgs/msg/TwistWithCovarianceStamped") => Self::Twist,
@@ -63,16 +66,16 @@ impl Kind {
 
     pub(super) fn role(self) -> Role {
         match self {
-            Self::OurSample | Self::Imu => Role::Rows,
-            Self::OurField | Self::MagneticField => Role::Field,
-            Self::OurFix | Self::Twist => Role::Velocity,
+            Self::PlumblineImu | Self::Imu => Role::Rows,
+            Self::PlumblineMag | Self::MagneticField => Role::Field,
+            Self::PlumblineFix | Self::Twist => Role::Velocity,
             Self::NavSatFix => Role::Position,
-            Self::OurReference => Role::Reference,
+            Self::PlumblineReference => Role::Reference,
         }
     }
 }
 
-/// A topic that can be read.
+/// Readable topic.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Topic {
     pub(super) kind: Kind,
@@ -80,51 +83,52 @@ pub(super) struct Topic {
 }
 
 impl Topic {
-    /// `None` of a topic that nothing is read of.
-    pub(super) fn of(name: &str, encoding: &str, schema: &str) -> Option<Self> {
-        let kind = Kind::of(encoding, schema).filter(|_| name.len() <= MAX_NAME_BYTES)?;
+    /// Creates a topic; `None` if its messages are not supported or its name is too long.
+    pub(super) fn from_channel(name: &str, encoding: &str, schema: &str) -> Option<Self> {
+        let kind = Kind::from_schema(encoding, schema).filter(|_| name.len() <= MAX_NAME_BYTES)?;
         Some(Self { kind, name: name.into() })
     }
 }
 
-/// What came of a topic.
+/// Numbers of messages of a topic.
 #[derive(Debug, Default)]
-pub(super) struct Count {
+pub(super) struct MessageCounts {
     pub(super) samples: u64,
-    /// Messages that say nothing.
-    pub(super) refused: u64,
+    /// Messages that are malformed or marked as not measured.
+    pub(super) rejected: u64,
     /// Samples with an attitude.
     pub(super) attitudes: u64,
 }
 
-/// All topics that can be read, and those that people named.
+/// Readable topics of a bag, and the topics that the user requested.
 pub(super) struct Topics<'a> {
-    named: &'a [String],
-    counts: BTreeMap<Topic, Count>,
+    requested: &'a [String],
+    counts: BTreeMap<Topic, MessageCounts>,
 }
 
 impl<'a> Topics<'a> {
-    pub(super) fn new(named: &'a [String]) -> Self {
-        Self { named, counts: BTreeMap::new() }
+    pub(super) fn new(requested: &'a [String]) -> Self {
+        Self { requested, counts: BTreeMap::new() }
     }
 
-    pub(super) fn count(&mut self, topic: &Topic) -> Option<&mut Count> {
+    /// Returns the counts of a topic; `None` if there are too many topics.
+    pub(super) fn counts_mut(&mut self, topic: &Topic) -> Option<&mut MessageCounts> {
         if !self.counts.contains_key(topic) {
             if self.counts.len() >= MAX_TOPICS {
                 return None;
             }
-            self.counts.insert(topic.clone(), Count::default());
+            self.counts.insert(topic.clone(), MessageCounts::default());
         }
         self.counts.get_mut(topic)
     }
 
-    pub(super) fn is_named(&self, topic: &Topic) -> bool {
-        self.named.contains(&topic.name)
+    pub(super) fn is_requested(&self, topic: &Topic) -> bool {
+        self.requested.contains(&topic.name)
     }
 
-    /// Refuses names of topics that are not there, or of two for one thing.
-    pub(super) fn check(&self, path: &Path) -> Result<(), ImportError> {
-        for (index, name) in self.named.iter().enumerate() {
+    /// Checks that the requested topics exist and that no two of them have the same role.
+    pub(super) fn check_requested(&self, path: &Path) -> Result<(), ImportError> {
+        for (index, name) in self.requested.iter().enumerate() {
             let known = || self.counts.keys().map(|topic| topic.name.as_str());
             let Some(topic) = self.counts.keys().find(|topic| topic.name == *name) else {
                 let near = nearest(name, known()).map(str::to_owned);
@@ -132,52 +136,54 @@ impl<'a> Topics<'a> {
                 return Err(ImportError::UnknownTopic { path: path.into(), found: name.clone(), near, known });
             };
             let role = topic.kind.role();
-            let before = &self.named[..index];
+            let before = &self.requested[..index];
             let same = self.counts.keys().find(|other| other.kind.role() == role && before.contains(&other.name));
             if let Some(first) = same {
                 let (first, second) = (first.name.clone(), name.clone());
-                return Err(ImportError::TopicTwice { path: path.into(), first, second, what: role.what() });
+                return Err(ImportError::ConflictingTopics { path: path.into(), first, second, what: role.label() });
             }
         }
         Ok(())
     }
 
-    /// The topic to read for a role: the one named, else the first by name of those that say something. Velocities of ROS are read
-    /// only where they are named: nothing in them says in which axes they are.
-    pub(super) fn choose(&self, role: Role, notes: &mut Vec<Note>) -> Option<&Topic> {
+    /// Selects the topic to read for a role.
+    ///
+    /// This is the requested topic, or else the first one by name that has samples. ROS velocities
+    /// are read only on request, because their messages do not specify the axes.
+    pub(super) fn select(&self, role: Role, notes: &mut Vec<Note>) -> Option<&Topic> {
         let of_role = || self.counts.iter().filter(|(topic, _)| topic.kind.role() == role);
-        let is_open = |topic: &&Topic| topic.kind != Kind::Twist;
-        let named = || of_role().map(|(topic, _)| topic).find(|topic| self.is_named(topic));
-        let speaking = || of_role().filter(|(_, count)| count.samples > 0).map(|(topic, _)| topic);
-        let chosen = named().or_else(|| speaking().find(is_open));
-        let Some(chosen) = chosen else {
-            let unnamed = speaking().map(|topic| topic.name.clone());
-            notes.extend(unnamed.map(|topic| Note::Unnamed {
+        let is_read_by_default = |topic: &&Topic| topic.kind != Kind::Twist;
+        let requested = || of_role().map(|(topic, _)| topic).find(|topic| self.is_requested(topic));
+        let with_samples = || of_role().filter(|(_, count)| count.samples > 0).map(|(topic, _)| topic);
+        let selected = requested().or_else(|| with_samples().find(is_read_by_default));
+        let Some(selected) = selected else {
+            let skipped = with_samples().map(|topic| topic.name.clone());
+            notes.extend(skipped.map(|topic| Note::TopicOnRequest {
                 what: "the velocity of a receiver",
                 topic,
-                meaning: "east, north, up",
+                interpretation: "east, north, up",
             }));
             return None;
         };
         if role != Role::Position {
             let others: Vec<_> =
-                speaking().filter(|topic| *topic != chosen).map(|topic| topic.name.clone()).take(8).collect();
-            if !others.is_empty() && named().is_none() {
-                notes.push(Note::OtherTopics { what: role.what(), read: chosen.name.clone(), others });
+                with_samples().filter(|topic| *topic != selected).map(|topic| topic.name.clone()).take(8).collect();
+            if !others.is_empty() && requested().is_none() {
+                notes.push(Note::OtherTopics { what: role.label(), read: selected.name.clone(), others });
             }
         }
-        if let Some(Count { refused: count @ 1.., .. }) = self.counts.get(chosen) {
-            let why = "they are malformed, or say that nothing was measured";
-            notes.push(Note::LeftOut { what: "messages of the topics read", count: *count, why });
+        if let Some(MessageCounts { rejected: count @ 1.., .. }) = self.counts.get(selected) {
+            let reason = "malformed, or marked as not measured";
+            notes.push(Note::Skipped { what: "messages of the topics read", count: *count, reason });
         }
-        Some(chosen)
+        Some(selected)
     }
 
     pub(super) fn has_attitudes(&self, topic: &Topic) -> bool {
         self.counts.get(topic).is_some_and(|count| count.attitudes > 0)
     }
 
-    /// The names of all topics that can be read.
+    /// Returns the names of all readable topics.
     pub(super) fn names(&self) -> Vec<&str> {
         self.counts.keys().map(|topic| topic.name.as_str()).collect()
     }

@@ -1,11 +1,16 @@
-//! The messages of a DataFlash log, one by one.
+//! Reader of the messages of a DataFlash log.
 //!
-//! Input: a log of ArduPilot, which says in itself how its messages are laid out (FMT). Output: the messages of the wanted types.
-//! Memory: a buffer. Failure: of the file alone; bytes that are no message are passed over and counted. There is no checksum: a message
-//! counts where another one or the end of the log follows it.
+//! Input: an ArduPilot log, which describes the layout of its messages in FMT messages.
 //!
-//! Written here because the one parser among the registry's crates ends without a word after 256 faults in a row, does not tell what it
-//! passed over, and allocates for each field of each message.
+//! Output: the messages of the supported types.
+//!
+//! Memory: one buffer.
+//!
+//! Failure: only file errors. Bytes that are not a message are skipped and counted. Messages have
+//! no checksum, so a message is accepted if another one or the end of the log follows it.
+//!
+//! The available parser crate is not used: it stops silently after 256 consecutive faults, does not
+//! report skipped bytes, and allocates for each field of each message.
 
 use std::{
     cell::Cell,
@@ -16,80 +21,81 @@ use std::{
 };
 
 use super::fields::Layout;
-use crate::csv_reader::Counted;
+use crate::csv_reader::CountingReader;
 
-const START: [u8; 2] = [0xa3, 0x95];
-/// Start and type.
-const START_BYTES: usize = 3;
-/// The type of the messages that lay out others.
+const MESSAGE_MAGIC: [u8; 2] = [0xa3, 0x95];
+/// Length of the magic number and the type.
+const HEADER_BYTES: usize = 3;
+/// Type of the messages that describe the layout of others.
 const FMT: u8 = 0x80;
 const FMT_BYTES: usize = 89;
 const BUFFER_BYTES: usize = 1 << 16;
 
-/// A field of a message: where it is, and the letter of its type.
+/// Offset and type code of a field in a message.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
     offset: usize,
-    letter: u8,
+    type_code: u8,
 }
 
-/// How a type of message is laid out.
+/// Length and layout of a message type.
 pub(super) struct Format {
     length_bytes: usize,
-    /// `None` of a type that nothing is read of.
+    /// Layout of the fields; `None` if the type is not supported.
     layout: Option<Layout>,
 }
 
-pub(super) struct Messages {
-    file: Counted,
+/// Buffered reader of messages.
+pub(super) struct MessageReader {
+    file: CountingReader,
     buffer: Box<[u8]>,
     start: usize,
     end: usize,
     formats: [Option<Format>; 256],
-    /// Bytes that are no message.
-    pub(super) passed_over: u64,
+    /// Number of bytes that do not belong to a message.
+    pub(super) skipped_bytes: u64,
 }
 
-impl Messages {
+impl MessageReader {
     pub(super) fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> io::Result<Self> {
         let mut formats = [const { None }; 256];
         formats[usize::from(FMT)] = Some(Format { length_bytes: FMT_BYTES, layout: None });
         Ok(Self {
-            file: Counted::new(File::open(path)?, read_bytes),
+            file: CountingReader::new(File::open(path)?, read_bytes),
             buffer: vec![0; BUFFER_BYTES].into(),
             start: 0,
             end: 0,
             formats,
-            passed_over: 0,
+            skipped_bytes: 0,
         })
     }
 
-    /// The next message of a wanted type, with its layout; `None` at the end.
+    /// Returns the next message of a supported type with its layout; `None` at the end.
     pub(super) fn next(&mut self) -> io::Result<Option<(&Layout, &[u8])>> {
         loop {
-            let available = self.fill(START_BYTES)?;
-            if available < START_BYTES {
-                self.pass_over(available);
+            let available = self.fill(HEADER_BYTES)?;
+            if available < HEADER_BYTES {
+                self.skip(available);
                 return Ok(None);
             }
             let kind = self.buffer[self.start + 2];
             let format = self.formats[usize::from(kind)].as_ref();
-            let begins = self.buffer[self.start..].starts_with(&START);
-            let Some(length_bytes) = format.filter(|_| begins).map(|format| format.length_bytes) else {
-                self.pass_over(1);
+            let has_magic = self.buffer[self.start..].starts_with(&MESSAGE_MAGIC);
+            let Some(length_bytes) = format.filter(|_| has_magic).map(|format| format.length_bytes) else {
+                self.skip(1);
                 continue;
             };
-            let available = self.fill(length_bytes + START.len())?;
+            let available = self.fill(length_bytes + MESSAGE_MAGIC.len())?;
             let next = &self.buffer[self.start..self.end][length_bytes.min(available)..];
-            let is_followed = next.len() < START.len() || next.starts_with(&START);
+            let is_followed = next.len() < MESSAGE_MAGIC.len() || next.starts_with(&MESSAGE_MAGIC);
             if available < length_bytes || !is_followed {
-                self.pass_over(1);
+                self.skip(1);
                 continue;
             }
             let message = self.start..self.start + length_bytes;
             self.start = message.end;
             if kind == FMT {
-                self.learn(message.start);
+                self.register_format(message.start);
             } else if self.formats[usize::from(kind)].as_ref().is_some_and(|format| format.layout.is_some()) {
                 let layout = self.formats[usize::from(kind)].as_ref().and_then(|format| format.layout.as_ref());
                 return Ok(layout.map(|layout| (layout, &self.buffer[message])));
@@ -97,12 +103,13 @@ impl Messages {
         }
     }
 
-    /// Takes in how a type is laid out; one that contradicts itself is left out.
-    fn learn(&mut self, at: usize) {
-        let message = &self.buffer[at..at + FMT_BYTES];
+    /// Registers the format described by the FMT message at `start`. An inconsistent format is
+    /// ignored.
+    fn register_format(&mut self, start: usize) {
+        let message = &self.buffer[start..start + FMT_BYTES];
         let (kind, length_bytes) = (message[3], usize::from(message[4]));
-        let [name, letters, labels] = [&message[5..9], &message[9..25], &message[25..]].map(text);
-        let Some(fields) = fields(letters, length_bytes) else { return };
+        let [name, type_codes, labels] = [&message[5..9], &message[9..25], &message[25..]].map(until_nul);
+        let Some(fields) = parse_fields(type_codes, length_bytes) else { return };
         if kind == FMT {
             return;
         }
@@ -110,10 +117,10 @@ impl Messages {
             let index = labels.split(|byte| *byte == b',').position(|other| other == label.as_bytes());
             index.and_then(|index| fields.get(index)).copied()
         };
-        self.formats[usize::from(kind)] = Some(Format { length_bytes, layout: Layout::of(name, &find) });
+        self.formats[usize::from(kind)] = Some(Format { length_bytes, layout: Layout::new(name, &find) });
     }
 
-    /// Reads until so many bytes are there, or the end; tells how many are.
+    /// Reads until `bytes` are buffered or the file ends. Returns the number of buffered bytes.
     fn fill(&mut self, bytes: usize) -> io::Result<usize> {
         if self.end - self.start < bytes {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -128,19 +135,21 @@ impl Messages {
         Ok(self.end - self.start)
     }
 
-    fn pass_over(&mut self, bytes: usize) {
+    fn skip(&mut self, bytes: usize) {
         self.start += bytes;
-        self.passed_over += bytes as u64;
+        self.skipped_bytes += bytes as u64;
     }
 }
 
-/// The fields of a message of so many bytes; `None` where they do not fill it, or a letter is unknown.
-fn fields(letters: &[u8], length_bytes: usize) -> Option<Vec<Field>> {
-    let mut offset = START_BYTES;
+/// Returns the fields of a message type.
+///
+/// The result is `None` if a type code is unknown or the lengths do not add up to `length_bytes`.
+fn parse_fields(type_codes: &[u8], length_bytes: usize) -> Option<Vec<Field>> {
+    let mut offset = HEADER_BYTES;
     let mut fields = Vec::new();
-    for &letter in letters {
-        fields.push(Field { offset, letter });
-        offset += match letter {
+    for &type_code in type_codes {
+        fields.push(Field { offset, type_code });
+        offset += match type_code {
             b'b' | b'B' | b'M' => 1,
             b'g' | b'h' | b'H' | b'c' | b'C' => 2,
             b'i' | b'I' | b'f' | b'n' | b'e' | b'E' | b'L' => 4,
@@ -153,13 +162,13 @@ fn fields(letters: &[u8], length_bytes: usize) -> Option<Vec<Field>> {
     (offset == length_bytes).then_some(fields)
 }
 
-/// The bytes before the first zero.
-fn text(bytes: &[u8]) -> &[u8] {
+/// Returns the bytes before the first NUL.
+fn until_nul(bytes: &[u8]) -> &[u8] {
     bytes.split(|byte| *byte == 0).next().unwrap_or_default()
 }
 
 impl Field {
-    /// What a message says in this field; nan where that is no number.
+    /// Returns the value of the field in a message; NaN if it is not numeric.
     pub(super) fn number(self, message: &[u8]) -> f64 {
         let Some(bytes) = message.get(self.offset..) else { return f64::NAN };
         macro_rules! number {
@@ -167,7 +176,7 @@ impl Field {
                 bytes.first_chunk().map_or(f64::NAN, |bytes| <$type>::from_le_bytes(*bytes) as f64)
             };
         }
-        match self.letter {
+        match self.type_code {
             b'b' => number!(i8),
             b'B' | b'M' => number!(u8),
             b'h' => number!(i16),
@@ -187,10 +196,10 @@ impl Field {
         }
     }
 
-    /// What a message says in this field, where that is a whole number that is not negative.
-    pub(super) fn whole(self, message: &[u8]) -> Option<u64> {
+    /// Returns the value of an unsigned integer field in a message; `None` for other types.
+    pub(super) fn unsigned(self, message: &[u8]) -> Option<u64> {
         let bytes = message.get(self.offset..)?;
-        match self.letter {
+        match self.type_code {
             b'B' => bytes.first().map(|byte| (*byte).into()),
             b'H' => bytes.first_chunk().map(|bytes| u16::from_le_bytes(*bytes).into()),
             b'I' => bytes.first_chunk().map(|bytes| u32::from_le_bytes(*bytes).into()),

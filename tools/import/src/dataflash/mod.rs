@@ -1,8 +1,15 @@
-//! A DataFlash log (BIN) of ArduPilot.
+//! Source of ArduPilot DataFlash logs (BIN).
 //!
-//! Input: a log. Output: the rows of its first IMU, with what others say. Frames: forward, right, down and north, east, down. Time: the
-//! log's own, from microseconds. Memory: a buffer for each series; the log is read once for what is there and once for each of
-//! them. Failure: a log that says nothing; of a damaged one, every message that is whole is read.
+//! Input: a log. Axes: forward, right, down; north, east, down.
+//!
+//! Output: the rows of its first IMU, with field, reference and fixes.
+//!
+//! Time: the clock of the log, converted from microseconds or milliseconds.
+//!
+//! Memory: a buffer for each series. The log is read once for the survey and once for each series.
+//!
+//! Failure: a log without usable messages is an error. Of a damaged log all complete messages are
+//! read.
 
 mod fields;
 mod messages;
@@ -18,54 +25,55 @@ use std::{
 use crate::{
     Format, ImportError, Note,
     force_aligner::{ForceAligner, Sample},
-    error::opening,
+    error::open_error,
     row_writer::{Attitude, RowWriter, Samples},
-    source::{Source, Survey, TakeFix},
+    source::{Source, Survey, FixSink},
 };
-use fields::{Estimator, Kind, Said};
-use messages::Messages;
+use fields::{Estimator, Kind, Measurement};
+use messages::MessageReader;
 
-/// Messages between two signs of progress.
-const TELL_EVERY: u64 = 4096;
+/// Number of messages between two progress reports.
+const PROGRESS_INTERVAL_MESSAGES: u64 = 4096;
 
+/// DataFlash log, and the instances selected from it.
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
-    /// What the first reading chose; `None` before it.
-    choice: Option<Choice>,
+    /// Instances selected by the survey; `None` before it.
+    selection: Option<Selection>,
 }
 
-/// The instance of each kind that is read.
-struct Choice {
+/// Instance to read of each kind of message.
+struct Selection {
     inertial: Option<u8>,
     field: Option<u8>,
     attitude: Option<(Estimator, u8)>,
 }
 
-/// What came of the messages of a kind, by instance: those that say something, and those that do not.
+/// Numbers of valid and of rejected messages, by kind and instance.
 type Counts = BTreeMap<Kind, BTreeMap<u8, (u64, u64)>>;
 
 impl Log {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
-        let found = fs::metadata(path).map_err(|cause| opening(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), read_bytes: Rc::default(), choice: None })
+        let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), read_bytes: Rc::default(), selection: None })
     }
 
-    fn messages(&self) -> Result<Messages, ImportError> {
-        Messages::open(&self.path, &self.read_bytes).map_err(|cause| opening(&self.path, cause))
+    fn messages(&self) -> Result<MessageReader, ImportError> {
+        MessageReader::open(&self.path, &self.read_bytes).map_err(|cause| open_error(&self.path, cause))
     }
 
-    /// What the messages of one kind and instance say, in the order of the log.
-    fn said(&self, kind: Kind, instance: u8) -> Result<impl Iterator<Item = Result<Said, ImportError>>, ImportError> {
+    /// Returns the valid messages of one kind and instance, in log order.
+    fn measurements(&self, kind: Kind, instance: u8) -> Result<impl Iterator<Item = Result<Measurement, ImportError>>, ImportError> {
         let mut messages = self.messages()?;
-        let mut next = move || -> Result<Option<Said>, ImportError> {
-            while let Some((layout, message)) = messages.next().map_err(|cause| opening(&self.path, cause))? {
+        let mut next = move || -> Result<Option<Measurement>, ImportError> {
+            while let Some((layout, message)) = messages.next().map_err(|cause| open_error(&self.path, cause))? {
                 if layout.kind == kind
                     && layout.instance(message) == instance
-                    && let Some(said) = layout.said(message)
+                    && let Some(measurement) = layout.decode(message)
                 {
-                    return Ok(Some(said));
+                    return Ok(Some(measurement));
                 }
             }
             Ok(None)
@@ -81,126 +89,126 @@ impl Source for Log {
 
     fn total_bytes(&self) -> u64 {
         let series = self
-            .choice
+            .selection
             .as_ref()
-            .map_or(2, |choice| u64::from(choice.field.is_some()) + u64::from(choice.attitude.is_some()));
+            .map_or(2, |selection| u64::from(selection.field.is_some()) + u64::from(selection.attitude.is_some()));
         (2 + series) * self.length_bytes
     }
 
-    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let mut counts = Counts::new();
         let mut messages = self.messages()?;
         let mut receiver = None;
-        let (mut last_ns, mut fixes_not_after) = (None, 0);
+        let (mut last_ns, mut fixes_out_of_order) = (None, 0);
         for index in 0u64.. {
-            if index.is_multiple_of(TELL_EVERY) {
-                tell(self.read_bytes.get());
+            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
+                progress(self.read_bytes.get());
             }
-            let next = messages.next().map_err(|cause| opening(&self.path, cause))?;
+            let next = messages.next().map_err(|cause| open_error(&self.path, cause))?;
             let Some((layout, message)) = next else { break };
-            let (instance, said) = (layout.instance(message), layout.said(message));
-            let (samples, refused) = counts.entry(layout.kind).or_default().entry(instance).or_default();
-            *samples += u64::from(said.is_some());
-            *refused += u64::from(said.is_none());
-            // Of several receivers the one that had a fix first.
-            if let Some(Said::Fix(fix)) = said
+            let (instance, measurement) = (layout.instance(message), layout.decode(message));
+            let (samples, rejected) = counts.entry(layout.kind).or_default().entry(instance).or_default();
+            *samples += u64::from(measurement.is_some());
+            *rejected += u64::from(measurement.is_none());
+            // Of several receivers, the one with the first fix is read.
+            if let Some(Measurement::Fix(fix)) = measurement
                 && *receiver.get_or_insert(instance) == instance
             {
                 if last_ns.is_some_and(|last_ns| fix.t_ns <= last_ns) {
-                    fixes_not_after += 1;
+                    fixes_out_of_order += 1;
                 } else {
                     last_ns = Some(fix.t_ns);
-                    take(&fix)?;
+                    on_fix(&fix)?;
                 }
             }
         }
-        tell(self.read_bytes.get());
+        progress(self.read_bytes.get());
 
         let mut notes = Vec::new();
-        if messages.passed_over > 0 {
-            let why = "they are no message, or are damaged";
-            notes.push(Note::LeftOut { what: "bytes of the log", count: messages.passed_over, why });
+        if messages.skipped_bytes > 0 {
+            let reason = "not a message, or damaged";
+            notes.push(Note::Skipped { what: "bytes", count: messages.skipped_bytes, reason });
         }
-        let inertial = choose(&counts, Kind::Inertial, "IMU", None, &mut notes);
-        let field = choose(&counts, Kind::Field, "MAG", None, &mut notes);
-        choose(&counts, Kind::Fix, "GPS", receiver, &mut notes);
-        if fixes_not_after > 0 {
-            let why = "they are not later than the one before them";
-            notes.push(Note::LeftOut { what: "fixes", count: fixes_not_after, why });
+        let inertial = select_instance(&counts, Kind::Inertial, "IMU", None, &mut notes);
+        let field = select_instance(&counts, Kind::Field, "MAG", None, &mut notes);
+        select_instance(&counts, Kind::Fix, "GPS", receiver, &mut notes);
+        if fixes_out_of_order > 0 {
+            let reason = "timestamps do not increase";
+            notes.push(Note::Skipped { what: "fixes", count: fixes_out_of_order, reason });
         }
         let attitude = Estimator::ALL.into_iter().find_map(|(estimator, topic)| {
-            let instance = choose(&counts, Kind::Attitude(estimator), topic, None, &mut notes)?;
+            let instance = select_instance(&counts, Kind::Attitude(estimator), topic, None, &mut notes)?;
             Some((estimator, instance))
         });
-        for (is_there, what) in [
+        for (is_present, what) in [
             (attitude.is_some(), "reference attitude (XKQ, NKQ, ATT, XKF1, NKF1, AHR2)"),
-            (receiver.is_some(), "velocity of a receiver (GPS)"),
+            (receiver.is_some(), "receiver velocity (GPS)"),
         ] {
-            if !is_there {
+            if !is_present {
                 notes.push(Note::Missing { what });
             }
         }
         let (has_field, has_reference) = (field.is_some(), attitude.is_some());
-        self.choice = Some(Choice { inertial, field, attitude });
+        self.selection = Some(Selection { inertial, field, attitude });
         let expected = "IMU with GyrX and AccX".into();
         Ok(Survey { has_field, has_reference, notes, reason: None, expected })
     }
 
-    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        let Some(instance) = self.choice.as_ref().and_then(|choice| choice.field) else {
+    fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.field) else {
             return Ok(Box::new(std::iter::empty()));
         };
-        let said = self.said(Kind::Field, instance)?;
-        Ok(Box::new(said.filter_map(|said| match said {
-            Ok(Said::Field { t_ns, field_ut }) => Some(Ok((t_ns, field_ut))),
+        let measurements = self.measurements(Kind::Field, instance)?;
+        Ok(Box::new(measurements.filter_map(|measurement| match measurement {
+            Ok(Measurement::Field { t_ns, field_ut }) => Some(Ok((t_ns, field_ut))),
             Ok(_) => None,
             Err(error) => Some(Err(error)),
         })))
     }
 
-    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        let Some((estimator, instance)) = self.choice.as_ref().and_then(|choice| choice.attitude) else {
+    fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        let Some((estimator, instance)) = self.selection.as_ref().and_then(|selection| selection.attitude) else {
             return Ok(Box::new(std::iter::empty()));
         };
-        let said = self.said(Kind::Attitude(estimator), instance)?;
-        Ok(Box::new(said.filter_map(|said| match said {
-            Ok(Said::Attitude(attitude)) => Some(Ok(attitude)),
+        let measurements = self.measurements(Kind::Attitude(estimator), instance)?;
+        Ok(Box::new(measurements.filter_map(|measurement| match measurement {
+            Ok(Measurement::Attitude(attitude)) => Some(Ok(attitude)),
             Ok(_) => None,
             Err(error) => Some(Err(error)),
         })))
     }
 
-    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let mut aligned = ForceAligner::default();
-        let Some(instance) = self.choice.as_ref().and_then(|choice| choice.inertial) else { return Ok(aligned) };
-        for (index, said) in (0u64..).zip(self.said(Kind::Inertial, instance)?) {
-            if index.is_multiple_of(TELL_EVERY) {
-                tell(self.read_bytes.get());
+    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+        let mut aligner = ForceAligner::default();
+        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.inertial) else { return Ok(aligner) };
+        for (index, measurement) in (0u64..).zip(self.measurements(Kind::Inertial, instance)?) {
+            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
+                progress(self.read_bytes.get());
             }
-            if let Said::Inertial { t_ns, rate_rad_s, force_m_s2 } = said? {
-                aligned.push_force((t_ns, force_m_s2), rows)?;
-                aligned.push_rate((t_ns, rate_rad_s), rows)?;
+            if let Measurement::Inertial { t_ns, rate_rad_s, force_m_s2 } = measurement? {
+                aligner.push_force((t_ns, force_m_s2), rows)?;
+                aligner.push_rate((t_ns, rate_rad_s), rows)?;
             }
         }
-        aligned.finish(rows)?;
-        Ok(aligned)
+        aligner.finish(rows)?;
+        Ok(aligner)
     }
 }
 
-/// The instance of a kind to read: the one `given`, else the first of those that say something.
-fn choose(counts: &Counts, kind: Kind, topic: &'static str, given: Option<u8>, notes: &mut Vec<Note>) -> Option<u8> {
+/// Selects the instance of a kind to read: `preferred`, or else the first one with valid messages.
+fn select_instance(counts: &Counts, kind: Kind, topic: &'static str, preferred: Option<u8>, notes: &mut Vec<Note>) -> Option<u8> {
     let instances = counts.get(&kind)?;
-    let read = given.or_else(|| instances.iter().find(|(_, (samples, _))| *samples > 0).map(|(read, _)| *read))?;
+    let read = preferred.or_else(|| instances.iter().find(|(_, (samples, _))| *samples > 0).map(|(read, _)| *read))?;
     let others = instances.iter().filter(|(instance, _)| **instance != read).map(|(_, (samples, _))| samples).sum();
     if others > 0 {
         notes.push(Note::OtherInstances { topic, read, others });
     }
     if let Some((_, count @ 1..)) = instances.get(&read) {
-        let (what, why) = match kind {
-            Kind::Fix => ("fixes", "the receiver has no position in three dimensions, or they are no numbers"),
-            _ => ("messages of the types read", "they are no numbers, or no rotation"),
+        let (what, reason) = match kind {
+            Kind::Fix => ("fixes", "no 3D fix, or not a number"),
+            _ => ("messages of the types read", "not a number, or not a rotation"),
         };
-        notes.push(Note::LeftOut { what, count: *count, why });
+        notes.push(Note::Skipped { what, count: *count, reason });
     }
     Some(read)
 }

@@ -1,4 +1,4 @@
-//! Where the fields of a topic are, and what they say.
+//! Field parsers of the ULog topics, and conversion to native axes and units.
 
 use attitude::frames::{self, Body, Earth};
 use std::path::Path;
@@ -7,229 +7,229 @@ use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
-use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::Fixed};
+use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::ReceiverFix};
 
-/// A relative time that is none.
-const NO_TIME: i32 = i32::MAX;
-/// Least kind of fix whose velocity has all three components.
-const FIX_3D: u8 = 3;
+/// Relative timestamp of a measurement that does not exist.
+const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;
+/// Lowest `fix_type` with all three velocity components.
+const MIN_FIX_TYPE: u8 = 3;
 
-/// The field at a time, forward, right, down.
+/// Magnetic field at a time, gauss; forward, right, down.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Field {
+pub(crate) struct FieldSample {
     pub(crate) t_ns: i64,
     pub(crate) field_ga: [f32; 3],
 }
 
-/// The attitude at a time, forward, right, down to north, east, down.
+/// Attitude at a time; forward, right, down to north, east, down.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Turned {
+pub(crate) struct AttitudeSample {
     pub(crate) t_ns: i64,
     quaternion: [f32; 4],
-    resets: u8,
+    reset_counter: u8,
 }
 
-impl Turned {
+impl AttitudeSample {
     pub(crate) fn attitude(&self) -> Attitude {
         let quaternion = frames::quaternion_to_native(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
-        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, reset_counter: Some(self.resets) }
+        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, reset_counter: Some(self.reset_counter) }
     }
 }
 
-type Three<T> = [FieldParser<T>; 3];
+type Vector<T> = [FieldParser<T>; 3];
 
-/// `sensor_combined`.
-pub(super) struct Combined {
+/// Fields of `sensor_combined`.
+pub(super) struct CombinedFields {
     time: FieldParser<u64>,
-    rate: Three<f32>,
-    force: Three<f32>,
-    force_time: Option<FieldParser<i32>>,
-    /// Only in logs of before 2018.
-    field: Option<(Three<f32>, FieldParser<i32>)>,
+    rate: Vector<f32>,
+    force: Vector<f32>,
+    force_time_offset: Option<FieldParser<i32>>,
+    /// Field with its relative timestamp. Only in logs from before 2018.
+    field: Option<(Vector<f32>, FieldParser<i32>)>,
 }
 
-impl Combined {
-    pub(super) fn of(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
-        let need = |fields: [&'static str; 3]| {
-            three(message, fields).ok_or_else(|| missing(path, message, fields[0], "float[3]"))
+impl CombinedFields {
+    pub(super) fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
+        let required_vector = |fields: [&'static str; 3]| {
+            vector(message, fields).ok_or_else(|| missing_field(path, message, fields[0], "float[3]"))
         };
-        let field = three(message, ["magnetometer_ga[0]", "magnetometer_ga[1]", "magnetometer_ga[2]"]);
+        let field = vector(message, ["magnetometer_ga[0]", "magnetometer_ga[1]", "magnetometer_ga[2]"]);
         Ok(Self {
-            time: time(path, message)?,
-            rate: need(["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"])?,
-            force: need(["accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"])?,
-            force_time: optional(message, "accelerometer_timestamp_relative"),
+            time: timestamp(path, message)?,
+            rate: required_vector(["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"])?,
+            force: required_vector(["accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"])?,
+            force_time_offset: optional(message, "accelerometer_timestamp_relative"),
             field: field.zip(optional(message, "magnetometer_timestamp_relative")),
         })
     }
 
-    /// Time and rate of the gyro; `None` of a time that 64 bits of nanoseconds cannot hold.
+    /// Returns time and rate of the gyro; `None` if the time does not fit into 64-bit nanoseconds.
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
-        Some((ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse(&self.rate, data).map(f64::from))))
+        Some((time_ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse_vector(&self.rate, data).map(f64::from))))
     }
 
-    /// Time and force of the accelerometer, where the log has it.
+    /// Returns time and force of the accelerometer; `None` if the time is invalid.
     pub(super) fn force(&self, data: &[u8]) -> Option<Sample> {
-        let relative_us = self.force_time.as_ref().map_or(0, |time| time.parse(data));
-        Some((ns(self.time.parse(data), relative_us)?, Body::Frd.to_native(parse(&self.force, data).map(f64::from))))
+        let relative_us = self.force_time_offset.as_ref().map_or(0, |time| time.parse(data));
+        Some((time_ns(self.time.parse(data), relative_us)?, Body::Frd.to_native(parse_vector(&self.force, data).map(f64::from))))
     }
 
-    pub(super) fn field(&self, data: &[u8]) -> Option<Field> {
+    pub(super) fn field(&self, data: &[u8]) -> Option<FieldSample> {
         let (field, relative) = self.field.as_ref()?;
-        Some(Field { t_ns: ns(self.time.parse(data), relative.parse(data))?, field_ga: parse(field, data) })
+        Some(FieldSample { t_ns: time_ns(self.time.parse(data), relative.parse(data))?, field_ga: parse_vector(field, data) })
     }
 }
 
-/// `vehicle_magnetometer`.
-pub(super) struct Magnetometer {
-    time: Sampled,
-    field: Three<f32>,
+/// Fields of `vehicle_magnetometer`.
+pub(super) struct MagnetometerFields {
+    time: SampleTime,
+    field: Vector<f32>,
 }
 
-impl Magnetometer {
-    pub(super) fn of(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
+impl MagnetometerFields {
+    pub(super) fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
         let fields = ["magnetometer_ga[0]", "magnetometer_ga[1]", "magnetometer_ga[2]"];
-        let field = three(message, fields).ok_or_else(|| missing(path, message, fields[0], "float[3]"))?;
-        Ok(Self { time: Sampled::of(path, message)?, field })
+        let field = vector(message, fields).ok_or_else(|| missing_field(path, message, fields[0], "float[3]"))?;
+        Ok(Self { time: SampleTime::new(path, message)?, field })
     }
 
-    pub(super) fn field(&self, data: &[u8]) -> Option<Field> {
-        Some(Field { t_ns: self.time.ns(data)?, field_ga: parse(&self.field, data) })
+    pub(super) fn field(&self, data: &[u8]) -> Option<FieldSample> {
+        Some(FieldSample { t_ns: self.time.ns(data)?, field_ga: parse_vector(&self.field, data) })
     }
 }
 
-/// `vehicle_attitude`.
+/// Fields of `vehicle_attitude`.
 pub(super) struct AttitudeFields {
-    time: Sampled,
+    time: SampleTime,
     quaternion: [FieldParser<f32>; 4],
-    resets: Option<FieldParser<u8>>,
+    reset_counter: Option<FieldParser<u8>>,
 }
 
 impl AttitudeFields {
-    pub(super) fn of(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
-        let part = |name| need(path, message, name, "float[4]");
+    pub(super) fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
+        let part = |name| required(path, message, name, "float[4]");
         let quaternion = [part("q[0]")?, part("q[1]")?, part("q[2]")?, part("q[3]")?];
-        Ok(Self { time: Sampled::of(path, message)?, quaternion, resets: optional(message, "quat_reset_counter") })
+        Ok(Self { time: SampleTime::new(path, message)?, quaternion, reset_counter: optional(message, "quat_reset_counter") })
     }
 
-    /// `None` of a quaternion that is no rotation.
-    pub(super) fn attitude(&self, data: &[u8]) -> Option<Turned> {
+    /// Returns the attitude; `None` if the quaternion is not a rotation.
+    pub(super) fn attitude(&self, data: &[u8]) -> Option<AttitudeSample> {
         let quaternion = [0, 1, 2, 3].map(|part: usize| self.quaternion[part].parse(data));
-        let resets = self.resets.as_ref().map_or(0, |resets| resets.parse(data));
+        let reset_counter = self.reset_counter.as_ref().map_or(0, |resets| resets.parse(data));
         let is_rotation = is_rotation(quaternion.map(f64::from));
-        Some(Turned { t_ns: self.time.ns(data)?, quaternion, resets }).filter(|_| is_rotation)
+        Some(AttitudeSample { t_ns: self.time.ns(data)?, quaternion, reset_counter }).filter(|_| is_rotation)
     }
 }
 
-/// `vehicle_gps_position` or `sensor_gps`.
-pub(super) struct Receiver {
+/// Fields of `vehicle_gps_position` or `sensor_gps`.
+pub(super) struct ReceiverFields {
     time: FieldParser<u64>,
     north: FieldParser<f32>,
     east: FieldParser<f32>,
     down: FieldParser<f32>,
     is_valid: Option<FieldParser<bool>>,
-    kind: Option<FieldParser<u8>>,
-    position: Position,
+    fix_type: Option<FieldParser<u8>>,
+    position: PositionFields,
 }
 
-/// Latitude, longitude, altitude.
-enum Position {
-    /// From PX4 1.14 on: degrees, m.
-    Degrees(Three<f64>),
-    /// Before that: 1e-7 degrees, mm.
-    Scaled(Three<i32>),
+/// Fields of latitude, longitude and altitude.
+enum PositionFields {
+    /// Degrees and m, since PX4 1.14.
+    Degrees(Vector<f64>),
+    /// 1e-7 degrees and mm, before PX4 1.14.
+    Scaled(Vector<i32>),
     None,
 }
 
-impl Receiver {
-    pub(super) fn of(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
-        let degrees = three(message, ["latitude_deg", "longitude_deg", "altitude_msl_m"]).map(Position::Degrees);
-        let scaled = || three(message, ["lat", "lon", "alt"]).map(Position::Scaled);
+impl ReceiverFields {
+    pub(super) fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
+        let degrees = vector(message, ["latitude_deg", "longitude_deg", "altitude_msl_m"]).map(PositionFields::Degrees);
+        let scaled = || vector(message, ["lat", "lon", "alt"]).map(PositionFields::Scaled);
         Ok(Self {
-            time: time(path, message)?,
-            north: need(path, message, "vel_n_m_s", "float")?,
-            east: need(path, message, "vel_e_m_s", "float")?,
-            down: need(path, message, "vel_d_m_s", "float")?,
+            time: timestamp(path, message)?,
+            north: required(path, message, "vel_n_m_s", "float")?,
+            east: required(path, message, "vel_e_m_s", "float")?,
+            down: required(path, message, "vel_d_m_s", "float")?,
             is_valid: optional(message, "vel_ned_valid"),
-            kind: optional(message, "fix_type"),
-            position: degrees.or_else(scaled).unwrap_or(Position::None),
+            fix_type: optional(message, "fix_type"),
+            position: degrees.or_else(scaled).unwrap_or(PositionFields::None),
         })
     }
 
-    /// `None` where the receiver has no fix in three dimensions, or calls its velocity invalid.
-    pub(super) fn fix(&self, data: &[u8]) -> Option<Fixed> {
+    /// Returns the fix; `None` without a 3D fix or with a velocity marked as invalid.
+    pub(super) fn fix(&self, data: &[u8]) -> Option<ReceiverFix> {
         let is_valid = self.is_valid.as_ref().is_none_or(|is_valid| is_valid.parse(data));
-        let is_3d = self.kind.as_ref().is_none_or(|kind| kind.parse(data) >= FIX_3D);
+        let is_3d = self.fix_type.as_ref().is_none_or(|kind| kind.parse(data) >= MIN_FIX_TYPE);
         let ned = [&self.north, &self.east, &self.down].map(|part| f64::from(part.parse(data)));
         if !is_valid || !is_3d || !ned.iter().all(|part| part.is_finite()) {
             return None;
         }
         let [latitude_deg, longitude_deg, altitude_m] = match &self.position {
-            Position::Degrees(fields) => parse(fields, data),
-            Position::Scaled(fields) => {
-                let [latitude, longitude, altitude] = parse(fields, data).map(f64::from);
+            PositionFields::Degrees(fields) => parse_vector(fields, data),
+            PositionFields::Scaled(fields) => {
+                let [latitude, longitude, altitude] = parse_vector(fields, data).map(f64::from);
                 [latitude / 1e7, longitude / 1e7, altitude / 1e3]
             }
-            Position::None => [f64::NAN; 3],
+            PositionFields::None => [f64::NAN; 3],
         };
-        let t_ns = ns(self.time.parse(data), 0)?;
-        Some(Fixed { t_ns, velocity_m_s: Earth::Ned.to_native(ned), latitude_deg, longitude_deg, altitude_m })
+        let t_ns = time_ns(self.time.parse(data), 0)?;
+        Some(ReceiverFix { t_ns, velocity_m_s: Earth::Ned.to_native(ned), latitude_deg, longitude_deg, altitude_m })
     }
 }
 
-/// When something was measured: newer logs say so, older ones only when it was published.
-struct Sampled {
+/// Time of a measurement. Old logs contain only the time of its publication.
+struct SampleTime {
     published: FieldParser<u64>,
     sampled: Option<FieldParser<u64>>,
 }
 
-impl Sampled {
-    fn of(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
-        Ok(Self { published: time(path, message)?, sampled: optional(message, "timestamp_sample") })
+impl SampleTime {
+    fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
+        Ok(Self { published: timestamp(path, message)?, sampled: optional(message, "timestamp_sample") })
     }
 
     fn ns(&self, data: &[u8]) -> Option<i64> {
         let sampled = self.sampled.as_ref().map(|sampled| sampled.parse(data)).filter(|&us| us != 0);
-        ns(sampled.unwrap_or_else(|| self.published.parse(data)), 0)
+        time_ns(sampled.unwrap_or_else(|| self.published.parse(data)), 0)
     }
 }
 
-fn ns(us: u64, relative_us: i32) -> Option<i64> {
-    if relative_us == NO_TIME {
+fn time_ns(us: u64, relative_us: i32) -> Option<i64> {
+    if relative_us == INVALID_RELATIVE_TIME_US {
         return None;
     }
     let us = i64::try_from(us).ok()?.checked_add(relative_us.into())?;
-    // What no recording can hold.
+    // The limit of a recording's time column.
     us.checked_mul(1000).filter(|&t_ns| t_ns < 9_000_000_000_000_000_000)
 }
 
-fn parse<T: ParseableFieldType>(fields: &Three<T>, data: &[u8]) -> [T; 3] {
+fn parse_vector<T: ParseableFieldType>(fields: &Vector<T>, data: &[u8]) -> [T; 3] {
     [0, 1, 2].map(|part: usize| fields[part].parse(data))
 }
 
-fn time(path: &Path, message: &DataMessage) -> Result<FieldParser<u64>, ImportError> {
-    need(path, message, "timestamp", "uint64_t")
+fn timestamp(path: &Path, message: &DataMessage) -> Result<FieldParser<u64>, ImportError> {
+    required(path, message, "timestamp", "uint64_t")
 }
 
-fn need<T: ParseableFieldType>(
+fn required<T: ParseableFieldType>(
     path: &Path,
     message: &DataMessage,
     field: &'static str,
     expected: &'static str,
 ) -> Result<FieldParser<T>, ImportError> {
-    optional(message, field).ok_or_else(|| missing(path, message, field, expected))
+    optional(message, field).ok_or_else(|| missing_field(path, message, field, expected))
 }
 
 fn optional<T: ParseableFieldType>(message: &DataMessage, field: &str) -> Option<FieldParser<T>> {
     message.flattened_format.get_field_parser(field).ok()
 }
 
-fn three<T: ParseableFieldType>(message: &DataMessage, [x, y, z]: [&str; 3]) -> Option<Three<T>> {
+fn vector<T: ParseableFieldType>(message: &DataMessage, [x, y, z]: [&str; 3]) -> Option<Vector<T>> {
     Some([optional(message, x)?, optional(message, y)?, optional(message, z)?])
 }
 
-fn missing(path: &Path, message: &DataMessage, field: &'static str, expected: &'static str) -> ImportError {
+fn missing_field(path: &Path, message: &DataMessage, field: &'static str, expected: &'static str) -> ImportError {
     let format = message.flattened_format;
     let known = format.field_iter().map(|field| field.flattened_field_name.clone()).collect();
-    ImportError::NoField { path: path.to_owned(), topic: format.message_name().to_owned(), field, expected, known }
+    ImportError::MissingField { path: path.to_owned(), topic: format.message_name().to_owned(), field, expected, known }
 }

@@ -1,9 +1,17 @@
-//! The topics of a ULog.
+//! Source of PX4 ULog files.
 //!
-//! Input: a log of PX4. Output: the rows of `sensor_combined`, with what the other topics say. Time: the log's own, from microseconds; the
-//! rate's is `timestamp`, the force's is that plus `accelerometer_timestamp_relative`. Memory: nothing is kept that grows with the log; it is
-//! read once for what is there, and once for the rows and each of field, attitude and receiver. Failure: a log that says nothing; of a
-//! damaged one, what was good before is read.
+//! Input: a PX4 log.
+//!
+//! Output: the rows of `sensor_combined`, with field, reference and fixes of other topics.
+//!
+//! Time: the clock of the log, converted from microseconds. The time of a rate is `timestamp`, that
+//! of a force is `timestamp` plus `accelerometer_timestamp_relative`.
+//!
+//! Memory: independent of the length of the log. The log is read once for the survey, and once each
+//! for the rows, field, attitude and receiver.
+//!
+//! Failure: a log without usable samples is an error. Of a damaged log the part before the damage
+//! is read.
 
 mod fields;
 mod messages;
@@ -18,105 +26,106 @@ use std::{
 use crate::{
     Format, ImportError, Note,
     force_aligner::{ForceAligner, Sample},
-    error::opening,
+    error::open_error,
     row_writer::{Attitude, RowWriter, Samples},
-    source::{Source, Survey, TakeFix},
+    source::{Source, Survey, FixSink},
 };
-use fields::{AttitudeFields, Combined, Field, Magnetometer, Receiver};
-use messages::Ending;
-use series::{Series, streamed};
+use fields::{AttitudeFields, CombinedFields, FieldSample, MagnetometerFields, ReceiverFields};
+use messages::LogStatus;
+use series::{Series, stream};
 
 const COMBINED: &str = "sensor_combined";
 const MAGNETOMETER: &str = "vehicle_magnetometer";
 const ATTITUDE: &str = "vehicle_attitude";
 const RECEIVER: &str = "vehicle_gps_position";
-/// Of one receiver; the former is made of all of them.
+/// Single receiver. [`RECEIVER`] is blended from all of them.
 const RECEIVER_RAW: &str = "sensor_gps";
 const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_RAW];
 
+/// ULog, and the topics selected from it.
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
-    /// `None` before the first reading.
-    topics: Option<Topics>,
+    /// Topics selected by the survey; `None` before it.
+    selection: Option<Selection>,
 }
 
-/// What the first reading finds: which instance of which topic is read, and what is left out.
-struct Topics {
+/// Topics and instances selected by the survey, with counts of what was skipped.
+struct Selection {
     combined: Series,
-    /// Of the magnetometer, or of an old log's `sensor_combined`.
+    /// Field of the magnetometer, or of `sensor_combined` in an old log.
     fields: Series,
     attitudes: Series,
     fixes: Series,
-    ending: Ending,
+    status: LogStatus,
 }
 
 impl Log {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
-        let found = fs::metadata(path).map_err(|cause| opening(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), topics: None })
+        let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), selection: None })
     }
 
-    /// The first reading. `progress` is told the bytes that have been read.
-    fn topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Topics, ImportError> {
+    /// Makes the first pass. `progress` receives the bytes read so far.
+    fn survey_topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Selection, ImportError> {
         let path = &self.path;
-        let mut combined = Series::new(COMBINED, "samples of sensor_combined");
-        let mut own_fields = Series::new(COMBINED, "samples of the field");
-        let mut fields = Series::new(MAGNETOMETER, "samples of the field");
+        let mut combined = Series::new(COMBINED, "sensor_combined samples");
+        let mut combined_field_series = Series::new(COMBINED, "field samples");
+        let mut fields = Series::new(MAGNETOMETER, "field samples");
         let mut attitudes = Series::new(ATTITUDE, "reference attitudes");
         let mut blended = Series::new(RECEIVER, "fixes");
         let mut raw = Series::new(RECEIVER_RAW, "fixes");
-        let (mut of_combined, mut of_magnetometer, mut of_attitude) = (None, None, None);
-        let (mut of_blended, mut of_raw) = (None, None);
-        let ending = messages::read(path, &TOPICS, progress, &mut |message| {
+        let (mut combined_fields, mut magnetometer_fields, mut attitude_fields) = (None, None, None);
+        let (mut blended_fields, mut raw_fields) = (None, None);
+        let status = messages::read(path, &TOPICS, progress, &mut |message| {
             match message.flattened_format.message_name() {
-                COMBINED if combined.admits(message) => {
-                    let layout = layout(&mut of_combined, || Combined::of(path, message))?;
-                    if own_fields.admits(message) {
-                        own_field(&mut own_fields, layout, message.data);
+                COMBINED if combined.accept_instance(message) => {
+                    let layout = cached_fields(&mut combined_fields, || CombinedFields::new(path, message))?;
+                    if combined_field_series.accept_instance(message) {
+                        push_combined_field(&mut combined_field_series, layout, message.data);
                     }
                 }
-                MAGNETOMETER if fields.admits(message) => {
-                    let layout = layout(&mut of_magnetometer, || Magnetometer::of(path, message))?;
-                    field(&mut fields, layout.field(message.data));
+                MAGNETOMETER if fields.accept_instance(message) => {
+                    let layout = cached_fields(&mut magnetometer_fields, || MagnetometerFields::new(path, message))?;
+                    push_field(&mut fields, layout.field(message.data));
                 }
-                ATTITUDE if attitudes.admits(message) => {
-                    let layout = layout(&mut of_attitude, || AttitudeFields::of(path, message))?;
-                    attitudes.take(layout.attitude(message.data), |attitude| attitude.t_ns);
+                ATTITUDE if attitudes.accept_instance(message) => {
+                    let layout = cached_fields(&mut attitude_fields, || AttitudeFields::new(path, message))?;
+                    attitudes.push(layout.attitude(message.data), |attitude| attitude.t_ns);
                 }
-                RECEIVER if blended.admits(message) => {
-                    let layout = layout(&mut of_blended, || Receiver::of(path, message))?;
-                    blended.take(layout.fix(message.data), |fix| fix.t_ns);
+                RECEIVER if blended.accept_instance(message) => {
+                    let layout = cached_fields(&mut blended_fields, || ReceiverFields::new(path, message))?;
+                    blended.push(layout.fix(message.data), |fix| fix.t_ns);
                 }
-                RECEIVER_RAW if raw.admits(message) => {
-                    let layout = layout(&mut of_raw, || Receiver::of(path, message))?;
-                    raw.take(layout.fix(message.data), |fix| fix.t_ns);
+                RECEIVER_RAW if raw.accept_instance(message) => {
+                    let layout = cached_fields(&mut raw_fields, || ReceiverFields::new(path, message))?;
+                    raw.push(layout.fix(message.data), |fix| fix.t_ns);
                 }
                 _ => {}
             }
             Ok(())
         })?;
-        let fields = if own_fields.taken == 0 { fields } else { own_fields };
-        let fixes = if blended.taken == 0 { raw } else { blended };
-        Ok(Topics { combined, fields, attitudes, fixes, ending })
+        let fields = if combined_field_series.accepted == 0 { fields } else { combined_field_series };
+        let fixes = if blended.accepted == 0 { raw } else { blended };
+        Ok(Selection { combined, fields, attitudes, fixes, status })
     }
 
-    /// Reads the fixes of the receiver that was chosen.
-    fn fixes(&self, fixes: &Series, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<(), ImportError> {
-        let (mut series, mut of_receiver) = (fixes.again(), None);
-        messages::read(&self.path, &[fixes.topic], tell, &mut |message| {
-            if !series.admits(message) {
+    /// Reads the fixes of the selected receiver.
+    fn read_fixes(&self, fixes: &Series, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<(), ImportError> {
+        let (mut series, mut receiver_fields) = (fixes.restarted(), None);
+        messages::read(&self.path, &[fixes.topic], progress, &mut |message| {
+            if !series.accept_instance(message) {
                 return Ok(());
             }
-            let layout = layout(&mut of_receiver, || Receiver::of(&self.path, message))?;
-            series.take(layout.fix(message.data), |fix| fix.t_ns).map_or(Ok(()), |fix| take(&fix))
+            let layout = cached_fields(&mut receiver_fields, || ReceiverFields::new(&self.path, message))?;
+            series.push(layout.fix(message.data), |fix| fix.t_ns).map_or(Ok(()), |fix| on_fix(&fix))
         })?;
         Ok(())
     }
 
-    /// How often the log is read before the rows.
-    fn readings_before_rows(&self) -> u64 {
-        1 + u64::from(self.topics.as_ref().is_none_or(|topics| topics.fixes.taken > 0))
+    /// Returns how many passes precede the one for the rows.
+    fn passes_before_rows(&self) -> u64 {
+        1 + u64::from(self.selection.as_ref().is_none_or(|selection| selection.fixes.accepted > 0))
     }
 }
 
@@ -126,15 +135,15 @@ impl Source for Log {
     }
 
     fn total_bytes(&self) -> u64 {
-        (self.readings_before_rows() + 1) * self.length_bytes
+        (self.passes_before_rows() + 1) * self.length_bytes
     }
 
-    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        let topics = self.topics(tell)?;
-        if topics.fixes.taken > 0 {
-            self.fixes(&topics.fixes, take, &mut |bytes| tell(self.length_bytes + bytes))?;
+    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let selection = self.survey_topics(progress)?;
+        if selection.fixes.accepted > 0 {
+            self.read_fixes(&selection.fixes, on_fix, &mut |bytes| progress(self.length_bytes + bytes))?;
         }
-        let Topics { combined, fields, attitudes, ending, .. } = &topics;
+        let Selection { combined, fields, attitudes, status: ending, .. } = &selection;
         let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}"));
         let expected = if combined.messages == 0 {
             "the topic sensor_combined"
@@ -142,92 +151,92 @@ impl Source for Log {
             "gyro_rad and accelerometer_m_s2 in sensor_combined"
         };
         let survey = Survey {
-            has_field: fields.taken > 0,
-            has_reference: attitudes.taken > 0,
-            notes: topics.notes(self.length_bytes),
+            has_field: fields.accepted > 0,
+            has_reference: attitudes.accepted > 0,
+            notes: selection.notes(self.length_bytes),
             reason: damage.filter(|_| combined.messages == 0),
             expected: expected.into(),
         };
-        self.topics = Some(topics);
+        self.selection = Some(selection);
         Ok(survey)
     }
 
-    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        let Some(fields) = self.topics.as_ref().map(|topics| &topics.fields).filter(|fields| fields.taken > 0) else {
+    fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        let Some(fields) = self.selection.as_ref().map(|selection| &selection.fields).filter(|fields| fields.accepted > 0) else {
             return Ok(Box::new(iter::empty()));
         };
-        let (path, mut series) = (self.path.clone(), fields.again());
-        let (mut of_combined, mut of_magnetometer) = (None, None);
-        Ok(streamed(path.clone(), fields.topic, move |message| {
-            if !series.admits(message) {
+        let (path, mut series) = (self.path.clone(), fields.restarted());
+        let (mut combined_fields, mut magnetometer_fields) = (None, None);
+        Ok(stream(path.clone(), fields.topic, move |message| {
+            if !series.accept_instance(message) {
                 return Ok(None);
             }
-            let taken = if series.topic == COMBINED {
-                let layout = layout(&mut of_combined, || Combined::of(&path, message))?;
-                own_field(&mut series, layout, message.data)
+            let field = if series.topic == COMBINED {
+                let layout = cached_fields(&mut combined_fields, || CombinedFields::new(&path, message))?;
+                push_combined_field(&mut series, layout, message.data)
             } else {
-                let layout = layout(&mut of_magnetometer, || Magnetometer::of(&path, message))?;
-                field(&mut series, layout.field(message.data))
+                let layout = cached_fields(&mut magnetometer_fields, || MagnetometerFields::new(&path, message))?;
+                push_field(&mut series, layout.field(message.data))
             };
-            Ok(taken.map(|field| field.sample()))
+            Ok(field.map(|field| field.sample()))
         }))
     }
 
-    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        let Some(topics) = self.topics.as_ref().filter(|topics| topics.attitudes.taken > 0) else {
+    fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        let Some(selection) = self.selection.as_ref().filter(|topics| topics.attitudes.accepted > 0) else {
             return Ok(Box::new(iter::empty()));
         };
-        let (path, mut series, mut of_attitude) = (self.path.clone(), topics.attitudes.again(), None);
-        Ok(streamed(path.clone(), ATTITUDE, move |message| {
-            if !series.admits(message) {
+        let (path, mut series, mut attitude_fields) = (self.path.clone(), selection.attitudes.restarted(), None);
+        Ok(stream(path.clone(), ATTITUDE, move |message| {
+            if !series.accept_instance(message) {
                 return Ok(None);
             }
-            let layout = layout(&mut of_attitude, || AttitudeFields::of(&path, message))?;
-            let turned = series.take(layout.attitude(message.data), |attitude| attitude.t_ns);
-            Ok(turned.map(|turned| turned.attitude()))
+            let layout = cached_fields(&mut attitude_fields, || AttitudeFields::new(&path, message))?;
+            let sample = series.push(layout.attitude(message.data), |attitude| attitude.t_ns);
+            Ok(sample.map(|sample| sample.attitude()))
         }))
     }
 
-    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let mut aligned = ForceAligner::default();
-        let Some(topics) = &self.topics else { return Ok(aligned) };
-        let (mut combined, mut of_combined) = (topics.combined.again(), None);
-        let before_bytes = self.readings_before_rows() * self.length_bytes;
-        messages::read(&self.path, &[COMBINED], &mut |bytes| tell(before_bytes + bytes), &mut |message| {
-            if !combined.admits(message) {
+    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+        let mut aligner = ForceAligner::default();
+        let Some(selection) = &self.selection else { return Ok(aligner) };
+        let (mut combined, mut combined_fields) = (selection.combined.restarted(), None);
+        let bytes_read_before = self.passes_before_rows() * self.length_bytes;
+        messages::read(&self.path, &[COMBINED], &mut |bytes| progress(bytes_read_before + bytes), &mut |message| {
+            if !combined.accept_instance(message) {
                 return Ok(());
             }
-            let layout = layout(&mut of_combined, || Combined::of(&self.path, message))?;
+            let layout = cached_fields(&mut combined_fields, || CombinedFields::new(&self.path, message))?;
             if let Some(force) = layout.force(message.data) {
-                aligned.push_force(force, rows)?;
+                aligner.push_force(force, rows)?;
             }
             match layout.rate(message.data) {
-                Some(rate) => aligned.push_rate(rate, rows),
+                Some(rate) => aligner.push_rate(rate, rows),
                 None => Ok(()),
             }
         })?;
-        aligned.finish(rows)?;
-        Ok(aligned)
+        aligner.finish(rows)?;
+        Ok(aligner)
     }
 }
 
-impl Topics {
+impl Selection {
     fn notes(&self, length_bytes: u64) -> Vec<Note> {
-        let Self { combined, fields, attitudes, fixes, ending } = self;
-        let Ending { damage, dropouts, dropouts_ms } = ending;
+        let Self { combined, fields, attitudes, fixes, status: ending } = self;
+        let LogStatus { damage, dropouts, dropouts_ms } = ending;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
             notes.push(Note::Damage { at_byte, length_bytes, found });
         }
         combined.notes("", &mut notes);
-        fields.notes("a component is no number", &mut notes);
-        attitudes.notes("the quaternion is no rotation", &mut notes);
-        fixes.notes("the receiver calls its velocity invalid, or has no position", &mut notes);
+        fields.notes("a component is not a number", &mut notes);
+        attitudes.notes("the quaternion is not a rotation", &mut notes);
+        fixes.notes("velocity invalid, or no 3D fix", &mut notes);
         for (series, what) in [
             (attitudes, "reference attitude (vehicle_attitude)"),
-            (fixes, "velocity of a receiver (vehicle_gps_position, sensor_gps)"),
+            (fixes, "receiver velocity (vehicle_gps_position, sensor_gps)"),
         ] {
-            if series.taken == 0 {
+            if series.accepted == 0 {
                 notes.push(Note::Missing { what });
             }
         }
@@ -238,26 +247,28 @@ impl Topics {
     }
 }
 
-/// The field where it is a new one of numbers.
-fn field(series: &mut Series, field: Option<Field>) -> Option<Field> {
-    series.take(field.filter(Field::is_finite), |field| field.t_ns)
+/// Adds a field sample. Returns the sample if it is finite and its timestamp increases.
+fn push_field(series: &mut Series, field: Option<FieldSample>) -> Option<FieldSample> {
+    series.push(field.filter(FieldSample::is_finite), |field| field.t_ns)
 }
 
-/// The same of an old log's `sensor_combined`, which has the last one again where none is new.
-fn own_field(series: &mut Series, layout: &Combined, data: &[u8]) -> Option<Field> {
+/// Adds the field sample of an old log's `sensor_combined`.
+///
+/// Such a log repeats the last sample until there is a new one.
+fn push_combined_field(series: &mut Series, layout: &CombinedFields, data: &[u8]) -> Option<FieldSample> {
     let new = layout.field(data).filter(|field| series.last_ns != Some(field.t_ns))?;
-    field(series, Some(new))
+    push_field(series, Some(new))
 }
 
-/// Where the fields of a topic are: found out at its first message.
-fn layout<T>(known: &mut Option<T>, of: impl FnOnce() -> Result<T, ImportError>) -> Result<&T, ImportError> {
-    Ok(match known {
+/// Returns the field parsers of a topic, which are created from its first message.
+fn cached_fields<T>(cache: &mut Option<T>, create: impl FnOnce() -> Result<T, ImportError>) -> Result<&T, ImportError> {
+    Ok(match cache {
         Some(known) => known,
-        None => known.insert(of()?),
+        None => cache.insert(create()?),
     })
 }
 
-impl Field {
+impl FieldSample {
     pub(crate) fn sample(&self) -> Sample {
         (self.t_ns, self.field_ut())
     }
@@ -266,7 +277,7 @@ impl Field {
         self.field_ga.iter().all(|part| part.is_finite())
     }
 
-    /// In our axes.
+    /// Returns the field in native axes, µT.
     fn field_ut(&self) -> [f64; 3] {
         const UT_PER_GA: f64 = 100.0;
         Body::Frd.to_native(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))

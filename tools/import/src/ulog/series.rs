@@ -1,7 +1,12 @@
-//! The samples of one instance of a topic.
+//! Samples of one instance of a topic.
 //!
-//! Input: messages of a log, or the log itself. Output: samples of the first instance, in the order of time, and what was left out.
-//! Memory: samples that wait for whoever takes them, [`MAX_WAITING`] at most. Failure: of the file; it ends the samples.
+//! Input: messages of a log, or the log itself.
+//!
+//! Output: samples of the first instance in time order, and counts of skipped samples.
+//!
+//! Memory: up to [`MAX_QUEUED`] samples between the reading thread and the consumer.
+//!
+//! Failure: a file error ends the samples.
 
 use std::{
     io,
@@ -13,105 +18,112 @@ use std::{
 use px4_ulog::stream_parser::DataMessage;
 
 use super::messages;
-use crate::{ImportError, Note, error::opening, row_writer::Samples};
+use crate::{ImportError, Note, error::open_error, row_writer::Samples};
 
-/// Samples that are ahead of whoever takes them.
-const MAX_WAITING: usize = 4096;
+/// Maximum number of samples queued for the consumer.
+const MAX_QUEUED: usize = 4096;
 
-/// What was taken of a topic, and what was left out.
+/// Selection of one instance of a topic, with counts of its messages.
 #[derive(Debug, Clone)]
 pub(super) struct Series {
     pub(super) topic: &'static str,
     what: &'static str,
     pub(super) instance: Option<u8>,
-    /// The time of the newest that was taken.
+    /// Time of the newest accepted sample.
     pub(super) last_ns: Option<i64>,
-    pub(super) taken: u64,
-    /// Messages of this instance.
+    pub(super) accepted: u64,
+    /// Number of messages of the selected instance.
     pub(super) messages: u64,
-    /// Of other instances.
-    others: u64,
-    not_after: u64,
-    refused: u64,
+    /// Number of messages of other instances.
+    other_messages: u64,
+    out_of_order: u64,
+    rejected: u64,
 }
 
 impl Series {
-    /// Of the first instance that comes, or an earlier one that comes later.
+    /// Creates a series of the lowest instance that occurs in the log.
     pub(super) fn new(topic: &'static str, what: &'static str) -> Self {
         let instance = None;
-        Self { topic, what, instance, last_ns: None, taken: 0, messages: 0, others: 0, not_after: 0, refused: 0 }
+        Self { topic, what, instance, last_ns: None, accepted: 0, messages: 0, other_messages: 0, out_of_order: 0, rejected: 0 }
     }
 
-    /// The same again, now that the instance is known.
-    pub(super) fn again(&self) -> Self {
+    /// Returns a series without samples that keeps the instance.
+    pub(super) fn restarted(&self) -> Self {
         Self { instance: self.instance, ..Self::new(self.topic, self.what) }
     }
 
-    /// The message is one of the first instance.
-    pub(super) fn admits(&mut self, message: &DataMessage) -> bool {
+    /// Returns `true` if the message belongs to the selected instance.
+    ///
+    /// A lower instance replaces the selected one.
+    pub(super) fn accept_instance(&mut self, message: &DataMessage) -> bool {
         let found = message.multi_id.value();
         match self.instance {
             Some(instance) if found == instance => {}
             Some(instance) if found > instance => {
-                self.others += 1;
+                self.other_messages += 1;
                 return false;
             }
             _ => {
-                // An earlier one has come later.
-                let others = self.others + self.messages;
-                *self = Self { instance: Some(found), others, ..Self::new(self.topic, self.what) };
+                // The messages of a higher instance now count as those of another instance.
+                let others = self.other_messages + self.messages;
+                *self = Self { instance: Some(found), other_messages: others, ..Self::new(self.topic, self.what) };
             }
         }
         self.messages += 1;
         true
     }
 
-    /// The sample where it is later than the one before it; `None` is one that says nothing.
-    pub(super) fn take<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
+    /// Returns the sample if its timestamp increases.
+    ///
+    /// `None` stands for an invalid sample and is counted as rejected.
+    pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
         let Some(sample) = sample else {
-            self.refused += 1;
+            self.rejected += 1;
             return None;
         };
         let t_ns = t_ns(&sample);
         if self.last_ns.is_some_and(|last_ns| t_ns <= last_ns) {
-            self.not_after += 1;
+            self.out_of_order += 1;
             return None;
         }
         self.last_ns = Some(t_ns);
-        self.taken += 1;
+        self.accepted += 1;
         Some(sample)
     }
 
-    pub(super) fn notes(&self, refusal: &'static str, notes: &mut Vec<Note>) {
+    pub(super) fn notes(&self, rejection_reason: &'static str, notes: &mut Vec<Note>) {
         let Self { topic, what, .. } = *self;
-        if let (1.., Some(read)) = (self.others, self.instance) {
-            notes.push(Note::OtherInstances { topic, read, others: self.others });
+        if let (1.., Some(read)) = (self.other_messages, self.instance) {
+            notes.push(Note::OtherInstances { topic, read, others: self.other_messages });
         }
-        for (count, why) in [(self.refused, refusal), (self.not_after, "they are not later than the one before them")] {
+        for (count, reason) in [(self.rejected, rejection_reason), (self.out_of_order, "timestamps do not increase")] {
             if count > 0 {
-                notes.push(Note::LeftOut { what, count, why });
+                notes.push(Note::Skipped { what, count, reason });
             }
         }
     }
 }
 
-/// What `decode` makes of the messages of a topic, read by a thread of its own: whoever lays them at the rows is in the same log elsewhere.
-pub(super) fn streamed<T: Send + 'static>(
+/// Returns the decoded messages of a topic.
+///
+/// A separate thread reads the log, independently of the pass that merges the samples into the
+/// rows.
+pub(super) fn stream<T: Send + 'static>(
     path: PathBuf,
     topic: &'static str,
     mut decode: impl FnMut(&DataMessage) -> Result<Option<T>, ImportError> + Send + 'static,
 ) -> Samples<'static, T> {
-    let (tell, samples) = sync_channel(MAX_WAITING);
+    let (sender, samples) = sync_channel(MAX_QUEUED);
     thread::spawn(move || {
-        let give = |tell: &SyncSender<_>, sample| {
-            // Nobody takes any more.
-            tell.send(sample).map_err(|_| opening(&path, io::ErrorKind::BrokenPipe.into()))
+        let send = |sender: &SyncSender<_>, sample| {
+            // Sending fails if the consumer has stopped. Any error then ends the thread.
+            sender.send(sample).map_err(|_| open_error(&path, io::ErrorKind::BrokenPipe.into()))
         };
         let read = messages::read(&path, &[topic], &mut |_| {}, &mut |message| {
-            decode(message)?.map_or(Ok(()), |sample| give(&tell, Ok(sample)))
+            decode(message)?.map_or(Ok(()), |sample| send(&sender, Ok(sample)))
         });
         if let Err(error) = read {
-            let _ = give(&tell, Err(error));
+            let _ = send(&sender, Err(error));
         }
     });
     Box::new(samples.into_iter())

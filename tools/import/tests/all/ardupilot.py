@@ -1,4 +1,4 @@
-"""What pymavlink reads of a DataFlash log: one line a message, every number with all its digits."""
+"""Prints the messages that pymavlink reads from a DataFlash log, one per line, numbers with all digits."""
 
 import sys
 

@@ -1,4 +1,4 @@
-//! Logs of ArduPilot, made here as its format says, and read as pymavlink reads them.
+//! Generated ArduPilot logs, compared with pymavlink.
 
 use std::collections::BTreeMap;
 
@@ -7,20 +7,20 @@ use import::{Format, Note};
 use crate::{
     common::{Bytes, Folder},
     python::python,
-    readers::lines,
+    scripts::run_script,
 };
 
-/// A DataFlash log, message by message.
+/// Writer of a DataFlash log.
 #[derive(Clone, Default)]
-pub(crate) struct Flash(pub(crate) Vec<u8>);
+pub(crate) struct DataFlashLog(pub(crate) Vec<u8>);
 
-impl Flash {
+impl DataFlashLog {
     fn message(&mut self, kind: u8, fields: &[&dyn Bytes]) {
         self.0.extend([0xa3, 0x95, kind]);
         fields.iter().for_each(|field| self.0.extend(field.bytes()));
     }
 
-    fn format(&mut self, kind: u8, name: &str, letters: &str, labels: &str) {
+    fn add_format(&mut self, kind: u8, name: &str, letters: &str, labels: &str) {
         let size = |letter| match letter {
             b'b' | b'B' => 1,
             b'c' | b'C' | b'H' => 2,
@@ -49,36 +49,36 @@ const XKQ: u8 = 4;
 const ATT: u8 = 5;
 const MSG: u8 = 6;
 
-/// A log of so many samples at 400 Hz.
-pub(crate) fn flash(rows: u32) -> Flash {
-    let mut log = Flash::default();
-    log.format(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
-    log.format(IMU, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
-    log.format(MAG, "MAG", "QBffff", "TimeUS,I,MagX,MagY,MagZ,Oth");
-    log.format(GPS, "GPS", "QBBIHLLefff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ");
-    log.format(XKQ, "XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4");
-    log.format(ATT, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw");
-    log.format(MSG, "MSG", "QZ", "TimeUS,Message");
+/// Returns a log of `rows` samples at 400 Hz.
+pub(crate) fn dataflash_log(rows: u32) -> DataFlashLog {
+    let mut log = DataFlashLog::default();
+    log.add_format(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
+    log.add_format(IMU, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
+    log.add_format(MAG, "MAG", "QBffff", "TimeUS,I,MagX,MagY,MagZ,Oth");
+    log.add_format(GPS, "GPS", "QBBIHLLefff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ");
+    log.add_format(XKQ, "XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4");
+    log.add_format(ATT, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw");
+    log.add_format(MSG, "MSG", "QZ", "TimeUS,Message");
     for row in 0..rows {
         let t_us = 60_000_000 + 2500 * u64::from(row);
-        let turn = row as f32 / 1000.0;
+        let angle = row as f32 / 1000.0;
         for instance in [1u8, 0] {
-            log.message(IMU, &[&t_us, &instance, &[0.1 + turn, -turn, f32::from(instance)], &[turn, 0.2f32, -9.8]]);
+            log.message(IMU, &[&t_us, &instance, &[0.1 + angle, -angle, f32::from(instance)], &[angle, 0.2f32, -9.8]]);
         }
         if row % 20 == 7 {
-            log.message(MAG, &[&(t_us + 100), &0u8, &[200.0 + turn, -50.5, 433.3], &0f32]);
+            log.message(MAG, &[&(t_us + 100), &0u8, &[200.0 + angle, -50.5, 433.3], &0f32]);
         }
         if row % 4 == 1 {
-            let (sin, cos) = (turn / 2.0).sin_cos();
+            let (sin, cos) = (angle / 2.0).sin_cos();
             log.message(XKQ, &[&t_us, &0u8, &[cos, 0.6 * sin, 0.0, 0.8 * sin]]);
             log.message(XKQ, &[&t_us, &1u8, &[1f32, 0.0, 0.0, 0.0]]);
             log.message(ATT, &[&t_us, &1000i16.to_le_bytes(), &500i16.to_le_bytes(), &9000u16.to_le_bytes()]);
         }
         if row % 80 == 5 {
             let status = if row < 400 { 1u8 } else { 4 };
-            let place = [480_000_001i32, 110_000_002, 51_234];
+            let position = [480_000_001i32, 110_000_002, 51_234];
             let (ms, week) = ((row * 5 / 2).to_le_bytes(), 2300u16.to_le_bytes());
-            log.message(GPS, &[&t_us, &0u8, &status, &ms, &week, &place, &[12.5f32, 90.0 + turn, -1.5]]);
+            log.message(GPS, &[&t_us, &0u8, &status, &ms, &week, &position, &[12.5f32, 90.0 + angle, -1.5]]);
         }
         if row % 500 == 3 {
             let mut text = b"\xa3\x95\x01 looks like another".to_vec();
@@ -90,29 +90,29 @@ pub(crate) fn flash(rows: u32) -> Flash {
 }
 
 #[test]
-fn the_samples_of_a_log_are_those_of_pymavlink() {
+fn ardupilot_log_matches_pymavlink() {
     if python().is_none() {
         return;
     }
     let folder = Folder::new();
-    let path = folder.file("log.bin", flash(4000).0);
+    let path = folder.file("log.bin", dataflash_log(4000).0);
     let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
     assert_eq!((imported.summary.format, imported.rows.len()), (Format::ArduPilot, 4000));
-    let told: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
+    let notes: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
     assert_eq!(
-        told,
+        notes,
         [
-            "read instance 0 of IMU; not read of other instances: 4000",
-            "left out 5 of the fixes: the receiver has no position in three dimensions, or they are no numbers",
-            "read instance 0 of XKQ; not read of other instances: 1000",
+            "read instance 0 of IMU; skipped 4000 samples of other instances",
+            "skipped 5 fixes: no 3D fix, or not a number",
+            "read instance 0 of XKQ; skipped 1000 samples of other instances",
         ]
     );
 
     let mut messages: BTreeMap<String, Vec<(i64, Vec<f64>)>> = BTreeMap::new();
-    for words in lines("ardupilot.py", &[path.as_os_str()]) {
+    for words in run_script("ardupilot.py", &[path.as_os_str()]) {
         let numbers: Vec<f64> = words[2..].iter().map(|word| word.parse().unwrap()).collect();
         let t_ns = words[1].parse::<i64>().unwrap() * 1000;
-        // Of the first sensor or estimator.
+        // Only the first sensor or estimator.
         if words[0] == "ATT" || numbers[0] == 0.0 {
             messages.entry(words[0].clone()).or_default().push((t_ns, numbers));
         }
@@ -142,13 +142,13 @@ fn the_samples_of_a_log_are_those_of_pymavlink() {
     }
 }
 
-/// Roll 10°, pitch 5°, heading east.
+/// The attitude is roll 10°, pitch 5°, heading east.
 #[test]
-fn angles_are_the_reference_where_there_is_no_quaternion() {
+fn reference_from_angles_without_quaternion() {
     let folder = Folder::new();
-    let mut log = Flash::default();
-    log.format(IMU, "IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
-    log.format(ATT, "ATT", "IccC", "TimeMS,Roll,Pitch,Yaw");
+    let mut log = DataFlashLog::default();
+    log.add_format(IMU, "IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
+    log.add_format(ATT, "ATT", "IccC", "TimeMS,Roll,Pitch,Yaw");
     log.message(IMU, &[&1000u32.to_le_bytes(), &[0f32; 3], &[0f32, 0.0, -9.8]]);
     log.message(ATT, &[&1000u32.to_le_bytes(), &1000i16.to_le_bytes(), &500i16.to_le_bytes(), &9000u16.to_le_bytes()]);
     let imported = folder.import(&[folder.file("log.bin", log.0)], None).unwrap();
@@ -167,26 +167,26 @@ fn angles_are_the_reference_where_there_is_no_quaternion() {
 }
 
 #[test]
-fn what_is_damaged_is_passed_over_and_told_and_the_rest_is_read() {
+fn damaged_bytes_skipped_and_reported() {
     let folder = Folder::new();
-    let whole = flash(400);
+    let whole = dataflash_log(400);
     let mut damaged = whole.clone();
     let middle = damaged.0.len() / 2;
     damaged.0[middle..middle + 300].fill(0xa3);
     damaged.0.extend([0u8; 100]);
     let imported = folder.import(&[folder.file("log.bin", &damaged.0)], None).unwrap();
-    let lost = 400 - imported.rows.len();
-    assert!((3..12).contains(&lost), "{lost}");
-    let left_out = imported.summary.notes.iter().find_map(|note| match note {
-        Note::LeftOut { what: "bytes of the log", count, .. } => Some(*count),
+    let missing = 400 - imported.rows.len();
+    assert!((3..12).contains(&missing), "{missing}");
+    let skipped = imported.summary.notes.iter().find_map(|note| match note {
+        Note::Skipped { what: "bytes", count, .. } => Some(*count),
         _ => None,
     });
-    assert!((400..600).contains(&left_out.unwrap()), "{left_out:?}");
+    assert!((400..600).contains(&skipped.unwrap()), "{skipped:?}");
     let read: Vec<_> = folder.import(&[folder.file("whole.bin", &whole.0)], None).unwrap().rows;
     let same = imported
         .rows
         .iter()
         .filter(|row| read.iter().any(|other| (other.rate_rad_s, other.force_m_s2) == (row.rate_rad_s, row.force_m_s2)))
         .count();
-    assert_eq!(same, imported.rows.len(), "nothing is read that was not there");
+    assert_eq!(same, imported.rows.len(), "every row is in the undamaged log");
 }

@@ -1,6 +1,6 @@
-"""Bags of ROS 2 as its own tools write them, and what rosbags reads of them: one line a message, every number with all its digits.
+"""Writes ROS 2 bags and prints the messages that rosbags reads from them, one per line, numbers with all digits.
 
-bags.py FOLDER makes FOLDER/{none,zstd,sqlite3,packed} and FOLDER/{lz4,bare}.mcap, and prints the messages of each.
+bags.py FOLDER creates FOLDER/{none,zstd,sqlite3,packed} and FOLDER/{lz4,bare}.mcap, and prints the messages of each.
 """
 
 import random
@@ -29,7 +29,7 @@ def vector(numbers):
 
 
 def messages():
-    """Topic, time and message, in the order in which they are written."""
+    """Yields topic, time and message in the order of writing."""
     draw = random.Random(7)
     some = lambda count, size: [draw.uniform(-size, size) for _ in range(count)]
     nine = lambda first: numpy.array([first] + [0.0] * 8)
@@ -62,7 +62,7 @@ def messages():
                 header=header(t_ns),
                 twist=TYPES["geometry_msgs/msg/Twist"](linear=vector(some(3, 9.0)), angular=vector([0.0] * 3)),
             )
-            yield "/note", t_ns, TYPES["std_msgs/msg/String"](data="of another type")
+            yield "/note", t_ns, TYPES["std_msgs/msg/String"](data="unsupported type")
 
 
 def by_rosbags(path, plugin, compression):
@@ -95,7 +95,7 @@ def by_mcap(path, compression, is_chunked):
 
 def line(message):
     stamp = message.header.stamp
-    xyz = lambda it: [it.x, it.y, it.z]
+    xyz = lambda vector: [vector.x, vector.y, vector.z]
     match message.__msgtype__.rsplit("/", 1)[1]:
         case "Imu":
             q = message.orientation

@@ -1,4 +1,4 @@
-//! Bags as rosbags and the Python library of MCAP write them, read as rosbags reads them.
+//! Bags written by rosbags and the Python MCAP library, compared with rosbags.
 
 use std::{collections::BTreeMap, fs, path::Path, slice::from_ref};
 
@@ -7,18 +7,18 @@ use import::{Format, Note, Options, convert};
 use crate::{
     common::{Folder, Imported},
     python::python,
-    readers::lines,
+    scripts::run_script,
 };
 
 const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];
 
-/// The numbers of each message, by topic.
+/// Time and numbers of each message, by topic.
 type Messages = BTreeMap<String, Vec<(i64, Vec<f64>)>>;
 
-/// The bags in a folder, and what rosbags reads of each.
+/// Creates the bags in a folder and returns the messages that rosbags reads from each.
 fn bags(folder: &Path) -> BTreeMap<String, Messages> {
     let mut bags: BTreeMap<String, Messages> = BTreeMap::new();
-    for words in lines("bags.py", &[folder.as_os_str()]) {
+    for words in run_script("bags.py", &[folder.as_os_str()]) {
         let numbers = words[3..].iter().map(|word| word.parse().unwrap()).collect();
         let topics = bags.entry(words[0].clone()).or_default();
         topics.entry(words[1].clone()).or_default().push((words[2].parse().unwrap(), numbers));
@@ -26,11 +26,12 @@ fn bags(folder: &Path) -> BTreeMap<String, Messages> {
     bags
 }
 
-fn chosen(topics: &[&str]) -> Options {
+fn with_topics(topics: &[&str]) -> Options {
     Options { topics: topics.iter().map(|topic| (*topic).to_owned()).collect(), ..Options::default() }
 }
 
-/// Every value of the import is that of rosbags, to the last bit.
+/// Checks that every value equals that of rosbags. Rates, forces and fields must be equal to the
+/// last bit.
 fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
     let is_measured = |numbers: &[f64]| numbers[5] != -1.0;
     let expected: Vec<_> = bag[imu].iter().filter(|(_, numbers)| is_measured(numbers)).collect();
@@ -40,20 +41,20 @@ fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
         let [w, x, y, z, covariance, _, gx, gy, gz, ax, ay, az] = numbers[..] else { panic!("{numbers:?}") };
         assert_eq!((row.t_ns, row.rate_rad_s, row.force_m_s2), (*t_ns, [-gy, gx, gz], [-ay, ax, az]));
         if covariance == -1.0 || [w, x, y, z] == [0.0; 4] {
-            // What is there is between those before and after it.
+            // The row has an interpolated reference.
             continue;
         }
         let reference = row.reference.unwrap();
-        // The forward axis is the first of theirs and the second of ours; of up both have the third.
+        // Forward is the first body axis in ROS and the second one here. Up is the third in both.
         let forward = [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)];
         let up = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
         let [w, x, y, z] = reference.quaternion;
-        let ours = [
+        let found = [
             [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
             [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
         ];
-        let theirs = [forward, up];
-        assert!(ours.iter().flatten().zip(theirs.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
+        let expected = [forward, up];
+        assert!(found.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
         references += 1;
     }
     assert!(references > 2000);
@@ -63,7 +64,7 @@ fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
 }
 
 #[test]
-fn the_samples_of_bags_are_those_of_rosbags() {
+fn bags_match_rosbags() {
     if python().is_none() {
         return;
     }
@@ -74,19 +75,19 @@ fn the_samples_of_bags_are_those_of_rosbags() {
         let Imported { summary, fixes, .. } = &folder.import(from_ref(&path), None).unwrap();
         let format = if name.ends_with(".mcap") { Format::Mcap } else { Format::Bag };
         assert_eq!((summary.format, summary.fixes, fixes.len()), (format, 0, 0), "{name}");
-        let told: Vec<_> = summary.notes.iter().map(ToString::to_string).collect();
+        let notes: Vec<_> = summary.notes.iter().map(ToString::to_string).collect();
         assert_eq!(
-            told,
+            notes,
             [
-                "read rate and force of /imu/data; there is also /imu/raw: --topic chooses another",
-                "left out 30 of the messages of the topics read: they are malformed, or say that nothing was measured",
+                "read rate and force from /imu/data; also available: /imu/raw; select with --topic",
+                "skipped 30 messages of the topics read: malformed, or marked as not measured",
                 "/vel may hold the velocity of a receiver; --topic /vel reads it as east, north, up",
             ],
             "{name}"
         );
 
         for imu in ["/imu/data", "/imu/raw"] {
-            let imported = folder.import_with(from_ref(&path), &chosen(&[imu, "/vel"])).unwrap();
+            let imported = folder.import_with(from_ref(&path), &with_topics(&[imu, "/vel"])).unwrap();
             assert_equal(&imported, &bags[name], imu);
             let fixes: Vec<_> =
                 imported.fixes.iter().map(|fix| (fix.t_ns, fix.velocity_m_s.to_vec(), fix.latitude_deg)).collect();
@@ -96,27 +97,27 @@ fn the_samples_of_bags_are_those_of_rosbags() {
             assert_eq!((fixes.len(), &fixes), (150, &expected), "{name}");
         }
     }
-    for (topics, said) in [
-        (&["/imu/date"][..], "there is no topic \"/imu/date\" to read, did you mean \"/imu/data\"?; there are"),
+    for (topics, expected) in [
+        (&["/imu/date"][..], "no readable topic \"/imu/date\" (did you mean \"/imu/data\"?); available topics:"),
         (
             &["/imu/raw", "/imu/data"],
-            "--topic names both \"/imu/raw\" and \"/imu/data\", expected one of rate and force",
+            "--topic names both \"/imu/raw\" and \"/imu/data\", expected one topic for rate and force",
         ),
-        (&["/note"], "there is no topic \"/note\" to read"),
+        (&["/note"], "no readable topic \"/note\""),
     ] {
-        let error = folder.import_with(&[folder.path("none")], &chosen(topics)).unwrap_err();
-        assert!(error.exit_code() == 2 && error.to_string().contains(said), "{error}");
+        let error = folder.import_with(&[folder.path("none")], &with_topics(topics)).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains(expected), "{error}");
     }
 }
 
 #[test]
-fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
+fn bag_of_several_files_joined_and_damage_reported() {
     if python().is_none() {
         return;
     }
     let folder = Folder::new();
     let bags = bags(&folder.path(""));
-    // Three files that follow each other, as of a bag that was split: the whole, one that is cut, one that is no file of messages.
+    // A split bag: a truncated file, a complete file, and the metadata.
     let split = folder.path("split");
     fs::create_dir(&split).unwrap();
     fs::copy(folder.path("none/metadata.yaml"), split.join("metadata.yaml")).unwrap();
@@ -125,34 +126,34 @@ fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
     fs::write(split.join("split_9.mcap"), &whole[..whole.len() / 2]).unwrap();
     let imported = folder.import(from_ref(&split), None).unwrap();
     let measured = bags["lz4.mcap"]["/imu/data"].iter().filter(|(_, numbers)| numbers[5] != -1.0).count();
-    assert_eq!(imported.rows.len(), measured, "what the second has again is left out");
-    let told: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
-    assert!(told[0].starts_with("split_9.mcap is not whole: byte "), "{told:?}");
-    assert!(told.iter().any(|note| note.contains("they are not later than the one before them")), "{told:?}");
+    assert_eq!(imported.rows.len(), measured, "repeated messages are skipped");
+    let notes: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
+    assert!(notes[0].starts_with("split_9.mcap is damaged: byte "), "{notes:?}");
+    assert!(notes.iter().any(|note| note.contains("timestamps do not increase")), "{notes:?}");
 
-    // A chunk with a damaged byte is left out, and no other.
+    // Only the damaged chunk is skipped.
     let mut damaged = whole.clone();
     damaged[whole.len() / 3] ^= 0x10;
     let imported = folder.import(&[folder.file("damaged.mcap", &damaged)], None).unwrap();
     assert!(imported.rows.len() < measured && imported.rows.len() > measured * 8 / 10, "{}", imported.rows.len());
-    let left_out = Note::LeftOut { what: "chunks of messages", count: 1, why: "they are damaged" };
-    assert!(imported.summary.notes.contains(&left_out), "{:?}", imported.summary.notes);
+    let skipped = Note::Skipped { what: "message chunks", count: 1, reason: "damaged" };
+    assert!(imported.summary.notes.contains(&skipped), "{:?}", imported.summary.notes);
 
-    for (name, contents, said) in [
+    for (name, contents, expected) in [
         ("a.mcap.zstd", &b"\x28\xb5\x2f\xfd"[..], "unpack them with zstd -d"),
-        ("b.txt", b"nothing", "a .mcap or .db3 file beside metadata.yaml"),
+        ("b.txt", b"nothing", "a .mcap or .db3 file next to metadata.yaml"),
     ] {
-        let empty = folder.path(&format!("of_{name}"));
-        fs::create_dir(&empty).unwrap();
-        fs::copy(folder.path("none/metadata.yaml"), empty.join("metadata.yaml")).unwrap();
-        fs::write(empty.join(name), contents).unwrap();
-        let error = folder.import(&[empty], None).unwrap_err();
-        assert!(error.to_string().contains(said), "{error}");
+        let bag = folder.path(&format!("of_{name}"));
+        fs::create_dir(&bag).unwrap();
+        fs::copy(folder.path("none/metadata.yaml"), bag.join("metadata.yaml")).unwrap();
+        fs::write(bag.join(name), contents).unwrap();
+        let error = folder.import(&[bag], None).unwrap_err();
+        assert!(error.to_string().contains(expected), "{error}");
     }
 }
 
 #[test]
-fn a_database_with_views_in_place_of_its_tables_runs_nothing() {
+fn database_with_views_or_generated_columns_rejected() {
     let folder = Folder::new();
     for endless in [
         "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) \
@@ -170,22 +171,22 @@ fn a_database_with_views_in_place_of_its_tables_runs_nothing() {
         drop(database);
         let error = folder.import(from_ref(&path), None).unwrap_err();
         assert!(error.exit_code() == 3, "{error}");
-        assert_eq!(folder.names(), ["a.db3"], "nothing is made beside it");
+        assert_eq!(folder.names(), ["a.db3"], "no other file is created");
     }
 }
 
 #[test]
-fn progress_of_a_bag_grows_to_the_whole() {
+fn bag_progress_increases_to_total() {
     if python().is_none() {
         return;
     }
     let folder = Folder::new();
     bags(&folder.path(""));
     for name in NAMES {
-        let mut told = Vec::new();
+        let mut reports = Vec::new();
         let out = folder.path("out.csv");
-        convert(&[folder.path(name)], &Options::default(), &out, &mut |progress| told.push(progress)).unwrap();
-        assert!(told.len() > 5 && told.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{told:?}");
-        assert_eq!(told.last().unwrap().done_bytes, told.last().unwrap().total_bytes);
+        convert(&[folder.path(name)], &Options::default(), &out, &mut |progress| reports.push(progress)).unwrap();
+        assert!(reports.len() > 5 && reports.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{reports:?}");
+        assert_eq!(reports.last().unwrap().done_bytes, reports.last().unwrap().total_bytes);
     }
 }

@@ -1,4 +1,4 @@
-//! Logs and tables made here, and the way through the import and back.
+//! Helpers that generate logs, import them and read the result back.
 
 use std::{
     fs,
@@ -12,7 +12,7 @@ use recording::{
 };
 use tempfile::TempDir;
 
-/// What came of an import.
+/// Result of an import, with the rows and fixes read back.
 #[derive(Debug)]
 pub(crate) struct Imported {
     pub(crate) summary: Summary,
@@ -20,7 +20,7 @@ pub(crate) struct Imported {
     pub(crate) fixes: Vec<Fix>,
 }
 
-/// A folder of files, gone with the test.
+/// Temporary folder.
 pub(crate) struct Folder(TempDir);
 
 impl Folder {
@@ -40,13 +40,13 @@ impl Folder {
 
     pub(crate) fn names(&self) -> Vec<String> {
         let mut names: Vec<_> =
-            fs::read_dir(self.0.path()).unwrap().map(|it| it.unwrap().file_name().into_string().unwrap()).collect();
+            fs::read_dir(self.0.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
     }
 
-    /// A message without the name of the folder.
-    pub(crate) fn said(&self, error: &ImportError) -> String {
+    /// Returns the message of an error without the path of the folder.
+    pub(crate) fn message(&self, error: &ImportError) -> String {
         error.to_string().replace(&format!("{}/", self.0.path().display()), "")
     }
 
@@ -78,7 +78,7 @@ fn fixes(recording: &Path) -> Vec<Fix> {
     times.map(|t_ns| fixes.latest_until(t_ns).unwrap().unwrap()).collect()
 }
 
-/// The folder of logs; says that the test is skipped where there is none.
+/// Returns the path of a recorded log; `None`, with a note on stderr, if the test data is missing.
 pub(crate) fn log(name: &str) -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
@@ -86,7 +86,7 @@ pub(crate) fn log(name: &str) -> Option<PathBuf> {
         return Some(folder.join("logs").join(name));
     }
     assert!(std::env::var_os("PLUMBLINE_DATA").is_none(), "no recordings at {}", folder.display());
-    eprintln!("skipped: no recordings at {} (PLUMBLINE_DATA names another place)", folder.display());
+    eprintln!("skipped: no recordings at {} (set PLUMBLINE_DATA to their folder)", folder.display());
     None
 }
 
@@ -100,21 +100,21 @@ pub(crate) const MAGNETOMETER: &str =
 pub(crate) const ATTITUDE: &str = "vehicle_attitude:uint64_t timestamp;float[4] q;uint8_t quat_reset_counter;";
 pub(crate) const RECEIVER: &str = "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;\
     float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;bool vel_ned_valid;";
-pub(crate) const NEW_RECEIVER: &str = "sensor_gps:uint64_t timestamp;double latitude_deg;double longitude_deg;\
+pub(crate) const RECEIVER_DEGREES: &str = "sensor_gps:uint64_t timestamp;double latitude_deg;double longitude_deg;\
     double altitude_msl_m;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;bool vel_ned_valid;";
 
-/// A ULog, message by message.
+/// Writer of a ULog.
 #[derive(Clone)]
 pub(crate) struct Log(pub(crate) Vec<u8>);
 
 impl Log {
-    /// The header, and the formats of `topics`, which have the numbers 0, 1 and so on.
-    pub(crate) fn of(topics: &[&str]) -> Self {
+    /// Writes the header and the formats of `topics`, which get the ids 0, 1 and so on.
+    pub(crate) fn new(topics: &[&str]) -> Self {
         let mut log = Self([&b"ULog\x01\x12\x35\x01"[..], &[0; 8]].concat());
         log.message(b'B', &[0; 40]);
         topics.iter().for_each(|format| log.message(b'F', format.as_bytes()));
         for (id, format) in (0..).zip(topics) {
-            log.add(id, 0, format.split(':').next().unwrap());
+            log.subscribe(id, 0, format.split(':').next().unwrap());
         }
         log
     }
@@ -125,25 +125,26 @@ impl Log {
         self.0.extend_from_slice(content);
     }
 
-    /// Another topic or instance.
-    pub(crate) fn add(&mut self, id: u16, instance: u8, topic: &str) {
+    /// Writes the subscription of a topic instance.
+    pub(crate) fn subscribe(&mut self, id: u16, instance: u8, topic: &str) {
         self.message(b'A', &[&[instance][..], &id.to_le_bytes(), topic.as_bytes()].concat());
     }
 
-    /// A sample: its number, its time in µs, and its other fields.
-    pub(crate) fn data(&mut self, id: u16, t_us: u64, fields: &[&dyn Bytes]) {
+    /// Writes a sample with its topic id, its time in µs and its other fields.
+    pub(crate) fn sample(&mut self, id: u16, t_us: u64, fields: &[&dyn Bytes]) {
         let mut content = [&id.to_le_bytes()[..], &t_us.to_le_bytes()].concat();
         fields.iter().for_each(|field| content.extend(field.bytes()));
         self.message(b'D', &content);
     }
 
-    /// A sample of [`COMBINED`], whose force was measured as much later, µs.
+    /// Writes a sample of [`COMBINED`]. `relative_us` is the time of the force after that of the
+    /// rate.
     pub(crate) fn combined(&mut self, t_us: u64, gyro: [f32; 3], relative_us: i32, accel: [f32; 3]) {
-        self.data(0, t_us, &[&gyro, &0.004f32, &relative_us, &accel]);
+        self.sample(0, t_us, &[&gyro, &0.004f32, &relative_us, &accel]);
     }
 }
 
-/// What logs are made of.
+/// Value in little-endian binary form.
 pub(crate) trait Bytes {
     fn bytes(&self) -> Vec<u8>;
 }

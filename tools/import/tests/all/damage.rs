@@ -1,23 +1,24 @@
-//! Logs that are cut or damaged: what was good before is read, the rest is told, and nothing panics.
+//! Truncated and damaged logs: the part before the damage is read, the damage is reported, and
+//! nothing panics.
 
 use import::{Format, ImportError, Note};
 
 use crate::common::{ATTITUDE, COMBINED, Folder, Log, MAGNETOMETER, RECEIVER, log};
 
-fn made() -> Log {
-    let mut log = Log::of(&[COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER]);
+fn complete_log() -> Log {
+    let mut log = Log::new(&[COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER]);
     for i in 0..4u64 {
         let t_us = 1_000_000 + 1000 * i;
         log.combined(t_us, [0.0; 3], 0, [0.0, 0.0, -9.8]);
-        log.data(1, t_us, &[&t_us, &[0.2f32, 0.0, 0.4]]);
-        log.data(2, t_us, &[&[1.0f32, 0.0, 0.0, 0.0], &0u8]);
-        log.data(3, t_us, &[&[0i32; 3], &[1.0f32; 3], &3u8, &1u8]);
+        log.sample(1, t_us, &[&t_us, &[0.2f32, 0.0, 0.4]]);
+        log.sample(2, t_us, &[&[1.0f32, 0.0, 0.0, 0.0], &0u8]);
+        log.sample(3, t_us, &[&[0i32; 3], &[1.0f32; 3], &3u8, &1u8]);
     }
     log
 }
 
-/// Rows of the first `length` bytes, and whether damage is told.
-fn cut(folder: &Folder, log: &[u8], length: usize) -> Result<(u64, bool), ImportError> {
+/// Imports the first `length` bytes. Returns the number of rows and whether damage is reported.
+fn import_prefix(folder: &Folder, log: &[u8], length: usize) -> Result<(u64, bool), ImportError> {
     let path = folder.file("cut.ulg", &log[..length]);
     let summary = folder.import(&[path], None)?.summary;
     let is_damaged = summary.notes.iter().any(|note| matches!(note, Note::Damage { .. }));
@@ -25,12 +26,12 @@ fn cut(folder: &Folder, log: &[u8], length: usize) -> Result<(u64, bool), Import
 }
 
 #[test]
-fn a_log_cut_at_any_byte_gives_what_was_before() {
-    let (folder, log) = (Folder::new(), made().0);
+fn log_cut_at_any_byte_keeps_earlier_rows() {
+    let (folder, log) = (Folder::new(), complete_log().0);
     let whole = log.len();
     let mut before = 0;
     for length in 0..whole {
-        match cut(&folder, &log, length) {
+        match import_prefix(&folder, &log, length) {
             Ok((rows, _)) => {
                 assert!((before..=4).contains(&rows), "{length}: {rows}");
                 before = rows;
@@ -43,18 +44,18 @@ fn a_log_cut_at_any_byte_gives_what_was_before() {
         let _ = std::fs::remove_file(folder.path("out_gnss.csv"));
     }
     assert_eq!(before, 4);
-    assert_eq!(cut(&folder, &log, whole - 1).unwrap(), (4, true));
-    assert_eq!(cut(&folder, &log, whole).unwrap(), (4, false));
+    assert_eq!(import_prefix(&folder, &log, whole - 1).unwrap(), (4, true));
+    assert_eq!(import_prefix(&folder, &log, whole).unwrap(), (4, false));
 }
 
 #[test]
-fn a_damaged_byte_anywhere_is_no_panic() {
-    let (folder, log) = (Folder::new(), made().0);
+fn log_with_any_byte_damaged_does_not_panic() {
+    let (folder, log) = (Folder::new(), complete_log().0);
     for index in 0..log.len() {
         for flipped in [0x01, 0x82] {
             let mut damaged = log.clone();
             damaged[index] ^= flipped;
-            // What it says about it depends on the byte; that it says it does not.
+            // The result depends on the byte.
             let _ = folder.import(&[folder.file("damaged.ulg", &damaged)], None);
             let _ = std::fs::remove_file(folder.path("out_gnss.csv"));
         }
@@ -62,9 +63,9 @@ fn a_damaged_byte_anywhere_is_no_panic() {
 }
 
 #[test]
-fn messages_that_would_break_the_parser_are_stopped_before_it() {
+fn messages_that_panic_the_parser_are_filtered() {
     let folder = Folder::new();
-    let mut log = Log::of(&[COMBINED]);
+    let mut log = Log::new(&[COMBINED]);
     log.combined(1_000_000, [0.0; 3], 0, [0.0, 0.0, -9.8]);
     for (kind, content, found) in [
         (b'A', &b"\x00\x01"[..], Some("a message 'A' that is too short")),
@@ -73,38 +74,38 @@ fn messages_that_would_break_the_parser_are_stopped_before_it() {
         (b'P', b"", None),
         (b'P', b"\xffint32_t x", None),
         (b'F', b"huge:next[32767] x;", None),
-        (b'\0', b"", Some("a message of the unknown type 0x00")),
+        (b'\0', b"", Some("a message of unknown type 0x00")),
     ] {
         let mut log = log.clone();
         log.message(kind, content);
         log.combined(1_001_000, [0.0; 3], 0, [0.0, 0.0, -9.8]);
         let summary = folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary;
         assert_eq!(summary.rows, if found.is_some() { 1 } else { 2 }, "{kind} {content:?}");
-        let said = summary.notes.iter().find(|note| matches!(note, Note::Damage { .. })).map(ToString::to_string);
-        assert_eq!(said.is_some(), found.is_some());
-        assert!(said.is_none_or(|said| said.contains(found.unwrap())), "{found:?}");
+        let damage = summary.notes.iter().find(|note| matches!(note, Note::Damage { .. })).map(ToString::to_string);
+        assert_eq!(damage.is_some(), found.is_some());
+        assert!(damage.is_none_or(|damage| damage.contains(found.unwrap())), "{found:?}");
     }
 }
 
 #[test]
-fn formats_within_formats_cost_nothing() {
+fn nested_formats_of_other_topics_cost_nothing() {
     let folder = Folder::new();
     let nested: Vec<_> = (0..5000).map(|i| format!("n{i}:n{}[9] x;n{}[9] y;", i + 1, i + 1)).collect();
     let mut topics: Vec<_> = nested.iter().map(String::as_str).collect();
     topics.push("n5000:");
     topics.insert(0, COMBINED);
-    let mut log = Log::of(&topics);
+    let mut log = Log::new(&topics);
     log.combined(1_000_000, [0.0; 3], 0, [0.0, 0.0, -9.8]);
     assert_eq!(folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary.rows, 1);
 }
 
 #[test]
-fn a_real_log_cut_anywhere_gives_what_was_before() {
+fn real_log_cut_anywhere_keeps_earlier_rows() {
     let Some(path) = log("px4_small.ulg") else { return };
     let (folder, log) = (Folder::new(), std::fs::read(path).unwrap());
     let mut before = 0;
     for length in (0..log.len()).step_by(1000).chain([log.len()]) {
-        let rows = cut(&folder, &log, length).map_or(0, |(rows, _)| rows);
+        let rows = import_prefix(&folder, &log, length).map_or(0, |(rows, _)| rows);
         assert!(rows >= before, "{length}: {rows} after {before}");
         before = rows;
         let _ = std::fs::remove_file(folder.path("out_gnss.csv"));
@@ -113,13 +114,13 @@ fn a_real_log_cut_anywhere_gives_what_was_before() {
 }
 
 #[test]
-fn a_longer_log_cut_here_and_there_gives_what_was_before() {
+fn longer_log_cut_at_some_bytes_keeps_earlier_rows() {
     let Some(path) = log("px4_sample.ulg") else { return };
     let (folder, log) = (Folder::new(), std::fs::read(path).unwrap());
     let mut before = 0;
     let starts = (0..40_000).step_by(1000);
     for length in starts.chain((40_000..log.len()).step_by(333_000)) {
-        let rows = cut(&folder, &log, length).map_or(0, |(rows, _)| rows);
+        let rows = import_prefix(&folder, &log, length).map_or(0, |(rows, _)| rows);
         assert!(rows >= before, "{length}: {rows} after {before}");
         before = rows;
     }
@@ -127,29 +128,29 @@ fn a_longer_log_cut_here_and_there_gives_what_was_before() {
 }
 
 #[test]
-fn of_a_log_that_says_nothing_there_is_no_recording() {
+fn log_without_samples_rejected() {
     let folder = Folder::new();
-    for (log, said) in [
-        (Log::of(&[]), "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined"),
+    for (log, expected) in [
+        (Log::new(&[]), "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined"),
         (
-            Log::of(&["sensor_combined:uint64_t timestamp;float[2] gyro_rad;"]),
+            Log::new(&["sensor_combined:uint64_t timestamp;float[2] gyro_rad;"]),
             "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined",
         ),
         (
             Log(b"ULog\x01\x12\x35".to_vec()),
-            "reading a.ulg: byte 0: found the end of the file in a message, expected a log; copy the file again",
+            "reading a.ulg: byte 0: found the end of the file within a message before any data; copy the file again",
         ),
     ] {
         let path = folder.file("a.ulg", &log.0);
-        assert_eq!(Format::of(&path).unwrap(), Format::Ulog);
-        assert_eq!(folder.said(&folder.import(&[path], None).unwrap_err()), said);
+        assert_eq!(Format::detect(&path).unwrap(), Format::Ulog);
+        assert_eq!(folder.message(&folder.import(&[path], None).unwrap_err()), expected);
     }
-    let mut log = Log::of(&["sensor_combined:uint64_t timestamp;float[2] gyro_rad;"]);
-    log.data(0, 1, &[&[0.0f32; 2]]);
+    let mut log = Log::new(&["sensor_combined:uint64_t timestamp;float[2] gyro_rad;"]);
+    log.sample(0, 1, &[&[0.0f32; 2]]);
     assert_eq!(
-        folder.said(&folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap_err()),
-        "reading a.ulg: the topic sensor_combined: found no field gyro_rad[0] of the type float[3], \
-         there are \"timestamp\", \"gyro_rad[0]\", \"gyro_rad[1]\""
+        folder.message(&folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap_err()),
+        "reading a.ulg: topic sensor_combined: no field gyro_rad[0] of type float[3]; \
+         available fields: \"timestamp\", \"gyro_rad[0]\", \"gyro_rad[1]\""
     );
-    assert_eq!(folder.names(), ["a.ulg"], "nothing is left behind");
+    assert_eq!(folder.names(), ["a.ulg"], "no file remains");
 }

@@ -1,4 +1,4 @@
-//! Flights of this system as MCAP.
+//! Plumbline flights as MCAP.
 
 use std::collections::BTreeMap;
 
@@ -35,12 +35,12 @@ impl Flight {
     }
 }
 
-/// The bytes of a flight, and its rows.
+/// Returns the MCAP bytes of a flight and its rows.
 fn flight() -> (Vec<u8>, Vec<Row>) {
     let mut flight = Flight::new();
     let mut rows = Vec::new();
     for tick in 0..TICKS {
-        let turn = tick as f64 / TICKS as f64;
+        let fraction = tick as f64 / TICKS as f64;
         let t_ns = 1_700_000_000_000_000_001 + 4_000_003 * tick as i64;
         let header = Header {
             tick,
@@ -49,8 +49,8 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
             flags: Flags::RATE_INSTANT,
             ..Header::zeroed()
         };
-        let (rate_rad_s, force_m_s2) = ([turn, -turn / 3.0, 0.1], [0.1, turn, 9.8]);
-        let field_ut = (tick % 5 == 2).then_some([20.0 * turn, 1.0 / 3.0, -40.0]);
+        let (rate_rad_s, force_m_s2) = ([fraction, -fraction / 3.0, 0.1], [0.1, fraction, 9.8]);
+        let field_ut = (tick % 5 == 2).then_some([20.0 * fraction, 1.0 / 3.0, -40.0]);
         let quaternion = if tick % 2 == 0 { [HALF, 0.0, HALF, 0.0] } else { [1.0, 0.0, 0.0, 0.0] };
         let scored = u64::from(tick % 3 == 0);
         let reference = Reference { tick, scored, quaternion };
@@ -65,7 +65,7 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
             flight.write("/reference", &reference);
         }
         if tick % 50 == 49 {
-            let velocity_m_s = [1.0, turn, -0.5];
+            let velocity_m_s = [1.0, fraction, -0.5];
             let [velocity_sd_m_s, age_s] = [f64::NAN; 2];
             let [latitude_rad, longitude_rad, altitude_m] = [0.5, -2.0, 120.0];
             let fix = GnssFix { header, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
@@ -80,13 +80,13 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
 }
 
 #[test]
-fn a_flight_gives_the_rows_that_were_flown() {
+fn flight_import_restores_recorded_rows() {
     let folder = Folder::new();
     let (bytes, rows) = flight();
     let imported = folder.import(&[folder.file("flight.mcap", &bytes)], None).unwrap();
     assert_eq!(imported.summary.format, Format::Mcap);
     assert_eq!(imported.rows, rows);
-    assert_eq!(imported.summary.notes, [Note::Instants]);
+    assert_eq!(imported.summary.notes, [Note::InstantRates]);
     let fixes: Vec<_> = imported.fixes.iter().map(|fix| (fix.t_ns, fix.velocity_m_s)).collect();
     let expected = rows.iter().enumerate().filter(|(tick, _)| tick % 50 == 49);
     let expected: Vec<_> = expected.map(|(tick, row)| (row.t_ns, [1.0, tick as f64 / TICKS as f64, -0.5])).collect();
@@ -97,7 +97,7 @@ fn a_flight_gives_the_rows_that_were_flown() {
 }
 
 #[test]
-fn a_flight_cut_at_any_chunk_gives_what_was_before() {
+fn flight_cut_anywhere_keeps_earlier_rows() {
     let folder = Folder::new();
     let (bytes, rows) = flight();
     let mut before = 0;

@@ -1,4 +1,5 @@
-//! Recordings of others: made here, real ones, broken ones, and what their own reader says of them.
+//! Imports of generated, real and damaged recordings, compared with the reference readers of their
+//! formats.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod ardupilot;
@@ -6,13 +7,13 @@ mod bags;
 mod common;
 mod damage;
 mod flights;
-mod foreign;
+mod pyulog;
 mod formats;
-mod logs;
-mod mistakes;
-mod mutated;
+mod ulog;
+mod errors;
+mod fuzz;
 mod pipeline;
 #[path = "../../../../tests/common/python.rs"]
 mod python;
-mod readers;
-mod tables;
+mod scripts;
+mod csv;

@@ -1,4 +1,4 @@
-//! An imported log, and the attitude that the default chain makes of it.
+//! Attitude of the default stages for imported logs.
 
 use attitude::{
     Quaternion,
@@ -11,12 +11,12 @@ use attitude::{
 
 use crate::common::{Folder, log};
 
-/// Beyond this a time between two rows is a gap, s.
-const GAP_S: f64 = 0.1;
+/// Maximum interval between two rows that is integrated, s.
+const MAX_GAP_S: f64 = 0.1;
 
 #[test]
-fn the_default_chain_has_the_inclination_that_px4_had() {
-    // The heading of the second is that of a compass not yet calibrated.
+fn default_stages_match_inclination_of_px4() {
+    // The compass of the second log was not yet calibrated, so its heading limit is wider.
     for (name, rmse_deg, heading_deg) in [("px4_sample.ulg", 0.3, 1.5), ("px4_small.ulg", 0.2, 15.0)] {
         let Some(path) = log(name) else { return };
         let folder = Folder::new();
@@ -28,7 +28,7 @@ fn the_default_chain_has_the_inclination_that_px4_had() {
         let mut before_ns = None;
         for row in &imported.rows {
             let dt_s = before_ns.replace(row.t_ns).map_or(0.0, |before_ns: i64| (row.t_ns - before_ns) as f64 / 1e9);
-            let rate = RateSample { rate_rad_s: row.rate_rad_s.into(), dt_s: dt_s.min(GAP_S), kind: RateKind::Mean };
+            let rate = RateSample { rate_rad_s: row.rate_rad_s.into(), dt_s: dt_s.min(MAX_GAP_S), kind: RateKind::Mean };
             let fused = fuser.step(&FuserInput {
                 motion: Some(gyro.step(&rate)),
                 inclination: Some(accel.step(&row.force_m_s2.into())),

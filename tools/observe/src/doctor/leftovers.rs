@@ -1,69 +1,72 @@
-//! What dead systems and killed processes have left behind.
+//! Leftovers of dead systems and killed processes.
 
 use bus::{BusError, StaleResources, SystemLiveness, SystemName};
 use launch::pluralize;
 
 use super::Check;
 
-const FIX: &str = "plumb doctor --fix";
+const FIX_COMMAND: &str = "plumb doctor --fix";
 
-/// Looks at one system, or at every one of which there is anything on this machine; with `fix` removes what nobody needs.
+/// Checks one system, or every system with files on this machine. With `fix`, removes the
+/// leftovers.
 pub fn checks(only: Option<&SystemName>, fix: bool) -> Vec<Check> {
-    let remains = only.map_or_else(StaleResources::all, |system_name| vec![StaleResources::for_system(system_name)]);
-    // Of a system that nobody has named it may be right.
-    let check = if only.is_some() { Check::problem } else { Check::warning };
-    let foreign = |error: &BusError| check("leftovers", error.to_string(), "left alone; its owner can look");
-    let look = |remains: &Result<_, _>| remains.as_ref().map_or_else(|error| Some(foreign(error)), |it| look(it, fix));
-    let checks: Vec<_> = remains.iter().filter_map(look).collect();
+    let stale = only.map_or_else(StaleResources::all, |system_name| vec![StaleResources::for_system(system_name)]);
+    // Files of another user are legitimate unless the user named the system.
+    let severity_check = if only.is_some() { Check::problem } else { Check::warning };
+    let inaccessible =
+        |error: &BusError| severity_check("leftovers", error.to_string(), "left unchanged; ask the owner to check");
+    let check = |stale: &Result<_, _>| {
+        stale.as_ref().map_or_else(|error| Some(inaccessible(error)), |stale| system_check(stale, fix))
+    };
+    let checks: Vec<_> = stale.iter().filter_map(check).collect();
     if checks.is_empty() { vec![Check::ok("leftovers", "none")] } else { checks }
 }
 
-fn look(remains: &StaleResources, fix: bool) -> Option<Check> {
-    let (check, name) = ("leftovers", remains.system_name.name());
-    let dead = remains.dead.len();
-    let found = match &remains.liveness {
+fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
+    let (check, name) = ("leftovers", stale.system_name.name());
+    let killed_count = stale.dead.len();
+    let found = match &stale.liveness {
         SystemLiveness::Lingering { pids } => {
             let pids = pids.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
-            let found = format!("the supervisor of {name:?} has ended, processes of it have not: {pids}");
-            return Some(Check::problem(check, found, format!("end them (kill -KILL {pids}), then {FIX}")));
+            let found = format!("the supervisor of {name:?} has ended, but these processes have not: {pids}");
+            return Some(Check::problem(check, found, format!("kill -KILL {pids}, then {FIX_COMMAND}")));
         }
         SystemLiveness::Unreachable { pids } => {
-            let found =
-                format!("somebody removed files of {name:?} while it runs (processes {pids:?}): nobody can join it");
-            let remedy = "it starts anew by itself once a service ends or is swapped; was it logind, set RemoveIPC=no in /etc/systemd/logind.conf";
+            let found = format!(
+                "files of {name:?} were removed while it runs (processes {pids:?}), so no process can join"
+            );
+            let remedy = "swap a stage or wait until a service ends: the system then renews its bus; if logind removed the files, set RemoveIPC=no in /etc/systemd/logind.conf";
             return Some(Check::problem(check, found, remedy));
         }
-        SystemLiveness::Running { pid } if remains.incomplete_segment.is_some() => {
-            let path = remains.incomplete_segment.iter().map(|path| path.display().to_string()).collect::<String>();
+        SystemLiveness::Running { pid } if stale.incomplete_segment.is_some() => {
+            let path = stale.incomplete_segment.iter().map(|path| path.display().to_string()).collect::<String>();
             let found =
-                format!("a process of {name:?} was killed while it made {path}; whoever opens it waits for ever");
-            return Some(Check::problem(check, found, format!("start the system anew: kill {pid}, then plumb up")));
+                format!("a process of {name:?} was killed while creating {path}; a process that opens it hangs");
+            return Some(Check::problem(check, found, format!("restart the system: kill {pid}, then plumb up")));
         }
-        SystemLiveness::Running { .. } if dead == 0 => return None,
+        SystemLiveness::Running { .. } if killed_count == 0 => return None,
         SystemLiveness::Running { pid } => {
-            format!(
-                "{} of the killed on the bus of {name:?}, which runs (process {pid})",
-                pluralize(dead as u64, "process")
-            )
+            let killed = pluralize(killed_count as u64, "killed process");
+            format!("{killed} on the bus of {name:?}, which is running (process {pid})")
         }
-        SystemLiveness::Dead if remains.files.is_empty() => return None,
+        SystemLiveness::Dead if stale.files.is_empty() => return None,
         SystemLiveness::Dead => {
-            let files = pluralize(remains.files.len() as u64, "file");
-            let dead = pluralize(dead as u64, "process");
-            format!("{files} of {name:?}, which does not run any more; {dead} of the killed on its bus")
+            let files = pluralize(stale.files.len() as u64, "file");
+            let killed = pluralize(killed_count as u64, "killed process");
+            format!("{files} of {name:?}, which is not running; {killed} on its bus")
         }
     };
     if fix {
-        return Some(match remains.remove() {
+        return Some(match stale.remove() {
             Ok(()) => Check::ok(check, format!("{found}; removed")),
             Err(error) => {
-                Check::problem(check, format!("{found}; {error}"), "try again when nothing of it starts or ends")
+                Check::problem(check, format!("{found}; {error}"), "try again when no process of the system starts or ends")
             }
         });
     }
-    Some(match remains.liveness {
-        // Whoever joins next cleans up; until then the killed keep their places.
-        SystemLiveness::Running { .. } => Check::warning(check, found, FIX),
-        _ => Check::problem(check, found, FIX),
+    Some(match stale.liveness {
+        // The next process that joins cleans up. Until then the killed processes keep their ports.
+        SystemLiveness::Running { .. } => Check::warning(check, found, FIX_COMMAND),
+        _ => Check::problem(check, found, FIX_COMMAND),
     })
 }

@@ -1,4 +1,4 @@
-//! Shared memory, limits, clock and processor of this machine.
+//! Checks of shared memory, limits, clocks and processor of this machine.
 
 use std::{fs, path::Path};
 
@@ -10,47 +10,52 @@ use rustix::{
 
 use super::Check;
 
-/// A system at 1 kHz fills 5 MiB; three times that, for one at more or two of them.
-const SHARED_MEMORY_MIB: u64 = 16;
-/// The same system where every reader that it may have is as slow as can be: 83 MiB; and half as much again.
-const SHARED_MEMORY_AMPLE_MIB: u64 = 128;
-/// The same with room for a recorder, a gateway and observers.
-const FILES_AMPLE: u64 = 1024;
-/// What locks its memory needs its code, its stacks and its end of the topics, MiB.
-const LOCKED_MIB: u64 = 8;
-/// Clock sources that are read without a call of the kernel.
-const FAST_SOURCES: [&str; 6] =
+/// Minimum free shared memory. A system at 1 kHz uses 5 MiB; three times that allows for a higher
+/// rate or a second system.
+const MIN_SHARED_MEMORY_MIB: u64 = 16;
+/// Ample free shared memory. The same system with all possible subscribers as slow as possible uses
+/// 83 MiB; half as much again is reserve.
+const AMPLE_SHARED_MEMORY_MIB: u64 = 128;
+/// Ample limit of open files: leaves room for a recorder, a gateway and observers.
+const AMPLE_OPEN_FILES: u64 = 1024;
+/// Minimum lockable memory, MiB: code, stacks and topic buffers of a service.
+const MIN_LOCKED_MEMORY_MIB: u64 = 8;
+/// Clock sources that are read without a system call.
+const FAST_CLOCK_SOURCES: [&str; 6] =
     ["tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource", "xen"];
 
-/// Everything about the machine.
+/// Runs all checks of the machine.
 pub fn checks() -> Vec<Check> {
-    vec![shared_memory(), open_files(), locked_memory(), real_time(), monotonic(), synchronised(), governor()]
+    vec![shared_memory(), open_files(), locked_memory(), real_time(), monotonic_clock(), wall_clock(), cpu_governor()]
 }
 
 fn shared_memory() -> Check {
     let check = "shared-memory";
     SharedMemory::query().map_or_else(
-        || Check::problem(check, "there is no /dev/shm", "mount it: mount -t tmpfs tmpfs /dev/shm"),
-        |memory| free(memory.free_bytes >> 20),
+        || Check::problem(check, "/dev/shm does not exist", "mount it: mount -t tmpfs tmpfs /dev/shm"),
+        |memory| shared_memory_check(memory.free_bytes >> 20),
     )
 }
 
-fn free(mib: u64) -> Check {
+fn shared_memory_check(mib: u64) -> Check {
     let (check, found) = ("shared-memory", format!("{mib} MiB free in /dev/shm"));
     match mib {
-        _ if mib < SHARED_MEMORY_MIB => Check::problem(check, found, SHARED_MEMORY_REMEDY),
-        _ if mib < SHARED_MEMORY_AMPLE_MIB => Check::warning(check, found, SHARED_MEMORY_REMEDY),
+        _ if mib < MIN_SHARED_MEMORY_MIB => Check::problem(check, found, SHARED_MEMORY_REMEDY),
+        _ if mib < AMPLE_SHARED_MEMORY_MIB => Check::warning(check, found, SHARED_MEMORY_REMEDY),
         _ => Check::ok(check, found),
     }
 }
 
 fn open_files() -> Check {
     let check = "open-files";
-    // Whoever joins a system raises its limit to this one.
+    // A process that joins a system raises its soft limit to the hard limit, so the hard limit
+    // counts.
     match getrlimit(Resource::Nofile).maximum {
-        Some(limit) if limit < REQUIRED_OPEN_FILES => Check::problem(check, format!("{limit} allowed"), OPEN_FILES_REMEDY),
-        Some(limit) if limit < FILES_AMPLE => Check::warning(check, format!("{limit} allowed"), OPEN_FILES_REMEDY),
-        Some(limit) => Check::ok(check, format!("{limit} allowed")),
+        Some(limit) if limit < REQUIRED_OPEN_FILES => {
+            Check::problem(check, format!("limit {limit}"), OPEN_FILES_REMEDY)
+        }
+        Some(limit) if limit < AMPLE_OPEN_FILES => Check::warning(check, format!("limit {limit}"), OPEN_FILES_REMEDY),
+        Some(limit) => Check::ok(check, format!("limit {limit}")),
         None => Check::ok(check, "no limit"),
     }
 }
@@ -58,12 +63,12 @@ fn open_files() -> Check {
 fn locked_memory() -> Check {
     let check = "locked-memory";
     match getrlimit(Resource::Memlock).current.map(|bytes| bytes >> 20) {
-        Some(mib) if mib < LOCKED_MIB => Check::warning(
+        Some(mib) if mib < MIN_LOCKED_MEMORY_MIB => Check::warning(
             check,
-            format!("{mib} MiB may be locked: under memory pressure a service can be paged out and be late"),
-            "allow more: ulimit -l unlimited, or LimitMEMLOCK=infinity in the unit",
+            format!("limit {mib} MiB: under memory pressure the kernel can page out a service, which delays it"),
+            "raise the limit: ulimit -l unlimited, or LimitMEMLOCK=infinity in the unit",
         ),
-        Some(mib) => Check::ok(check, format!("{mib} MiB may be locked")),
+        Some(mib) => Check::ok(check, format!("limit {mib} MiB")),
         None => Check::ok(check, "no limit"),
     }
 }
@@ -73,7 +78,7 @@ fn real_time() -> Check {
     match getrlimit(Resource::Rtprio).current {
         Some(0) if !geteuid().is_root() => Check::warning(
             check,
-            "no real-time priority is allowed: other load on the machine shows in the latency",
+            "no real-time priority is allowed: other load on the machine increases the latency",
             "allow it: rtprio 50 in /etc/security/limits.conf, or LimitRTPRIO=50 in the unit",
         ),
         Some(0) | None => Check::ok(check, "real-time priorities are allowed"),
@@ -81,41 +86,42 @@ fn real_time() -> Check {
     }
 }
 
-fn monotonic() -> Check {
+fn monotonic_clock() -> Check {
     let check = "clock-monotonic";
     let resolution_ns = clock_getres(ClockId::Monotonic).tv_nsec;
-    let Some(source) = read("/sys/devices/system/clocksource/clocksource0/current_clocksource") else {
-        return Check::ok(check, format!("resolution {resolution_ns} ns; its source cannot be read here"));
+    let Some(source) = read_trimmed("/sys/devices/system/clocksource/clocksource0/current_clocksource") else {
+        return Check::ok(check, format!("resolution {resolution_ns} ns; clock source unknown"));
     };
     let found = format!("source {source}, resolution {resolution_ns} ns");
-    if FAST_SOURCES.contains(&source.as_str()) && resolution_ns <= 1_000 {
+    if FAST_CLOCK_SOURCES.contains(&source.as_str()) && resolution_ns <= 1_000 {
         Check::ok(check, found)
     } else {
         Check::warning(
             check,
             found,
-            "stamps cost time and are coarse; boot with clocksource=tsc if the processor has it",
+            "reading the clock is slow or coarse; boot with clocksource=tsc if the processor supports it",
         )
     }
 }
 
-/// Nothing on the path depends on the time of day; recordings and fleets are easier to compare where it is right.
-fn synchronised() -> Check {
-    let check = "clock-of-day";
+/// The data path does not use the wall clock, but a synchronised clock makes recordings and fleets
+/// easier to compare.
+fn wall_clock() -> Check {
+    let check = "wall-clock";
     let timesyncd = Path::new("/run/systemd/timesync");
     if timesyncd.join("synchronized").exists() {
         Check::ok(check, "synchronised by systemd-timesyncd")
     } else if timesyncd.exists() {
-        Check::warning(check, "systemd-timesyncd runs and has not synchronised", "see timedatectl timesync-status")
+        Check::warning(check, "systemd-timesyncd runs but has not synchronised", "see timedatectl timesync-status")
     } else {
-        Check::ok(check, "whether it is synchronised cannot be known here; the path does not depend on it")
+        Check::ok(check, "sync state unknown (not needed)")
     }
 }
 
-fn governor() -> Check {
+fn cpu_governor() -> Check {
     let check = "processor";
     let cpus = fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
-    let governors = cpus.filter_map(|cpu| read(cpu.path().join("cpufreq/scaling_governor")));
+    let governors = cpus.filter_map(|cpu| read_trimmed(cpu.path().join("cpufreq/scaling_governor")));
     let governors: Vec<_> = governors.collect();
     let slow = |name: &&String| ["powersave", "conservative", "ondemand"].contains(&name.as_str());
     match (governors.iter().find(slow), governors.first()) {
@@ -125,30 +131,30 @@ fn governor() -> Check {
             "cpupower frequency-set -g performance",
         ),
         (None, Some(name)) => Check::ok(check, format!("governor {name}")),
-        (None, None) => Check::ok(check, "its frequency is not scaled, or that cannot be read (virtual machine)"),
+        (None, None) => Check::ok(check, "no frequency governor (fixed frequency or virtual machine)"),
     }
 }
 
-fn read(path: impl AsRef<Path>) -> Option<String> {
+fn read_trimmed(path: impl AsRef<Path>) -> Option<String> {
     Some(fs::read_to_string(path).ok()?.trim().to_owned())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doctor::Outcome;
+    use crate::doctor::Severity;
 
     #[test]
-    fn little_shared_memory_is_a_problem_before_it_is_none() {
-        assert_eq!([10, 64, 1000].map(|mib| free(mib).result), [Outcome::Problem, Outcome::Warning, Outcome::Ok]);
+    fn shared_memory_thresholds_set_severity() {
+        assert_eq!([10, 64, 1000].map(|mib| shared_memory_check(mib).result), [Severity::Problem, Severity::Warning, Severity::Ok]);
     }
 
     #[test]
-    fn this_machine_can_be_looked_at_and_whatever_is_wrong_has_a_remedy() {
+    fn every_finding_on_this_machine_has_a_remedy() {
         let checks = checks();
         assert_eq!(checks.len(), 7);
         for check in checks {
-            assert_eq!(check.remedy.is_none(), check.result == Outcome::Ok, "{check}");
+            assert_eq!(check.remedy.is_none(), check.result == Severity::Ok, "{check}");
         }
     }
 }

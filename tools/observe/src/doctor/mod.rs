@@ -1,97 +1,97 @@
-//! Whether the machine and the system are as they should be: what was found, and the remedy.
+//! Diagnosis of the machine and the system: findings and remedies.
 //!
-//! | module | what it looks at |
+//! | module | subject |
 //! | --- | --- |
-//! | [`machine`] | shared memory, limits, clock, processor |
-//! | [`leftovers`] | what dead systems and killed processes have left behind |
+//! | [`machine`] | shared memory, limits, clocks, processor |
+//! | [`leftovers`] | leftovers of dead systems and killed processes |
 //! | [`running`] | services, rates and flags of a running system |
-//! | [`still`] | what the sensors say while nothing moves |
+//! | [`at_rest`] | sensor readings at rest |
 
 pub mod leftovers;
 pub mod machine;
 pub mod running;
-pub mod still;
+pub mod at_rest;
 
 use std::fmt;
 
 use launch::pluralize;
 use serde::Serialize;
 
-/// How a check ended.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Outcome {
-    /// As it should be.
+pub enum Severity {
+    /// No fault found.
     Ok,
-    /// It works, but not as well as it could.
+    /// The system works, but worse than it could.
     Warning,
-    /// Something will not work.
+    /// Something does not work.
     Problem,
 }
 
 /// One check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// What was looked at.
+    /// Name of the check.
     pub check: &'static str,
-    /// How it ended.
-    pub result: Outcome,
-    /// What was found.
+    /// Result of the check.
+    pub result: Severity,
+    /// Finding.
     pub found: String,
-    /// What to do about it.
+    /// Remedy; `None` for [`Severity::Ok`].
     pub remedy: Option<String>,
 }
 
-/// All checks.
+/// All checks of the machine and a system.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Diagnosis {
-    /// The system looked at.
+pub struct DoctorReport {
+    /// Name of the system.
     pub system: String,
-    /// The checks.
+    /// Results in the order of the checks.
     pub checks: Vec<Check>,
 }
 
 impl Check {
-    /// As it should be.
+    /// Creates a check without a fault.
     pub fn ok(check: &'static str, found: impl Into<String>) -> Self {
-        Self { check, result: Outcome::Ok, found: found.into(), remedy: None }
+        Self { check, result: Severity::Ok, found: found.into(), remedy: None }
     }
 
-    /// It works, but not as well as it could.
+    /// Creates a check with a warning.
     pub fn warning(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { check, result: Outcome::Warning, found: found.into(), remedy: Some(remedy.into()) }
+        Self { check, result: Severity::Warning, found: found.into(), remedy: Some(remedy.into()) }
     }
 
-    /// Something will not work.
+    /// Creates a check with a problem.
     pub fn problem(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { check, result: Outcome::Problem, found: found.into(), remedy: Some(remedy.into()) }
+        Self { check, result: Severity::Problem, found: found.into(), remedy: Some(remedy.into()) }
     }
 }
 
-impl Diagnosis {
-    /// How many checks ended so.
-    pub fn count(&self, result: Outcome) -> usize {
+impl DoctorReport {
+    /// Returns the number of checks with this result.
+    pub fn count(&self, result: Severity) -> usize {
         self.checks.iter().filter(|check| check.result == result).count()
     }
 }
 
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let word = match self.result {
-            Outcome::Ok => "ok",
-            Outcome::Warning => "warning",
-            Outcome::Problem => "PROBLEM",
+        let label = match self.result {
+            Severity::Ok => "ok",
+            Severity::Warning => "warning",
+            Severity::Problem => "PROBLEM",
         };
-        write!(f, "{word:<9}{:<16}{}", self.check, self.found)?;
+        write!(f, "{label:<9}{:<16}{}", self.check, self.found)?;
         self.remedy.iter().try_for_each(|remedy| write!(f, "\n{:<25}→ {remedy}", ""))
     }
 }
 
-impl fmt::Display for Diagnosis {
+impl fmt::Display for DoctorReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.checks.iter().try_for_each(|check| writeln!(f, "{check}"))?;
-        let all = [(Outcome::Problem, "problem"), (Outcome::Warning, "warning")];
-        let [problems, warnings] = all.map(|(outcome, noun)| pluralize(self.count(outcome) as u64, noun));
+        let all = [(Severity::Problem, "problem"), (Severity::Warning, "warning")];
+        let [problems, warnings] = all.map(|(severity, noun)| pluralize(self.count(severity) as u64, noun));
         write!(f, "{problems}, {warnings}")
     }
 }

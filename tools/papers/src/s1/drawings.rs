@@ -1,20 +1,20 @@
-//! The drawings of S1: the two turns, the stereographic projection, the scheme of the fusion.
+//! The drawings of S1: the two rotations, the stereographic projection, the scheme of the fusion.
 
 use attitude::Vector3;
 use figures::style::{BLUE, GREEN, GREY, ORANGE};
 use plotters::style::{BLACK, Color, RGBColor};
 
 use crate::{
+    block_diagram::{Arrow, Block, BlockDiagram},
     picture::{Figure, Panel, Part, Picture},
     scene::{Scene, Shape, arc, circle},
-    scheme::{Arrow, Block, Scheme},
 };
 
 const POLE: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
 /// Figures 1 to 3.
 pub(super) fn parts() -> Vec<Part> {
-    vec![turns(), projection()]
+    vec![rotations(), projection()]
 }
 
 /// The unit sphere, the plane through its centre and the axes.
@@ -34,48 +34,48 @@ pub(super) fn sphere() -> Vec<Shape> {
         line(circle(|cos, sin| Vector3::new(0.0, cos, sin)), 0.15),
     ];
     let axes = [(Vector3::x() * 1.45, "ξ', u"), (Vector3::y() * 1.45, "η', v"), (Vector3::z() * 1.35, "ζ'")];
-    shapes.extend(axes.map(|(to, name)| Shape::Arrow { from: Vector3::zeros(), to, color: GREY, name: name.into() }));
+    shapes.extend(axes.map(|(to, label)| Shape::Arrow { from: Vector3::zeros(), to, color: GREY, label: label.into() }));
     shapes.push(Shape::Dots { points: vec![POLE], color: BLACK.to_rgba(), radius: 3 });
     shapes
 }
 
 fn axes<const N: usize>(
-    of: [Vector3<f64>; N],
-    names: [&str; N],
+    tips: [Vector3<f64>; N],
+    labels: [&str; N],
     color: RGBColor,
 ) -> impl Iterator<Item = Shape> + use<N> {
-    of.into_iter().zip(names.map(String::from)).map(move |(to, name)| Shape::Arrow {
+    tips.into_iter().zip(labels.map(String::from)).map(move |(to, label)| Shape::Arrow {
         from: Vector3::zeros(),
         to,
         color,
-        name,
+        label,
     })
 }
 
-fn turns() -> Part {
+fn rotations() -> Part {
     let (sin, cos) = 35f64.to_radians().sin_cos();
-    let turned = [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0), Vector3::z()];
+    let rotated = [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0), Vector3::z()];
     let plane =
         || Shape::Line { points: circle(|cos, sin| Vector3::new(cos, sin, 0.0)), color: BLACK.mix(0.3), width: 1 };
-    let arc_of = |points, color: RGBColor| Shape::Line { points, color: color.to_rgba(), width: 2 };
+    let arc_line = |points, color: RGBColor| Shape::Line { points, color: color.to_rgba(), width: 2 };
     let mut first = vec![plane()];
     first.extend(axes([Vector3::x(), Vector3::y(), Vector3::z() * 1.15], ["ξ0", "η0", "ζ0, ζ'"], GREY));
-    first.extend(axes([turned[0], turned[1], Vector3::z()], ["ξ'", "η'", ""], BLUE));
-    first.push(arc_of(arc(Vector3::x(), Vector3::y(), 35f64.to_radians(), 0.55), ORANGE));
+    first.extend(axes([rotated[0], rotated[1], Vector3::z()], ["ξ'", "η'", ""], BLUE));
+    first.push(arc_line(arc(Vector3::x(), Vector3::y(), 35f64.to_radians(), 0.55), ORANGE));
     first.push(Shape::Text { at: Vector3::new(0.68, 0.22, 0.0), text: "z".into() });
     // A turn of 40° about an axis e of the horizontal plane.
-    let e = (turned[0] * 0.8 + turned[1] * 0.6).normalize();
+    let e = (rotated[0] * 0.8 + rotated[1] * 0.6).normalize();
     let (tilt_sin, tilt_cos) = 40f64.to_radians().sin_cos();
-    let tilted =
+    let tilt =
         |axis: Vector3<f64>| axis * tilt_cos + e.cross(&axis) * tilt_sin + e * (e.dot(&axis) * (1.0 - tilt_cos));
     let mut second = vec![plane()];
-    second.extend(axes([turned[0], turned[1], Vector3::z()], ["ξ'", "η'", "ζ'"], BLUE));
-    second.extend(axes(turned.map(tilted), ["ξ", "η", "ζ"], GREEN));
+    second.extend(axes([rotated[0], rotated[1], Vector3::z()], ["ξ'", "η'", "ζ'"], BLUE));
+    second.extend(axes(rotated.map(tilt), ["ξ", "η", "ζ"], GREEN));
     second.extend(axes([e * 1.25], ["e"], ORANGE));
-    second.push(arc_of(arc(Vector3::z(), e.cross(&Vector3::z()), 40f64.to_radians(), 0.6), ORANGE));
-    second.push(Shape::Text { at: (Vector3::z() + tilted(Vector3::z())).normalize() * 0.72, text: "δ".into() });
+    second.push(arc_line(arc(Vector3::z(), e.cross(&Vector3::z()), 40f64.to_radians(), 0.6), ORANGE));
+    second.push(Shape::Text { at: (Vector3::z() + tilt(Vector3::z())).normalize() * 0.72, text: "δ".into() });
     let scene = |title: &str, shapes| {
-        Panel::Scene(Scene { title: title.into(), azimuth_deg: 62.0, elevation_deg: 28.0, reach: 1.3, shapes })
+        Panel::Scene(Scene { title: title.into(), azimuth_deg: 62.0, elevation_deg: 28.0, half_extent: 1.3, shapes })
     };
     let panels = vec![
         scene("figure 1: by z about the vertical", first),
@@ -84,7 +84,7 @@ fn turns() -> Part {
     Part {
         name: "figure-1-2",
         title: "Figures 1 and 2: the two finite rotations".into(),
-        about: "The body is reached by a turn z about ζ0, then by a turn δ about an axis e of the horizontal plane: A = A(w) A(z), (1), (7), (15).".into(),
+        caption: "The body is reached by a turn z about ζ0, then by a turn δ about an axis e of the horizontal plane: A = A(w) A(z), (1), (7), (15).".into(),
         picture: Picture::Figure(Figure { size: (1100, 520), columns: 2, panels }),
     }
 }
@@ -96,7 +96,7 @@ fn projection() -> Part {
     let mut shapes = sphere();
     shapes.extend([
         Shape::Line { points: vec![POLE, up], color: ORANGE.to_rgba(), width: 2 },
-        Shape::Arrow { from: Vector3::zeros(), to: up, color: BLUE, name: String::new() },
+        Shape::Arrow { from: Vector3::zeros(), to: up, color: BLUE, label: String::new() },
         Shape::Dots { points: vec![up], color: BLUE.to_rgba(), radius: 5 },
         Shape::Dots { points: vec![w], color: ORANGE.to_rgba(), radius: 5 },
         Shape::Text { at: up * 1.14, text: "k'' (a, b, c)".into() },
@@ -104,11 +104,11 @@ fn projection() -> Part {
         Shape::Text { at: POLE * 1.12, text: "the pole −ζ'".into() },
     ]);
     let scene =
-        Scene { title: "w = (a + jb) / (1 + c)".into(), azimuth_deg: -65.0, elevation_deg: 24.0, reach: 1.55, shapes };
+        Scene { title: "w = (a + jb) / (1 + c)".into(), azimuth_deg: -65.0, elevation_deg: 24.0, half_extent: 1.55, shapes };
     Part {
         name: "figure-3",
         title: "Figure 3: the end of k'' on the unit sphere and its stereographic image w".into(),
-        about: "From the pole −ζ' a ray through the end of k'' meets the plane in w: (11), (12).".into(),
+        caption: "From the pole −ζ' a ray through the end of k'' meets the plane in w: (11), (12).".into(),
         picture: Picture::Figure(Figure { size: (620, 600), columns: 1, panels: vec![Panel::Scene(scene)] }),
     }
 }
@@ -116,8 +116,8 @@ fn projection() -> Part {
 /// Figure 9, as the graph of slots runs it.
 pub(super) fn fusion() -> Part {
     let block = |at, size, lines| Block { at, size, lines };
-    let arrow = |path, name| Arrow { path, name };
-    let scheme = Scheme {
+    let arrow = |path, label| Arrow { path, label };
+    let diagram = BlockDiagram {
         title: "figure 9, and the slots that run it".into(),
         size: (12.0, 5.0),
         blocks: vec![
@@ -141,7 +141,7 @@ pub(super) fn fusion() -> Part {
     Part {
         name: "figure-9",
         title: "Figure 9: the scheme of the fusion".into(),
-        about: "T = 1 s. As printed the gyro's channel integrates by itself: the stage wz-open of the slot fuser. With its loop closed the exact step is applied to w_c itself: wz-closed.".into(),
-        picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::Scheme(scheme)] }),
+        caption: "T = 1 s. As printed the gyro's channel integrates by itself: the stage wz-open of the slot fuser. With its loop closed the exact step is applied to w_c itself: wz-closed.".into(),
+        picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::BlockDiagram(diagram)] }),
     }
 }

@@ -9,7 +9,7 @@ use std::{
 };
 
 thread_local! {
-    static DONE: Cell<Operations> = const { Cell::new(Operations { products: 0, sums: 0, others: 0 }) };
+    static COUNTS: Cell<Operations> = const { Cell::new(Operations { products: 0, sums: 0, others: 0 }) };
 }
 
 /// What a step takes.
@@ -25,7 +25,7 @@ pub struct Operations {
 
 impl Operations {
     /// All of them.
-    pub fn all(self) -> u32 {
+    pub fn total(self) -> u32 {
         self.products + self.sums + self.others
     }
 }
@@ -35,28 +35,28 @@ impl Operations {
 struct Counted(f64);
 
 /// One more of a kind.
-fn count(kind: fn(&mut Operations) -> &mut u32) {
-    DONE.with(|done| {
-        let mut operations = done.get();
+fn increment(kind: fn(&mut Operations) -> &mut u32) {
+    COUNTS.with(|counts| {
+        let mut operations = counts.get();
         *kind(&mut operations) += 1;
-        done.set(operations);
+        counts.set(operations);
     });
 }
 
-macro_rules! counted {
+macro_rules! impl_counted_ops {
     ($($Trait:ident, $method:ident, $op:tt, $field:ident;)*) => {$(
         impl $Trait for Counted {
             type Output = Self;
 
             fn $method(self, other: Self) -> Self {
-                count(|operations| &mut operations.$field);
+                increment(|operations| &mut operations.$field);
                 Self(self.0 $op other.0)
             }
         }
     )*};
 }
 
-counted! {
+impl_counted_ops! {
     Add, add, +, sums;
     Sub, sub, -, sums;
     Mul, mul, *, products;
@@ -64,8 +64,8 @@ counted! {
 }
 
 impl Counted {
-    fn root(self) -> Self {
-        count(|operations| &mut operations.others);
+    fn sqrt(self) -> Self {
+        increment(|operations| &mut operations.others);
         Self(self.0.sqrt())
     }
 }
@@ -88,7 +88,7 @@ fn quaternion([a, b, c, d]: [Counted; 4], [x, y, z]: [Counted; 3]) -> [Counted; 
     [Counted(0.0 - b.0) * x - c * y - d * z, a * x + c * z - d * y, a * y + d * x - b * z, a * z + b * y - c * x]
 }
 
-fn moved<const N: usize>(state: [Counted; N], slope: [Counted; N], dt: Counted) -> [Counted; N] {
+fn advanced<const N: usize>(state: [Counted; N], slope: [Counted; N], dt: Counted) -> [Counted; N] {
     std::array::from_fn(|i| state[i] + slope[i] * dt)
 }
 
@@ -100,23 +100,23 @@ fn fourth_order<const N: usize>(
 ) -> [Counted; N] {
     let (dt, half, sixth) = (Counted(0.01), Counted(0.005), Counted(0.01 / 6.0));
     let first = slope(state, rates[0]);
-    let second = slope(moved(state, first, half), rates[1]);
-    let third = slope(moved(state, second, half), rates[1]);
-    let fourth = slope(moved(state, third, dt), rates[2]);
+    let second = slope(advanced(state, first, half), rates[1]);
+    let third = slope(advanced(state, second, half), rates[1]);
+    let fourth = slope(advanced(state, third, dt), rates[2]);
     let two = Counted(2.0);
     let sum = std::array::from_fn(|i| first[i] + (second[i] + third[i]) * two + fourth[i]);
-    moved(state, sum, sixth)
+    advanced(state, sum, sixth)
 }
 
-fn of_unit_length(q: [Counted; 4]) -> [Counted; 4] {
+fn normalized(q: [Counted; 4]) -> [Counted; 4] {
     let [a, b, c, d] = q;
-    let inverse = Counted(1.0) / (a * a + b * b + c * c + d * d).root();
+    let inverse = Counted(1.0) / (a * a + b * b + c * c + d * d).sqrt();
     q.map(|x| x * inverse)
 }
 
 /// What one step takes: by (u, v, z), and by the quaternion, kept at unit length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Compared {
+pub struct OperationComparison {
     /// The integrator.
     pub method: &'static str,
     /// Of (18)–(20).
@@ -125,35 +125,35 @@ pub struct Compared {
     pub quaternion: Operations,
 }
 
-impl Compared {
-    /// How much less the point takes, in all.
-    pub fn saved(&self) -> f64 {
-        1.0 - f64::from(self.point.all()) / f64::from(self.quaternion.all())
+impl OperationComparison {
+    /// How much less the point takes, in total.
+    pub fn reduction(&self) -> f64 {
+        1.0 - f64::from(self.point.total()) / f64::from(self.quaternion.total())
     }
 }
 
 /// Euler's method, and the classical one of Runge and Kutta.
-pub(crate) fn compared() -> [Compared; 2] {
+pub(crate) fn comparisons() -> [OperationComparison; 2] {
     let rate = [0.3, -0.2, 0.5].map(Counted);
     let (w, q, dt) = ([0.1, 0.2, 0.3].map(Counted), [0.5; 4].map(Counted), Counted(0.01));
     [
-        Compared {
+        OperationComparison {
             method: "Euler, first order",
-            point: counted(|| moved(w, point(w, rate), dt)),
-            quaternion: counted(|| of_unit_length(moved(q, quaternion(q, rate), dt))),
+            point: count_operations(|| advanced(w, point(w, rate), dt)),
+            quaternion: count_operations(|| normalized(advanced(q, quaternion(q, rate), dt))),
         },
-        Compared {
+        OperationComparison {
             method: "Runge–Kutta, fourth order",
-            point: counted(|| fourth_order(w, point, [rate; 3])),
-            quaternion: counted(|| of_unit_length(fourth_order(q, quaternion, [rate; 3]))),
+            point: count_operations(|| fourth_order(w, point, [rate; 3])),
+            quaternion: count_operations(|| normalized(fourth_order(q, quaternion, [rate; 3]))),
         },
     ]
 }
 
-fn counted<T>(step: impl FnOnce() -> T) -> Operations {
-    DONE.with(Cell::take);
+fn count_operations<T>(step: impl FnOnce() -> T) -> Operations {
+    COUNTS.with(Cell::take);
     step();
-    DONE.with(Cell::take)
+    COUNTS.with(Cell::take)
 }
 
 #[cfg(test)]
@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_counted_is_what_runs() {
+    fn counted_step_matches_stage_kinematics() {
         let rate = [0.3, -0.2, 0.5];
         let up = Point { w: Complex::new(0.1, 0.2), chart: Chart::Upright };
         let [u, v, z] = fourth_order([0.1, 0.2, 0.3].map(Counted), point, [rate.map(Counted); 3]).map(|x| x.0);
@@ -176,7 +176,7 @@ mod tests {
             assert!((got - want).abs() < 1e-15, "{got}, {want}");
         }
         let start = Quaternion::new(0.5, 0.5, -0.5, 0.5);
-        let q = of_unit_length(fourth_order([0.5, 0.5, -0.5, 0.5].map(Counted), quaternion, [rate.map(Counted); 3]));
+        let q = normalized(fourth_order([0.5, 0.5, -0.5, 0.5].map(Counted), quaternion, [rate.map(Counted); 3]));
         let exact = start * Quaternion::new(0.0, rate[0] * 0.005, rate[1] * 0.005, rate[2] * 0.005).exp();
         for (got, want) in q.map(|x| x.0).into_iter().zip([exact.w, exact.i, exact.j, exact.k]) {
             assert!((got - want).abs() < 1e-12, "{got}, {want}");
@@ -184,10 +184,10 @@ mod tests {
     }
 
     #[test]
-    fn three_equations_take_less_than_four() {
-        for compared in compared() {
-            println!("{compared:?}: {:.1} % less", 100.0 * compared.saved());
-            assert!((0.1..0.4).contains(&compared.saved()), "{compared:?}: {}", compared.saved());
+    fn point_step_needs_fewer_operations_than_quaternion() {
+        for comparison in comparisons() {
+            println!("{comparison:?}: {:.1} % less", 100.0 * comparison.reduction());
+            assert!((0.1..0.4).contains(&comparison.reduction()), "{comparison:?}: {}", comparison.reduction());
         }
     }
 }

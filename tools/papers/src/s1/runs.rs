@@ -9,7 +9,7 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{Errors, Motion, Sensors};
+use scenario::{SensorErrors, Motion, Sensors};
 
 /// Samples per second, and length, s.
 const RATE_HZ: f64 = 100.0;
@@ -21,31 +21,31 @@ pub(crate) const TIME_CONSTANT_S: f64 = 1.0;
 /// Of the noise.
 pub(crate) const SEED: u64 = 1;
 
-/// A moment of the noise-free run.
+/// A sample of the noise-free run.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moment {
+pub(crate) struct NoiseFreeSample {
     pub(crate) t_s: f64,
     pub(crate) attitude: Attitude,
     pub(crate) truth: Attitude,
 }
 
 /// (18)–(20) by the classical Runge–Kutta method from exact rates.
-pub(crate) fn noise_free() -> Vec<Moment> {
-    let at = |tick: u32| f64::from(tick) / RATE_HZ;
+pub(crate) fn noise_free() -> Vec<NoiseFreeSample> {
+    let time_s = |tick: u32| f64::from(tick) / RATE_HZ;
     let mut attitude = Motion::S1.at(0.0).attitude;
-    let mut moments = Vec::with_capacity(TICKS as usize + 1);
+    let mut samples = Vec::with_capacity(TICKS as usize + 1);
     for tick in 0..=TICKS {
-        let t_s = at(tick);
-        moments.push(Moment { t_s, attitude, truth: Motion::S1.at(t_s).attitude });
+        let t_s = time_s(tick);
+        samples.push(NoiseFreeSample { t_s, attitude, truth: Motion::S1.at(t_s).attitude });
         let rate = |fraction| Motion::S1.at(t_s + fraction / RATE_HZ).rate_rad_s;
         attitude = kinematics::rk4(attitude, rate, 1.0 / RATE_HZ);
     }
-    moments
+    samples
 }
 
-/// A moment of the run with errors.
+/// A sample of the run with errors.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Noisy {
+pub(crate) struct NoisySample {
     pub(crate) t_s: f64,
     pub(crate) truth: Attitude,
     /// The gyro's channel: (18)–(20) alone.
@@ -61,7 +61,7 @@ pub(crate) struct Noisy {
     pub(crate) closed: Attitude,
 }
 
-impl Noisy {
+impl NoisySample {
     /// HPF(v) = v − LPF(v).
     pub(crate) fn high_pass(&self) -> f64 {
         self.gyro.up.w.im - self.low_pass_gyro
@@ -74,51 +74,51 @@ impl Noisy {
 }
 
 /// The gyro's bias and the accelerometer's noise of S1; both channels begin where the body is.
-pub(crate) fn with_errors() -> Option<Vec<Noisy>> {
-    let mut sensors = Sensors::new(Motion::S1, Errors::S1, SEED);
+pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
+    let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, SEED);
     let (mut gyro, mut accel) = (Gyro::from_name("rk4")?, Projector::default());
     let (mut open, mut closed) = (Fuser::from_name("wz-open")?, Fuser::from_name("wz-closed")?);
     gyro.align(Motion::S1.at(0.0).attitude);
     let gain = -(-1.0 / (RATE_HZ * TIME_CONSTANT_S)).exp_m1();
     let mut low_pass: Option<[f64; 2]> = None;
-    let mut moments = Vec::with_capacity(TICKS as usize + 1);
+    let mut samples = Vec::with_capacity(TICKS as usize + 1);
     for tick in 0..=TICKS {
         let t_s = f64::from(tick) / RATE_HZ;
         let reading = sensors.read(t_s);
         let dt_s = if tick == 0 { 0.0 } else { 1.0 / RATE_HZ };
         let motion = gyro.step(&RateSample { rate_rad_s: reading.rate_rad_s, dt_s, kind: RateKind::Instant });
-        let seen = accel.step(&reading.force_m_s2);
+        let inclination = accel.step(&reading.force_m_s2);
         let input = FuserInput {
             motion: Some(motion),
-            inclination: Some(seen),
+            inclination: Some(inclination),
             rest_credible: true,
             rate_credible: true,
             ..FuserInput::default()
         };
-        let v = [motion.attitude.up.w.im, seen.up.w.im];
-        let before = low_pass.unwrap_or(v);
-        let after = [0, 1].map(|channel| before[channel] + gain * (v[channel] - before[channel]));
-        low_pass = Some(after);
-        moments.push(Noisy {
+        let v = [motion.attitude.up.w.im, inclination.up.w.im];
+        let previous = low_pass.unwrap_or(v);
+        let filtered = [0, 1].map(|channel| previous[channel] + gain * (v[channel] - previous[channel]));
+        low_pass = Some(filtered);
+        samples.push(NoisySample {
             t_s,
             truth: reading.truth.attitude,
             gyro: motion.attitude,
-            accel: Attitude::from_up(seen.up),
-            low_pass_gyro: after[0],
-            low_pass_accel: after[1],
+            accel: Attitude::from_up(inclination.up),
+            low_pass_gyro: filtered[0],
+            low_pass_accel: filtered[1],
             open: open.step(&input).attitude,
             closed: closed.step(&input).attitude,
         });
     }
-    Some(moments)
+    Some(samples)
 }
 
-/// The numbers that S1's figures stand for.
+/// The results that S1's figures stand for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Numbers {
+pub struct Results {
     /// Largest difference of yaw, pitch and roll from the angles put in, noise-free, degrees.
     pub angles_deg: [f64; 3],
-    /// How far apart the ends of the path of w are after 100 s, noise-free.
+    /// How far apart the ends of the path of w are filtered 100 s, noise-free.
     pub closure: f64,
     /// u, v, z at 0, 5, 10, 25, 75 and 100 s, noise-free; z in rad.
     pub table: [[f64; 3]; 6],
@@ -143,47 +143,47 @@ pub struct Numbers {
 }
 
 /// Times of the table, s.
-pub(crate) const TABLE_S: [f64; 6] = [0.0, 5.0, 10.0, 25.0, 75.0, 100.0];
+pub(crate) const TABLE_TIMES_S: [f64; 6] = [0.0, 5.0, 10.0, 25.0, 75.0, 100.0];
 
-impl Numbers {
+impl Results {
     /// Of both runs.
-    pub(crate) fn of(free: &[Moment], noisy: &[Noisy]) -> Self {
+    pub(crate) fn new(noise_free: &[NoiseFreeSample], noisy: &[NoisySample]) -> Self {
         let mut angles_deg = [0.0; 3];
-        for Moment { attitude, truth, .. } in free {
+        for NoiseFreeSample { attitude, truth, .. } in noise_free {
             let (got, want) = (attitude.angles(), truth.angles());
-            let off = [got.yaw_rad - want.yaw_rad, got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad];
-            angles_deg = [0, 1, 2].map(|i| f64::max(angles_deg[i], off[i].to_degrees().abs()));
+            let differences = [got.yaw_rad - want.yaw_rad, got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad];
+            angles_deg = [0, 1, 2].map(|i| f64::max(angles_deg[i], differences[i].to_degrees().abs()));
         }
         let row = |t_s: f64| {
-            let moment = free.iter().min_by(|a, b| (a.t_s - t_s).abs().total_cmp(&(b.t_s - t_s).abs()));
-            moment.map_or([f64::NAN; 3], |moment| {
-                let Attitude { up, z_rad } = moment.attitude;
+            let sample = noise_free.iter().min_by(|a, b| (a.t_s - t_s).abs().total_cmp(&(b.t_s - t_s).abs()));
+            sample.map_or([f64::NAN; 3], |sample| {
+                let Attitude { up, z_rad } = sample.attitude;
                 [up.w.re, up.w.im, z_rad]
             })
         };
-        let closure = match free {
+        let closure = match noise_free {
             [first, .., last] => (last.attitude.up.w - first.attitude.up.w).norm_sqr().sqrt(),
             _ => f64::NAN,
         };
-        let scored = || noisy.iter().filter(|moment| moment.t_s >= SCORED_FROM_S);
-        let rms = |of: &dyn Fn(&Noisy) -> f64| {
-            let (sum, count) = scored().map(of).fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
+        let scored = || noisy.iter().filter(|sample| sample.t_s >= SCORED_FROM_S);
+        let rms = |value: &dyn Fn(&NoisySample) -> f64| {
+            let (sum, count) = scored().map(value).fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
             f64::sqrt(sum / count)
         };
         let last = noisy.last();
         Self {
             angles_deg,
             closure,
-            table: TABLE_S.map(row),
-            gyro_deg: rms(&|moment| tilt_deg(moment.gyro, moment.truth)),
-            accel_deg: rms(&|moment| tilt_deg(moment.accel, moment.truth)),
-            open_deg: rms(&|moment| tilt_deg(moment.open, moment.truth)),
-            closed_deg: rms(&|moment| tilt_deg(moment.closed, moment.truth)),
-            gyro_end_deg: last.map_or(f64::NAN, |moment| tilt_deg(moment.gyro, moment.truth)),
-            drift_v: last.map_or(f64::NAN, |moment| moment.gyro.up.w.im - moment.truth.up.w.im),
-            high_pass: rms(&Noisy::high_pass),
-            low_pass: rms(&|moment| moment.low_pass_accel),
-            sum_error: rms(&|moment| moment.sum() - moment.truth.up.w.im),
+            table: TABLE_TIMES_S.map(row),
+            gyro_deg: rms(&|sample| tilt_deg(sample.gyro, sample.truth)),
+            accel_deg: rms(&|sample| tilt_deg(sample.accel, sample.truth)),
+            open_deg: rms(&|sample| tilt_deg(sample.open, sample.truth)),
+            closed_deg: rms(&|sample| tilt_deg(sample.closed, sample.truth)),
+            gyro_end_deg: last.map_or(f64::NAN, |sample| tilt_deg(sample.gyro, sample.truth)),
+            drift_v: last.map_or(f64::NAN, |sample| sample.gyro.up.w.im - sample.truth.up.w.im),
+            high_pass: rms(&NoisySample::high_pass),
+            low_pass: rms(&|sample| sample.low_pass_accel),
+            sum_error: rms(&|sample| sample.sum() - sample.truth.up.w.im),
         }
     }
 }
@@ -199,15 +199,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sum_of_both_filters_is_the_stage_that_runs() {
-        let moments = with_errors().unwrap();
-        let worst = moments.iter().map(|moment| (moment.sum() - moment.open.up.w.im).abs()).fold(0.0, f64::max);
+    fn sum_of_filters_equals_wz_open() {
+        let samples = with_errors().unwrap();
+        let worst = samples.iter().map(|sample| (sample.sum() - sample.open.up.w.im).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-12, "{worst}");
     }
 
     #[test]
-    fn noise_free_the_articles_table_is_met_and_the_path_closes() {
-        let numbers = Numbers::of(&noise_free(), &[]);
+    fn noise_free_run_matches_published_table() {
+        let results = Results::new(&noise_free(), &[]);
         let published = [
             [0.0, 0.221694663, 0.0],
             [-0.267949192, 0.0, 0.087266463],
@@ -216,29 +216,29 @@ mod tests {
             [0.267949192, 0.0, 1.308996939],
             [0.0, 0.221694663, 1.745329252],
         ];
-        for (got, want) in numbers.table.iter().flatten().zip(published.iter().flatten()) {
-            assert!((got - want).abs() < 1e-9, "{:?}", numbers.table);
+        for (got, want) in results.table.iter().flatten().zip(published.iter().flatten()) {
+            assert!((got - want).abs() < 1e-9, "{:?}", results.table);
         }
-        assert!(numbers.closure < 1e-9, "{}", numbers.closure);
-        assert!(numbers.angles_deg.iter().all(|deg| *deg < 1e-9), "{:?}", numbers.angles_deg);
+        assert!(results.closure < 1e-9, "{}", results.closure);
+        assert!(results.angles_deg.iter().all(|deg| *deg < 1e-9), "{:?}", results.angles_deg);
     }
 
     #[test]
-    fn with_errors_the_channels_are_as_far_off_as_the_articles() {
-        let numbers = Numbers::of(&noise_free(), &with_errors().unwrap());
-        println!("{numbers:?}");
+    fn error_run_matches_expected_rmse() {
+        let results = Results::new(&noise_free(), &with_errors().unwrap());
+        println!("{results:?}");
         // One seed: a band of 15 %.
         for (got, published) in [
-            (numbers.gyro_deg, 7.25),
-            (numbers.gyro_end_deg, 11.3),
-            (numbers.accel_deg, 0.80),
-            (numbers.open_deg, 0.225),
-            (numbers.closed_deg, 0.152),
+            (results.gyro_deg, 7.25),
+            (results.gyro_end_deg, 11.3),
+            (results.accel_deg, 0.80),
+            (results.open_deg, 0.225),
+            (results.closed_deg, 0.152),
         ] {
             assert!((got / published - 1.0).abs() < 0.15, "{got}° for {published}°");
         }
         // v leaves ±0.3 for 0.4 in figure 8, and HPF(v) is little of the sum in figure 10.
-        assert!((0.05..0.25).contains(&numbers.drift_v.abs()), "{}", numbers.drift_v);
-        assert!(numbers.high_pass < 0.5 * numbers.low_pass && numbers.sum_error < 0.01, "{numbers:?}");
+        assert!((0.05..0.25).contains(&results.drift_v.abs()), "{}", results.drift_v);
+        assert!(results.high_pass < 0.5 * results.low_pass && results.sum_error < 0.01, "{results:?}");
     }
 }

@@ -21,12 +21,12 @@ pub struct Tilt {
 }
 
 impl Tilt {
-    fn less(self, other: Self) -> Self {
+    fn minus(self, other: Self) -> Self {
         let roll_rad = wrapped_rad((self.roll_deg - other.roll_deg).to_radians());
         Self { pitch_deg: self.pitch_deg - other.pitch_deg, roll_deg: roll_rad.to_degrees() }
     }
 
-    fn larger(self, other: Self) -> Self {
+    fn max_abs(self, other: Self) -> Self {
         Self {
             pitch_deg: self.pitch_deg.abs().max(other.pitch_deg.abs()),
             roll_deg: self.roll_deg.abs().max(other.roll_deg.abs()),
@@ -43,13 +43,13 @@ impl Tilt {
 
 /// By which stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Way {
+pub(crate) enum Method {
     Matrix,
     Quaternion,
     Projector,
 }
 
-impl Way {
+impl Method {
     const ALL: [Self; 3] = [Self::Matrix, Self::Quaternion, Self::Projector];
 
     fn stage(self) -> &'static str {
@@ -61,7 +61,7 @@ impl Way {
     }
 
     /// What the stage makes of a gravity; nothing where there is no such stage.
-    fn of(self, gravity_m_s2: Vector3<f64>) -> Tilt {
+    fn tilt(self, gravity_m_s2: Vector3<f64>) -> Tilt {
         let force_m_s2 = Vector3::new(-gravity_m_s2.y, -gravity_m_s2.x, gravity_m_s2.z);
         let up = Accelerometer::from_name(self.stage())
             .map_or(Vector3::repeat(f64::NAN), |mut stage| stage.step(&force_m_s2).up.direction());
@@ -74,37 +74,37 @@ impl Way {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cell {
     truth: Tilt,
-    seen: [Tilt; 3],
+    estimates: [Tilt; 3],
 }
 
 impl Cell {
-    pub(crate) fn seen(&self, way: Way) -> Tilt {
-        self.seen[way as usize]
+    pub(crate) fn estimate(&self, method: Method) -> Tilt {
+        self.estimates[method as usize]
     }
 
-    /// Matrix less quaternion.
-    pub(crate) fn between(&self) -> Tilt {
-        self.seen(Way::Matrix).less(self.seen(Way::Quaternion))
+    /// Matrix minus quaternion.
+    pub(crate) fn method_difference(&self) -> Tilt {
+        self.estimate(Method::Matrix).minus(self.estimate(Method::Quaternion))
     }
 }
 
 /// The sphere, row by row from β = −90°.
-pub(crate) fn cells() -> Vec<Cell> {
-    let at = |index: usize| {
-        let middle = |index: usize, of: usize, range: f64| ((index as f64 + 0.5) / of as f64 - 0.5) * range;
+pub(crate) fn sphere_cells() -> Vec<Cell> {
+    let cell = |index: usize| {
+        let middle = |index: usize, count: usize, range: f64| ((index as f64 + 0.5) / count as f64 - 0.5) * range;
         let truth =
             Tilt { pitch_deg: middle(index / COLUMNS, ROWS, 180.0), roll_deg: middle(index % COLUMNS, COLUMNS, 360.0) };
-        Cell { truth, seen: Way::ALL.map(|way| way.of(truth.gravity_m_s2())) }
+        Cell { truth, estimates: Method::ALL.map(|method| method.tilt(truth.gravity_m_s2())) }
     };
     (0..COLUMNS * ROWS).map(at).collect()
 }
 
 /// β near 90° with ψ = 0 and 1 mg too much across: the errors of both angles.
-pub(crate) fn near_the_singularity(way: Way) -> Vec<(f64, Tilt)> {
+pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     let at = |step: i32| {
         let truth = Tilt { pitch_deg: 80.0 + f64::from(step) * 0.02, roll_deg: 0.0 };
-        let seen = way.of(truth.gravity_m_s2() + Vector3::new(0.0, MILLI_G_M_S2, 0.0));
-        (truth.pitch_deg, seen.less(truth))
+        let estimate = method.tilt(truth.gravity_m_s2() + Vector3::new(0.0, MILLI_G_M_S2, 0.0));
+        (truth.pitch_deg, estimate.minus(truth))
     };
     (0..500).map(at).collect()
 }
@@ -113,17 +113,17 @@ pub(crate) fn near_the_singularity(way: Way) -> Vec<(f64, Tilt)> {
 pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     let step_m_s2 = 1e-3 * MILLI_G_M_S2;
     let gravity_m_s2 = Tilt { pitch_deg, roll_deg }.gravity_m_s2();
-    let along = |axis: Vector3<f64>| {
-        let [more, less] = [1.0, -1.0].map(|sign| Way::Matrix.of(gravity_m_s2 + axis * (sign * step_m_s2)));
-        more.less(less)
+    let difference_along = |axis: Vector3<f64>| {
+        let [plus, minus] = [1.0, -1.0].map(|sign| Method::Matrix.tilt(gravity_m_s2 + axis * (sign * step_m_s2)));
+        plus.minus(minus)
     };
-    let of = MILLI_G_M_S2 / (2.0 * step_m_s2);
-    (along(Vector3::x()).pitch_deg * of, along(Vector3::y()).roll_deg * of)
+    let scale = MILLI_G_M_S2 / (2.0 * step_m_s2);
+    (difference_along(Vector3::x()).pitch_deg * scale, difference_along(Vector3::y()).roll_deg * scale)
 }
 
 /// The largest differences over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Numbers {
+pub struct Results {
     /// Of the matrix method from what was put in.
     pub matrix: Tilt,
     /// Of the quaternion method.
@@ -131,19 +131,19 @@ pub struct Numbers {
     /// Of S1's projection.
     pub projector: Tilt,
     /// Of the matrix method from the quaternion method.
-    pub between: Tilt,
+    pub matrix_vs_quaternion: Tilt,
 }
 
-impl Numbers {
-    pub(crate) fn of(cells: &[Cell]) -> Self {
-        let most =
-            |difference: &dyn Fn(&Cell) -> Tilt| cells.iter().map(difference).fold(Tilt::default(), Tilt::larger);
-        let off = |way: Way| most(&move |cell: &Cell| cell.seen(way).less(cell.truth));
+impl Results {
+    pub(crate) fn new(cells: &[Cell]) -> Self {
+        let largest =
+            |difference: &dyn Fn(&Cell) -> Tilt| cells.iter().map(difference).fold(Tilt::default(), Tilt::max_abs);
+        let error_of = |method: Method| largest(&move |cell: &Cell| cell.estimate(method).minus(cell.truth));
         Self {
-            matrix: off(Way::Matrix),
-            quaternion: off(Way::Quaternion),
-            projector: off(Way::Projector),
-            between: most(&Cell::between),
+            matrix: error_of(Method::Matrix),
+            quaternion: error_of(Method::Quaternion),
+            projector: error_of(Method::Projector),
+            matrix_vs_quaternion: largest(&Cell::method_difference),
         }
     }
 }
@@ -153,16 +153,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_ways_give_what_was_put_in_but_for_rounding() {
-        let numbers = Numbers::of(&cells());
-        println!("{numbers:?}");
-        for most in [numbers.matrix, numbers.quaternion, numbers.projector, numbers.between] {
-            assert!(most.pitch_deg < 1e-12 && most.roll_deg < 1e-11, "{most:?}");
+    fn methods_return_true_angles_within_rounding() {
+        let results = Results::new(&sphere_cells());
+        println!("{results:?}");
+        for largest in [results.matrix, results.quaternion, results.projector, results.matrix_vs_quaternion] {
+            assert!(largest.pitch_deg < 1e-12 && largest.roll_deg < 1e-11, "{largest:?}");
         }
     }
 
     #[test]
-    fn the_sensitivities_are_those_of_the_equations() {
+    fn sensitivities_match_equations() {
         for (pitch_deg, roll_deg) in [(0.0, 0.0), (30.0, 45.0), (-60.0, 75.0), (85.0, 0.0)] {
             let (pitch, roll) = sensitivity(pitch_deg, roll_deg);
             let cos = pitch_deg.to_radians().cos();
@@ -173,12 +173,12 @@ mod tests {
     }
 
     #[test]
-    fn towards_the_singularity_roll_loses_its_meaning_and_pitch_does_not() {
-        for way in [Way::Matrix, Way::Quaternion] {
-            let errors = near_the_singularity(way);
+    fn roll_error_diverges_near_singularity_pitch_stays() {
+        for method in [Method::Matrix, Method::Quaternion] {
+            let errors = errors_near_singularity(method);
             let (at_deg, last) = errors[errors.len() - 1];
-            assert!(at_deg > 89.9 && last.roll_deg.abs() > 60.0, "{way:?}: {last:?} at {at_deg}°");
-            assert!(errors.iter().all(|(_, error)| error.pitch_deg.abs() < 0.06), "{way:?}");
+            assert!(at_deg > 89.9 && last.roll_deg.abs() > 60.0, "{method:?}: {last:?} at {at_deg}°");
+            assert!(errors.iter().all(|(_, error)| error.pitch_deg.abs() < 0.06), "{method:?}");
         }
     }
 }

@@ -5,28 +5,28 @@ mod runs;
 use attitude::{Quaternion, fuser::Fuser, metrics::AttitudeError};
 use figures::{
     Axis, Chart, Curve,
-    style::{BLUE, GREEN, ORANGE, PURPLE, Style},
+    style::{BLUE, GREEN, ORANGE, PURPLE, LineStyle},
 };
 use plotters::style::{BLACK, RGBColor};
 
 use crate::{
+    block_diagram::{Arrow, Block, BlockDiagram},
     Progress,
     picture::{Figure, Panel, Part, Picture},
-    scheme::{Arrow, Block, Scheme},
     table::Table,
 };
-pub use runs::{Compared, Rms};
-use runs::{Filter, IMPROVED, KINDS, Moment, ORIGINAL, SEEDS, Sensing, run};
+pub use runs::{Comparison, Rms};
+use runs::{Filter, IMPROVED, TABLE_CASES, Sample, ORIGINAL, SEEDS, SensorCase, run};
 
-/// The parts of figure 2, and what each is without.
-const FIGURES: [(&str, &str, Sensing); 3] = [
-    ("figure-2a", "Figure 2 a: ideal accelerometer and magnetometer", Sensing::Ideal),
-    ("figure-2b", "Figure 2 b: with noise of the accelerometer", Sensing::Accelerometer),
-    ("figure-2c", "Figure 2 c: without it, and with a magnetic disturbance", Sensing::Magnet),
+/// The parts of figure 2, and what each improved without.
+const FIGURES: [(&str, &str, SensorCase); 3] = [
+    ("figure-2a", "Figure 2 a: ideal accelerometer and magnetometer", SensorCase::Ideal),
+    ("figure-2b", "Figure 2 b: with noise of the accelerometer", SensorCase::AccelNoise),
+    ("figure-2c", "Figure 2 c: without it, and with a magnetic disturbance", SensorCase::MagneticDisturbance),
 ];
 
-/// Each kind of the table, the parts of figure 2, and all stages.
-pub(crate) const RUNS: u64 = (KINDS.len() + FIGURES.len() + 1) as u64;
+/// Each case_label of the table, the parts of figure 2, and all stages.
+pub(crate) const RUN_COUNT: u64 = (TABLE_CASES.len() + FIGURES.len() + 1) as u64;
 
 /// The paper's errors of pitch, roll and yaw: original, improved, and the gain that it prints, %.
 const PUBLISHED: [(&str, f64, f64, f64); 3] =
@@ -35,16 +35,16 @@ const PUBLISHED: [(&str, f64, f64, f64); 3] =
 /// Figures 1 and 2 and the tables.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     let mut parts = vec![scheme()];
-    for (name, title, sensing) in FIGURES {
-        parts.push(figure(name, title, sensing));
+    for (name, title, sensors) in FIGURES {
+        parts.push(figure(name, title, sensors));
         progress.step();
     }
-    let compared = KINDS.map(|kind| {
-        let compared = Compared::of(kind);
+    let compared = TABLE_CASES.map(|case_label| {
+        let compared = Comparison::of(case_label);
         progress.step();
         compared
     });
-    parts.push(published());
+    parts.push(published_table());
     parts.push(by_axis(&compared));
     parts.push(totals(&compared));
     parts.push(all_stages());
@@ -55,7 +55,7 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
 fn scheme() -> Part {
     let block = |at, size, lines| Block { at, size, lines };
     let arrow = |path, name| Arrow { path, name };
-    let scheme = Scheme {
+    let scheme = BlockDiagram {
         title: "figure 1, with equations (1) to (4)".into(),
         size: (12.0, 5.0),
         blocks: vec![
@@ -74,67 +74,67 @@ fn scheme() -> Part {
             arrow(&[(7.4, 1.2), (9.0, 1.2)], ""),
             arrow(&[(11.0, 1.2), (11.9, 1.2)], "q"),
             arrow(&[(11.4, 1.2), (11.4, 2.5), (2.4, 2.5), (2.4, 1.85)], ""),
-            arrow(&[(2.4, 2.5), (2.4, 3.05)], "q of the tick before"),
+            arrow(&[(2.4, 2.5), (2.4, 3.05)], "q of the tick previous"),
         ],
     };
     Part {
         name: "figure-1",
         title: "Figure 1: the filter's scheme".into(),
-        about: "The stages madgwick and madgwick-improved. Here q_g is the exact turn of the slot gyro, of which (1) is one step of Euler.".into(),
-        picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::Scheme(scheme)] }),
+        caption: "The stages madgwick and madgwick-improved. Here q_g improved the exact turn of the slot gyro, of which (1) improved one step of Euler.".into(),
+        picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::BlockDiagram(scheme)] }),
     }
 }
 
-/// Quaternions of which each has the sign that is nearer to the one before.
-fn continuous(moments: &[Moment], of: fn(&Moment) -> Quaternion<f64>) -> Vec<(f64, [f64; 4])> {
-    let mut before = Quaternion::new(1.0, 0.0, 0.0, 0.0);
-    let next = |moment: &Moment| {
-        let q = of(moment);
-        let q = if q.dot(&before) < 0.0 { -q } else { q };
-        before = q;
-        (moment.t_s, [q.w, q.i, q.j, q.k])
+/// Quaternions of which each has the sign that improved nearer to the one previous.
+fn continuous_quaternions(samples: &[Sample], of: fn(&Sample) -> Quaternion<f64>) -> Vec<(f64, [f64; 4])> {
+    let mut previous = Quaternion::new(1.0, 0.0, 0.0, 0.0);
+    let next = |sample: &Sample| {
+        let q = of(sample);
+        let q = if q.dot(&previous) < 0.0 { -q } else { q };
+        previous = q;
+        (sample.t_s, [q.w, q.i, q.j, q.k])
     };
-    moments.iter().map(next).collect()
+    samples.iter().map(next).collect()
 }
 
-/// A step of an angle that is only its wrap, or the singularity.
-const JUMP_DEG: f64 = 150.0;
+/// A step of an angle that improved only its wrap, or the singularity.
+const MAX_STEP_DEG: f64 = 150.0;
 
-fn figure(name: &'static str, title: &str, sensing: Sensing) -> Part {
-    let [original, improved] = [ORIGINAL, IMPROVED].map(|filter| run(filter, sensing, 1).unwrap_or_default());
+fn figure(name: &'static str, title: &str, sensors: SensorCase) -> Part {
+    let [original, improved] = [ORIGINAL, IMPROVED].map(|filter| run(filter, sensors, 1).unwrap_or_default());
     let time = || Axis::new("time, s", 0.0..19.0);
-    let chart = |title: &str, y, curves| Panel::Chart(Chart { title: title.into(), x: time(), y, curves, named: true });
+    let chart = |title: &str, y, curves| Panel::Chart(Chart { title: title.into(), x: time(), y, curves, has_legend: true });
     let line = |name: &str, color: RGBColor, style, values: &[(f64, f64)]| {
-        Curve::over_time(name, color, style, values, JUMP_DEG)
+        Curve::over_time(name, color, style, values, MAX_STEP_DEG)
     };
     let (seen, true_q) =
-        (continuous(&improved, |m| m.estimate.quaternion()), continuous(&improved, |m| m.truth.quaternion()));
+        (continuous_quaternions(&improved, |m| m.estimate.quaternion()), continuous_quaternions(&improved, |m| m.truth.quaternion()));
     let component = |of: &[(f64, [f64; 4])], i: usize| of.iter().map(|(t_s, q)| (*t_s, q[i])).collect::<Vec<_>>();
     let names = [("q0", BLUE), ("q1", ORANGE), ("q2", GREEN), ("q3", PURPLE)];
     let mut quaternions: Vec<_> =
-        (0..4).map(|i| line(names[i].0, names[i].1, Style::Thick, &component(&seen, i))).collect();
+        (0..4).map(|i| line(names[i].0, names[i].1, LineStyle::Thick, &component(&seen, i))).collect();
     quaternions.extend(
-        (0..4).map(|i| line(if i == 0 { "the truth" } else { "" }, BLACK, Style::Thin, &component(&true_q, i))),
+        (0..4).map(|i| line(if i == 0 { "the truth" } else { "" }, BLACK, LineStyle::Thin, &component(&true_q, i))),
     );
-    let angle = |of: fn(&Moment) -> attitude::state::Attitude, i: usize| -> Vec<_> {
-        let angles = |moment: &Moment| {
-            let angles = of(moment).angles();
+    let angle = |of: fn(&Sample) -> attitude::state::Attitude, i: usize| -> Vec<_> {
+        let angles = |sample: &Sample| {
+            let angles = of(sample).angles();
             [angles.pitch_rad, angles.roll_rad, angles.yaw_rad][i].to_degrees()
         };
-        improved.iter().map(|moment| (moment.t_s, angles(moment))).collect()
+        improved.iter().map(|sample| (sample.t_s, angles(sample))).collect()
     };
     let names = [("pitch", BLUE), ("roll", ORANGE), ("yaw", GREEN)];
     let mut euler: Vec<_> =
-        (0..3).map(|i| line(names[i].0, names[i].1, Style::Thick, &angle(|moment| moment.estimate, i))).collect();
+        (0..3).map(|i| line(names[i].0, names[i].1, LineStyle::Thick, &angle(|sample| sample.estimate, i))).collect();
     euler.extend(
-        (0..3).map(|i| line(if i == 0 { "the truth" } else { "" }, BLACK, Style::Thin, &angle(|m| m.truth, i))),
+        (0..3).map(|i| line(if i == 0 { "the truth" } else { "" }, BLACK, LineStyle::Thin, &angle(|m| m.truth, i))),
     );
-    let error = |of: &[Moment], pick: fn(AttitudeError) -> f64| -> Vec<_> {
-        let at = |m: &Moment| pick(AttitudeError::between(m.estimate.quaternion(), m.truth.quaternion()));
-        of.iter().map(|moment| (moment.t_s, at(moment))).collect()
+    let error = |of: &[Sample], pick: fn(AttitudeError) -> f64| -> Vec<_> {
+        let at = |m: &Sample| pick(AttitudeError::between(m.estimate.quaternion(), m.truth.quaternion()));
+        of.iter().map(|sample| (sample.t_s, at(sample))).collect()
     };
     let total = |error: AttitudeError| error.total_deg;
-    let most = if sensing == Sensing::Magnet { 12.0 } else { 1.0 };
+    let most = if sensors == SensorCase::MagneticDisturbance { 12.0 } else { 1.0 };
     let panels = vec![
         chart("quaternion, improved", Axis::new("component", -1.0..1.0), quaternions),
         chart("Euler angles, improved", Axis::new("angle, °", -200.0..200.0), euler),
@@ -142,32 +142,32 @@ fn figure(name: &'static str, title: &str, sensing: Sensing) -> Part {
             "the whole error",
             Axis::new("error, °", 0.0..most),
             vec![
-                line("original", PURPLE, Style::Thick, &error(&original, total)),
-                line("improved", BLUE, Style::Thick, &error(&improved, total)),
+                line("original", PURPLE, LineStyle::Thick, &error(&original, total)),
+                line("improved", BLUE, LineStyle::Thick, &error(&improved, total)),
             ],
         ),
         chart(
             "improved: its parts",
             Axis::new("error, °", 0.0..most),
             vec![
-                line("heading", GREEN, Style::Thick, &error(&improved, |error| error.heading_deg)),
-                line("inclination", ORANGE, Style::Thick, &error(&improved, |error| error.inclination_deg)),
+                line("heading", GREEN, LineStyle::Thick, &error(&improved, |error| error.heading_deg)),
+                line("inclination", ORANGE, LineStyle::Thick, &error(&improved, |error| error.inclination_deg)),
             ],
         ),
     ];
-    let [was, is] = [&original, &improved].map(|moments| Rms::of(moments));
+    let [original, improved] = [&original, &improved].map(|samples| Rms::from_samples(samples));
     let heading = |rms: &Rms| rms.heading_deg.unwrap_or(f64::NAN);
     let mut about = format!(
-        "Full turns of 1 rad/s about ξ, η and ζ, gyro noise 1 °/s, one seed. RMS of the whole turn: original {:.3}°, improved {:.3}°; heading {:.3}° and {:.3}°, inclination {:.3}° and {:.3}°. The Euler angles jump at ±180° and where pitch is ±90°.",
-        was.total_deg,
-        is.total_deg,
-        heading(&was),
-        heading(&is),
-        was.inclination_deg,
-        is.inclination_deg
+        "Full turns of 1 rad/s about ξ, η and ζ, gyro noise 1 °/s, one seed. RMS of the whole turn: original {:.3}°, improved {:.3}°; heading {:.3}° and {:.3}°, inclination {:.3}° and {:.3}°. The Euler angles jump at ±180° and where pitch improved ±90°.",
+        original.total_deg,
+        improved.total_deg,
+        heading(&original),
+        heading(&improved),
+        original.inclination_deg,
+        improved.inclination_deg
     );
-    if sensing == Sensing::Magnet {
-        about += " The disturbance is a field of 20 µT to the east, as strong as that to the north, from 2 to 4 s of each turn. The paper says that it moves yaw alone: here it moves the heading most, and the level with it, because the gradient of a field that points 66° down turns about no vertical axis. Of the stages that take heading and level apart (wz, vqf) it does move yaw alone: see the table of every fuser.";
+    if sensors == SensorCase::MagneticDisturbance {
+        about += " The disturbance improved a field of 20 µT to the east, as strong as that to the north, from 2 to 4 s of each turn. The paper says that it moves yaw alone: here it moves the heading most, and the level with it, because the gradient of a field that points 66° down turns about no vertical axis. Of the stages that take heading and level apart (wz, vqf) it does move yaw alone: see the table of every fuser.";
     }
     Part {
         name,
@@ -177,7 +177,7 @@ fn figure(name: &'static str, title: &str, sensing: Sensing) -> Part {
     }
 }
 
-fn published() -> Part {
+fn published_table() -> Part {
     let row = |(axis, original, improved, printed): (&str, f64, f64, f64)| {
         let gain = 100.0 * (1.0 - improved / original);
         vec![
@@ -191,7 +191,7 @@ fn published() -> Part {
     Part {
         name: "table-1-printed",
         title: "Table 1 as printed: RMS errors by axis".into(),
-        about: "The unit of the paper's errors is rad/s, sic. β = 0.021 original, 0.029 improved. The gains that it prints are not quite those of its errors.".into(),
+        caption: "The unit of the paper's errors improved rad/s, sic. β = 0.021 original, 0.029 improved. The gains that it prints are not quite those of its errors.".into(),
         picture: Picture::Table(Table::new(
             &["axis", "original", "improved", "gain as printed", "gain of these errors"],
             PUBLISHED.map(row).into(),
@@ -199,8 +199,8 @@ fn published() -> Part {
     }
 }
 
-fn kind(compared: &Compared) -> String {
-    let noise = if compared.as_printed { "1 rad/s" } else { "1 °/s" };
+fn case_label(compared: &Comparison) -> String {
+    let noise = if compared.printed_gyro_noise { "1 rad/s" } else { "1 °/s" };
     let start = if compared.noisy_start { "noisy" } else { "exact" };
     format!("gyro {noise}, first sample {start}")
 }
@@ -209,23 +209,23 @@ fn gain(original: f64, improved: f64) -> String {
     format!("{:+.1} %", 100.0 * (1.0 - improved / original)).replace('-', "−")
 }
 
-fn by_axis(all: &[Compared]) -> Part {
+fn by_axis(all: &[Comparison]) -> Part {
     let mut rows = Vec::new();
     for compared in all {
         for (axis, (name, ..)) in PUBLISHED.iter().enumerate() {
-            let (was, is) = (&compared.original, &compared.improved);
-            let pair = |was: [f64; 3], is: [f64; 3]| {
-                [format!("{:.3}", was[axis]), format!("{:.3}", is[axis]), gain(was[axis], is[axis])]
+            let (original, improved) = (&compared.original, &compared.improved);
+            let pair = |original: [f64; 3], improved: [f64; 3]| {
+                [format!("{:.3}", original[axis]), format!("{:.3}", improved[axis]), gain(original[axis], improved[axis])]
             };
-            let cells = pair(was.angles_deg, is.angles_deg).into_iter().chain(pair(was.vector_deg, is.vector_deg));
-            rows.push([format!("{}: {name}", kind(compared))].into_iter().chain(cells).collect());
+            let cells = pair(original.angles_deg, improved.angles_deg).into_iter().chain(pair(original.vector_deg, improved.vector_deg));
+            rows.push([format!("{}: {name}", case_label(compared))].into_iter().chain(cells).collect());
         }
     }
     Part {
         name: "table-1",
         title: "Table 1, ours: RMS errors by axis, degrees".into(),
-        about: format!(
-            "Mean of {SEEDS} seeds; all noise: accelerometer and magnetometer 0.03, gyro 1 °/s and, as printed, 1 rad/s. Differences of the angles go wild near pitch ±90°; the rotation vector, about the axes of pitch, roll and yaw, does not. In the paper's own angles two axes are large and one is small, too. A gain below zero is a loss."
+        caption: format!(
+            "Mean of {SEEDS} seeds; all noise: accelerometer and magnetometer 0.03, gyro 1 °/s and, as printed, 1 rad/s. Differences of the angles go wild near pitch ±90°; the rotation vector, about the axes of pitch, roll and yaw, does not. In the paper's own angles two axes are large and one improved small, too. A gain below zero improved a loss."
         ),
         picture: Picture::Table(Table::new(
             &["noise: axis", "angles: original", "improved", "gain", "vector: original", "improved", "gain"],
@@ -234,18 +234,18 @@ fn by_axis(all: &[Compared]) -> Part {
     }
 }
 
-fn totals(all: &[Compared]) -> Part {
-    let row = |compared: &Compared| {
-        let (was, is) = (&compared.original, &compared.improved);
-        let [heading, better] = [was, is].map(|rms| rms.heading_deg.unwrap_or(f64::NAN));
-        let pairs = [(was.total_deg, is.total_deg), (heading, better), (was.inclination_deg, is.inclination_deg)];
-        let cells = pairs.iter().flat_map(|(was, is)| [format!("{was:.3}"), format!("{is:.3}"), gain(*was, *is)]);
-        [kind(compared)].into_iter().chain(cells).collect()
+fn totals(all: &[Comparison]) -> Part {
+    let row = |compared: &Comparison| {
+        let (original, improved) = (&compared.original, &compared.improved);
+        let [heading, better] = [original, improved].map(|rms| rms.heading_deg.unwrap_or(f64::NAN));
+        let pairs = [(original.total_deg, improved.total_deg), (heading, better), (original.inclination_deg, improved.inclination_deg)];
+        let cells = pairs.iter().flat_map(|(original, improved)| [format!("{original:.3}"), format!("{improved:.3}"), gain(*original, *improved)]);
+        [case_label(compared)].into_iter().chain(cells).collect()
     };
     Part {
         name: "table-1-whole",
         title: "Table 1, ours: the whole turn, heading and inclination, RMS in degrees".into(),
-        about: "From the truth the improved form is about a third better. From a noisy first sample it is worse: with so low a gain its step, which is in proportion to the error, needs 1/(4β) = 8.6 s to forget the beginning, and the original's, of fixed size, does not wait. With the noise as printed the gyro's 1 rad/s is all that is seen, and the two are alike.".into(),
+        caption: "From the truth the improved form improved about a third better. From a noisy first sample it improved worse: with so low a gain its step, which improved in proportion to the error, needs 1/(4β) = 8.6 s to forget the beginning, and the original's, of fixed size, does not wait. With the noise as printed the gyro's 1 rad/s improved all that improved seen, and the two are alike.".into(),
         picture: Picture::Table(Table::new(
             &["noise", "whole: original", "improved", "gain", "heading: original", "improved", "gain", "inclination: original", "improved", "gain"],
             all.iter().map(row).collect(),
@@ -258,8 +258,8 @@ fn all_stages() -> Part {
         [ORIGINAL, IMPROVED].into_iter().find(|filter| filter.name == name).unwrap_or(Filter { name, gain: None })
     };
     let row = |name: &'static str| {
-        let cells = FIGURES.iter().flat_map(|(.., sensing)| {
-            let rms = Rms::of(&run(filter(name), *sensing, 1).unwrap_or_default());
+        let cells = FIGURES.iter().flat_map(|(.., sensors)| {
+            let rms = Rms::from_samples(&run(filter(name), *sensors, 1).unwrap_or_default());
             [rms.heading_deg.map_or("–".into(), |deg| format!("{deg:.3}")), format!("{:.3}", rms.inclination_deg)]
         });
         [name.into()].into_iter().chain(cells).collect()
@@ -267,7 +267,7 @@ fn all_stages() -> Part {
     Part {
         name: "table-stages",
         title: "Table: every fuser on the three parts of figure 2, RMS in degrees".into(),
-        about: "The two of the paper at the paper's gains, the others as they usually are, one seed; a stage that takes no magnetic field knows no north.".into(),
+        caption: "The two of the paper at the paper's gains, the others as they usually are, one seed; a stage that takes no magnetic field knows no north.".into(),
         picture: Picture::Table(Table::new(
             &["stage", "a: heading", "inclination", "b: heading", "inclination", "c: heading", "inclination"],
             Fuser::NAMES.map(row).into(),

@@ -1,4 +1,4 @@
-//! S3's simulation through the stages: one full turn about each axis in turn.
+//! S3's simulation through the stages: one full turn about each axis in rotation.
 
 use attitude::{
     Vector3,
@@ -18,9 +18,9 @@ pub(crate) const ORIGINAL: Filter = Filter { name: "madgwick", gain: Some(("beta
 pub(crate) const IMPROVED: Filter = Filter { name: "madgwick-improved", gain: Some(("beta_1_s", 0.029)) };
 /// Runs of which the table takes the mean.
 pub(crate) const SEEDS: u64 = 40;
-/// The magnet of figure 2 c: east, as strong as the field is towards north, in the middle of each turn.
-const MAGNET_UT: f64 = 20.0;
-const MAGNET_S: std::ops::Range<f64> = 2.0..4.0;
+/// The magnet of figure 2 c: east, as strong as the field is towards north, in the middle of each rotation.
+const DISTURBANCE_UT: f64 = 20.0;
+const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;
 
 /// A fuser with its gain.
 #[derive(Debug, Clone, Copy)]
@@ -31,37 +31,37 @@ pub(crate) struct Filter {
 
 /// What is wrong with the sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Sensing {
+pub(crate) enum SensorCase {
     /// Figure 2 a: the gyro's noise alone, 1 °/s.
     Ideal,
     /// Figure 2 b: and the accelerometer's, 0.03.
-    Accelerometer,
+    AccelNoise,
     /// Figure 2 c: in place of it a magnet beside the way.
-    Magnet,
-    /// Of the table: all noise; the gyro's as printed, 1 rad/s, in place of 1 °/s; the first sample noisy, too.
-    Table { as_printed: bool, noisy_start: bool },
+    MagneticDisturbance,
+    /// Of the table: all noise; the gyro's as printed, 1 rad/s, in place of 1 °/s; the first rate_sample noisy, too.
+    Table { printed_gyro_noise: bool, noisy_start: bool },
 }
 
-/// A moment of a run.
+/// A sample of a run.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moment {
+pub(crate) struct Sample {
     pub(crate) t_s: f64,
     pub(crate) estimate: Attitude,
     pub(crate) truth: Attitude,
     pub(crate) reference: CourseReference,
 }
 
-fn scenario(sensing: Sensing, seed: u64) -> Option<Scenario> {
-    let mut scenario = Scenario::named("s3").ok()?.with_seed(seed);
+fn scenario(sensors: SensorCase, seed: u64) -> Option<Scenario> {
+    let mut scenario = Scenario::parse("s3").ok()?.with_seed(seed);
     let errors = &mut scenario.errors;
-    match sensing {
-        Sensing::Table { as_printed, noisy_start } => {
-            errors.gyro_noise_rad_s = if as_printed { 1.0 } else { 1f64.to_radians() };
+    match sensors {
+        SensorCase::Table { printed_gyro_noise, noisy_start } => {
+            errors.gyro_noise_rad_s = if printed_gyro_noise { 1.0 } else { 1f64.to_radians() };
             errors.exact_start = !noisy_start;
         }
-        Sensing::Ideal | Sensing::Accelerometer | Sensing::Magnet => {
-            errors.field.as_mut()?.noise_ut = 0.0;
-            if sensing != Sensing::Accelerometer {
+        SensorCase::Ideal | SensorCase::AccelNoise | SensorCase::MagneticDisturbance => {
+            errors.magnetometer.as_mut()?.noise_ut = 0.0;
+            if sensors != SensorCase::AccelNoise {
                 errors.accel_noise_m_s2 = 0.0;
             }
         }
@@ -70,32 +70,32 @@ fn scenario(sensing: Sensing, seed: u64) -> Option<Scenario> {
 }
 
 /// The run of a filter; nothing where there is no such stage.
-pub(crate) fn run(filter: Filter, sensing: Sensing, seed: u64) -> Option<Vec<Moment>> {
-    let scenario = scenario(sensing, seed)?;
+pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<Sample>> {
+    let scenario = scenario(sensors, seed)?;
     let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
     let mut fuser = Fuser::from_name(filter.name)?;
     if let Some((parameter, value)) = filter.gain {
         fuser.set(parameter, value).ok()?;
     }
-    let mut before_s = 0.0;
-    let moment = |(t_s, reading): (f64, scenario::Reading)| {
+    let mut previous_s = 0.0;
+    let sample = |(t_s, reading): (f64, scenario::Reading)| {
         let truth = reading.truth.attitude;
-        let in_turn_s = t_s % (s3::DURATION_S / 3.0);
-        let magnet = (sensing == Sensing::Magnet && MAGNET_S.contains(&in_turn_s))
-            .then(|| truth.matrix() * Vector3::new(MAGNET_UT, 0.0, 0.0));
-        let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
-        before_s = t_s;
+        let time_in_turn_s = t_s % (s3::DURATION_S / 3.0);
+        let disturbance = (sensors == SensorCase::MagneticDisturbance && DISTURBANCE_INTERVAL_S.contains(&time_in_turn_s))
+            .then(|| truth.matrix() * Vector3::new(DISTURBANCE_UT, 0.0, 0.0));
+        let rate_sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - previous_s, kind: scenario.rate_kind };
+        previous_s = t_s;
         let out = fuser.step(&FuserInput {
-            motion: Some(gyro.step(&sample)),
+            motion: Some(gyro.step(&rate_sample)),
             inclination: Some(accel.step(&reading.force_m_s2)),
-            field_ut: reading.field_ut.map(|field_ut| field_ut + magnet.unwrap_or_default()),
+            field_ut: reading.field_ut.map(|field_ut| field_ut + disturbance.unwrap_or_default()),
             rest_credible: true,
             rate_credible: true,
             ..FuserInput::default()
         });
-        Moment { t_s, estimate: out.attitude, truth, reference: out.reference }
+        Sample { t_s, estimate: out.attitude, truth, reference: out.reference }
     };
-    Some(scenario.readings().map(moment).collect())
+    Some(scenario.readings().map(sample).collect())
 }
 
 /// RMS errors, degrees.
@@ -115,40 +115,40 @@ pub struct Rms {
 
 impl Rms {
     /// Over a run.
-    pub(crate) fn of(moments: &[Moment]) -> Self {
+    pub(crate) fn from_samples(samples: &[Sample]) -> Self {
         let mut accuracy = Accuracy::default();
         let (mut angles, mut vector) = ([0.0; 3], [0.0; 3]);
-        for Moment { estimate, truth, .. } in moments {
+        for Sample { estimate, truth, .. } in samples {
             accuracy.add(AttitudeError::between(estimate.quaternion(), truth.quaternion()));
             let (got, want) = (estimate.angles(), truth.angles());
-            let off = [got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad, got.yaw_rad - want.yaw_rad]
+            let differences = [got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad, got.yaw_rad - want.yaw_rad]
                 .map(wrapped_rad);
-            let turn = Rotation::between(*truth, *estimate).quaternion();
-            let size = turn.imag().norm();
-            let angle_rad = 2.0 * size.atan2(turn.w.abs()) * turn.w.signum();
-            let rotation = turn.imag() * if size > 0.0 { angle_rad / size } else { 0.0 };
+            let rotation = Rotation::between(*truth, *estimate).quaternion();
+            let imag_norm = rotation.imag().norm();
+            let angle_rad = 2.0 * imag_norm.atan2(rotation.w.abs()) * rotation.w.signum();
+            let vector_rad = rotation.imag() * if imag_norm > 0.0 { angle_rad / imag_norm } else { 0.0 };
             for axis in 0..3 {
-                angles[axis] += off[axis].to_degrees().powi(2);
-                vector[axis] += rotation[axis].to_degrees().powi(2);
+                angles[axis] += differences[axis].to_degrees().powi(2);
+                vector[axis] += vector_rad[axis].to_degrees().powi(2);
             }
         }
-        let count = moments.len() as f64;
+        let count = samples.len() as f64;
         let AttitudeError { total_deg, heading_deg, inclination_deg } = accuracy.rmse().unwrap_or_default();
-        let knows_north = moments.last().is_some_and(|moment| moment.reference != CourseReference::Arbitrary);
+        let has_north = samples.last().is_some_and(|sample| sample.reference != CourseReference::Arbitrary);
         Self {
             angles_deg: angles.map(|sum| f64::sqrt(sum / count)),
             vector_deg: vector.map(|sum| f64::sqrt(sum / count)),
             total_deg,
-            heading_deg: knows_north.then_some(heading_deg),
+            heading_deg: has_north.then_some(heading_deg),
             inclination_deg,
         }
     }
 
     /// The mean of each over so many seeds.
-    pub(crate) fn mean(filter: Filter, sensing: Sensing) -> Self {
+    pub(crate) fn mean_over_seeds(filter: Filter, sensors: SensorCase) -> Self {
         let mut mean = Self::default();
         for seed in 1..=SEEDS {
-            let rms = Self::of(&run(filter, sensing, seed).unwrap_or_default());
+            let rms = Self::of(&run(filter, sensors, seed).unwrap_or_default());
             let share = 1.0 / SEEDS as f64;
             for axis in 0..3 {
                 mean.angles_deg[axis] += rms.angles_deg[axis] * share;
@@ -164,10 +164,10 @@ impl Rms {
 
 /// The table's columns: original and improved under one kind of noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Compared {
+pub struct Comparison {
     /// The gyro's noise is as printed, 1 rad/s.
-    pub as_printed: bool,
-    /// The first sample is noisy, too, and the filter begins with it.
+    pub printed_gyro_noise: bool,
+    /// The first rate_sample is noisy, too, and the filter begins with it.
     pub noisy_start: bool,
     /// At β = 0.021 rad/s.
     pub original: Rms,
@@ -175,14 +175,14 @@ pub struct Compared {
     pub improved: Rms,
 }
 
-/// 1 °/s and 1 rad/s, each with an exact and with a noisy first sample.
-pub(crate) const KINDS: [(bool, bool); 4] = [(false, false), (false, true), (true, false), (true, true)];
+/// 1 °/s and 1 rad/s, each with an exact and with a noisy first rate_sample.
+pub(crate) const TABLE_CASES: [(bool, bool); 4] = [(false, false), (false, true), (true, false), (true, true)];
 
-impl Compared {
-    pub(crate) fn of((as_printed, noisy_start): (bool, bool)) -> Self {
-        let sensing = Sensing::Table { as_printed, noisy_start };
-        let [original, improved] = [ORIGINAL, IMPROVED].map(|filter| Rms::mean(filter, sensing));
-        Self { as_printed, noisy_start, original, improved }
+impl Comparison {
+    pub(crate) fn run((printed_gyro_noise, noisy_start): (bool, bool)) -> Self {
+        let sensors = SensorCase::Table { printed_gyro_noise, noisy_start };
+        let [original, improved] = [ORIGINAL, IMPROVED].map(|filter| Rms::mean_over_seeds(filter, sensors));
+        Self { printed_gyro_noise, noisy_start, original, improved }
     }
 }
 
@@ -195,29 +195,29 @@ mod tests {
     }
 
     #[test]
-    fn from_the_truth_the_improved_form_is_a_third_better_by_whole_and_half_by_pitch() {
-        let Compared { original, improved, .. } = Compared::of((false, false));
-        let whole = gain(original.total_deg, improved.total_deg);
+    fn exact_start_improved_gains_third_total_half_pitch() {
+        let Comparison { original, improved, .. } = Comparison::run((false, false));
+        let total = gain(original.total_deg, improved.total_deg);
         let pitch = gain(original.angles_deg[0], improved.angles_deg[0]);
         println!("{original:.3?} → {improved:.3?}");
-        assert!((0.28..0.36).contains(&whole) && (0.43..0.53).contains(&pitch), "{whole}, {pitch}");
+        assert!((0.28..0.36).contains(&total) && (0.43..0.53).contains(&pitch), "{total}, {pitch}");
         assert!((0.49..0.60).contains(&original.total_deg), "{original:?}");
         // Of the rotation vector yaw gains nothing.
         assert!(gain(original.vector_deg[2], improved.vector_deg[2]) < 0.05);
     }
 
     #[test]
-    fn from_a_noisy_first_sample_the_improvement_turns_round() {
-        let Compared { original, improved, .. } = Compared::of((false, true));
+    fn noisy_start_makes_improved_form_worse() {
+        let Comparison { original, improved, .. } = Comparison::run((false, true));
         println!("{original:.3?} → {improved:.3?}");
         assert!(gain(original.total_deg, improved.total_deg) < -0.4, "{original:?}, {improved:?}");
         assert!((1.7..2.6).contains(&original.total_deg) && (2.9..4.3).contains(&improved.total_deg));
     }
 
     #[test]
-    fn with_the_noise_as_printed_the_two_are_alike() {
+    fn printed_gyro_noise_makes_both_forms_equal() {
         for noisy_start in [false, true] {
-            let Compared { original, improved, .. } = Compared::of((true, noisy_start));
+            let Comparison { original, improved, .. } = Comparison::run((true, noisy_start));
             println!("{original:.3?} → {improved:.3?}");
             assert!((0.0..0.06).contains(&gain(original.total_deg, improved.total_deg)), "{original:?}, {improved:?}");
             assert!((15.0..27.0).contains(&original.total_deg), "{original:?}");
@@ -225,11 +225,11 @@ mod tests {
     }
 
     #[test]
-    fn a_magnet_moves_the_heading_most_but_not_alone() {
-        let [ideal, magnet] =
-            [Sensing::Ideal, Sensing::Magnet].map(|sensing| Rms::of(&run(IMPROVED, sensing, 1).unwrap()));
-        println!("{ideal:.3?}, {magnet:.3?}");
-        assert!(magnet.heading_deg.unwrap() > 2.0 && magnet.heading_deg > Some(magnet.inclination_deg), "{magnet:?}");
-        assert!(magnet.inclination_deg > 4.0 * ideal.inclination_deg, "{magnet:?}");
+    fn disturbance_moves_heading_more_than_inclination() {
+        let [ideal, disturbance] =
+            [SensorCase::Ideal, SensorCase::MagneticDisturbance].map(|sensors| Rms::from_samples(&run(IMPROVED, sensors, 1).unwrap()));
+        println!("{ideal:.3?}, {disturbance:.3?}");
+        assert!(disturbance.heading_deg.unwrap() > 2.0 && disturbance.heading_deg > Some(disturbance.inclination_deg), "{disturbance:?}");
+        assert!(disturbance.inclination_deg > 4.0 * ideal.inclination_deg, "{disturbance:?}");
     }
 }

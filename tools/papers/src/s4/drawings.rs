@@ -5,30 +5,30 @@ use figures::style::{BLUE, GREEN, GREY, ORANGE};
 use plotters::style::{BLACK, Color, RGBColor};
 
 use crate::{
+    block_diagram::{Arrow, Block, BlockDiagram},
     picture::{Figure, Panel, Part, Picture},
     scene::{Scene, Shape, arc, circle},
-    scheme::{Arrow, Block, Scheme},
 };
 
 fn block(at: (f64, f64), size: (f64, f64), lines: &'static [&'static str]) -> Block {
     Block { at, size, lines }
 }
 
-fn arrow(path: &'static [(f64, f64)], name: &'static str) -> Arrow {
-    Arrow { path, name }
+fn arrow(path: &'static [(f64, f64)], label: &'static str) -> Arrow {
+    Arrow { path, label }
 }
 
-fn scheme(name: &'static str, title: &str, about: &str, size: (u32, u32), scheme: Scheme) -> Part {
+fn diagram_part(name: &'static str, title: &str, caption: &str, size: (u32, u32), diagram: BlockDiagram) -> Part {
     Part {
         name,
         title: title.into(),
-        about: about.into(),
-        picture: Picture::Figure(Figure { size, columns: 1, panels: vec![Panel::Scheme(scheme)] }),
+        caption: caption.into(),
+        picture: Picture::Figure(Figure { size, columns: 1, panels: vec![Panel::BlockDiagram(diagram)] }),
     }
 }
 
-fn axis(to: Vector3<f64>, name: &str, color: RGBColor) -> Shape {
-    Shape::Arrow { from: Vector3::zeros(), to, color, name: name.into() }
+fn axis(to: Vector3<f64>, label: &str, color: RGBColor) -> Shape {
+    Shape::Arrow { from: Vector3::zeros(), to, color, label: label.into() }
 }
 
 /// Figures 1 and 2.
@@ -67,12 +67,12 @@ pub(super) fn axes() -> Part {
         axis(up, "z_P", GREEN),
         Shape::Line { points: azimuth, color: ORANGE.to_rgba(), width: 2 },
         Shape::Line { points: vec![Vector3::z() * 0.8, up * 0.8], color: ORANGE.to_rgba(), width: 2 },
-        Shape::Named { color: ORANGE, name: "azimuth, which is free, and tilt, drawn large".into() },
-        Shape::Named { color: GREEN, name: "the platform".into() },
-        Shape::Named { color: GREY, name: "the geographic frame".into() },
+        Shape::LegendEntry { color: ORANGE, label: "azimuth, which is free, and tilt, drawn large".into() },
+        Shape::LegendEntry { color: GREEN, label: "the platform".into() },
+        Shape::LegendEntry { color: GREY, label: "the geographic frame".into() },
     ];
     let scene = |title: &str, azimuth_deg, shapes| {
-        Panel::Scene(Scene { title: title.into(), azimuth_deg, elevation_deg: 28.0, reach: 1.3, shapes })
+        Panel::Scene(Scene { title: title.into(), azimuth_deg, elevation_deg: 28.0, half_extent: 1.3, shapes })
     };
     let panels = vec![
         scene("figure 1: the body's axes, as here", -50.0, body),
@@ -81,14 +81,14 @@ pub(super) fn axes() -> Part {
     Part {
         name: "figure-1-2",
         title: "Figures 1 and 2: axes, and the platform's misalignment".into(),
-        about: "The platform is a horizontal frame free in azimuth; levelling turns it by ω_c until its tilt is gone. Here it is the reference frame of (w, z), and C = Aᵀ.".into(),
+        caption: "The platform is a horizontal frame free in azimuth; levelling turns it by ω_c until its tilt is gone. Here it is the reference frame of (w, z), and C = Aᵀ.".into(),
         picture: Picture::Figure(Figure { size: (1100, 520), columns: 2, panels }),
     }
 }
 
 /// Figure 3.
 pub(super) fn aided() -> Part {
-    let drawn = Scheme {
+    let diagram = BlockDiagram {
         title: "figure 3: with a receiver".into(),
         size: (12.0, 5.0),
         blocks: vec![
@@ -108,18 +108,18 @@ pub(super) fn aided() -> Part {
             arrow(&[(9.8, 1.7), (9.8, 0.9), (3.9, 0.9)], "ω_c"),
         ],
     };
-    scheme(
+    diagram_part(
         "figure-3",
         "Figure 3: the scheme with GNSS correction",
         "(3), (4): the platform is levelled by the force less the motion that a receiver tells; K g is the inverse of the time constant. The stage levelling while there are fixes, and P1 of levelling-unified.",
         (1000, 440),
-        drawn,
+        diagram,
     )
 }
 
 /// Figure 5.
 pub(super) fn autonomous() -> Part {
-    let drawn = Scheme {
+    let diagram = BlockDiagram {
         title: "figure 5: without".into(),
         size: (12.0, 5.0),
         blocks: vec![
@@ -137,18 +137,18 @@ pub(super) fn autonomous() -> Part {
             arrow(&[(9.8, 1.7), (9.8, 0.9), (3.9, 0.9)], "ω_c"),
         ],
     };
-    scheme(
+    diagram_part(
         "figure-5",
         "Figure 5: the scheme without GNSS",
         "The low-passed force takes the place of what is left without the motion. Time constants here: low-pass 20 s, levelling 60 s.",
         (1000, 440),
-        drawn,
+        diagram,
     )
 }
 
 /// Figure 7.
 pub(super) fn unified() -> Part {
-    let drawn = Scheme {
+    let diagram = BlockDiagram {
         title: "figure 7: two platforms in parallel, and a choice by k".into(),
         size: (12.0, 6.0),
         blocks: vec![
@@ -174,11 +174,11 @@ pub(super) fn unified() -> Part {
             arrow(&[(11.55, 3.0), (11.95, 3.0)], ""),
         ],
     };
-    scheme(
+    diagram_part(
         "figure-7",
         "Figure 7: the unified scheme",
         "The stage levelling-unified. HΓ is counted from wherever its platform began: at each change of k the offset is taken anew, so that the course goes on; roll and pitch jump by as much as the platforms are apart, which is told as `aligned`.",
         (1000, 480),
-        drawn,
+        diagram,
     )
 }

@@ -5,7 +5,7 @@ mod runs;
 
 use figures::{
     Axis, Chart, Curve,
-    style::{BLUE, GREEN, ORANGE, PURPLE, SKY, Style},
+    style::{BLUE, GREEN, ORANGE, PURPLE, SKY, LineStyle},
 };
 use plotters::style::RGBColor;
 
@@ -14,22 +14,22 @@ use crate::{
     picture::{Figure, Panel, Part, Picture},
     table::Table,
 };
-use runs::{DURATION_S, Flown, Moment, SEEDS, STAGES, fly_all};
-pub use runs::{Receiver, Sums};
+use runs::{DURATION_S, StageErrors, ErrorSample, SEEDS, STAGES, run_flights};
+pub use runs::{GnssCoverage, SquaredErrors};
 
 /// Every flight with every seed.
-pub(crate) const RUNS: u64 = Receiver::ALL.len() as u64 * SEEDS;
+pub(crate) const RUN_COUNT: u64 = GnssCoverage::ALL.len() as u64 * SEEDS;
 
 /// Of the stages, in their order; what others lie on is wider.
-const LOOKS: [(RGBColor, Style); 4] =
-    [(SKY, Style::Wide), (PURPLE, Style::Thick), (ORANGE, Style::Thin), (BLUE, Style::Thin)];
+const STYLES: [(RGBColor, LineStyle); 4] =
+    [(SKY, LineStyle::Wide), (PURPLE, LineStyle::Thick), (ORANGE, LineStyle::Thin), (BLUE, LineStyle::Thin)];
 
 /// What the page says of the data.
-const FLIGHT: &str = "The paper's flight is not published; the simulated cruise stands for it, with the same length: turns of 2 to 3 °/s for 20 to 60 s, gyro ±0.05 °/s and 0.05 °/s rms, accelerometer ±0.02 m/s² and 0.02 m/s² rms, velocity 0.05 m/s rms, 0.2 s late.";
+const DATA_NOTE: &str = "The paper's flight is not published; the simulated cruise stands for it, with the same length: turns of 2 to 3 °/s for 20 to 60 s, gyro ±0.05 °/s and 0.05 °/s rms, accelerometer ±0.02 m/s² and 0.02 m/s² rms, velocity 0.05 m/s rms, 0.2 s late.";
 
 /// Figures 1 to 7, the course and the table.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
-    let [always, gaps, never] = Receiver::ALL.map(|receiver| fly_all(receiver, || progress.step()));
+    let [always, gaps, never] = GnssCoverage::ALL.map(|coverage| run_flights(coverage, || progress.step()));
     vec![
         drawings::axes(),
         drawings::aided(),
@@ -62,84 +62,84 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     ]
 }
 
-fn time() -> Axis {
+fn time_axis() -> Axis {
     Axis::new("time, s", 0.0..DURATION_S)
 }
 
 /// A curve is broken where an angle wraps.
-fn line(name: &str, color: RGBColor, style: Style, of: &[Moment], value: fn(&Moment) -> f64) -> Curve {
-    let values: Vec<_> = of.iter().map(|moment| (moment.t_s, value(moment))).collect();
+fn line(name: &str, color: RGBColor, style: LineStyle, of: &[ErrorSample], value: fn(&ErrorSample) -> f64) -> Curve {
+    let values: Vec<_> = of.iter().map(|sample| (sample.t_s, value(sample))).collect();
     Curve::over_time(name, color, style, &values, 180.0)
 }
 
-fn errors(name: &'static str, title: &str, most_deg: f64, flown: &[Flown], about: &str) -> Part {
-    let panel = |title: &str, label, value: fn(&Moment) -> f64| {
+fn errors(name: &'static str, title: &str, range_deg: f64, flights: &[StageErrors], caption: &str) -> Part {
+    let panel = |title: &str, label, value: fn(&ErrorSample) -> f64| {
         // What is nearest to the truth lies on top.
         let curves = STAGES
             .iter()
-            .zip(LOOKS)
-            .zip(flown)
-            .map(|((name, (color, style)), flown)| line(name, color, style, &flown.moments, value));
+            .zip(STYLES)
+            .zip(flights)
+            .map(|((name, (color, style)), flights)| line(name, color, style, &flights.samples, value));
         Panel::Chart(Chart {
             title: title.into(),
-            x: time(),
-            y: Axis::new(label, -most_deg..most_deg),
+            x: time_axis(),
+            y: Axis::new(label, -range_deg..range_deg),
             curves: curves.collect(),
-            named: true,
+            has_legend: true,
         })
     };
     let panels = vec![
-        panel("pitch", "pitch error, °", |moment| moment.pitch_deg),
-        panel("roll", "roll error, °", |moment| moment.roll_deg),
+        panel("pitch", "pitch error, °", |sample| sample.pitch_deg),
+        panel("roll", "roll error, °", |sample| sample.roll_deg),
     ];
     let rms: Vec<_> = STAGES
         .iter()
-        .zip(flown)
-        .map(|(name, flown)| {
-            format!("{name} {} / {}", degrees(flown.whole().roll_deg()), degrees(flown.whole().pitch_deg()))
+        .zip(flights)
+        .map(|(name, flights)| {
+            format!("{name} {} / {}", format_deg(flights.total().roll_deg()), format_deg(flights.total().pitch_deg()))
         })
         .collect();
     Part {
         name,
         title: title.into(),
-        about: format!(
-            "{FLIGHT} {about} Ours, roll / pitch RMS of the whole flight from 120 s on, {SEEDS} seeds: {}.",
+        caption: format!(
+            "{DATA_NOTE} {caption} Ours, roll / pitch RMS of the whole flight from 120 s on, {SEEDS} seeds: {}.",
             rms.join(", ")
         ),
         picture: Picture::Figure(Figure { size: (1100, 800), columns: 1, panels }),
     }
 }
 
-fn course(always: &[Flown], gaps: &[Flown]) -> Part {
-    let panel = |title: &str, flown: &[Flown]| {
-        let of = |stage: usize| flown.get(stage).map_or(&[][..], |flown| &flown.moments);
+fn course(always: &[StageErrors], gaps: &[StageErrors]) -> Part {
+    let panel = |title: &str, flights: &[StageErrors]| {
+        let of = |stage: usize| flights.get(stage).map_or(&[][..], |flights| &flights.samples);
         let curves = vec![
-            line("levelling, track", SKY, Style::Wide, of(0), |moment| moment.course_deg),
-            line("levelling-unified", PURPLE, Style::Thick, of(1), |moment| moment.heading_deg),
-            line("levelling-pi, track", ORANGE, Style::Thin, of(2), |moment| moment.course_deg),
-            line("aided", BLUE, Style::Thin, of(3), |moment| moment.heading_deg),
+            line("levelling, track", SKY, LineStyle::Wide, of(0), |sample| sample.course_deg),
+            line("levelling-unified", PURPLE, LineStyle::Thick, of(1), |sample| sample.heading_deg),
+            line("levelling-pi, track", ORANGE, LineStyle::Thin, of(2), |sample| sample.course_deg),
+            line("aided", BLUE, LineStyle::Thin, of(3), |sample| sample.heading_deg),
         ];
         Panel::Chart(Chart {
             title: title.into(),
-            x: time(),
+            x: time_axis(),
             y: Axis::new("course error, °", -15.0..15.0),
             curves,
-            named: true,
+            has_legend: true,
         })
     };
-    let free = always.first().map_or(&[][..], |flown| &flown.moments);
+    let free = always.first().map_or(&[][..], |flights| &flights.samples);
     // The gyroscopic course is counted from where it began.
-    let from = free.first().map_or(0.0, |moment| moment.heading_deg);
+    let from = free.first().map_or(0.0, |sample| sample.heading_deg);
     let gyroscopic: Vec<_> = free
         .iter()
         .map(|m| (m.t_s, attitude::state::wrapped_rad((m.heading_deg - from).to_radians()).to_degrees()))
         .collect();
     let alone = Panel::Chart(Chart {
         title: "the gyroscopic course alone".into(),
-        x: time(),
+        x: time_axis(),
         y: Axis::new("course error, °", -180.0..180.0),
-        curves: vec![Curve::over_time("levelling", GREEN, Style::Thick, &gyroscopic, 180.0)],
-        named: true,
+        curves: vec![Curve::over_time("levelling", GREEN, LineStyle::Thick, &gyroscopic, 180.0)],
+        has_legend: true,
     });
     let panels = vec![
         panel("the complex course (5), T = 50 s, with a receiver all the time", always),
@@ -149,38 +149,38 @@ fn course(always: &[Flown], gaps: &[Flown]) -> Part {
     Part {
         name: "course",
         title: "The complex course with the track (5)".into(),
-        about: "H_k = H_{k−1} + ΔHΓ − h (H_{k−1} − H_track)/T: a bias b about the vertical leaves T b = 2.5° of 0.05 °/s, and in a gap of 60 s 3° more. The stage track of the slot course behind levelling and levelling-pi; levelling-unified has it within; aided finds true north by itself. The gyroscopic course alone drifts by 175° in this time.".into(),
+        caption: "H_k = H_{k−1} + ΔHΓ − h (H_{k−1} − H_track)/T: a bias b about the vertical leaves T b = 2.5° of 0.05 °/s, and in a gap of 60 s 3° more. The stage track of the slot course behind levelling and levelling-pi; levelling-unified has it within; aided finds true north by itself. The gyroscopic course alone drifts by 175° in this time.".into(),
         picture: Picture::Figure(Figure { size: (1100, 1100), columns: 1, panels }),
     }
 }
 
-fn degrees(deg: Option<f64>) -> String {
+fn format_deg(deg: Option<f64>) -> String {
     deg.map_or("–".into(), |deg| format!("{deg:.3}"))
 }
 
-fn table(always: &[Flown], gaps: &[Flown], never: &[Flown]) -> Part {
+fn table(always: &[StageErrors], gaps: &[StageErrors], never: &[StageErrors]) -> Part {
     let paper = |name: &str, aided: &str, alone: &str| {
         let cells = [name, aided, aided, "–", "–", "–", "–", alone, alone];
         cells.iter().map(|cell| (*cell).into()).collect::<Vec<String>>()
     };
     let mut rows = vec![paper("the paper, in flight", "0.2–0.5", "0.3–1.0")];
     for (stage, name) in STAGES.iter().enumerate() {
-        let of = |flown: &[Flown], pick: fn(&Flown) -> Sums| {
-            let sums = flown.get(stage).map(pick).unwrap_or_default();
-            [degrees(sums.roll_deg()), degrees(sums.pitch_deg())]
+        let of = |flights: &[StageErrors], pick: fn(&StageErrors) -> SquaredErrors| {
+            let sums = flights.get(stage).map(pick).unwrap_or_default();
+            [format_deg(sums.roll_deg()), format_deg(sums.pitch_deg())]
         };
         let cells = [
-            of(always, |flown| flown.aided),
-            of(gaps, |flown| flown.aided),
-            of(gaps, |flown| flown.alone),
-            of(never, |flown| flown.alone),
+            of(always, |flights| flights.aided),
+            of(gaps, |flights| flights.aided),
+            of(gaps, |flights| flights.autonomous),
+            of(never, |flights| flights.autonomous),
         ];
         rows.push([(*name).into()].into_iter().chain(cells.into_iter().flatten()).collect());
     }
     Part {
         name: "table-errors",
-        title: "Table: RMS by axis, degrees".into(),
-        about: format!("{FLIGHT} {SEEDS} seeds, from 120 s on."),
+        title: "Table: RMS by axis, format_deg".into(),
+        caption: format!("{DATA_NOTE} {SEEDS} seeds, from 120 s on."),
         picture: Picture::Table(Table::new(
             &[
                 "stage",
@@ -198,20 +198,20 @@ fn table(always: &[Flown], gaps: &[Flown], never: &[Flown]) -> Part {
     }
 }
 
-fn course_table(always: &[Flown], gaps: &[Flown]) -> Part {
+fn course_table(always: &[StageErrors], gaps: &[StageErrors]) -> Part {
     let row = |(stage, name): (usize, &&str)| {
-        let of = |flown: &[Flown]| {
-            let sums = flown.get(stage).map(Flown::whole).unwrap_or_default();
+        let of = |flights: &[StageErrors]| {
+            let sums = flights.get(stage).map(StageErrors::total).unwrap_or_default();
             // A heading that is counted from anywhere is no course.
             let own = if stage == 0 { None } else { sums.heading_deg() };
-            [degrees(own), degrees(sums.course_deg())]
+            [format_deg(own), format_deg(sums.course_deg())]
         };
         [(*name).to_string()].into_iter().chain(of(always)).chain(of(gaps)).collect()
     };
     Part {
         name: "table-course",
-        title: "Table: course RMS, degrees".into(),
-        about: "The stage's own heading, and the course of the stage track behind it; behind a heading that is true already track corrects what is left.".into(),
+        title: "Table: course RMS, format_deg".into(),
+        caption: "The stage's own heading, and the course of the stage track behind it; behind a heading that is true already track corrects what is left.".into(),
         picture: Picture::Table(Table::new(
             &["stage", "aided: own", "with track", "gaps: own", "with track"],
             STAGES.iter().enumerate().map(row).collect(),

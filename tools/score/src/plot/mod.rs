@@ -1,19 +1,25 @@
-//! Figures of a run, as Matveev 2025 draws them: the point w and the turn z over time, the angles, the sphere, the errors.
+//! Figures of a run in the manner of Matveev 2025: the point w and the angle z over time, the
+//! angles, the sphere, the errors.
 //!
-//! Input: what goes into the slots at a tick and what comes out. Output: files, SVG or PNG, of some 2000 points a curve, whatever the length of
-//! the trial. Time: that of the samples, from the first. Failure: a file that cannot be written; a PNG where the system has no typeface.
+//! Input: the inputs and outputs of the slots at each tick.
 //!
-//! | figure | what it shows |
+//! Output: SVG or PNG files with at most about 2000 points per curve.
+//!
+//! Time: that of the samples, from the first one.
+//!
+//! Failure: an error if a file cannot be written, or if no typeface for PNG is installed.
+//!
+//! | figure | contents |
 //! | --- | --- |
 //! | `NAME.uvz` | u, v and z of gyro, accelerometer, fused and reference |
 //! | `NAME.v` | v of gyro, accelerometer and fused in one panel |
 //! | `NAME.angles` | yaw, pitch, roll and course |
-//! | `NAME.bias` | the gyro's bias, estimated, and true where that is known |
-//! | `NAME.error` | inclination error where there is a reference, heading and total error where a heading is known |
-//! | `NAME.signed` | errors of roll, pitch, yaw and course with their signs; of a yaw that is counted from nowhere how far it has drifted |
-//! | `NAME.bias-error` | the error of the gyro's bias, where that is known |
+//! | `NAME.bias` | gyro bias: estimated, and true if known |
+//! | `NAME.error` | inclination error, with heading and total error if the heading is known |
+//! | `NAME.signed` | signed errors of roll, pitch, yaw and course; for an arbitrary heading the drift of yaw |
+//! | `NAME.bias-error` | error of the gyro bias, if the true bias is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |
-//! | `sweep.SETTING` | the error over the range of a setting |
+//! | `sweep.SETTING` | error over the range of a setting |
 
 pub(crate) mod curve;
 mod record;
@@ -26,81 +32,82 @@ use std::{
 
 use figures::{
     Axis, Chart, Draw, Stack, Typeface,
-    style::{AMBER, REFERENCE, SKY, Style, of_place},
+    style::{AMBER, REFERENCE, SKY, LineStyle, series_style},
 };
 use launch::Launch;
 
 use crate::{ScoreError, tune::Sweep};
 use curve::Curve;
-pub(crate) use record::Record;
+pub(crate) use record::PlotRecord;
 use record::{Curves, Quantity, Source};
 use sphere::Sphere;
 
-/// Width of a figure over time, and the height of each of its panels, or of the only one, pixels.
+/// Width of a figure over time, height of each of several panels, and height of a single panel,
+/// pixels.
 const WIDTH: u32 = 1200;
-const HEIGHT: u32 = 300;
-const HEIGHT_ALONE: u32 = 500;
-const SPHERE: (u32, u32) = (900, 900);
-/// A step of a curve in degrees that is only the wrap of an angle.
-const WRAP: f64 = 180.0;
+const PANEL_HEIGHT: u32 = 300;
+const SINGLE_PANEL_HEIGHT: u32 = 500;
+const SPHERE_SIZE: (u32, u32) = (900, 900);
+/// Step of an angle, degrees, above which it is a wrap instead of a movement.
+const WRAP_DEG: f64 = 180.0;
 
-/// Which figures are asked for.
+/// Options of the figures.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Plots {
-    /// Where they go.
+pub struct PlotOptions {
+    /// Output folder.
     pub folder: PathBuf,
-    /// From when on, seconds from the first sample.
+    /// Start of the time window, seconds from the first sample.
     pub from_s: f64,
-    /// Until when; to the end where nothing is said.
+    /// End of the time window, seconds from the first sample; `None` for the end of the trial.
     pub to_s: Option<f64>,
-    /// Width and height, pixels.
+    /// Width and height, pixels; `None` for the defaults.
     pub size: Option<(u32, u32)>,
-    /// What files they are.
+    /// File format.
     pub format: Format,
 }
 
-/// What file a figure is.
+/// File format of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Format {
-    /// Lines and text, to any size.
+    /// Vector graphics.
     #[default]
     Svg,
-    /// Pixels.
+    /// Pixel graphics.
     Png,
 }
 
-impl Plots {
-    /// The time is shown.
-    pub(crate) fn shows(&self, t_s: f64) -> bool {
+impl PlotOptions {
+    /// Returns `true` if the time is in the window.
+    pub(crate) fn includes(&self, t_s: f64) -> bool {
         t_s >= self.from_s && self.to_s.is_none_or(|to_s| t_s <= to_s)
     }
 }
 
-/// A figure over time: its name, its title and its panels, each with the name of its axis and what it shows.
+/// A figure over time: its panels, each with the label of its vertical axis and the quantity.
 struct Figure {
     name: &'static str,
-    about: &'static str,
-    of: &'static [Source],
+    title: &'static str,
+    sources: &'static [Source],
     panels: &'static [(&'static str, Quantity)],
 }
 
 const FIGURES: [Figure; 7] = [
     Figure {
         name: "uvz",
-        about: "w = u + jv and z",
-        of: &Source::ALL,
+        title: "w = u + jv and z",
+        sources: &Source::ALL,
         panels: &[("u", Quantity::U), ("v", Quantity::V), ("z, °", Quantity::Z)],
     },
     Figure {
         name: "v",
-        about: "v of gyro, accelerometer and fused",
-        of: &[Source::Accel, Source::Gyro, Source::Fused],
+        title: "v of gyro, accelerometer and fused",
+        sources: &[Source::Accel, Source::Gyro, Source::Fused],
         panels: &[("v", Quantity::V)],
     },
     Figure {
         name: "angles",
-        about: "yaw, pitch, roll and course",
-        of: &Source::ALL,
+        title: "yaw, pitch, roll and course",
+        sources: &Source::ALL,
         panels: &[
             ("yaw ψ, °", Quantity::Yaw),
             ("pitch ϑ, °", Quantity::Pitch),
@@ -110,14 +117,14 @@ const FIGURES: [Figure; 7] = [
     },
     Figure {
         name: "bias",
-        about: "bias of the gyro",
-        of: &Source::ALL,
+        title: "bias of the gyro",
+        sources: &Source::ALL,
         panels: &[("ξ, °/s", Quantity::BiasX), ("η, °/s", Quantity::BiasY), ("ζ, °/s", Quantity::BiasZ)],
     },
     Figure {
         name: "error",
-        about: "error against the reference",
-        of: &Source::ALL,
+        title: "error against the reference",
+        sources: &Source::ALL,
         panels: &[
             ("inclination, °", Quantity::InclinationError),
             ("heading, °", Quantity::HeadingError),
@@ -126,8 +133,8 @@ const FIGURES: [Figure; 7] = [
     },
     Figure {
         name: "signed",
-        about: "error of each angle; of a yaw from nowhere how far it has drifted",
-        of: &Source::ALL,
+        title: "signed error of each angle; for an arbitrary yaw its drift",
+        sources: &Source::ALL,
         panels: &[
             ("roll γ, °", Quantity::RollError),
             ("pitch ϑ, °", Quantity::PitchError),
@@ -137,28 +144,28 @@ const FIGURES: [Figure; 7] = [
     },
     Figure {
         name: "bias-error",
-        about: "error of the gyro's bias",
-        of: &Source::ALL,
+        title: "error of the gyro's bias",
+        sources: &Source::ALL,
         panels: &[("ξ, °/s", Quantity::BiasXError), ("η, °/s", Quantity::BiasYError), ("ζ, °/s", Quantity::BiasZError)],
     },
 ];
 
-/// One of the curves of a figure.
+/// Curves of one source, with their name and line style.
 struct Series<'a> {
     name: &'a str,
     color: plotters::style::RGBColor,
-    style: Style,
+    style: LineStyle,
     curves: &'a Curves,
 }
 
-/// Draws the figures that are asked for into files.
-pub(crate) struct Pen<'a> {
-    plots: &'a Plots,
+/// Draws the figures and writes them to files.
+pub(crate) struct Plotter<'a> {
+    plots: &'a PlotOptions,
     typeface: Option<Typeface>,
 }
 
-impl<'a> Pen<'a> {
-    pub(crate) fn new(plots: &'a Plots) -> Result<Self, ScoreError> {
+impl<'a> Plotter<'a> {
+    pub(crate) fn new(plots: &'a PlotOptions) -> Result<Self, ScoreError> {
         let typeface = match plots.format {
             Format::Svg => None,
             Format::Png => Some(Typeface::find().map_err(|why| ScoreError::Typeface { why })?),
@@ -166,130 +173,131 @@ impl<'a> Pen<'a> {
         Ok(Self { plots, typeface })
     }
 
-    /// What one chain of stages did over a trial, its channels beside it; the files' names begin with `place`.
-    pub(crate) fn one(&self, place: &Path, trial: &str, launch: &Launch, record: &Record) -> Result<(), ScoreError> {
-        let title = format!("{trial}, {}", stages(launch));
+    /// Draws one chain on a trial, with gyro and accelerometer alone. File names start with
+    /// `base_path`.
+    pub(crate) fn draw_chain(&self, base_path: &Path, trial: &str, launch: &Launch, record: &PlotRecord) -> Result<(), ScoreError> {
+        let title = format!("{trial}, {}", chain_label(launch));
         for figure in &FIGURES {
-            let series = figure.of.iter().map(|source| {
+            let series = figure.sources.iter().map(|source| {
                 let (color, style) = match source {
-                    Source::Accel => (SKY, Style::Thin),
-                    Source::Gyro => (AMBER, Style::Dashed(12, 4)),
-                    Source::Fused => of_place(0),
+                    Source::Accel => (SKY, LineStyle::Thin),
+                    Source::Gyro => (AMBER, LineStyle::Dashed(12, 4)),
+                    Source::Fused => series_style(0),
                     Source::Reference => REFERENCE,
                 };
-                Series { name: source.name(), color, style, curves: record.of(*source) }
+                Series { name: source.name(), color, style, curves: record.source_curves(*source) }
             });
-            self.over_time(place, &title, figure, &series.collect::<Vec<_>>())?;
+            self.draw_figure(base_path, &title, figure, &series.collect::<Vec<_>>())?;
         }
-        let sphere = Sphere { title: format!("{title}: the up vector"), ups: &record.path };
-        self.file(place, "sphere", SPHERE, &sphere)
+        let sphere = Sphere { title: format!("{title}: the up vector"), ups: &record.up_path };
+        self.write(base_path, "sphere", SPHERE_SIZE, &sphere)
     }
 
-    /// What several chains of stages did over a trial, one over the other, with the reference.
-    pub(crate) fn all(
+    /// Draws several chains on a trial in common figures, with the reference.
+    pub(crate) fn draw_comparison(
         &self,
-        place: &Path,
+        base_path: &Path,
         trial: &str,
         launches: &[Launch],
-        records: &[&Record],
+        records: &[&PlotRecord],
     ) -> Result<(), ScoreError> {
         let fused = launches.iter().zip(records).enumerate().map(|(at, (launch, record))| {
-            let (color, style) = of_place(at);
-            Series { name: &launch.fuser.stage, color, style, curves: record.of(Source::Fused) }
+            let (color, style) = series_style(at);
+            Series { name: &launch.fuser.stage, color, style, curves: record.source_curves(Source::Fused) }
         });
         let (color, style) = REFERENCE;
         let reference = records.first().map(|record| {
-            let curves = record.of(Source::Reference);
+            let curves = record.source_curves(Source::Reference);
             Series { name: Source::Reference.name(), color, style, curves }
         });
         let series: Vec<_> = fused.chain(reference).collect();
-        let compared = FIGURES.iter().filter(|figure| figure.of.contains(&Source::Reference));
-        compared.into_iter().try_for_each(|figure| self.over_time(place, trial, figure, &series))
+        let compared = FIGURES.iter().filter(|figure| figure.sources.contains(&Source::Reference));
+        compared.into_iter().try_for_each(|figure| self.draw_figure(base_path, trial, figure, &series))
     }
 
-    /// The error over the range of each setting that was gone through.
-    pub(crate) fn sweeps(&self, sweeps: &[Sweep]) -> Result<(), ScoreError> {
-        for of_setting in sweeps.chunk_by(|a, b| a.setting == b.setting) {
-            let Some(first) = of_setting.first() else { continue };
-            let values = || of_setting.iter().flat_map(|sweep| &sweep.curve).map(|point| point.value);
+    /// Draws the error over the range of each evaluated setting.
+    pub(crate) fn draw_sweeps(&self, sweeps: &[Sweep]) -> Result<(), ScoreError> {
+        for same_setting in sweeps.chunk_by(|a, b| a.setting == b.setting) {
+            let Some(first) = same_setting.first() else { continue };
+            let values = || same_setting.iter().flat_map(|sweep| &sweep.curve).map(|point| point.value);
             let (from, to) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
             let unit = if first.unit.is_empty() { String::new() } else { format!(", {}", first.unit) };
             let x = Axis {
-                by_factors: crate::tune::goes_by_factors(from, to),
+                is_log: crate::tune::is_log_range(from, to),
                 ..Axis::new(format!("{}{unit}", first.setting), from..to)
             };
-            let curves = of_setting.iter().enumerate().map(|(at, sweep)| {
-                let (color, style) = of_place(at);
+            let curves = same_setting.iter().enumerate().map(|(at, sweep)| {
+                let (color, style) = series_style(at);
                 let points = sweep.curve.iter().map(|point| (point.value, point.error_deg)).collect();
                 figures::Curve::new(&sweep.fuser, color, style, points)
             });
             let curves: Vec<_> = curves.collect();
             let errors = || curves.iter().flat_map(|curve| &curve.points).map(|point| point.1);
-            let most = errors().fold(0.0, f64::max);
-            let y = Axis::new(format!("{} error, °", first.least_of), 0.0..1.05 * most.max(1e-9));
-            let chart = Chart { title: String::new(), x, y, curves, named: true };
+            let max = errors().fold(0.0, f64::max);
+            let y = Axis::new(format!("{} error, °", first.objective), 0.0..1.05 * max.max(1e-9));
+            let chart = Chart { title: String::new(), x, y, curves, has_legend: true };
             let title = format!("{}: mean error of the trials", first.setting);
             let stack = Stack { title, charts: vec![chart] };
-            let name = format!("{}.{}", SWEEP, first.setting);
-            self.file(&self.plots.folder.join(&name), "", (WIDTH, HEIGHT_ALONE), &stack)?;
+            let name = format!("{}.{}", SWEEP_PREFIX, first.setting);
+            self.write(&self.plots.folder.join(&name), "", (WIDTH, SINGLE_PANEL_HEIGHT), &stack)?;
         }
         Ok(())
     }
 
-    fn over_time(&self, place: &Path, title: &str, figure: &Figure, series: &[Series<'_>]) -> Result<(), ScoreError> {
-        let panel = |(label, quantity): &(&'static str, Quantity)| {
-            let drawn = series.iter().map(|series| (series, series.curves.of(*quantity)));
-            panel(label, self.plots.from_s, &drawn.filter(|(_, curve)| !curve.is_empty()).collect::<Vec<_>>())
+    fn draw_figure(&self, base_path: &Path, title: &str, figure: &Figure, series: &[Series<'_>]) -> Result<(), ScoreError> {
+        let to_chart = |(label, quantity): &(&'static str, Quantity)| {
+            let drawn = series.iter().map(|series| (series, series.curves.curve(*quantity)));
+            panel_chart(label, self.plots.from_s, &drawn.filter(|(_, curve)| !curve.is_empty()).collect::<Vec<_>>())
         };
-        let charts: Vec<_> = figure.panels.iter().filter_map(panel).collect();
+        let charts: Vec<_> = figure.panels.iter().filter_map(to_chart).collect();
         if charts.is_empty() {
             return Ok(());
         }
-        let height = if charts.len() == 1 { HEIGHT_ALONE } else { HEIGHT * charts.len() as u32 };
-        let stack = Stack { title: format!("{title}: {}", figure.about), charts };
-        self.file(place, figure.name, (WIDTH, height), &stack)
+        let height = if charts.len() == 1 { SINGLE_PANEL_HEIGHT } else { PANEL_HEIGHT * charts.len() as u32 };
+        let stack = Stack { title: format!("{title}: {}", figure.title), charts };
+        self.write(base_path, figure.name, (WIDTH, height), &stack)
     }
 
-    /// Writes `PLACE.NAME.svg`, or what is asked for.
-    fn file(&self, place: &Path, name: &str, usual: (u32, u32), of: &impl Draw) -> Result<(), ScoreError> {
-        let size = self.plots.size.unwrap_or(usual);
-        let (ending, bytes) = match &self.typeface {
-            None => ("svg", figures::svg(size, of).map(String::into_bytes)),
-            Some(typeface) => ("png", figures::png(size, of, typeface)),
+    /// Writes `BASE_PATH.NAME.svg` or the corresponding PNG.
+    fn write(&self, base_path: &Path, name: &str, default_size: (u32, u32), drawing: &impl Draw) -> Result<(), ScoreError> {
+        let size = self.plots.size.unwrap_or(default_size);
+        let (extension, bytes) = match &self.typeface {
+            None => ("svg", figures::svg(size, drawing).map(String::into_bytes)),
+            Some(typeface) => ("png", figures::png(size, drawing, typeface)),
         };
-        let mut path = place.to_path_buf().into_os_string();
-        path.push(if name.is_empty() { format!(".{ending}") } else { format!(".{name}.{ending}") });
+        let mut path = base_path.to_path_buf().into_os_string();
+        path.push(if name.is_empty() { format!(".{extension}") } else { format!(".{name}.{extension}") });
         let path = PathBuf::from(path);
         let written = bytes.map_err(|cause| io::Error::other(cause.to_string())).and_then(|it| fs::write(&path, it));
         written.map_err(|cause| ScoreError::Write { path, cause })
     }
 }
 
-/// What the name of the picture of a setting begins with.
-const SWEEP: &str = "sweep";
+/// Prefix of the file name of a sweep.
+const SWEEP_PREFIX: &str = "sweep";
 
-/// The stages of a chain, in the order of the path.
-fn stages(launch: &Launch) -> String {
+/// Returns the names of the stages of a chain, in data flow order.
+fn chain_label(launch: &Launch) -> String {
     let Launch { gyro, accel, fuser, course, .. } = launch;
     format!("{} + {} → {} → {}", gyro.stage, accel.stage, fuser.stage, course.stage)
 }
 
-/// The curves over time with some room around them; none of none.
-fn panel(label: &'static str, from_s: f64, curves: &[(&Series<'_>, &Curve)]) -> Option<Chart> {
+/// Returns a chart of the curves over time with some margin; `None` without curves.
+fn panel_chart(label: &'static str, from_s: f64, curves: &[(&Series<'_>, &Curve)]) -> Option<Chart> {
     let ranges = || curves.iter().filter_map(|(_, curve)| curve.range());
-    let least = ranges().map(|range| range.0).reduce(f64::min)?;
-    let most = ranges().map(|range| range.1).reduce(f64::max)?;
-    let room = (0.05 * (most - least)).max(1e-3);
+    let min = ranges().map(|range| range.0).reduce(f64::min)?;
+    let max = ranges().map(|range| range.1).reduce(f64::max)?;
+    let margin = (0.05 * (max - min)).max(1e-3);
     let end_s = curves.iter().map(|(_, curve)| curve.end_s()).fold(from_s + 1e-3, f64::max);
     let drawn = curves.iter().map(|(Series { name, color, style, .. }, curve)| {
-        let broken = |line: &[(f64, f64)]| line.iter().copied().chain([(f64::NAN, f64::NAN)]).collect::<Vec<_>>();
-        figures::Curve::new(*name, *color, *style, curve.lines(WRAP).flat_map(broken).collect())
+        let with_gap = |line: &[(f64, f64)]| line.iter().copied().chain([(f64::NAN, f64::NAN)]).collect::<Vec<_>>();
+        figures::Curve::new(*name, *color, *style, curve.segments(WRAP_DEG).flat_map(with_gap).collect())
     });
     Some(Chart {
         title: String::new(),
         x: Axis::new("time, s", from_s..end_s),
-        y: Axis::new(label, least - room..most + room),
+        y: Axis::new(label, min - margin..max + margin),
         curves: drawn.collect(),
-        named: curves.len() > 1,
+        has_legend: curves.len() > 1,
     })
 }

@@ -1,82 +1,84 @@
-//! A chart as SVG, to stand in a page.
+//! Chart as an inline SVG element.
 //!
-//! Input: lines of points. Output: an `svg` element that needs nothing else. An axis is as long as all but the outermost hundredth of the points need;
-//! the rest is cut off, and the largest value is said.
+//! Input: lines of points.
+//!
+//! Output: a self-contained `svg` element. The vertical axis excludes the outermost points at
+//! either end; if they exceed it, a note states the largest value.
 
 use std::fmt::Write;
 
-use super::escaped;
+use super::escape;
 use crate::plot::curve::Curve;
 
-/// A step of an angle, degrees, that is only its wrap.
+/// Step of an angle, degrees, above which it is a wrap instead of a movement.
 const WRAP_DEG: f64 = 180.0;
-/// Hundredths of the points at either end that do not make an axis longer.
-const SPARED: f64 = 0.5;
-/// Room for the whole, and beside the lines for words, pixels.
+/// Percentage of the points at either end that the vertical axis ignores.
+const OUTLIER_PERCENT: f64 = 0.5;
+/// Size of a chart, and its margins for labels, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 40.0;
 
-/// Lines over one axis.
+/// Lines in one pair of axes.
 pub(super) struct Chart<'a> {
-    /// What the vertical axis shows, with its unit.
-    pub(super) label: &'a str,
-    /// What the horizontal axis shows, with its unit.
-    pub(super) across: &'a str,
-    /// From where to where that goes.
-    pub(super) span: (f64, f64),
-    /// Equal factors are equally far apart across.
-    pub(super) by_factors: bool,
-    /// The vertical axis begins at 0.
-    pub(super) from_zero: bool,
+    /// Label of the vertical axis, with its unit.
+    pub(super) y_label: &'a str,
+    /// Label of the horizontal axis, with its unit.
+    pub(super) x_label: &'a str,
+    /// Ends of the horizontal axis.
+    pub(super) x_range: (f64, f64),
+    /// Whether the horizontal axis is logarithmic.
+    pub(super) is_log_x: bool,
+    /// Whether the vertical axis starts at 0.
+    pub(super) starts_at_zero: bool,
     pub(super) lines: Vec<Line>,
 }
 
 /// A line, which may have gaps.
 pub(super) struct Line {
-    /// Its place in the order of the stages; none is the reference.
-    pub(super) place: Option<usize>,
-    pub(super) parts: Vec<Vec<(f64, f64)>>,
-    /// All but the outermost values.
-    pub(super) range: Option<(f64, f64)>,
-    /// Each point is marked.
-    pub(super) marked: bool,
+    /// Index of the stage; `None` for the reference.
+    pub(super) stage: Option<usize>,
+    pub(super) segments: Vec<Vec<(f64, f64)>>,
+    /// Range of the values without outliers.
+    pub(super) y_range: Option<(f64, f64)>,
+    /// Whether each point has a marker.
+    pub(super) has_markers: bool,
 }
 
 impl Line {
-    /// A curve of degrees over time.
-    pub(super) fn of(curve: &Curve, place: Option<usize>) -> Self {
-        let parts = curve.lines(WRAP_DEG).map(<[_]>::to_vec).collect();
-        Self { place, parts, range: curve.robust_range(SPARED), marked: false }
+    /// Creates a line from a curve of degrees over time.
+    pub(super) fn from_curve(curve: &Curve, stage: Option<usize>) -> Self {
+        let segments = curve.segments(WRAP_DEG).map(<[_]>::to_vec).collect();
+        Self { stage, segments, y_range: curve.robust_range(OUTLIER_PERCENT), has_markers: false }
     }
 
     fn points(&self) -> impl Iterator<Item = (f64, f64)> {
-        self.parts.iter().flatten().copied()
+        self.segments.iter().flatten().copied()
     }
 }
 
-/// From values to pixels.
+/// Mapping from values to pixels.
 struct Axis {
     from: f64,
     to: f64,
-    by_factors: bool,
-    at: [f64; 2],
+    is_log: bool,
+    pixels: [f64; 2],
 }
 
 impl Axis {
     fn pixel(&self, value: f64) -> f64 {
-        let [value, from, to] = [value, self.from, self.to].map(|x| if self.by_factors { x.ln() } else { x });
-        self.at[0] + (value - from) / (to - from) * (self.at[1] - self.at[0])
+        let [value, from, to] = [value, self.from, self.to].map(|x| if self.is_log { x.ln() } else { x });
+        self.pixels[0] + (value - from) / (to - from) * (self.pixels[1] - self.pixels[0])
     }
 
-    /// Values that people read: 1, 2 or 5 with zeros.
+    /// Returns round tick values: 1, 2 or 5 times a power of ten.
     fn ticks(&self) -> Vec<f64> {
-        if self.by_factors {
+        if self.is_log {
             let decades = self.from.log10().floor() as i32..=self.to.log10().ceil() as i32;
-            let of = |decade: i32| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(decade));
-            return decades.flat_map(of).filter(|value| (self.from..=self.to).contains(value)).collect();
+            let in_decade = |decade: i32| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(decade));
+            return decades.flat_map(in_decade).filter(|value| (self.from..=self.to).contains(value)).collect();
         }
         let rough = (self.to - self.from) / 5.0;
         let decade = 10f64.powf(rough.log10().floor());
@@ -88,69 +90,70 @@ impl Axis {
 }
 
 impl Chart<'_> {
-    /// The element; `number` is another for each chart of a page. With it, what was cut off, if anything was.
+    /// Returns the SVG element, and a note if a line exceeds the axis. `number` must be unique
+    /// within the page.
     pub(super) fn svg(&self, number: usize) -> (String, Option<String>) {
         let Some(largest) = self.lines.iter().flat_map(Line::points).map(|point| point.1).reduce(f64::max) else {
             return (String::new(), None);
         };
-        let (first, last) = self.span;
+        let (first, last) = self.x_range;
         let [width, height] = SIZE;
-        let across = Axis {
+        let x_axis = Axis {
             from: first,
             to: if last > first { last } else { first + 1e-3 },
-            by_factors: self.by_factors,
-            at: [LEFT, width - RIGHT],
+            is_log: self.is_log_x,
+            pixels: [LEFT, width - RIGHT],
         };
-        let ranges = || self.lines.iter().filter_map(|line| line.range);
-        let least = ranges().map(|range| range.0).fold(f64::INFINITY, f64::min);
-        let most = ranges().map(|range| range.1).fold(f64::NEG_INFINITY, f64::max);
-        let least = if self.from_zero { 0.0 } else { least };
-        let room = (0.08 * (most - least)).max(1e-6 * most.abs()).max(1e-9);
-        let up = Axis {
-            from: if self.from_zero { 0.0 } else { least - room },
-            to: most + room,
-            by_factors: false,
-            at: [height - BOTTOM, TOP],
+        let ranges = || self.lines.iter().filter_map(|line| line.y_range);
+        let low = ranges().map(|range| range.0).fold(f64::INFINITY, f64::min);
+        let high = ranges().map(|range| range.1).fold(f64::NEG_INFINITY, f64::max);
+        let low = if self.starts_at_zero { 0.0 } else { low };
+        let margin = (0.08 * (high - low)).max(1e-6 * high.abs()).max(1e-9);
+        let y_axis = Axis {
+            from: if self.starts_at_zero { 0.0 } else { low - margin },
+            to: high + margin,
+            is_log: false,
+            pixels: [height - BOTTOM, TOP],
         };
         let mut svg = format!(
             "<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\"><clipPath id=\"c{number}\"><rect x=\"{LEFT}\" y=\"{TOP}\" width=\"{:.1}\" height=\"{:.1}\"/></clipPath>",
             width - LEFT - RIGHT,
             height - TOP - BOTTOM,
-            label = escaped(self.label),
+            label = escape(self.y_label),
         );
-        self.axes(&mut svg, &across, &up);
+        self.draw_axes(&mut svg, &x_axis, &y_axis);
         let _ = write!(svg, "<g clip-path=\"url(#c{number})\">");
-        // The reference lies over all, and the first stage over the others.
-        let (reference, stages): (Vec<_>, Vec<_>) = self.lines.iter().partition(|line| line.place.is_none());
+        // The reference is drawn last, on top, and the first stage above the other stages.
+        let (reference, stages): (Vec<_>, Vec<_>) = self.lines.iter().partition(|line| line.stage.is_none());
         for line in stages.into_iter().rev().chain(reference) {
-            draw(&mut svg, line, &across, &up);
+            draw_line(&mut svg, line, &x_axis, &y_axis);
         }
         svg.push_str("</g></svg>");
-        let cut = (largest > up.to).then(|| format!("cut off at {:.2}; the largest is {largest:.2}", up.to));
-        (svg, cut)
+        let clip_note = (largest > y_axis.to).then(|| format!("axis ends at {:.2}; the largest value is {largest:.2}", y_axis.to));
+        (svg, clip_note)
     }
 
-    /// Text cannot fail to be written into.
-    fn axes(&self, svg: &mut String, across: &Axis, up: &Axis) {
+    /// Draws grid, tick values and labels. Writing to a `String` cannot fail.
+    fn draw_axes(&self, svg: &mut String, x_axis: &Axis, y_axis: &Axis) {
         let [width, height] = SIZE;
-        for value in up.ticks() {
-            let y = up.pixel(value);
+        for value in y_axis.ticks() {
+            let y = y_axis.pixel(value);
             let _ = write!(
                 svg,
                 "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
                 width - RIGHT,
                 LEFT - 6.0,
                 y + 4.0,
-                number_of(value)
+                format_number(value)
             );
         }
-        for value in across.ticks() {
-            let (x, bottom) = (across.pixel(value), height - BOTTOM);
+        for value in x_axis.ticks() {
+            let (x, bottom) = (x_axis.pixel(value), height - BOTTOM);
             let _ = write!(
                 svg,
                 "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{bottom:.1}\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 bottom + 16.0,
-                number_of(value)
+                format_number(value)
             );
         }
         let middle = TOP + 0.5 * (height - TOP - BOTTOM);
@@ -159,38 +162,38 @@ impl Chart<'_> {
             "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text><text transform=\"translate(14 {middle:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             0.5 * (LEFT + width - RIGHT),
             height - 6.0,
-            escaped(self.across),
-            escaped(self.label)
+            escape(self.x_label),
+            escape(self.y_label)
         );
     }
 }
 
-fn draw(svg: &mut String, line: &Line, across: &Axis, up: &Axis) {
-    let class = class(line.place);
-    for part in &line.parts {
-        let _ = write!(svg, "<polyline class=\"{class}\" points=\"");
-        for (x, y) in part {
-            let _ = write!(svg, "{:.1},{:.1} ", across.pixel(*x), up.pixel(*y).clamp(-1e4, 1e4));
+fn draw_line(svg: &mut String, line: &Line, x_axis: &Axis, y_axis: &Axis) {
+    let css_class = stage_class(line.stage);
+    for segment in &line.segments {
+        let _ = write!(svg, "<polyline class=\"{css_class}\" points=\"");
+        for (x, y) in segment {
+            let _ = write!(svg, "{:.1},{:.1} ", x_axis.pixel(*x), y_axis.pixel(*y).clamp(-1e4, 1e4));
         }
         svg.push_str("\"/>");
-        for (x, y) in part.iter().filter(|_| line.marked) {
+        for (x, y) in segment.iter().filter(|_| line.has_markers) {
             let _ = write!(
                 svg,
-                "<circle class=\"{class}\" r=\"3\" cx=\"{:.1}\" cy=\"{:.1}\"/>",
-                across.pixel(*x),
-                up.pixel(*y)
+                "<circle class=\"{css_class}\" r=\"3\" cx=\"{:.1}\" cy=\"{:.1}\"/>",
+                x_axis.pixel(*x),
+                y_axis.pixel(*y)
             );
         }
     }
 }
 
-/// What a line is called in the page's style.
-pub(super) fn class(place: Option<usize>) -> String {
-    place.map_or("reference".into(), |place| format!("stage{}", place % super::STYLES))
+/// Returns the CSS class of a line.
+pub(super) fn stage_class(stage: Option<usize>) -> String {
+    stage.map_or("reference".into(), |index| format!("stage{}", index % super::STYLE_COUNT))
 }
 
-/// A number as short as it is.
-fn number_of(value: f64) -> String {
+/// Formats a number without trailing zeros.
+fn format_number(value: f64) -> String {
     let text = if value != 0.0 && value.abs() < 0.01 { format!("{value:.1e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };
     if short == "-0" { "0".into() } else { short.into() }
@@ -201,32 +204,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_numbers_that_people_read() {
-        let axis = |from, to, by_factors| Axis { from, to, by_factors, at: [0.0, 100.0] }.ticks();
+    fn ticks_are_round_numbers() {
+        let axis = |from, to, is_log| Axis { from, to, is_log, pixels: [0.0, 100.0] }.ticks();
         assert_eq!(axis(0.0, 10.0, false), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(axis(-0.7, 0.7, false).len(), 3);
         assert_eq!(axis(0.01, 0.5, true), [0.01, 0.02, 0.05, 0.1, 0.2, 0.5]);
-        assert_eq!([0.0, -0.0, 20.0, 0.5, 1e-4].map(number_of), ["0", "0", "20", "0.5", "1.0e-4"]);
+        assert_eq!([0.0, -0.0, 20.0, 0.5, 1e-4].map(format_number), ["0", "0", "20", "0.5", "1.0e-4"]);
     }
 
     #[test]
-    fn a_spike_makes_no_axis_longer_and_is_told() {
-        let mut curve = Curve::in_bins(1000, 400);
+    fn spike_is_clipped_and_reported() {
+        let mut curve = Curve::with_bins(1000, 400);
         for i in 0..1000 {
             curve.push(f64::from(i), if i == 500 { 90.0 } else { 1.0 + f64::from(i % 7) });
         }
         curve.finish();
-        let lines = vec![Line::of(&curve, Some(0))];
+        let lines = vec![Line::from_curve(&curve, Some(0))];
         let chart = Chart {
-            label: "error, °",
-            across: "time, s",
-            span: (0.0, 1000.0),
-            by_factors: false,
-            from_zero: true,
+            y_label: "error, °",
+            x_label: "time, s",
+            x_range: (0.0, 1000.0),
+            is_log_x: false,
+            starts_at_zero: true,
             lines,
         };
-        let (svg, cut) = chart.svg(1);
-        assert!(cut.is_some_and(|cut| cut.ends_with("the largest is 90.00")));
+        let (svg, note) = chart.svg(1);
+        assert!(note.is_some_and(|note| note.ends_with("largest value is 90.00")));
         assert!(svg.contains(">6</text>") && !svg.contains(">80</text>"), "{svg}");
     }
 }

@@ -1,0 +1,153 @@
+//! Runs a slot in one process, with its stages in sequence.
+//!
+//! Input: the messages of the slot, and before each tick its number.
+//!
+//! Output: the messages that the owner of the slot publishes.
+//!
+//! Time: ticks.
+//!
+//! Failure: a stage that cannot restore the state of its predecessor ends the path.
+
+use std::collections::VecDeque;
+
+use launch::Service;
+use messages::Control;
+use runtime::{
+    Role, RuntimeError, ServiceConfig, Slot,
+    service_config::{FIRST_EPOCH, Resume},
+    slot_service::SlotService,
+};
+
+use crate::schedule::{StageActivation, Schedule, SlotSchedule, OwnerChange};
+
+/// Slot with one stage or a sequence of stages.
+pub(crate) enum SlotRunner<S: Slot> {
+    /// Slot that keeps its stage.
+    Fixed(S),
+    /// Slot with the stage changes of a recorded flight.
+    Replayed(Box<ReplayedSlot<S>>),
+}
+
+/// Slot with changing stages. Each stage runs as a service, as it does on the bus.
+pub(crate) struct ReplayedSlot<S: Slot> {
+    slot: Service,
+    build: fn(&ServiceConfig) -> Result<S, RuntimeError>,
+    config: ServiceConfig,
+    schedule: SlotSchedule,
+    /// Running services, by instance number.
+    services: Vec<(u32, SlotService<S>)>,
+    /// Stages still to be started, by instance number.
+    pending_activations: Vec<(u32, StageActivation)>,
+    pending_changes: VecDeque<OwnerChange>,
+    /// Epoch of the last decision.
+    epoch: u32,
+}
+
+impl<S: Slot<Input: Clone>> SlotRunner<S> {
+    pub(crate) fn new(
+        slot: Service,
+        build: fn(&ServiceConfig) -> Result<S, RuntimeError>,
+        config: &ServiceConfig,
+        schedule: &Schedule,
+    ) -> Result<Self, RuntimeError> {
+        let first = build(config)?;
+        let Some(schedule) = schedule.slot(slot) else { return Ok(Self::Fixed(first)) };
+        let role = Role::Owner { from_tick: 0 };
+        let config = ServiceConfig { incarnation: 0, epoch: FIRST_EPOCH, role, resume: None, ..config.clone() };
+        let (first, _) = SlotService::new(first, slot, &config, 0, 0);
+        Ok(Self::Replayed(Box::new(ReplayedSlot {
+            slot,
+            build,
+            services: vec![(0, first)],
+            pending_activations: schedule.activations.iter().map(|(instance, stage)| (*instance, stage.clone())).collect(),
+            pending_changes: schedule.owner_changes.iter().copied().collect(),
+            schedule: schedule.clone(),
+            config,
+            epoch: FIRST_EPOCH,
+        })))
+    }
+
+    /// Applies all changes up to `tick`. Call it before any input of this tick or a later one is
+    /// offered.
+    pub(crate) fn advance_to(&mut self, tick: u64, publish: &mut dyn FnMut(S::Output)) -> Result<(), RuntimeError> {
+        match self {
+            Self::Fixed(_) => Ok(()),
+            Self::Replayed(replayed) => replayed.advance_to(tick, publish),
+        }
+    }
+
+    pub(crate) fn offer(&mut self, input: S::Input, publish: &mut dyn FnMut(S::Output)) {
+        match self {
+            Self::Fixed(slot) => slot.offer(input, publish),
+            Self::Replayed(replayed) => {
+                for (_, service) in &mut replayed.services {
+                    service.offer(input.clone(), &mut |_| {}, publish);
+                }
+            }
+        }
+    }
+
+    /// Returns the cause if the owner has failed.
+    pub(crate) fn failure(&self) -> Option<String> {
+        match self {
+            Self::Fixed(slot) => slot.failure(),
+            // A failure of a stage that does not own the slot does not affect the output.
+            Self::Replayed(replayed) => {
+                let owner = replayed.services.iter().find(|(_, service)| service.owns_next_tick());
+                owner.and_then(|(_, service)| service.failure())
+            }
+        }
+    }
+}
+
+impl<S: Slot<Input: Clone>> ReplayedSlot<S> {
+    fn advance_to(&mut self, tick: u64, publish: &mut dyn FnMut(S::Output)) -> Result<(), RuntimeError> {
+        let is_due = |activation: &StageActivation| activation.adopted_tick.unwrap_or(0) <= tick;
+        while let Some(index) = self.pending_activations.iter().position(|(_, activation)| is_due(activation)) {
+            let (instance, activation) = self.pending_activations.swap_remove(index);
+            self.activate(instance, &activation)?;
+        }
+        while let Some(change) = self.pending_changes.pop_front_if(|change| change.from_tick <= tick) {
+            self.epoch += 1;
+            let (from_tick, epoch, owner) = (change.from_tick, self.epoch, change.instance);
+            let control = Control { from_tick, epoch, service: self.slot as u32, owner, reserved: 0 };
+            for (_, service) in &mut self.services {
+                service.apply_decision(&control, publish);
+            }
+        }
+        let Self { services, schedule, .. } = self;
+        services.retain(|(instance, _)| schedule.needed_until(*instance) > tick);
+        Ok(())
+    }
+
+    /// Starts a stage as its service did on the bus: from a checkpoint of another stage, or fresh.
+    fn activate(&mut self, instance: u32, activation: &StageActivation) -> Result<(), RuntimeError> {
+        let Self { slot, services, config, .. } = self;
+        let stage_failed = |cause: String| RuntimeError::StageFailed { slot: *slot, cause };
+        let resume = match activation.adopted_tick {
+            Some(tick) => {
+                let source = services.iter_mut().find(|(instance, _)| *instance == activation.source_instance);
+                let (_, source) = source.ok_or_else(|| {
+                    stage_failed(format!("the stage that handed over its state before tick {tick} is not running"))
+                })?;
+                Resume::Checkpoint(Box::new((&source.state()).into()))
+            }
+            None => Resume::Fresh,
+        };
+        let mut changes = self.schedule.owner_changes.iter();
+        let from_tick = changes.find(|change| change.instance == instance).map_or(u64::MAX, |change| change.from_tick);
+        let role = if activation.replaces_ended { Role::Owner { from_tick } } else { Role::Candidate };
+        let mut config =
+            ServiceConfig { incarnation: instance, role, epoch: self.epoch, resume: Some(resume), ..config.clone() };
+        if let Some(stage) = config.launch.stage_mut(*slot) {
+            stage.clone_from(&activation.stage);
+        }
+        let (service, resume_error) = SlotService::new((self.build)(&config)?, *slot, &config, 0, from_tick);
+        if let Some(error) = resume_error {
+            let stage = &activation.stage.stage;
+            return Err(stage_failed(format!("`{stage}` cannot restore the state of its predecessor: {error}")));
+        }
+        self.services.push((instance, service));
+        Ok(())
+    }
+}

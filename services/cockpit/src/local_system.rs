@@ -1,0 +1,206 @@
+//! A system on this machine, read through a bus observer and controlled through the supervisor's
+//! control socket.
+
+use std::time::{Duration, Instant};
+
+use bus::{Observer, SystemName, Tap};
+use calibrate::{Kind, Prior};
+use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
+use graph::{Service, Topic};
+use launch::{Launch, Source as LaunchSource};
+use observe::readings;
+use runtime::ServiceConfig;
+
+use crate::{
+    calibration::CalibrationRequest,
+    source::{SystemDescription, CommandTarget, Source, SourceState},
+};
+
+/// Topics to observe. On the data path an output comes before its inputs.
+pub const TOPICS: [Topic; 11] = [
+    Topic::Attitude,
+    Topic::Fused,
+    Topic::Accel,
+    Topic::Gyro,
+    Topic::Mag,
+    Topic::Imu,
+    Topic::Gnss,
+    Topic::Reference,
+    Topic::Difference,
+    Topic::Health,
+    Topic::Event,
+];
+/// Interval between attempts to attach to a system or to topics that do not exist yet.
+const RETRY_INTERVAL: Duration = Duration::from_millis(300);
+
+/// Bus of a system on this machine.
+#[derive(Debug)]
+pub struct LocalSystem {
+    system: String,
+    attachment: Option<Attachment>,
+    last_attempt: Option<Instant>,
+    state: SourceState,
+    /// Topic to read in addition to [`TOPICS`].
+    extra_topic: Option<Topic>,
+}
+
+#[derive(Debug)]
+struct Attachment {
+    taps: Vec<(Topic, Tap)>,
+    missing: Vec<Topic>,
+    observer: Observer,
+}
+
+impl LocalSystem {
+    /// Creates the source for the system of that name, which need not be running.
+    pub fn new(system: &str) -> Self {
+        let state = SourceState::Connecting(format!("system {system:?} is not running; start it with `plumb up`"));
+        Self { system: system.into(), attachment: None, last_attempt: None, state, extra_topic: None }
+    }
+
+    /// Attaches to the system and to new topics, at most once per [`RETRY_INTERVAL`], and detects
+    /// its end.
+    fn update_connection(&mut self) {
+        if self.last_attempt.is_some_and(|attempt| attempt.elapsed() < RETRY_INTERVAL) {
+            return;
+        }
+        self.last_attempt = Some(Instant::now());
+        if self.attachment.as_ref().is_some_and(|attachment| !attachment.observer.is_running()) {
+            self.attachment = None;
+            let reason = format!("system {:?} has ended; start it again with `plumb up`", self.system);
+            self.state = SourceState::Ended(reason);
+            return;
+        }
+        if self.attachment.is_none() {
+            match SystemName::new(&self.system).and_then(|name| Observer::attach(&name, "cockpit")) {
+                Ok(observer) => {
+                    let missing = TOPICS.into_iter().chain(self.extra_topic).collect();
+                    self.attachment = Some(Attachment { taps: Vec::new(), missing, observer });
+                }
+                Err(error) => {
+                    // A system that has ended remains `Ended` until it runs again.
+                    if self.state == SourceState::Live {
+                        self.state = SourceState::Connecting(error.to_string());
+                    }
+                    return;
+                }
+            }
+        }
+        if let Some(Attachment { taps, missing, observer }) = &mut self.attachment {
+            missing.retain(|topic| match observer.tap(*topic) {
+                Ok(tap) => {
+                    taps.push((*topic, tap));
+                    false
+                }
+                Err(_) => true,
+            });
+            taps.sort_by_key(|(topic, _)| TOPICS.iter().position(|listed| listed == topic));
+            self.state = SourceState::Live;
+        }
+    }
+}
+
+impl Source for LocalSystem {
+    fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
+        self.update_connection();
+        let Some(attachment) = &self.attachment else { return self.state.clone() };
+        let failed = attachment.taps.iter().find_map(|(topic, tap)| tap.drain(&mut |bytes| on_message(*topic, bytes)).err());
+        if let Some(error) = failed {
+            self.attachment = None;
+            self.state = SourceState::Connecting(error.to_string());
+        }
+        self.state.clone()
+    }
+
+    fn has_every_tick(&self) -> bool {
+        true
+    }
+
+    fn set_readings_topic(&mut self, topic: Option<Topic>) {
+        self.extra_topic = topic;
+        if let Some(Attachment { taps, missing, .. }) = &mut self.attachment {
+            taps.retain(|(tapped, _)| TOPICS.contains(tapped));
+            missing.retain(|missing| TOPICS.contains(missing));
+            missing.extend(topic);
+        }
+    }
+}
+
+/// Client of a system's supervisor.
+#[derive(Debug)]
+pub struct SupervisorClient {
+    system: String,
+}
+
+impl SupervisorClient {
+    /// Creates the client for the system of that name.
+    pub fn new(system: &str) -> Self {
+        Self { system: system.into() }
+    }
+
+    fn request<A: serde::de::DeserializeOwned>(&self, request: &ControlRequest) -> Result<A, String> {
+        send_request(&self.system, request).map_err(|error| error.to_string())
+    }
+}
+
+impl CommandTarget for SupervisorClient {
+    fn description(&self) -> Result<SystemDescription, String> {
+        let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
+        let slots = Service::SLOTS.into_iter().filter(|slot| launch.services.contains(slot));
+        let slots =
+            slots.map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
+        Ok(SystemDescription {
+            system: launch.name.clone(),
+            source: source_label(&launch),
+            rate_hz,
+            slots: slots.collect(),
+            supervisor_pid: Some(supervisor_pid),
+        })
+    }
+
+    fn services(&self) -> Result<Vec<ServiceStatus>, String> {
+        self.request(&ControlRequest::Status)
+    }
+
+    fn takes_commands(&self) -> bool {
+        true
+    }
+
+    fn swap(&self, request: SwapRequest) -> Result<SwapReport, String> {
+        self.request(&ControlRequest::Swap(request))
+    }
+
+    fn cancel_shadow(&self, slot: &str) -> Result<(), String> {
+        self.request(&ControlRequest::Cancel { slot: slot.into() })
+    }
+
+    fn calibration_request(&self, kind: Kind) -> Result<CalibrationRequest, String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
+        let topic = readings::readings_topic(&config).map_err(|error| error.to_string())?;
+        let mut prior = Prior::default();
+        readings::apply_system(&mut prior, &config).map_err(|error| error.to_string())?;
+        Ok(CalibrationRequest { kind, prior, topic })
+    }
+}
+
+/// Returns the source of the system's samples for display, such as `sim s1` or `serial
+/// /dev/ttyUSB0`.
+fn source_label(launch: &Launch) -> String {
+    let ingest = &launch.ingest;
+    let with_port =
+        |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
+    match ingest.source {
+        LaunchSource::Sim => format!("sim {}", ingest.sim.scenario),
+        LaunchSource::Replay => {
+            let name = ingest.replay.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+            format!("replay {name}")
+        }
+        LaunchSource::Bus => "bus".into(),
+        LaunchSource::Stdin => "stdin".into(),
+        LaunchSource::Udp => with_port("udp", ingest.live.udp.port.as_ref()),
+        LaunchSource::Tcp => with_port("tcp", ingest.live.tcp.port.as_ref()),
+        LaunchSource::Serial => with_port("serial", ingest.live.serial.port.as_ref()),
+        LaunchSource::Mavlink => with_port("mavlink", ingest.live.mavlink.port.as_ref()),
+        LaunchSource::Iio => format!("iio {}", ingest.live.iio.device),
+    }
+}

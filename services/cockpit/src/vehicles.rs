@@ -1,0 +1,38 @@
+//! Selection of the vehicle that a page shows: one system, a recording, or one of several vehicles.
+
+use std::sync::Arc;
+
+use crate::{hub::Hub, source::CommandTarget};
+
+/// Data source and command target of a page.
+#[derive(Clone)]
+pub struct VehicleView {
+    /// Name of the system or the recording.
+    pub system: String,
+    /// Hub that publishes the snapshots.
+    pub hub: Arc<Hub>,
+    /// Target of commands; `None` if the page cannot send any.
+    pub target: Option<Arc<dyn CommandTarget>>,
+}
+
+/// Vehicles that a page can show.
+pub trait VehicleDirectory: Send + Sync {
+    /// Returns the view of the named vehicle, or the default view.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason for display if the vehicle is not available.
+    fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String>;
+}
+
+/// Directory with a single system or recording, which has no name.
+impl VehicleDirectory for VehicleView {
+    fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
+        match vehicle {
+            None => Ok(self.clone()),
+            Some(vehicle) => {
+                Err(format!("vehicle {vehicle:?} is not available: this page shows one system; use `plumb view --remote`"))
+            }
+        }
+    }
+}

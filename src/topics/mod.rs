@@ -1,0 +1,238 @@
+//! Topics to observe, of a system on this machine or of a remote vehicle.
+//!
+//! `observe` displays bytes with their layout and is independent of the source.
+
+pub(crate) mod remote;
+pub(crate) mod frame;
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use bus::{BusError, Observer, SystemName, Tap};
+use graph::Topic;
+use launch::Output;
+use messages::Layout;
+use observe::{flow::FlowMonitor, topics};
+use runtime::clock::monotonic_ns;
+
+use crate::{remote::RemoteError, system::SystemArgs};
+use remote::{RemoteTopic, RemoteVehicle};
+
+/// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
+/// messages than arrive in one interval.
+pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(5);
+/// Interval between two checks whether the system is running.
+const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Callback for a message and, if known, the frame of its attitude. Returns `false` to stop.
+pub(crate) type OnMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> bool + 'a;
+
+/// Error while observing a system.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ObserveError {
+    /// The system on this machine cannot be observed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The vehicle cannot be reached over the network.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    /// The topic name is unknown.
+    #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
+    NoTopic { topic: String },
+    /// The vehicle did not reply.
+    #[error(
+        "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
+    )]
+    NoVehicle { vehicle: String, limit_s: f64 },
+    /// The vehicle does not publish this topic.
+    #[error(
+        "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
+    )]
+    NotSent { vehicle: String, topic: String, sent: String },
+}
+
+impl ObserveError {
+    /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, else 1.
+    pub(crate) fn exit_code(&self) -> u8 {
+        match self {
+            Self::NoTopic { .. } => 2,
+            Self::Remote(error) => error.exit_code(),
+            _ => 1,
+        }
+    }
+}
+
+/// Attaches an observer to a system.
+pub(crate) fn observer(system: &str, observer_name: &str) -> Result<Observer, BusError> {
+    Observer::attach(&SystemName::new(system)?, observer_name)
+}
+
+/// Source of observed topics.
+pub(crate) enum TopicSource {
+    /// A system on this machine.
+    Local(Observer),
+    /// A vehicle on the network.
+    Remote(RemoteVehicle),
+}
+
+impl TopicSource {
+    /// Attaches to the selected system.
+    pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, ObserveError> {
+        Ok(match system.remote() {
+            Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(vehicle, endpoint)?),
+            None => Self::Local(observer(&system.name(), observer_name)?),
+        })
+    }
+
+    /// Opens the topic of this name.
+    pub(crate) fn open_topic(&self, topic: &str) -> Result<TopicView, ObserveError> {
+        let topic = Topic::from_name(topic).ok_or_else(|| ObserveError::NoTopic { topic: topic.into() })?;
+        self.open_known(topic)
+    }
+
+    fn open_known(&self, topic: Topic) -> Result<TopicView, ObserveError> {
+        let layout = messages::layout(topic);
+        let source = match self {
+            Self::Local(observer) => ViewSource::Local(observer.tap(topic)?),
+            Self::Remote(vehicle) => ViewSource::Remote(Box::new(vehicle.subscribe(topic)?)),
+        };
+        Ok(TopicView { flow: FlowMonitor::new(topic, &layout), name: topic.name(), layout, source })
+    }
+
+    /// Opens all topics that are available.
+    pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, ObserveError> {
+        let mut watched = Vec::new();
+        for topic in Topic::ALL {
+            match self.open_known(*topic) {
+                Ok(topic) => watched.push(topic),
+                Err(ObserveError::Bus(BusError::TopicNotOpen { .. }) | ObserveError::NotSent { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(watched)
+    }
+
+    /// Returns `true` while the system is running or the vehicle is reachable.
+    pub(crate) fn is_running(&self) -> bool {
+        match self {
+            Self::Local(observer) => observer.is_running(),
+            Self::Remote(vehicle) => vehicle.is_reachable(),
+        }
+    }
+
+    /// Returns the message printed when the system has ended or is unreachable.
+    pub(crate) fn end_message(&self, system: &SystemArgs) -> String {
+        match self {
+            Self::Local(_) => format!("system {:?} has ended", system.name()),
+            Self::Remote(vehicle) => vehicle.unreachable_message(),
+        }
+    }
+}
+
+/// Stop condition of a command: a timeout, SIGINT or SIGTERM, or the end of the system.
+pub(crate) struct StopCondition<'a> {
+    is_running: Box<dyn Fn() -> bool + 'a>,
+    timeout: Option<Duration>,
+    started: Instant,
+    stop_requested: Arc<AtomicBool>,
+    checked_at: Instant,
+    system_runs: bool,
+}
+
+impl<'a> StopCondition<'a> {
+    pub(crate) fn new(is_running: impl Fn() -> bool + 'a, timeout: Option<Duration>) -> Self {
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            // If a signal cannot be caught it ends the process, which leaves nothing behind.
+            let _ = signal_hook::flag::register(signal, stop_requested.clone());
+        }
+        let is_running = Box::new(is_running);
+        let now = Instant::now();
+        Self { is_running, timeout, started: now, stop_requested, checked_at: now, system_runs: true }
+    }
+
+    pub(crate) fn is_met(&mut self) -> bool {
+        if self.checked_at.elapsed() > LIVENESS_INTERVAL {
+            self.checked_at = Instant::now();
+            self.system_runs = (self.is_running)();
+        }
+        let is_timed_out = self.timeout.is_some_and(|timeout| self.started.elapsed() > timeout);
+        !self.system_runs || self.stop_requested.load(Ordering::SeqCst) || is_timed_out
+    }
+
+    /// Returns `true` if the system has ended or was replaced by another of its name.
+    pub(crate) fn system_ended(&self) -> bool {
+        !self.system_runs
+    }
+}
+
+/// Open topic with its layout and flow statistics.
+pub(crate) struct TopicView {
+    pub(crate) name: &'static str,
+    pub(crate) layout: Layout,
+    pub(crate) flow: FlowMonitor,
+    source: ViewSource,
+}
+
+enum ViewSource {
+    Local(Tap),
+    Remote(Box<RemoteTopic>),
+}
+
+impl TopicView {
+    /// Receives all available messages and passes them to `on_message` until it returns `false`.
+    pub(crate) fn poll(&mut self, on_message: &mut OnMessage<'_>) -> Result<(), ObserveError> {
+        let Self { layout, flow, source, .. } = self;
+        let arrived_ns = monotonic_ns();
+        match source {
+            ViewSource::Local(tap) => {
+                let mut wanted = true;
+                let full = tap.drain(&mut |bytes| {
+                    if wanted {
+                        flow.record(bytes, arrived_ns);
+                        wanted = on_message(layout, bytes, None);
+                    }
+                })?;
+                if full {
+                    flow.mark_buffer_full();
+                }
+            }
+            ViewSource::Remote(topic) => topic.poll(layout.size, &mut |delivery, bytes| {
+                flow.set_delivery(delivery);
+                bytes.is_none_or(|(bytes, reported)| {
+                    flow.record(bytes, arrived_ns);
+                    on_message(layout, bytes, reported)
+                })
+            }),
+        }
+        Ok(())
+    }
+
+    /// Returns the topic's description, with its publishers and subscribers except this process.
+    pub(crate) fn into_topic(self) -> Result<topics::TopicInfo, ObserveError> {
+        let ports = match &self.source {
+            ViewSource::Local(tap) => Some(tap.ports()?),
+            ViewSource::Remote(_) => None,
+        };
+        let ports = ports.map(|mut ports| {
+            ports.subscribers.retain(|port| port.pid != std::process::id());
+            ports
+        });
+        Ok(topics::TopicInfo { name: self.name.into(), layout: self.layout, ports, flow: self.flow.report() })
+    }
+}
+
+fn names(topics: &[Topic]) -> String {
+    topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
+}
+
+/// Parses a duration in seconds.
+pub(crate) fn duration(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().filter(|seconds| (1e-3..=1e8).contains(seconds));
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a number of seconds from 0.001 to 100000000".into())
+}

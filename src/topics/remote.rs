@@ -1,0 +1,146 @@
+//! Topics of a remote vehicle, received through its gateway.
+
+use std::{
+    cell::Cell,
+    thread,
+    time::{Duration, Instant},
+};
+
+use graph::Topic;
+use launch::Output;
+use link::{Link, MessageStream};
+use observe::flow::Delivery;
+use wire::{
+    command::ControlMessage,
+    delivery::DeliveryTracker,
+    keys,
+    v1::{Envelope, GatewayReport},
+};
+
+use super::ObserveError;
+use crate::remote::{RemoteError, RemoteEndpoint};
+
+/// Timeout for finding a vehicle once connected. A gateway reports its topics once a second.
+const FIND_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval between two queries.
+const QUERY_INTERVAL: Duration = Duration::from_millis(100);
+/// Time after which an unreachable vehicle is given up.
+const UNREACHABLE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum number of batches received in one poll. The rest follows in the next poll.
+const MAX_BATCHES: usize = 4096;
+
+/// Callback for delivery statistics and, if present, a message with the frame that its publisher
+/// reported. Returns `false` to stop.
+pub(crate) type OnDelivery<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
+
+/// Vehicle that was found on the network.
+pub(crate) struct RemoteVehicle {
+    name: String,
+    link: Link,
+    liveliness: MessageStream,
+    /// Names of the topics that the vehicle publishes.
+    topics: Vec<String>,
+    /// Time since which the vehicle is unreachable.
+    unreachable_since: Cell<Option<Instant>>,
+}
+
+impl RemoteVehicle {
+    /// Connects to `endpoint` and finds the vehicle.
+    pub(super) fn find(name: &str, endpoint: &RemoteEndpoint) -> Result<Self, ObserveError> {
+        Self::find_over(endpoint.open()?, name)
+    }
+
+    /// Finds the vehicle over an open link.
+    pub(crate) fn find_over(link: Link, name: &str) -> Result<Self, ObserveError> {
+        let liveliness = link.subscribe_liveliness(&keys::key(name, keys::LIVELINESS)).map_err(RemoteError::from)?;
+        let deadline = Instant::now() + FIND_TIMEOUT;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let replies = link.query(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(QUERY_INTERVAL));
+            let replies = replies.map_err(RemoteError::from)?;
+            if let Some(report) = replies.iter().find_map(|(_, bytes)| GatewayReport::from_bytes(bytes).ok()) {
+                let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
+                return Ok(Self { name: name.into(), link, liveliness, topics, unreachable_since: Cell::new(None) });
+            }
+            if left.is_zero() {
+                return Err(ObserveError::NoVehicle { vehicle: name.into(), limit_s: FIND_TIMEOUT.as_secs_f64() });
+            }
+            thread::sleep(QUERY_INTERVAL);
+        }
+    }
+
+    /// Subscribes to a topic.
+    pub(crate) fn subscribe(&self, topic: Topic) -> Result<RemoteTopic, ObserveError> {
+        if !self.topics.iter().any(|sent| sent == topic.name()) {
+            let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
+            return Err(ObserveError::NotSent { vehicle, topic: topic.name().into(), sent });
+        }
+        let stream = self.link.subscribe(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
+        Ok(RemoteTopic { topic, stream, tracker: DeliveryTracker::default(), last: None, delivery: Delivery::default() })
+    }
+
+    /// Returns `true` if the vehicle is alive or has been unreachable only briefly.
+    pub(crate) fn is_reachable(&self) -> bool {
+        while let Some(token) = self.liveliness.next(Duration::ZERO) {
+            self.unreachable_since.set((!token.is_present).then(Instant::now));
+        }
+        self.unreachable_since.get().is_none_or(|since| since.elapsed() < UNREACHABLE_TIMEOUT)
+    }
+
+    /// Returns the message printed when the vehicle is given up.
+    pub(crate) fn unreachable_message(&self) -> String {
+        format!("vehicle {:?} has been unreachable for {:.0} s", self.name, UNREACHABLE_TIMEOUT.as_secs_f64())
+    }
+}
+
+/// Topic of a remote vehicle.
+pub(crate) struct RemoteTopic {
+    topic: Topic,
+    stream: MessageStream,
+    tracker: DeliveryTracker,
+    last: Option<Envelope>,
+    delivery: Delivery,
+}
+
+impl RemoteTopic {
+    /// Receives all available batches.
+    ///
+    /// Passes the delivery statistics and each message, with the frame that its publisher reported,
+    /// to `on_delivery` until it returns `false`.
+    pub(crate) fn poll(&mut self, message_bytes: usize, on_delivery: &mut OnDelivery<'_>) {
+        for _ in 0..MAX_BATCHES {
+            let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
+            let Ok((envelope, messages)) = wire::decode_topic_batch(self.topic, &arrival.bytes) else {
+                self.delivery.rejected += 1;
+                on_delivery(self.delivery, None);
+                continue;
+            };
+            let is_new = self.tracker.record(&envelope, (messages.len() / message_bytes) as u64);
+            if is_new {
+                self.delivery.bytes += arrival.bytes.len() as u64;
+                self.count(&envelope);
+            }
+            let DeliveryTracker { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.tracker;
+            self.delivery = Delivery { received: arrived, lost, repeated, restarts, ..self.delivery };
+            on_delivery(self.delivery, None);
+            let reported = envelope.frame_and_order().map(|(frame, quaternion)| Output { frame, quaternion });
+            let mut each = messages.chunks_exact(message_bytes);
+            if is_new && !each.all(|message| on_delivery(self.delivery, Some((message, reported)))) {
+                return;
+            }
+        }
+    }
+
+    /// Adds the samples not sent by the gateway since the first batch. The envelope counts them
+    /// since the gateway's start.
+    fn count(&mut self, envelope: &Envelope) {
+        let before = match &self.last {
+            None => envelope,
+            Some(last) if last.start_ns == envelope.start_ns => last,
+            Some(_) => &Envelope::default(),
+        };
+        self.delivery.decimated += envelope.decimated.saturating_sub(before.decimated);
+        self.delivery.dropped += envelope.dropped.saturating_sub(before.dropped);
+        self.last = Some(*envelope);
+    }
+}

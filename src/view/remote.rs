@@ -1,0 +1,153 @@
+//! Source and command target of the cockpit for a remote vehicle, through its gateway.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use cockpit::{
+    local_system::TOPICS,
+    source::{SystemDescription, CommandTarget, Source, SourceState},
+};
+use control::{ServiceStatus, SwapReport, SwapRequest};
+use graph::Topic;
+use launch::{Launch, Output, Service, StageConfig};
+use link::Link;
+use messages::AttitudeOutput;
+use runtime::frames::attitude_from_frame;
+use wire::v1::VehicleLine;
+
+use crate::{
+    remote::{self, RemoteEndpoint},
+    topics::remote::{RemoteTopic, RemoteVehicle},
+};
+
+/// Interval between two attempts to find a vehicle.
+const TRY_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Topics of a remote vehicle as a source of the cockpit.
+pub(super) struct RemoteSource {
+    name: String,
+    link: Link,
+    found: Option<Found>,
+    tried_at: Option<Instant>,
+    state: SourceState,
+}
+
+/// Vehicle and the subscribed ones of its topics.
+type Found = (RemoteVehicle, Vec<(Topic, RemoteTopic)>);
+
+impl RemoteSource {
+    /// Creates the source for a vehicle, which may not be reachable yet.
+    pub(super) fn new(name: &str, link: Link) -> Self {
+        let state = SourceState::Connecting(format!("connecting to vehicle {name:?}"));
+        Self { name: name.into(), link, found: None, tried_at: None, state }
+    }
+
+    /// Checks whether the vehicle is reachable and connects if necessary.
+    fn update_connection(&mut self) {
+        if let Some((vehicle, _)) = &self.found {
+            if vehicle.is_reachable() {
+                self.state = SourceState::Live;
+            } else {
+                self.state = SourceState::Connecting(vehicle.unreachable_message());
+                self.found = None;
+            }
+            return;
+        }
+        if self.tried_at.is_some_and(|tried_at| tried_at.elapsed() < TRY_INTERVAL) {
+            return;
+        }
+        match RemoteVehicle::find_over(self.link.clone(), &self.name) {
+            Ok(vehicle) => {
+                // Topics that the vehicle does not publish are not shown.
+                let remote_topic = |topic| Some((topic, vehicle.subscribe(topic).ok()?));
+                let remote_topics = TOPICS.into_iter().filter_map(remote_topic).collect();
+                self.found = Some((vehicle, remote_topics));
+                self.state = SourceState::Live;
+            }
+            Err(error) => self.state = SourceState::Connecting(error.to_string()),
+        }
+        self.tried_at = Some(Instant::now());
+    }
+}
+
+impl Source for RemoteSource {
+    fn poll(&mut self, take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
+        self.update_connection();
+        if let Some((_, remote_topics)) = &mut self.found {
+            for (topic, remote_topic) in remote_topics {
+                remote_topic.poll(messages::layout(*topic).size, &mut |_, message| {
+                    if let Some((bytes, reported)) = message {
+                        match to_native_frame(*topic, bytes, reported) {
+                            Some(attitude) => take(*topic, bytemuck::bytes_of(&attitude)),
+                            None => take(*topic, bytes),
+                        }
+                    }
+                    true
+                });
+            }
+        }
+        self.state.clone()
+    }
+
+    fn has_every_tick(&self) -> bool {
+        false
+    }
+}
+
+/// Converts an attitude to the system's native frame, or returns `None` if it is in that frame.
+fn to_native_frame(topic: Topic, bytes: &[u8], reported: Option<Output>) -> Option<AttitudeOutput> {
+    let Output { frame, .. } = reported.filter(|_| topic == Topic::Attitude)?;
+    Some(attitude_from_frame(frame, bytemuck::try_pod_read_unaligned(bytes).ok()?))
+}
+
+/// Summaries of all reachable vehicles, updated once a second.
+pub(super) type VehicleLines = Arc<Mutex<Vec<VehicleLine>>>;
+
+/// Command target that sends requests to a remote vehicle.
+pub(super) struct RemoteCommandTarget {
+    pub(super) name: String,
+    pub(super) link: Link,
+    pub(super) endpoint: RemoteEndpoint,
+    pub(super) lines: VehicleLines,
+}
+
+impl CommandTarget for RemoteCommandTarget {
+    fn description(&self) -> Result<SystemDescription, String> {
+        let launch = Launch::default();
+        let stages = |slot: Service| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
+        let slots = Service::SLOTS.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
+        Ok(SystemDescription {
+            system: self.name.clone(),
+            source: "over the network".into(),
+            slots: slots.collect(),
+            ..SystemDescription::default()
+        })
+    }
+
+    fn services(&self) -> Result<Vec<ServiceStatus>, String> {
+        remote::services(&self.link, &self.name).map_err(|error| error.to_string())
+    }
+
+    fn vehicles(&self) -> Vec<VehicleLine> {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn takes_commands(&self) -> bool {
+        self.endpoint.is_secured()
+    }
+
+    fn swap(&self, request: SwapRequest) -> Result<SwapReport, String> {
+        if request.shadow {
+            return Err("a shadow cannot be started remotely; run `plumb shadow` on the vehicle".into());
+        }
+        let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
+        remote::swap_over(&self.link, &self.name, &self.endpoint, &request.slot, stage).map_err(|error| error.to_string())
+    }
+
+    fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
+        Err("a shadow cannot be ended remotely; end it on the vehicle".into())
+    }
+}

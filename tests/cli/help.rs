@@ -1,0 +1,101 @@
+//! Help texts of the whole command tree.
+use clap::{Arg, Command};
+
+/// Maximum length of a description, characters.
+const MAX_DESCRIPTION: usize = 72;
+
+/// Calls `visit` for every visible command with its path, such as `plumb topic echo`.
+fn visit_commands(command: &Command, path: &str, visit: &mut dyn FnMut(&str, &Command)) {
+    visit(path, command);
+    for subcommand in command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set()) {
+        visit_commands(subcommand, &format!("{path} {}", subcommand.get_name()), visit);
+    }
+}
+
+/// Returns what is wrong with a description, or `None` if it follows the conventions.
+fn description_fault(text: &str) -> Option<&'static str> {
+    let first = text.chars().next();
+    if text.chars().count() > MAX_DESCRIPTION {
+        Some("is longer than 72 characters")
+    } else if text.ends_with('.') {
+        Some("ends with a full stop")
+    } else if text.contains('\n') {
+        Some("has more than one line")
+    } else if !first.is_some_and(|first| first.is_uppercase() || first.is_ascii_digit()) {
+        Some("does not begin with a capital letter")
+    } else {
+        None
+    }
+}
+
+/// Returns the commands below `Examples:` in the text after the options.
+fn examples(command: &Command) -> Vec<String> {
+    let text = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let lines = text.lines().skip_while(|line| *line != "Examples:").skip(1);
+    lines.take_while(|line| !line.is_empty()).map(str::to_owned).collect()
+}
+
+/// Splits a line into words like a shell: with quotes, up to a comment.
+fn shell_words(line: &str) -> Vec<String> {
+    let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    for c in line.chars() {
+        match (c, quote) {
+            (c, Some(open)) if c == open => quote = None,
+            ('\'' | '"', None) => {
+                quote = Some(c);
+                word.get_or_insert_default();
+            }
+            (' ', None) => words.extend(word.take()),
+            ('#', None) if word.is_none() => break,
+            (c, _) => word.get_or_insert_default().push(c),
+        }
+    }
+    words.extend(word);
+    words
+}
+
+#[test]
+fn descriptions_are_short_and_uniform() {
+    let mut faults = Vec::new();
+    visit_commands(&plumbline::command_line(), "plumb", &mut |path, command| {
+        let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+        faults.extend(description_fault(&about).map(|fault| format!("{path}: {about:?} {fault}")));
+        for argument in command.get_arguments().filter(|argument| !argument.is_hide_set()) {
+            let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+            let name = Arg::get_id(argument);
+            faults.extend(description_fault(&help).map(|fault| format!("{path} {name}: {help:?} {fault}")));
+            if argument.get_long_help().is_some() {
+                faults.push(format!("{path} {name}: has a second help text"));
+            }
+        }
+    });
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn every_command_has_examples_that_parse() {
+    let (mut faults, mut count) = (Vec::new(), 0);
+    visit_commands(&plumbline::command_line(), "plumb", &mut |path, command| {
+        let lines = examples(command);
+        if !(2..=3).contains(&lines.len()) {
+            faults.push(format!("{path}: {} examples instead of 2 or 3", lines.len()));
+        }
+        for line in lines {
+            count += 1;
+            if !line.trim_start().starts_with(path) {
+                faults.push(format!("{path}: {line:?} is an example of another command"));
+            }
+            if let Err(error) = plumbline::command_line().try_get_matches_from(shell_words(&line)) {
+                faults.push(format!("{path}: {line:?}: {error}"));
+            }
+        }
+    });
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    assert!(count > 60, "{count} examples");
+}
+
+#[test]
+fn shell_words_handles_quotes_and_comments() {
+    assert_eq!(shell_words("  plumb up --source 'sim:s1?seed=2'  # a comment"), ["plumb", "up", "--source", "sim:s1?seed=2"]);
+    assert_eq!(shell_words("a \"b c\" d#e ''"), ["a", "b c", "d#e", ""]);
+}

@@ -1,0 +1,96 @@
+//! Checks of a stage in a separate program, and the cost of its steps.
+
+use std::{
+    fs,
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use attitude::stage::Stage;
+use host::{HostError, HostedStage, HostableStage, child::START_TIMEOUT};
+use launch::{ExternalStage, Service};
+
+use crate::{
+    cpu_affinity::SingleCpu,
+    report::{Check, Measurement, Report},
+    script::S1,
+    slot::{AccelSlot, CourseSlot, SlotStage, FuserSlot, GyroSlot, SlotSpec},
+};
+
+/// Number of steps that are timed.
+const TIMED_STEPS: usize = 3000;
+/// Interval between timed steps.
+const STEP_INTERVAL: Duration = Duration::from_millis(1);
+
+/// Checks the program that fills a slot as the stage `name`.
+///
+/// `on_group_start` receives the name of each group of checks, because a group can take minutes.
+/// Each response may take as long as the start of a program.
+///
+/// # Errors
+///
+/// Fails if the program cannot be started or is not a stage of its slot.
+pub fn run_external(name: &str, program: &ExternalStage, on_group_start: &mut dyn FnMut(&str)) -> Result<Report, HostError> {
+    match program.slot {
+        Service::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
+        Service::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
+        Service::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
+        // A launch file accepts external stages for these slots only.
+        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
+            run_in_slot::<FuserSlot>(name, program, on_group_start)
+        }
+    }
+}
+
+fn run_in_slot<L: SlotSpec>(name: &str, program: &ExternalStage, on_group_start: &mut dyn FnMut(&str)) -> Result<Report, HostError>
+where
+    L::BuiltIn: HostableStage,
+    HostedStage<L::BuiltIn>: SlotStage<L>,
+{
+    let mut report = {
+        let _pinned = SingleCpu::pin();
+        let stage = HostedStage::<L::BuiltIn>::start(name, program, START_TIMEOUT)?;
+        crate::report::<L, _>(&|| stage.clone(), on_group_start)
+    };
+    on_group_start("cost");
+    match HostedStage::start(name, program, START_TIMEOUT) {
+        Ok(stage) => report.checks.extend(cost_checks::<L>(stage)),
+        Err(cause) => report.checks.push(Check::property("the program starts a second time", Some(cause.to_string()))),
+    }
+    Ok(report)
+}
+
+/// Measures the round trip of a step and the CPU time of the program, at 1 kHz.
+fn cost_checks<L: SlotSpec>(mut stage: HostedStage<L::BuiltIn>) -> Vec<Check>
+where
+    L::BuiltIn: HostableStage,
+    HostedStage<L::BuiltIn>: SlotStage<L>,
+{
+    let inputs = L::inputs(&S1);
+    let (mut times, started, cpu_before_ns) = (Vec::new(), Instant::now(), cpu_ns(&stage));
+    for (count, (_, input)) in (0u32..).zip(inputs.iter().take(TIMED_STEPS)) {
+        sleep((STEP_INTERVAL * count).saturating_sub(started.elapsed()));
+        let requested = Instant::now();
+        stage.step(input);
+        times.push(requested.elapsed());
+    }
+    let share =
+        cpu_ns(&stage).zip(cpu_before_ns).map(|(now, before)| (now - before) / started.elapsed().as_nanos() as f64);
+    times.sort_unstable();
+    let quantile = |share: f64| times.get((share * (times.len().max(1) - 1) as f64) as usize).copied();
+    let check = |name: &str, value: Option<f64>, unit: &'static str| {
+        Check::at_most(name, Measurement { value, limit: None, unit }, String::new)
+    };
+    let us = |time: Option<Duration>| time.map(|time| time.as_secs_f64() * 1e6);
+    vec![
+        check("step round trip at 1 kHz, median", us(quantile(0.5)), "µs"),
+        check("step round trip at 1 kHz, 99th percentile", us(quantile(0.99)), "µs"),
+        check("CPU time of the program at 1 kHz", share.map(|share| share * 100.0), "%"),
+    ]
+}
+
+/// Returns the CPU time of the program, ns.
+fn cpu_ns<B>(stage: &HostedStage<B>) -> Option<f64> {
+    let text = fs::read_to_string(format!("/proc/{}/schedstat", stage.pid()?)).ok()?;
+    text.split_whitespace().next()?.parse().ok()
+}

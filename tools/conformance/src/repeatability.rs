@@ -1,0 +1,48 @@
+//! Checks that equal inputs yield bit-identical outputs, also after a restore from a snapshot.
+
+use crate::{
+    fault::{FAULT_START_S, CATALOGUE},
+    report::Check,
+    run::first_difference,
+    script::{S1, SHORT_SCRIPTS, Script},
+    slot::{SlotStage, SlotSpec},
+};
+
+/// Maximum number of inputs compared after a snapshot.
+const COMPARED_INPUTS: usize = 500;
+
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+    let repeated = SHORT_SCRIPTS.iter().find_map(|script| {
+        let tick = first_difference::<L, S>(&mut make(), &mut make(), &L::inputs(script))?;
+        Some(format!("{}, tick {tick}", script.name))
+    });
+    let restored = [0, 1, 7, 99, 500, 1013].iter().find_map(|at| restored_run_difference::<L, S>(make, &S1, *at));
+    let restored_tumbling = [3, 250, 777].iter().find_map(|at| restored_run_difference::<L, S>(make, &SHORT_SCRIPTS[1], *at));
+    let restored_in_fault = CATALOGUE.iter().find_map(|fault| {
+        let script = fault.apply(&S1);
+        let middle_s = FAULT_START_S + 0.5 * fault.duration_s;
+        restored_run_difference::<L, S>(make, &script, script.ticks_before(middle_s))
+    });
+    vec![
+        Check::property("two runs are bit-identical", repeated),
+        Check::property("a restored run is bit-identical", restored.or(restored_tumbling)),
+        Check::property("a run restored during a fault is bit-identical", restored_in_fault),
+    ]
+}
+
+/// Compares a stage with a copy restored from a snapshot after `at` inputs, and returns the first
+/// difference.
+pub(crate) fn restored_run_difference<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, script: &Script, at: usize) -> Option<String> {
+    let inputs = L::inputs(script);
+    let (before, after) = inputs.split_at(at.min(inputs.len()));
+    let mut stage = make();
+    before.iter().for_each(|(_, input)| {
+        stage.step(input);
+    });
+    let mut restored = make();
+    if let Err(error) = restored.restore(&stage.snapshot()) {
+        return Some(format!("{}, snapshot after {at} inputs: the snapshot is rejected: {error}", script.name));
+    }
+    let tick = first_difference::<L, S>(&mut stage, &mut restored, &after[..after.len().min(COMPARED_INPUTS)])?;
+    Some(format!("{}, snapshot after {at} inputs: differs at tick {tick}", script.name))
+}

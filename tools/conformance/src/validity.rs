@@ -1,0 +1,89 @@
+//! Checks that every output is finite and a valid rotation under any sensor fault.
+
+use attitude::{Vector3, gnss::Fix};
+
+use crate::{
+    fault::{FAULT_START_S, MAX_INTERVAL_S, CATALOGUE},
+    report::Check,
+    run::{PrefixRun, first_invalid_output},
+    script::{S1, SHORT_SCRIPTS, Script, Tick},
+    slot::{SlotStage, SlotSpec},
+};
+
+/// Finite numbers outside the range of any measurement.
+const EXTREME_NUMBERS: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
+
+/// Sets one quantity of a tick to a number. The fix is a template.
+type SetNumber = fn(&mut Tick, f64, Option<Fix>);
+
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+    let clean = SHORT_SCRIPTS.iter().chain([&*S1]).find_map(|script| first_invalid_output::<L, S>(&mut make(), script));
+    let mut checks = vec![Check::property("outputs are valid without a fault", clean)];
+    // On S1 the recovery checks cover this.
+    let prefixes = SHORT_SCRIPTS.iter().map(|script| (script, PrefixRun::<L, S>::new(make(), script, script.ticks_before(FAULT_START_S))));
+    let prefixes: Vec<_> = prefixes.collect();
+    for fault in CATALOGUE {
+        let failure = prefixes.iter().find_map(|(script, prefix)| prefix.resume(&fault.apply(script)).invalid_output);
+        checks.push(Check::property(format!("outputs are valid under {}", fault.name), failure));
+    }
+    let mut without_start = S1.clone();
+    without_start.ticks.drain(..300);
+    let late = |clear: fn(&mut Tick)| {
+        let mut script = without_start.clone();
+        script.ticks.iter_mut().take(500).for_each(clear);
+        first_invalid_output::<L, S>(&mut make(), &script)
+    };
+    let late_start = late(|tick| tick.rate_rad_s = None)
+        .or_else(|| late(|tick| tick.force_m_s2 = None))
+        .or_else(|| late(|tick| (tick.rate_rad_s, tick.force_m_s2) = (None, None)))
+        .or_else(|| late(|tick| tick.dt_s = 0.0));
+    checks.push(Check::property("outputs are valid if a sensor or the clock starts late", late_start));
+    checks.push(Check::property("outputs are valid for extreme numbers", check_extreme_numbers::<L, S>(make)));
+    checks
+}
+
+/// Sets each quantity to each extreme number for ten ticks of a fault-free run.
+fn check_extreme_numbers<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Option<String> {
+    let base = Script { name: "fault-free".into(), ticks: S1.ticks[..1500].to_vec() };
+    let prefix = PrefixRun::<L, S>::new(make(), &base, 1000);
+    let fix = S1.ticks[0].fix;
+    let setters: [(&str, SetNumber); 6] = [
+        ("rate", |tick, x, _| tick.rate_rad_s = Some(Vector3::new(x, -x, 0.1))),
+        ("force", |tick, x, _| tick.force_m_s2 = Some(Vector3::new(0.1, x, -x))),
+        ("field", |tick, x, _| tick.field_ut = Some(Vector3::new(-x, 0.1, x))),
+        ("velocity", |tick, x, fix| {
+            tick.fix = fix.map(|fix| Fix { velocity_m_s: Vector3::new(x, 0.1, -x), ..fix });
+        }),
+        ("velocity SD and age", |tick, x, fix| {
+            let sd_or_age = Some(x.abs());
+            tick.fix = fix.map(|fix| Fix { sd_m_s: sd_or_age, age_s: sd_or_age, latitude_rad: Some(x), ..fix });
+        }),
+        ("everything", |tick, x, fix| {
+            let vector = Vector3::new(x, x, -x);
+            (tick.rate_rad_s, tick.force_m_s2, tick.field_ut) = (Some(vector), Some(vector), Some(vector));
+            tick.fix = fix.map(|fix| Fix { velocity_m_s: vector, ..fix });
+        }),
+    ];
+    for (name, set) in setters {
+        for x in EXTREME_NUMBERS {
+            for dt_s in [0.01, 0.0, MAX_INTERVAL_S] {
+                let mut ticks = base.ticks.clone();
+                for tick in &mut ticks[1000..1010] {
+                    set(tick, x, fix);
+                    tick.dt_s = dt_s;
+                }
+                let script = Script { name: format!("{name} {x:e}, interval {dt_s} s"), ticks };
+                let run = prefix.resume(&script);
+                let rejected = || {
+                    let error = make().restore(&run.stage.snapshot()).err()?;
+                    Some(format!("{}: the snapshot after it is rejected: {error}", script.name))
+                };
+                let failure = run.invalid_output.clone().or_else(rejected);
+                if failure.is_some() {
+                    return failure;
+                }
+            }
+        }
+    }
+    None
+}

@@ -1,0 +1,149 @@
+//! Data of one frame of the display.
+
+use std::time::Duration;
+
+use crate::Trends;
+
+/// Age from which data are stale.
+pub const STALE_AFTER: Duration = Duration::from_millis(500);
+
+/// Data of one frame.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Snapshot {
+    /// Name of the system or vehicle.
+    pub name: String,
+    /// State of the data.
+    pub state: DataState,
+    /// Figures of the system as a whole.
+    pub figures: Figures,
+    /// Newest attitude, if any.
+    pub attitude: Option<Attitude>,
+    /// Trends of the last minute.
+    pub trends: Trends,
+    /// Panels from top to bottom. The last one takes the remaining height.
+    pub panels: Vec<Panel>,
+    /// Help line on the keys.
+    pub key_help: &'static str,
+}
+
+/// State of the data.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum DataState {
+    /// No data received yet.
+    #[default]
+    Connecting,
+    /// Data are being received.
+    Live,
+    /// The newest data have this age.
+    Stale(Duration),
+    /// The data have ended for this reason.
+    Ended(String),
+}
+
+impl DataState {
+    /// Returns the state for the age of the newest data, or [`DataState::Connecting`] for `None`.
+    pub fn from_age(age: Option<Duration>) -> Self {
+        match age {
+            None => Self::Connecting,
+            Some(age) if age < STALE_AFTER => Self::Live,
+            Some(age) => Self::Stale(age),
+        }
+    }
+
+    /// Returns the label for display.
+    pub fn label(&self) -> String {
+        match self {
+            Self::Connecting => "connecting".into(),
+            Self::Live => "live".into(),
+            Self::Stale(age) => format!("stale {:.1} s", age.as_secs_f64()),
+            Self::Ended(reason) => format!("ended: {reason}"),
+        }
+    }
+}
+
+/// Figures of a system as a whole; `None` if unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Figures {
+    /// Newest tick.
+    pub tick: Option<u64>,
+    /// Attitudes per second.
+    pub rate_hz: Option<f64>,
+    /// Median and 99th percentile of the end-to-end latency, µs.
+    pub latency_us: Option<[f64; 2]>,
+    /// Number of lost ticks, or of lost messages of a remote vehicle.
+    pub lost: Option<u64>,
+}
+
+/// Attitude for display. Angles and rate refer to `frame`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Attitude {
+    /// Unit vector pointing up, in body axes right, forward, up.
+    pub up: [f64; 3],
+    /// Roll, pitch, yaw, °.
+    pub roll_pitch_yaw_deg: [f64; 3],
+    /// Standard deviation of the inclination, °; `None` if unknown.
+    pub inclination_sd_deg: Option<f64>,
+    /// Course, °, clockwise seen from above.
+    pub course_deg: f64,
+    /// Standard deviation of the course, °; `None` if unknown.
+    pub course_sd_deg: Option<f64>,
+    /// Reference of the course: `arb.`, `mag.` or `true`.
+    pub course_reference: &'static str,
+    /// Body rate without the estimated bias, °/s.
+    pub rate_deg_s: [f64; 3],
+    /// Name of the frame.
+    pub frame: &'static str,
+    /// Names of the flags that indicate a fault or a limitation.
+    pub flags: Vec<&'static str>,
+}
+
+/// Table with a title.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Panel {
+    /// Title.
+    pub title: String,
+    /// Rows from top to bottom.
+    pub rows: Vec<Row>,
+}
+
+/// Row of a panel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Row {
+    /// Text.
+    pub text: String,
+    /// Style.
+    pub style: RowStyle,
+}
+
+/// Style of a row. The style only emphasises what the text states.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RowStyle {
+    /// Column headers.
+    Header,
+    /// Normal row.
+    Normal,
+    /// Row with a fault.
+    Alert,
+    /// Row of the item shown in detail.
+    Selected,
+}
+
+impl Row {
+    /// Creates a row.
+    pub fn new(style: RowStyle, text: impl Into<String>) -> Self {
+        Self { text: text.into(), style }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_state_labels() {
+        let label = |ms| DataState::from_age(Some(Duration::from_millis(ms))).label();
+        assert_eq!([label(0), label(499), label(500), label(1234)], ["live", "live", "stale 0.5 s", "stale 1.2 s"]);
+        assert_eq!(DataState::from_age(None).label(), "connecting");
+        assert_eq!(DataState::Ended("stopped".into()).label(), "ended: stopped");
+    }
+}

@@ -1,0 +1,161 @@
+//! Errors report the position, the value found and what was expected.
+
+use std::{path::PathBuf, slice::from_ref};
+
+use import::{ImportError, Mapping, Options, convert};
+
+use crate::common::{ATTITUDE, COMBINED, Folder, Log};
+
+const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
+
+fn mapping_error(maps: &[&str], units: &str, frame: &str) -> String {
+    ImportError::from(Mapping::parse(maps, Some(units), Some(frame)).unwrap_err()).to_string()
+}
+
+fn import_error(folder: &Folder, paths: &[PathBuf], maps: &[&str]) -> String {
+    let mapping = Mapping::parse(maps, None, None).unwrap();
+    folder.message(&folder.import(paths, Some(mapping)).unwrap_err())
+}
+
+#[test]
+fn mapping_invalid_rejected() {
+    for (maps, expected) in [
+        (
+            &["gyro"][..],
+            "reading --map: found \"gyro\", expected TARGET=COLUMN with TARGET one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+        ),
+        (
+            &["gxx=a"],
+            "reading --map: found \"gxx\" (did you mean \"gx\"?), expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+        ),
+        (&[NAMES, "gx=a"], "reading --map: found gx twice, expected one column for it"),
+        (&["t=t,gx=p,gy=q"], "reading --map: found no gz, ax, ay, az, expected all of t, gx, gy, gz, ax, ay, az"),
+        (&[NAMES, "my=a"], "reading --map: found no mx, mz, expected all of mx, my, mz"),
+    ] {
+        assert_eq!(mapping_error(maps, "", "rfu"), expected);
+    }
+    let units = "expected one of rad/s, deg/s, m/s2, g, uT, nT, gauss, mT, s, ms, us, ns";
+    assert_eq!(
+        mapping_error(&[NAMES], "deg/s,degs", "rfu"),
+        format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
+    );
+    assert_eq!(mapping_error(&[NAMES], "US", "rfu"), format!("reading --units: found \"US\" (did you mean \"us\"?), {units}"));
+    assert_eq!(
+        mapping_error(&[NAMES], "g,m/s2", "rfu"),
+        "reading --units: found \"g\" and \"m/s2\", expected one unit of the force"
+    );
+    assert_eq!(
+        mapping_error(&[NAMES], "", "ned"),
+        "reading --frame: found \"ned\", expected body axes, one of rfu, flu, frd; with a reference preceded by earth axes, one of enu, nwu, ned, as in ned-frd"
+    );
+}
+
+#[test]
+fn unknown_column_reports_similar_and_available_names() {
+    let folder = Folder::new();
+    let a = folder.file("a.csv", "time,gyro_x,q,r,u,v,w\n0,0,0,0,0,0,0\n");
+    let names = "t=time,gx=gyrox,gy=q,gz=r,ax=u,ay=v,az=w";
+    assert_eq!(
+        import_error(&folder, from_ref(&a), &[names]),
+        "mapping gx: no column \"gyrox\" (did you mean \"gyro_x\"?); \
+         available columns: \"time\", \"gyro_x\", \"q\", \"r\", \"u\", \"v\", \"w\""
+    );
+    let b = folder.file("b.csv", "time,q,u,v,w\n0,0,0,0,0\n");
+    let names = names.replace("gyrox", "gyro_x");
+    assert_eq!(
+        import_error(&folder, &[a.clone(), b.clone()], &[&names]),
+        "mapping gy: more than one column is named \"q\"; use a:q or b:q"
+    );
+    let names = names.replace("gy=q", "gy=b:q");
+    assert_eq!(
+        import_error(&folder, &[a, b], &[&names]),
+        "mapping gx, gy, gz: found columns of \"a.csv\", \"b.csv\", \"a.csv\", expected all in one file"
+    );
+    let c = folder.file("c.csv", "t,p,p,q,r,u,v,w\n0,0,0,0,0,0,0,0\n");
+    assert_eq!(
+        import_error(&folder, &[c], &[NAMES]),
+        "mapping gx: more than one column is named \"p\"; use different column names in the header"
+    );
+}
+
+#[test]
+fn invalid_value_reported_with_position() {
+    let folder = Folder::new();
+    let header = "t;p;q;r;u;v;w\n";
+    for (rows, expected) in [
+        ("0;1;2;3;4;5;6\n\n1;1;2;x;4;5;6\n", "line 4, column 4 (r): found \"x\", expected a number"),
+        (
+            "0;1.5;2;3;4;5;6\n1;1,5;2;3;4;5;6\n",
+            "line 3, column 2 (p): found \"1,5\", expected a number with a decimal point, as before",
+        ),
+        (
+            "0;1,5;2;3;4;5;6\n1;1.5;2;3;4;5;6\n",
+            "line 3, column 2 (p): found \"1.5\", expected a number with a decimal comma, as before",
+        ),
+        ("0;1,234.5;2;3;4;5;6\n", "line 2, column 2 (p): found \"1,234.5\", expected a number"),
+        (
+            "2026-11-23 10:00;1;2;3;4;5;6\n",
+            "line 2, column 1 (t): found \"2026-11-23 10:00\", expected a time in s, less than 9e9 s; set another unit with --units",
+        ),
+        (
+            "1700000000000;1;2;3;4;5;6\n",
+            "line 2, column 1 (t): found \"1700000000000\", expected a time in s, less than 9e9 s; set another unit with --units",
+        ),
+        ("0;1;2;3;4;5;6\n1;1;2\n", "line 3, column 4 (r): found 3 fields, expected 7 as in the header"),
+        ("0;1;2;3;4;5;6\n1;1;2;3;4;5;6;7\n", "line 3, column 8: found 8 fields, expected 7 as in the header"),
+        ("0;1;2\n", "line 2, column 4 (r): found 3 fields, expected 7 as in the header"),
+        ("", "line 2: found the end of the file, expected a row"),
+    ] {
+        let path = folder.file("a.csv", format!("{header}{rows}"));
+        assert_eq!(import_error(&folder, &[path], &[NAMES]), format!("reading a.csv: {expected}"));
+    }
+    let path = folder.file("a.csv", [header.as_bytes(), b"0;\xb5;0;0;0;0;0\n"].concat());
+    assert_eq!(
+        import_error(&folder, &[path], &[NAMES]),
+        "reading a.csv: line 2, column 2 (p): found \"\u{fffd}\", expected UTF-8 text"
+    );
+    let path = folder.file("a.csv", [header.as_bytes(), &[b'0'; 1 << 17]].concat());
+    assert_eq!(
+        import_error(&folder, &[path], &[NAMES]),
+        "reading a.csv: line 2: found a line of more than 65536 bytes, expected a readable line"
+    );
+    let path = folder.file("a.csv", format!("{header}0;;;;1;1;1\n9;1;1;1;;;\n"));
+    assert_eq!(
+        import_error(&folder, &[path], &[NAMES]),
+        "importing a.csv: found no sample of rate and force (1 rate samples have no force sample nearby), \
+         expected numbers in the mapped columns, with times of one clock"
+    );
+    assert_eq!(folder.names(), ["a.csv"], "no file remains");
+}
+
+#[test]
+fn incompatible_files_and_options_rejected() {
+    let folder = Folder::new();
+    let mut log = Log::new(&[COMBINED, ATTITUDE]);
+    log.combined(1, [0.0; 3], 0, [0.0, 0.0, -9.8]);
+    let log = folder.file("a.ulg", log.0);
+    let csv = folder.file("a.csv", "t,p\n0,0\n");
+    let error = |paths: &[PathBuf], mapping| folder.message(&folder.import(paths, mapping).unwrap_err());
+    let mapping = || Some(Mapping::parse(&[NAMES], None, None).unwrap());
+    assert_eq!(error(&[], None), "importing: no input file; name at least one");
+    assert_eq!(
+        error(&[log.clone(), csv], None),
+        "importing a.ulg: ULog cannot be combined with other files, found 2; import each file separately"
+    );
+    assert_eq!(
+        error(from_ref(&log), mapping()),
+        "importing a.ulg: ULog defines its own columns; leave out --map, --units and --frame"
+    );
+    let into = |out: &str| convert(from_ref(&log), &Options::default(), &folder.path(out), &mut |_| {});
+    let error = into("a.ulg").unwrap_err();
+    assert_eq!(folder.message(&error), "writing a.ulg: the output is also an input; choose another name");
+    let interrupted = folder.file("a.csv.new", Log::new(&[COMBINED]).0);
+    let error = convert(from_ref(&interrupted), &Options::default(), &folder.path("a.csv"), &mut |_| {}).unwrap_err();
+    assert_eq!(folder.message(&error), "writing a.csv.new: the output is also an input; choose another name");
+    std::fs::remove_file(interrupted).unwrap();
+    assert!(matches!(into("no/such/folder_imu.csv"), Err(ImportError::Recording(_))));
+    folder.file("b_gnss.csv", "t_s,ve,vn,vu\n0,0,0,0\n");
+    let message = folder.message(&into("b_imu.csv").unwrap_err());
+    assert!(message.starts_with("writing b_imu.csv: no fixes were imported, but b_gnss.csv would be read"), "{message}");
+    assert_eq!(folder.names(), ["a.csv", "a.ulg", "b_gnss.csv"], "no file remains");
+}
