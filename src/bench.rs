@@ -60,11 +60,15 @@ pub(crate) struct Campaign {
 pub(crate) fn run(bench: &Bench) -> ExitCode {
     match *bench {
         Bench::Kills { campaign: Campaign { count, seed, rate_hz, load, json } } => {
-            print_report(KillCampaign { count, seed, rate_hz, load_threads: load }.run(), json, |report| report.passed())
+            print_report(KillCampaign { count, seed, rate_hz, load_threads: load }.run(), json, |report| {
+                report.passed()
+            })
         }
-        Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => {
-            print_report(SwapCampaign { count, seed, rate_hz, load_threads: load, same_stage: same }.run(), json, |report| report.passed())
-        }
+        Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => print_report(
+            SwapCampaign { count, seed, rate_hz, load_threads: load, same_stage: same }.run(),
+            json,
+            |report| report.passed(),
+        ),
     }
 }
 

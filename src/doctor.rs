@@ -14,8 +14,8 @@ use runtime::ServiceConfig;
 use crate::{
     fail,
     stdout::print,
-    topics::{StopCondition, duration, observer},
     system::LocalSystemArgs,
+    topics::{StopCondition, duration, observer},
 };
 
 /// Arguments of `plumb doctor`.
@@ -56,7 +56,9 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
             ),
             _ => Check::ok("system", format!("{name:?} is not running")),
         }],
-        Err(error) => vec![Check::problem("system", error.to_string(), "free the name as described, or run as its owner")],
+        Err(error) => {
+            vec![Check::problem("system", error.to_string(), "free the name as described, or run as its owner")]
+        }
     });
     let diagnosis = DoctorReport { system: name, checks };
     // Strings and lists always serialise.
@@ -88,7 +90,11 @@ fn check_running_system(name: &str, supervisor: u32, seconds: Duration) -> Resul
             );
             return Check::problem("system", found, format!("resume it: kill -CONT {supervisor}"));
         }
-        Check::problem("system", error.to_string(), "run plumb doctor again; if the problem persists, restart the system")
+        Check::problem(
+            "system",
+            error.to_string(),
+            "run plumb doctor again; if the problem persists, restart the system",
+        )
     };
     let observer = observer(name, "doctor").map_err(observe_failed)?;
     let mut stop = StopCondition::new(|| observer.is_running(), Some(seconds));

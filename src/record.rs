@@ -12,7 +12,7 @@ use std::{
 use bus::{BusError, Observer, Tap};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
-use flight::{FlightError, FlightHeader, RecordingMode, Recorder, RecordingSummary};
+use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
 use graph::{Service, Topic};
 use runtime::ServiceConfig;
 use supervisor::{RecordingReport, Report, UpError};
@@ -20,8 +20,8 @@ use supervisor::{RecordingReport, Report, UpError};
 use crate::{
     fail, fail_after_result,
     stdout::print,
-    topics::{POLL_INTERVAL, ObserveError, StopCondition, observer},
     system::LocalSystemArgs,
+    topics::{ObserveError, POLL_INTERVAL, StopCondition, observer},
     up::duration_s,
 };
 
@@ -272,7 +272,8 @@ impl supervisor::Recorder for FlightRecorder {
     fn finish(&mut self, report: &Report) -> RecordingReport {
         let Some(recorder) = self.recorder.take() else { return RecordingReport::default() };
         let end_reason = report.error.as_deref().unwrap_or("ended normally");
-        let RecordingSummary { file, messages, missed, bytes, error, .. } = recorder.finish(end_reason, Some(report.to_json()));
+        let RecordingSummary { file, messages, missed, bytes, error, .. } =
+            recorder.finish(end_reason, Some(report.to_json()));
         RecordingReport { file, messages, missed, bytes, error }
     }
 }

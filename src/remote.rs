@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use control::{SwapOutcome, ServiceStatus, SwapReport, Diagnostic};
+use control::{Diagnostic, ServiceStatus, SwapOutcome, SwapReport};
 use link::{
     Endpoints, Link, LinkError,
     endpoints::{Tls, is_secured},
@@ -141,7 +141,12 @@ pub(crate) fn services(link: &Link, vehicle: &str) -> Result<Vec<ServiceStatus>,
 }
 
 /// Swaps the stage of a slot of a vehicle.
-pub(crate) fn swap(vehicle: &str, endpoint: &RemoteEndpoint, slot: &str, stage: launch::StageConfig) -> Result<SwapReport, RemoteError> {
+pub(crate) fn swap(
+    vehicle: &str,
+    endpoint: &RemoteEndpoint,
+    slot: &str,
+    stage: launch::StageConfig,
+) -> Result<SwapReport, RemoteError> {
     swap_over(&endpoint.open()?, vehicle, endpoint, slot, stage)
 }
 
@@ -172,7 +177,9 @@ pub(crate) fn swap_over(
         Ok(reply) => Ok(swap_report(reply)),
         // The vehicle has just responded, so an immediate failure means that an access list denied
         // the query.
-        Err(LinkError::NoResponse { .. }) if started.elapsed() < SWAP_TIMEOUT => Err(endpoint.read_only_error(vehicle, &request)),
+        Err(LinkError::NoResponse { .. }) if started.elapsed() < SWAP_TIMEOUT => {
+            Err(endpoint.read_only_error(vehicle, &request))
+        }
         Err(error) => Err(error.into()),
     }
 }
@@ -188,7 +195,8 @@ fn request_id() -> String {
 }
 
 fn status(status: v1::ServiceStatus) -> ServiceStatus {
-    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } = status;
+    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } =
+        status;
     let non_empty = |text: String| Some(text).filter(|text| !text.is_empty());
     let pid = Some(pid).filter(|pid| *pid != 0);
     let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };

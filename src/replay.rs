@@ -20,7 +20,8 @@ pub(crate) fn replay_flight(request: &Request, path: &Path, is_recorded: bool) -
             Launch::parse("launch.toml", &text).map_err(|error| UpError::Launch(error.into()))?
         }
     };
-    let events: Vec<SystemEvent> = read_messages(path).map_err(flight_error)?.collect::<Result<_, _>>().map_err(flight_error)?;
+    let events: Vec<SystemEvent> =
+        read_messages(path).map_err(flight_error)?.collect::<Result<_, _>>().map_err(flight_error)?;
     let first_incomplete_tick = first_incomplete_tick(path).map_err(flight_error)?;
     let mut readings = read_messages::<TakenReading>(path).map_err(flight_error)?.peekable();
     if readings.peek().is_none() {

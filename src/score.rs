@@ -12,14 +12,14 @@ use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use score::{
     Request,
     plot::{Format, PlotOptions},
-    stages::{StageSelection, Setting},
-    trial::{Gnss, TrialOptions, RecordedGyroSamples},
+    stages::{Setting, StageSelection},
+    trial::{Gnss, RecordedGyroSamples, TrialOptions},
     tune::SettingRange,
 };
 
 use crate::{
     fail,
-    import::{ReadableFile, ReadOptions},
+    import::{ReadOptions, ReadableFile},
     stdout::print,
 };
 

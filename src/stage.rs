@@ -69,7 +69,7 @@ Examples:
         /// Folder to create [default: ./NAME]
         #[arg(long)]
         dir: Option<PathBuf>,
-        /// Folder or git URL of Plumbline's crates, for Rust
+        /// Folder or git URL of Plumbline's crates, required for Rust
         #[arg(long, value_name = "FOLDER|URL", required_if_eq("lang", "rust"))]
         source: Option<String>,
     },
@@ -144,7 +144,10 @@ fn crates_source(source: &str) -> Result<String, String> {
     }
     let absolute = std::path::absolute(source).map_err(|cause| cause.to_string())?;
     if !absolute.join("crates/sdk").is_dir() {
-        return Err(format!("{} has no folder crates/sdk; expected the folder of Plumbline's source", absolute.display()));
+        return Err(format!(
+            "{} has no folder crates/sdk; expected the folder of Plumbline's source",
+            absolute.display()
+        ));
     }
     Ok(absolute.display().to_string())
 }
@@ -152,7 +155,8 @@ fn crates_source(source: &str) -> Result<String, String> {
 fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
     let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
     // A launch file is needed only for stages that are not built in.
-    let result = if launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { read_launch(launch) };
+    let result =
+        if launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { read_launch(launch) };
     let launch = match result {
         Ok(launch) => launch,
         Err(error) => return fail(&error, 3),

@@ -23,7 +23,9 @@ pub(crate) fn print_item(text: &dyn Display) -> ControlFlow<ExitCode> {
     match writeln!(io::stdout(), "{text}") {
         Ok(()) => ControlFlow::Continue(()),
         Err(cause) if cause.kind() == ErrorKind::BrokenPipe => ControlFlow::Break(ExitCode::SUCCESS),
-        Err(cause) => ControlFlow::Break(fail_after_result(&format_args!("cannot write to standard output: {cause}"), 1)),
+        Err(cause) => {
+            ControlFlow::Break(fail_after_result(&format_args!("cannot write to standard output: {cause}"), 1))
+        }
     }
 }
 

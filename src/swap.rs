@@ -18,11 +18,10 @@ use launch::{Service, StageConfig};
 use messages::Difference;
 
 use crate::{
-    fail,
+    fail, remote,
     stdout::{self, print},
-    remote,
-    topics::observer,
     system::SystemArgs,
+    topics::observer,
 };
 
 /// Interval between two printed differences of a shadow.
@@ -114,16 +113,15 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
         Err(error) => return fail(&error, 1),
     };
     let finished_by_itself = reply.is_finished();
-    if !finished_by_itself && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
+    if !finished_by_itself
+        && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() })
+    {
         return fail(&error, 1);
     }
     let requested_at = Instant::now();
     while !reply.is_finished() {
         if requested_at.elapsed() > CANCEL_TIMEOUT {
-            return fail(
-                &"the system has not confirmed the end of the shadow; check it with `plumb doctor`",
-                1,
-            );
+            return fail(&"the system has not confirmed the end of the shadow; check it with `plumb doctor`", 1);
         }
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -138,8 +136,11 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 /// Prints the status of each service.
 pub(crate) fn ps(system: SystemArgs) -> ExitCode {
     let result = match system.remote() {
-        Some((vehicle, endpoint)) => remote::ps(vehicle, endpoint).map_err(|error| (error.to_string(), error.exit_code())),
-        None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status).map_err(|error| (error.to_string(), 1)),
+        Some((vehicle, endpoint)) => {
+            remote::ps(vehicle, endpoint).map_err(|error| (error.to_string(), error.exit_code()))
+        }
+        None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status)
+            .map_err(|error| (error.to_string(), 1)),
     };
     match result {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
@@ -149,7 +150,9 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
                 let address = address.as_ref().map_or(String::new(), |address| format!("  {address}"));
                 let stage = stage.as_deref().unwrap_or("-");
-                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{address}")
+                format!(
+                    "{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{address}"
+                )
             };
             let head = format!(
                 "{:<8}{:<24}{:<10}{:>8}{:>9}{:>6}{:>12}{:>6}",
@@ -237,5 +240,6 @@ impl Swap {
 fn parse_setting(text: &str) -> Result<(String, f64), String> {
     let split = text.split_once('=');
     let read = split.and_then(|(key, value)| Some((key.trim().to_owned(), value.trim().parse::<f64>().ok()?)));
-    read.filter(|(_, value)| value.is_finite()).ok_or_else(|| "expected KEY=VALUE with a finite number, as in beta_1_s=0.5".into())
+    read.filter(|(_, value)| value.is_finite())
+        .ok_or_else(|| "expected KEY=VALUE with a finite number, as in beta_1_s=0.5".into())
 }

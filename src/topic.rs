@@ -15,8 +15,10 @@ use observe::{
 use crate::{
     fail,
     stdout::{print, print_item},
-    topics::{POLL_INTERVAL, ObserveError, OnMessage, StopCondition, TopicSource, TopicView, duration, frame::DisplayFrame},
     system::SystemArgs,
+    topics::{
+        ObserveError, OnMessage, POLL_INTERVAL, StopCondition, TopicSource, TopicView, duration, frame::DisplayFrame,
+    },
 };
 
 /// Default time over which rates are measured.
@@ -101,11 +103,13 @@ pub(crate) fn run(command: TopicCommand) -> ExitCode {
 fn list(system: &SystemArgs, seconds: Option<Duration>) -> Result<ExitCode, ObserveError> {
     let source = TopicSource::open(system, "topic list")?;
     let views = source.open_all()?;
-    let topics = observe(views, StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD))))?;
+    let topics =
+        observe(views, StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD))))?;
     if system.json() {
         return Ok(print(&serde_json::Value::from_iter(topics.iter().map(TopicInfo::to_json))));
     }
-    let mut lines: Vec<_> = [TopicInfo::table_header()].into_iter().chain(topics.iter().map(TopicInfo::to_row)).collect();
+    let mut lines: Vec<_> =
+        [TopicInfo::table_header()].into_iter().chain(topics.iter().map(TopicInfo::to_row)).collect();
     if let Some((vehicle, _)) = system.remote() {
         lines.push(format!("topics of {vehicle} as received here; {ONBOARD_ONLY_NOTE}"));
     }

@@ -9,10 +9,10 @@ use supervisor::{Recorder, Report, Request};
 
 use crate::{
     fail_after_result,
-    import::{ReadableFile, ReadOptions},
-    stdout::print,
+    import::{ReadOptions, ReadableFile},
     record::FlightRecorder,
     replay,
+    stdout::print,
 };
 
 /// Arguments of `plumb up`.
@@ -88,7 +88,8 @@ pub(crate) fn run(up: Up) -> ExitCode {
         json,
         reading,
     } = up;
-    let source = source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
+    let source =
+        source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
     let mut recorder =
         record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
     // A recorded flight can be replayed only from its readings.
@@ -161,7 +162,8 @@ fn parse_columns(text: &str) -> Result<Columns, String> {
     let all = || Columns(Column::NAMES.iter().map(|(_, column)| *column).collect());
     let one = Column::NAMES.iter().find(|(name, _)| *name == text).map(|(_, column)| Columns(vec![*column]));
     one.or_else(|| (text == "all").then(all)).ok_or_else(|| {
-        let suggestion = launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
+        let suggestion =
+            launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
         format!("{suggestion}expected one of {}", names.join(", "))
     })
 }

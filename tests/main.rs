@@ -1,4 +1,6 @@
-//! The whole system on real processes: one executable, because what waits in one part leaves the processors to another.
+//! System tests on real processes.
+//!
+//! They form one executable, so that tests that wait leave the processors to others.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod common;

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Kills, freezes, swaps, shadows and frozen readers for a while: nothing may be lost, and nothing may grow.
+"""Soak test: kills, freezes, swaps, shadows and frozen observers of a running system.
 
     tests/soak.py [--seconds 1200] [--seed 1] [--pause 1.0] [--plumb target/release/plumb]
 
-Exit code 0 when no tick was lost or came twice and nothing grew: neither resident memory, descriptors, shared memory and files from the
-second quarter of the time to the last, nor the resident memory of any process over the second half. Of that, private and mapped from
-the bus, it tells the slope and its standard error, and what they show: it grows by more than the bound, it does not, or this cannot be
-told in this time. In the first minutes every process takes memory that it then keeps, so slopes are judged from 20 minutes on.
+The exit code is 0 if no tick was lost or duplicated, no file was left behind and nothing grew.
+Two checks detect growth. The first compares the medians of resident memory, descriptors, shared
+memory and files in the second and in the last quarter of the time. The second fits a line to the
+resident memory of each process, private and mapped from the bus, over the second half of the time.
+It prints the slope with its standard error and one of three verdicts: it grows by more than the
+bound, it does not grow, or the time is too short to decide. In its first minutes a process
+allocates memory that it keeps, so that slopes are judged from 20 minutes on.
 """
 
 import argparse
@@ -27,12 +30,12 @@ STAGES = {
     "fuser": ["multiple-model", "wz", "wz-open", "wz-closed", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "vqf"],
     "course": ["angles", "track"],
 }
-# What is looked at of every process.
+# Figures measured for each process.
 PROCESS = ("private_kib", "mapped_kib", "mappings", "descriptors")
-# A service is started again within this, or the soak has failed, s.
-BACK_LIMIT_S = 30
-READERS_MAX = 3
-# Growth that is noise: a share, and what comes with a page, a port or a log line.
+# Maximum time for a service to restart, s.
+RESTART_TIMEOUT_S = 30
+MAX_OBSERVERS = 3
+# Growth that counts as noise: a fraction of the value plus a constant.
 NOISE = {
     "private_kib": (0.10, 2048),
     "mapped_kib": (0.10, 8192),
@@ -41,28 +44,28 @@ NOISE = {
     "shared_kib": (0.10, 1024),
     "files": (0.10, 20),
 }
-# What a process may grow by in an hour of this, KiB. Of private memory that is about 100 bytes for each of 5,000 disturbances; what is mapped
-# from the bus is bounded by the topics, and varies with what was on them.
-GROWTH_MAX_KIB_H = {"private_kib": 512, "mapped_kib": 4096}
-# A shorter time shows only what is taken once.
-SLOPE_FROM_S = 1200
+# Maximum growth of a process, KiB/h. For private memory this is about 100 bytes for each of 5,000
+# disturbances. Memory mapped from the bus is bounded by the topics and varies with their contents.
+MAX_GROWTH_KIB_H = {"private_kib": 512, "mapped_kib": 4096}
+# Minimum duration for slopes, s. A shorter run shows only the initial allocations.
+MIN_SLOPE_S = 1200
 
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--seconds", type=float, default=1200)
     arguments.add_argument("--seed", type=int, default=1)
-    arguments.add_argument("--pause", type=float, default=1.0, help="between two disturbances at most, s")
+    arguments.add_argument("--pause", type=float, default=1.0, help="Maximum pause between two disturbances, s")
     arguments.add_argument("--plumb", default=str(Path(__file__).parent.parent / "target/release/plumb"))
-    asked = arguments.parse_args()
+    options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        return Soak(asked.plumb, Path(folder), random.Random(asked.seed), asked.pause).run(asked.seconds)
+        return Soak(options.plumb, Path(folder), random.Random(options.seed), options.pause).run(options.seconds)
 
 
 class Soak:
-    def __init__(self, plumb, folder, chance, pause_s):
-        self.plumb, self.chance, self.pause_s, self.name = plumb, chance, pause_s, f"soak-{os.getpid()}"
-        self.readers, self.station, self.done, self.samples, self.refusal = [], None, {}, [], ""
+    def __init__(self, plumb, folder, rng, pause_s):
+        self.plumb, self.rng, self.pause_s, self.name = plumb, rng, pause_s, f"soak-{os.getpid()}"
+        self.observers, self.station, self.counts, self.samples, self.error = [], None, {}, [], ""
         launch = folder / "launch.toml"
         services = ["ingest", *STAGES, "gateway"]
         launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nmin_uptime_s = 0\n')
@@ -72,92 +75,92 @@ class Soak:
 
     def run(self, seconds):
         try:
-            self.until("the system runs", lambda: self.services() and all(s["state"] == "running" for s in self.services()))
-            self.until("the gateway listens", self.gateway)
+            self.wait_for("the system to run", lambda: self.services() and all(s["state"] == "running" for s in self.services()))
+            self.wait_for("the gateway to listen", self.gateway)
             command = [self.plumb, "station", "--connect", self.gateway()]
             self.station = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             self.disturb(seconds)
         finally:
-            for reader in [*self.readers, *filter(None, [self.station])]:
-                reader.kill()
+            for observer in [*self.observers, *filter(None, [self.station])]:
+                observer.kill()
             self.system.send_signal(signal.SIGINT)
             self.system.wait(60)
-        return self.judge(seconds)
+        return self.evaluate(seconds)
 
     def disturb(self, seconds):
-        begin = time.monotonic()
-        next_sample = begin
-        while (now := time.monotonic()) < begin + seconds:
+        start = time.monotonic()
+        next_sample = start
+        while (now := time.monotonic()) < start + seconds:
             if now >= next_sample:
                 next_sample = now + max(seconds / 200, 1)
                 self.samples.append(self.measure())
-            what = self.chance.choice([self.kill, self.freeze, self.swap, self.swap, self.shadow, self.read])
-            what()
-            self.done[what.__name__] = self.done.get(what.__name__, 0) + 1
-            time.sleep(self.chance.uniform(0.3, 1.0) * self.pause_s)
+            disturbance = self.rng.choice([self.kill, self.freeze, self.swap, self.swap, self.shadow, self.freeze_observer])
+            disturbance()
+            self.counts[disturbance.__name__] = self.counts.get(disturbance.__name__, 0) + 1
+            time.sleep(self.rng.uniform(0.3, 1.0) * self.pause_s)
             if self.system.poll() is not None:
                 sys.exit(f"the system ended:\n{self.log.read_text()}")
 
     def kill(self):
-        self.hit(signal.SIGKILL)
+        self.send_to_service(signal.SIGKILL)
 
     def freeze(self):
-        self.hit(signal.SIGSTOP)
+        self.send_to_service(signal.SIGSTOP)
 
-    def hit(self, what):
-        service = self.chance.choice([s for s in self.services() if s["service"] in STAGES])
+    def send_to_service(self, signal_number):
+        service = self.rng.choice([s for s in self.services() if s["service"] in STAGES])
         if service["pid"]:
-            os.kill(service["pid"], what)
-            self.until("another incarnation", lambda: self.pid(service["service"]) not in (0, service["pid"]))
+            os.kill(service["pid"], signal_number)
+            self.wait_for("another incarnation", lambda: self.pid(service["service"]) not in (0, service["pid"]))
 
     def swap(self):
-        slot = self.chance.choice(list(STAGES))
-        answer = self.ask("swap", slot, self.chance.choice(STAGES[slot]))
-        if not answer:
-            sys.exit(f"a swap was not answered: {self.refusal}\n{self.log.read_text()}")
-        if answer["outcome"] != "committed":
-            print(f"not committed: {answer}")
+        slot = self.rng.choice(list(STAGES))
+        report = self.query("swap", slot, self.rng.choice(STAGES[slot]))
+        if not report:
+            sys.exit(f"no response to a swap request: {self.error}\n{self.log.read_text()}")
+        if report["outcome"] != "committed":
+            print(f"not committed: {report}")
 
     def shadow(self):
-        """A stage beside the one in the slot, which ends with whoever asked for it."""
-        slot = self.chance.choice(list(STAGES))
-        command = [self.plumb, "shadow", slot, self.chance.choice(STAGES[slot]), "--system", self.name]
+        """Starts a shadow and kills its client."""
+        slot = self.rng.choice(list(STAGES))
+        command = [self.plumb, "shadow", slot, self.rng.choice(STAGES[slot]), "--system", self.name]
         shadow = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(self.chance.uniform(0.2, 2.0))
+        time.sleep(self.rng.uniform(0.2, 2.0))
         shadow.kill()
         shadow.wait()
 
-    def read(self):
-        """A reader that freezes; the oldest one is killed where it stands."""
+    def freeze_observer(self):
+        """Starts an observer and freezes it. Kills the oldest one if there are too many."""
         command = [self.plumb, "topic", "echo", "attitude", "--json", "--system", self.name]
-        reader = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self.readers.append(reader)
+        observer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.observers.append(observer)
         time.sleep(0.2)
-        reader.send_signal(signal.SIGSTOP)
-        if len(self.readers) > READERS_MAX:
-            oldest = self.readers.pop(0)
+        observer.send_signal(signal.SIGSTOP)
+        if len(self.observers) > MAX_OBSERVERS:
+            oldest = self.observers.pop(0)
             oldest.kill()
             oldest.wait()
 
     def measure(self):
         pids = {"supervisor": self.system.pid} | {s["service"]: s["pid"] for s in self.services() if s["pid"]}
-        processes = {name: found for name, pid in pids.items() if (found := process(pid))}
-        shared = self.carried()
+        processes = {name: figures for name, pid in pids.items() if (figures := process_figures(pid))}
+        shared = self.files()
         total = {what: sum(one[what] for one in processes.values()) for what in PROCESS}
         files = {"shared_kib": sum(kib(path) for path in shared), "files": len(shared)}
         return {"at_h": time.monotonic() / 3600, "processes": processes} | total | files
 
-    def carried(self):
-        """Everything that carries the system's name; what goes while it is looked at is left out."""
+    def files(self):
+        """Returns all files of the system."""
         folder = Path(f"/dev/shm/plumbline.{self.name}")
         segments = list(folder.parent.glob(f"{folder.name}.*"))
         walked = [Path(at) / name for at, folders, files in os.walk(folder) for name in folders + files]
         return segments + walked + [folder] * folder.exists()
 
-    def judge(self, seconds):
+    def evaluate(self, seconds):
         report = json.loads(self.report.read_text().splitlines()[-1])
-        whole = (report["lost"], report["duplicated"]) == (0, 0) and self.system.returncode == 0
-        print(f"{self.done}; ticks {report['ticks_out']}, lost {report['lost']}, duplicated {report['duplicated']}")
+        passed = (report["lost"], report["duplicated"]) == (0, 0) and self.system.returncode == 0
+        print(f"{self.counts}; ticks {report['ticks_out']}, lost {report['lost']}, duplicated {report['duplicated']}")
         grew = False
         quarter = max(len(self.samples) // 4, 1)
         for what, (share, constant) in NOISE.items():
@@ -165,82 +168,84 @@ class Soak:
             after = statistics.median(sample[what] for sample in self.samples[-quarter:])
             grows = after > before * (1 + share) + constant
             grew |= grows
-            print(f"{what}: {before:.0f} → {after:.0f}{', which is growth' if grows else ''}")
-        grew |= self.judge_slopes(seconds)
-        left = [path.name for path in self.carried()]
+            print(f"{what}: {before:.0f} → {after:.0f}{' (grows)' if grows else ''}")
+        grew |= self.evaluate_slopes(seconds)
+        left = [path.name for path in self.files()]
         print(f"left behind: {left}")
-        if not whole:
+        if not passed:
             print(self.log.read_text())
-        return 0 if whole and not grew and not left else 1
+        return 0 if passed and not grew and not left else 1
 
-    def judge_slopes(self, seconds):
-        """Whether the memory of a process grew over the second half; a short time tells nothing of it."""
+    def evaluate_slopes(self, seconds):
+        """Returns True if the memory of a process grew over the second half of the time."""
         half = self.samples[len(self.samples) // 2 :]
         grew = False
         for name in self.samples[-1]["processes"]:
-            seen = [(sample["at_h"], sample["processes"][name]) for sample in half if name in sample["processes"]]
-            told = []
-            for what, bound in GROWTH_MAX_KIB_H.items():
-                points = [(at_h, one[what]) for at_h, one in seen]
-                slope, error = line(points)
-                verdict = judged(slope, error, bound) if seconds >= SLOPE_FROM_S else TOO_SHORT
+            figures = [(sample["at_h"], sample["processes"][name]) for sample in half if name in sample["processes"]]
+            verdicts = []
+            for what, bound in MAX_GROWTH_KIB_H.items():
+                points = [(at_h, one[what]) for at_h, one in figures]
+                slope, error = fit_line(points)
+                verdict = judge_slope(slope, error, bound) if seconds >= MIN_SLOPE_S else TOO_SHORT
                 grew |= verdict == GROWS
                 middle = statistics.median(kib for _, kib in points)
-                told.append(f"{what} {middle:.0f}, {slope:+.0f} ± {error:.0f} an hour: {verdict}")
-            print(f"{name}: {'; '.join(told)}")
+                verdicts.append(f"{what} {middle:.0f}, {slope:+.0f} ± {error:.0f} per hour: {verdict}")
+            print(f"{name}: {'; '.join(verdicts)}")
         return grew
 
     def gateway(self):
         return next((s["address"] for s in self.services() if s["service"] == "gateway"), None)
 
     def services(self):
-        return self.ask("status") or []
+        return self.query("ps") or []
 
     def pid(self, service):
         return next((s["pid"] for s in self.services() if s["service"] == service), 0)
 
-    def ask(self, *words):
+    def query(self, *words):
         command = [self.plumb, *words, "--json", "--system", self.name]
-        answered = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
-        self.refusal = answered.stderr
-        answer = json.loads(answered.stdout.splitlines()[-1]) if answered.stdout.strip() else None
-        # What failed is an object, too.
-        return None if isinstance(answer, dict) and "error" in answer else answer
+        output = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+        self.error = output.stderr
+        value = json.loads(output.stdout.splitlines()[-1]) if output.stdout.strip() else None
+        # A failed command prints an object with the key "error".
+        return None if isinstance(value, dict) and "error" in value else value
 
-    def until(self, what, done):
-        deadline = time.monotonic() + BACK_LIMIT_S
+    def wait_for(self, what, done):
+        deadline = time.monotonic() + RESTART_TIMEOUT_S
         while not done():
             if time.monotonic() > deadline:
-                sys.exit(f"waited in vain until: {what}\n{self.log.read_text()}")
+                sys.exit(f"timed out waiting for {what}\n{self.log.read_text()}")
             time.sleep(0.02)
 
 
 GROWS, STEADY = "it grows", "it does not grow"
-UNKNOWN, TOO_SHORT = "cannot be told in this time", "the time is too short for a verdict"
+UNKNOWN, TOO_SHORT = "undecided in this time", "too short for a verdict"
 
 
-def judged(slope, error, bound):
-    """What a slope shows of a bound, with a risk of one in forty.
+def judge_slope(slope, error, bound):
+    """Returns the verdict on a slope, with an error probability of 1/40.
 
-    >>> [judged(slope, 100, 512) for slope in (800, 600, 400, 200, -900, float("nan"))]
-    ['it grows', 'cannot be told in this time', 'cannot be told in this time', 'it does not grow', 'it does not grow', 'cannot be told in this time']
+    >>> [judge_slope(slope, 100, 512) for slope in (800, 600, 400, 200, -900, float("nan"))]
+    ['it grows', 'undecided in this time', 'undecided in this time', 'it does not grow', 'it does not grow', 'undecided in this time']
     """
     if slope - 2 * error > bound:
         return GROWS
     return STEADY if slope + 2 * error < bound else UNKNOWN
 
 
-def line(points):
-    """Slope of the line of least squares, and its standard error. A process keeps what it has, so that a sample says little that the one
-    before has not said: they count for as many as are independent, by the correlation of neighbours.
+def fit_line(points):
+    """Returns the slope of the least-squares line and its standard error.
 
-    >>> line([(0, 1), (1, 3), (2, 5), (3, 7)])
+    Successive samples of a process are correlated. The standard error uses the number of
+    independent samples that follows from the correlation of neighbours.
+
+    >>> fit_line([(0, 1), (1, 3), (2, 5), (3, 7)])
     (2.0, 0.0)
     >>> noise = random.Random(1)
-    >>> slope, error = line([(x, 2 * x + noise.gauss(0, 1)) for x in range(100)])
+    >>> slope, error = fit_line([(x, 2 * x + noise.gauss(0, 1)) for x in range(100)])
     >>> abs(slope - 2) < 2 * error < 0.02
     True
-    >>> slope, error = line([(x, 1000 * (x >= 70)) for x in range(100)])  # one step is no slope
+    >>> slope, error = fit_line([(x, 1000 * (x >= 70)) for x in range(100)])  # a single step
     >>> 2 * error > slope
     True
     """
@@ -258,8 +263,8 @@ def line(points):
     return slope, (squares / (independent - 2) / spread) ** 0.5
 
 
-def process(pid):
-    """What a process has; none where it has just ended."""
+def process_figures(pid):
+    """Returns the figures of a process, or None if it has exited."""
     try:
         status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
         mappings = len(Path(f"/proc/{pid}/maps").read_text().splitlines())

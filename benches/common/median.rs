@@ -1,6 +1,6 @@
-//! The middle of what was measured.
+//! Median of measured values.
 
-/// The median; not a number where there is nothing.
+/// Returns the median, or NaN without values.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! A benchmark as a program: it measures, or is one process of what is measured.
+//! Entry point of a benchmark that starts itself as the processes it measures.
 
 use std::process::ExitCode;
 
@@ -6,17 +6,21 @@ use serde::de::DeserializeOwned;
 
 use crate::Failure;
 
-/// Is the part that is given as JSON, or measures; people read what went wrong.
+/// Runs one of the measured processes if `settings` (JSON) is given, otherwise the benchmark.
+///
+/// An error is printed to standard error.
 pub(crate) fn run<P: DeserializeOwned>(
-    part: Option<&str>,
-    be: impl FnOnce(&P) -> Result<(), Failure>,
+    settings: Option<&str>,
+    run_process: impl FnOnce(&P) -> Result<(), Failure>,
     measure: impl FnOnce() -> Result<(), Failure>,
 ) -> ExitCode {
-    let ended = match part {
-        Some(part) => serde_json::from_str(part).map_err(Failure::from).and_then(|part| be(&part)),
+    let result = match settings {
+        Some(settings) => {
+            serde_json::from_str(settings).map_err(Failure::from).and_then(|settings| run_process(&settings))
+        }
         None => measure(),
     };
-    match ended {
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{error}");

@@ -1,9 +1,9 @@
-//! What is sent where it matters how long a message is.
+//! Message for benchmarks in which its encoded length matters.
 
 use bytemuck::Zeroable as _;
 use messages::{AttitudeOutput, Header};
 
-/// An attitude as long on the wire as one of a vehicle in motion.
+/// Returns an attitude with the encoded length of one from a vehicle in motion.
 pub(crate) fn attitude(header: Header) -> AttitudeOutput {
     AttitudeOutput {
         header,

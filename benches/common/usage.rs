@@ -1,9 +1,9 @@
-//! What another process has used of the machine.
+//! CPU time of another process.
 
 use crate::Failure;
 
-/// CPU time of a process, s.
+/// Returns the CPU time of a process, s.
 pub(crate) fn cpu_s(pid: u32) -> Result<f64, Failure> {
-    let ns = runtime::clock::cpu_time_ns(pid).ok_or_else(|| format!("process {pid} is no more"))?;
+    let ns = runtime::clock::cpu_time_ns(pid).ok_or_else(|| format!("process {pid} has ended"))?;
     Ok(ns as f64 * 1e-9)
 }

@@ -1,16 +1,22 @@
-//! Instructions of the stages and of the filters that others use, counted by callgrind: `cargo bench -p kernels`.
+//! Instruction counts of the stages and of widely used filters, counted by callgrind.
 //!
-//! Input: 1000 samples of S1's scenario at 100 Hz, made before anything is counted. Output: the instructions (`Ir`) of 1000 calls
-//! on them, with loop and stores, without allocation. Time: none; a count is the same on a busy machine. Failure: without valgrind
-//! and gungraun-runner 0.20 nothing is counted.
+//! Command: `cargo bench -p kernels`.
 //!
-//! | group | what one call is |
+//! Input: 1000 samples of scenario S1 at 100 Hz, made before the count starts.
+//!
+//! Output: instructions (`Ir`) of 1000 calls, including loop and stores. There is no allocation.
+//!
+//! Time: a count does not depend on the load of the machine.
+//!
+//! Failure: the count needs valgrind and gungraun-runner 0.20.
+//!
+//! | group | one call |
 //! | --- | --- |
-//! | `gyros` | one step of an integrator |
-//! | `fusers` | one step of a fuser on motions of `mobius` and inclinations of `projector`, both made before |
-//! | `filters` | from rate and force to the attitude: `mobius`, `projector` and the fuser; for the others their update by both |
+//! | `gyros` | step of an integrator |
+//! | `fusers` | step of a fuser on precomputed motions of `mobius` and inclinations of `projector` |
+//! | `filters` | rate and force to attitude: `mobius`, `projector` and the fuser, or the update of another library |
 //!
-//! All run with their own defaults and in f64, but for imu-fusion, which knows f32 only.
+//! All run with their own defaults in f64, except imu-fusion, which supports f32 only.
 #![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
 
 use std::hint::black_box;
@@ -27,17 +33,17 @@ use attitude::{
 use gungraun::prelude::*;
 use imu_fusion::{FusionAhrs, FusionVector};
 use nalgebra_of_ahrs::Vector3 as AhrsVector3;
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 use vqf_rs::VQF;
 
 const CALLS: usize = 1000;
 const DT_S: f64 = 0.01;
-/// The gains of ahrs's own defaults, whose rate is another.
+/// Default gains of ahrs. The default sampling rate of ahrs differs from [`DT_S`].
 const MADGWICK_BETA: f64 = 0.1;
 const MAHONY_KP: f64 = 0.5;
 const MAHONY_KI: f64 = 0.0;
 
-#[library_benchmark(setup = integrator)]
+#[library_benchmark(setup = gyro_inputs)]
 #[bench::mobius("mobius")]
 #[bench::mobius_coning("mobius-coning")]
 #[bench::rk4("rk4")]
@@ -49,7 +55,7 @@ fn gyro((mut stage, samples): (Gyro, Vec<RateSample>)) -> (Gyro, Vec<RateSample>
     (stage, samples)
 }
 
-#[library_benchmark(setup = fuser_alone)]
+#[library_benchmark(setup = fuser_inputs)]
 #[bench::wz("wz")]
 #[bench::wz_closed("wz-closed")]
 #[bench::wz_open("wz-open")]
@@ -79,7 +85,7 @@ fn plumbline((mut chain, samples): (Chain, Vec<Sample>)) -> (Chain, Vec<Sample>)
 }
 
 #[library_benchmark]
-#[bench::update_6d(of_vqf())]
+#[bench::update_6d(vqf_inputs())]
 fn vqf((mut filter, samples): (VQF, Vec<[[f64; 3]; 2]>)) -> (VQF, Vec<[[f64; 3]; 2]>) {
     for [rate_rad_s, force_m_s2] in &samples {
         filter.update(*rate_rad_s, *force_m_s2, None);
@@ -89,19 +95,19 @@ fn vqf((mut filter, samples): (VQF, Vec<[[f64; 3]; 2]>)) -> (VQF, Vec<[[f64; 3];
 }
 
 #[library_benchmark]
-#[bench::update_6d(of_ahrs(Madgwick::new(DT_S, MADGWICK_BETA)))]
+#[bench::update_6d(ahrs_inputs(Madgwick::new(DT_S, MADGWICK_BETA)))]
 fn madgwick(input: AhrsInput<Madgwick<f64>>) -> AhrsInput<Madgwick<f64>> {
-    updated(input)
+    update_all(input)
 }
 
 #[library_benchmark]
-#[bench::update_6d(of_ahrs(Mahony::new(DT_S, MAHONY_KP, MAHONY_KI)))]
+#[bench::update_6d(ahrs_inputs(Mahony::new(DT_S, MAHONY_KP, MAHONY_KI)))]
 fn mahony(input: AhrsInput<Mahony<f64>>) -> AhrsInput<Mahony<f64>> {
-    updated(input)
+    update_all(input)
 }
 
 #[library_benchmark]
-#[bench::update_6d_f32(of_imu_fusion())]
+#[bench::update_6d_f32(imu_fusion_inputs())]
 fn fusion((mut filter, samples): (FusionAhrs, Vec<[FusionVector; 2]>)) -> (FusionAhrs, Vec<[FusionVector; 2]>) {
     for [rate_deg_s, force_g] in &samples {
         filter.update_no_mag(*rate_deg_s, *force_g, DT_S as f32);
@@ -115,14 +121,14 @@ library_benchmark_group!(name = fusers, benchmarks = [fuser]);
 library_benchmark_group!(name = filters, benchmarks = [plumbline, vqf, madgwick, mahony, fusion]);
 main!(library_benchmark_groups = [gyros, fusers, filters]);
 
-/// What the sensors say at a tick.
+/// Sensor readings at a tick.
 #[derive(Clone, Copy)]
 struct Sample {
     rate: RateSample,
     force_m_s2: Vector3<f64>,
 }
 
-/// The stages from a sample to the fuser, and the fuser.
+/// Gyro and accelerometer stages with a fuser.
 struct Chain {
     gyro: Gyro,
     accel: Projector,
@@ -132,7 +138,7 @@ struct Chain {
 impl Chain {
     fn new(gyro: &str, fuser: &str, first: &Sample) -> Self {
         let (gyro, fuser) = (Gyro::from_name(gyro), Fuser::from_name(fuser));
-        let (mut gyro, fuser) = gyro.zip(fuser).expect("stages of their slots");
+        let (mut gyro, fuser) = gyro.zip(fuser).expect("the names of built-in stages");
         let mut accel = Projector::default();
         gyro.align(Attitude::from_up(accel.step(&first.force_m_s2).up));
         Self { gyro, accel, fuser }
@@ -156,12 +162,12 @@ fn samples() -> Vec<Sample> {
     (0..CALLS).map(sample).collect()
 }
 
-fn integrator(name: &str) -> (Gyro, Vec<RateSample>) {
+fn gyro_inputs(name: &str) -> (Gyro, Vec<RateSample>) {
     let samples = samples();
     (Chain::new(name, "wz", &samples[0]).gyro, samples.iter().map(|sample| sample.rate).collect())
 }
 
-fn fuser_alone(name: &str) -> (Fuser, Vec<FuserInput>) {
+fn fuser_inputs(name: &str) -> (Fuser, Vec<FuserInput>) {
     let (mut chain, samples) = chain(name);
     let inputs = samples.iter().map(|sample| chain.input(sample)).collect();
     (chain.fuser, inputs)
@@ -172,28 +178,28 @@ fn chain(fuser: &str) -> (Chain, Vec<Sample>) {
     (Chain::new("mobius", fuser, &samples[0]), samples)
 }
 
-fn of_vqf() -> (VQF, Vec<[[f64; 3]; 2]>) {
+fn vqf_inputs() -> (VQF, Vec<[[f64; 3]; 2]>) {
     let pair = |sample: Sample| [sample.rate.rate_rad_s.into(), sample.force_m_s2.into()];
     (VQF::new(DT_S, None, None, None), samples().into_iter().map(pair).collect())
 }
 
 type AhrsInput<F> = (F, Vec<[AhrsVector3<f64>; 2]>);
 
-fn of_ahrs<F: Ahrs<f64>>(filter: F) -> AhrsInput<F> {
+fn ahrs_inputs<F: Ahrs<f64>>(filter: F) -> AhrsInput<F> {
     let vector = |v: Vector3<f64>| AhrsVector3::new(v.x, v.y, v.z);
     let pair = |sample: Sample| [vector(sample.rate.rate_rad_s), vector(sample.force_m_s2)];
     (filter, samples().into_iter().map(pair).collect())
 }
 
 #[inline(always)]
-fn updated<F: Ahrs<f64>>((mut filter, samples): AhrsInput<F>) -> AhrsInput<F> {
+fn update_all<F: Ahrs<f64>>((mut filter, samples): AhrsInput<F>) -> AhrsInput<F> {
     for [rate_rad_s, force_m_s2] in &samples {
-        black_box(filter.update_imu(rate_rad_s, force_m_s2).expect("a force with a direction"));
+        black_box(filter.update_imu(rate_rad_s, force_m_s2).expect("the force is not zero"));
     }
     (filter, samples)
 }
 
-fn of_imu_fusion() -> (FusionAhrs, Vec<[FusionVector; 2]>) {
+fn imu_fusion_inputs() -> (FusionAhrs, Vec<[FusionVector; 2]>) {
     let vector = |v: Vector3<f64>| FusionVector::new(v.x as f32, v.y as f32, v.z as f32);
     let pair = |sample: Sample| {
         [vector(sample.rate.rate_rad_s.map(f64::to_degrees)), vector(sample.force_m_s2 / GRAVITY_M_S2)]

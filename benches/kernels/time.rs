@@ -1,14 +1,22 @@
-//! Time of an update, from rate and force to the attitude, beside vqf-rs: `cargo bench -p kernels --bench time [-- ROUNDS]`.
+//! Time of an update from rate and force to attitude, compared with vqf-rs.
 //!
-//! Input: S1's scenario at 100 Hz and, where there are recordings in `$PLUMBLINE_DATA` or `../shared/data`, a trial of BROAD at
-//! 286 Hz. Output: nanoseconds per update of `mobius`, `projector` and `wz` together and of vqf-rs without magnetometer; the ratio.
-//! Time: CPU time of interleaved rounds over the same samples; medians, so that a busy machine harms both alike. Failure: without the
-//! recordings only S1 is timed.
+//! Command: `cargo bench -p kernels --bench time [-- ROUNDS]`.
+//!
+//! Input: scenario S1 at 100 Hz, and a trial of BROAD at 286 Hz if the recordings exist in
+//! `$PLUMBLINE_DATA` or `../shared/data`.
+//!
+//! Output: nanoseconds per update of `mobius`, `projector` and `wz` together, and of vqf-rs without
+//! magnetometer; their ratio.
+//!
+//! Time: CPU time of interleaved rounds over the same samples, as medians. Load from other
+//! processes therefore affects both alike.
+//!
+//! Failure: without the recordings only S1 is timed.
 
 #[path = "../common/median.rs"]
 mod median;
-#[path = "../common/own_time.rs"]
-mod own_time;
+#[path = "../common/thread_time.rs"]
+mod thread_time;
 
 use std::{env, hint::black_box, path::PathBuf};
 
@@ -20,17 +28,17 @@ use attitude::{
     stage::Stage,
 };
 use recording::Reader;
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 use vqf_rs::VQF;
 
 use median::median;
-use own_time::cpu_ns;
+use thread_time::thread_cpu_ns;
 
 const ROUNDS: usize = 31;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 const SAMPLES: usize = 20_000;
 
-/// The same readings for both.
+/// Readings for both filters.
 struct Samples {
     name: &'static str,
     dt_s: f64,
@@ -54,14 +62,14 @@ fn main() {
 }
 
 fn time_ns(samples: &Samples, run: fn(&Samples)) -> f64 {
-    let start_ns = cpu_ns();
+    let start_ns = thread_cpu_ns();
     run(samples);
-    (cpu_ns() - start_ns) as f64 / samples.readings.len() as f64
+    (thread_cpu_ns() - start_ns) as f64 / samples.readings.len() as f64
 }
 
 fn wz(samples: &Samples) {
     let (gyro, fuser) = (Gyro::from_name("mobius"), Fuser::from_name("wz"));
-    let (mut gyro, mut fuser) = gyro.zip(fuser).expect("stages of their slots");
+    let (mut gyro, mut fuser) = gyro.zip(fuser).expect("the names of built-in stages");
     let mut accel = Projector::default();
     for [rate, force] in &samples.readings {
         let rate_rad_s = Vector3::from(*rate);

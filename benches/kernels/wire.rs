@@ -1,11 +1,16 @@
-//! Instructions of a message's way onto the wire and off it, counted by callgrind: `cargo bench -p kernels --bench wire`.
+//! Instruction counts of encoding and decoding messages, counted by callgrind.
 //!
-//! Input: 1000 messages as they are on the bus, made before anything is counted. Output: the instructions (`Ir`) of 1000 messages: from
-//! the payload to the bytes that go out, envelope and allocation included, and from the bytes to checked payloads. Time: none.
-//! Failure: without valgrind and gungraun-runner 0.20 nothing is counted.
+//! Command: `cargo bench -p kernels --bench wire`.
+//!
+//! Input: 1000 messages in their bus layout, made before the count starts.
+//!
+//! Output: instructions (`Ir`) of 1000 messages, from payload to bytes (with envelope and
+//! allocation) and from bytes to validated payloads.
+//!
+//! Failure: the count needs valgrind and gungraun-runner 0.20.
 #![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
 
-mod drawn;
+mod examples;
 
 use std::hint::black_box;
 
@@ -13,13 +18,13 @@ use gungraun::prelude::*;
 use messages::{AttitudeOutput, FusedState, Health, ImuSample};
 use wire::Payload;
 
-use drawn::{Drawn, envelope};
+use examples::{Example, envelope};
 
 const MESSAGES: u64 = 1000;
 
 #[library_benchmark]
 #[bench::attitude(batches::<AttitudeOutput>(1))]
-#[bench::attitude_by_five(batches::<AttitudeOutput>(5))]
+#[bench::attitude_batch_of_five(batches::<AttitudeOutput>(5))]
 #[bench::fused(batches::<FusedState>(1))]
 #[bench::imu(batches::<ImuSample>(1))]
 #[bench::health(batches::<Health>(1))]
@@ -32,13 +37,13 @@ fn encode<M: Payload>(batches: Vec<Vec<M>>) -> Vec<Vec<M>> {
 
 #[library_benchmark]
 #[bench::attitude(encoded::<AttitudeOutput>(1))]
-#[bench::attitude_by_five(encoded::<AttitudeOutput>(5))]
+#[bench::attitude_batch_of_five(encoded::<AttitudeOutput>(5))]
 #[bench::fused(encoded::<FusedState>(1))]
 #[bench::imu(encoded::<ImuSample>(1))]
 #[bench::health(encoded::<Health>(1))]
 fn decode<M: Payload>(encoded: Encoded<M>) -> Encoded<M> {
     for bytes in &encoded.0 {
-        black_box(wire::decode_batch::<M>(bytes).expect("what was encoded here"));
+        black_box(wire::decode_batch::<M>(bytes).expect("the bytes were encoded here"));
     }
     encoded
 }
@@ -48,11 +53,11 @@ main!(library_benchmark_groups = messages_on_the_wire);
 
 struct Encoded<M>(Vec<Vec<u8>>, std::marker::PhantomData<M>);
 
-fn batches<M: Payload + Drawn>(samples: u64) -> Vec<Vec<M>> {
-    (0..MESSAGES).map(|batch| (0..samples).map(|sample| M::drawn(batch * samples + sample)).collect()).collect()
+fn batches<M: Payload + Example>(samples: u64) -> Vec<Vec<M>> {
+    (0..MESSAGES).map(|batch| (0..samples).map(|sample| M::example(batch * samples + sample)).collect()).collect()
 }
 
-fn encoded<M: Payload + Drawn>(samples: u64) -> Encoded<M> {
+fn encoded<M: Payload + Example>(samples: u64) -> Encoded<M> {
     let bytes = |batch: &Vec<M>| wire::encode_batch(&envelope(), &wire::encode_samples(batch));
     Encoded(batches(samples).iter().map(bytes).collect(), std::marker::PhantomData)
 }

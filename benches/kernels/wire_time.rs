@@ -1,28 +1,34 @@
-//! Time of a message's way onto the wire and off it: `cargo bench -p kernels --bench wire_time [-- ROUNDS]`.
+//! Time to encode and decode a message.
 //!
-//! Input: messages as they are on the bus. Output: nanoseconds from the payload to the bytes that go out and from the bytes to checked
-//! payloads, and the bytes. Time: CPU time of this thread, medians of interleaved rounds. Failure: none.
+//! Command: `cargo bench -p kernels --bench wire_time [-- ROUNDS]`.
+//!
+//! Input: messages in their bus layout.
+//!
+//! Output: encoded bytes, and nanoseconds from payload to bytes and from bytes to validated
+//! payloads.
+//!
+//! Time: CPU time of this thread, as medians of interleaved rounds.
 
-mod drawn;
+mod examples;
 #[path = "../common/median.rs"]
 mod median;
-#[path = "../common/own_time.rs"]
-mod own_time;
+#[path = "../common/thread_time.rs"]
+mod thread_time;
 
 use std::{env, hint::black_box};
 
 use messages::{AttitudeOutput, FusedState, Health, ImuSample};
 use wire::Payload;
 
-use drawn::{Drawn, envelope};
+use examples::{Example, envelope};
 use median::median;
-use own_time::cpu_ns;
+use thread_time::thread_cpu_ns;
 
 const ROUNDS: usize = 31;
-/// Messages timed together.
+/// Messages per measurement.
 const MESSAGES: u64 = 2000;
 
-/// A row of the table.
+/// Row of the table, with its measurements.
 struct Row {
     name: &'static str,
     round: fn(u64) -> Ns,
@@ -31,7 +37,7 @@ struct Row {
     rounds: Vec<Ns>,
 }
 
-/// Of one message, ns.
+/// Times per message, ns.
 #[derive(Clone, Copy)]
 struct Ns {
     encode: f64,
@@ -42,7 +48,7 @@ fn main() {
     let rounds = env::args().filter_map(|argument| argument.parse().ok()).next().unwrap_or(ROUNDS);
     let mut rows = [
         row::<AttitudeOutput>("attitude", 1),
-        row::<AttitudeOutput>("attitude, 5 to a message", 5),
+        row::<AttitudeOutput>("attitude, 5 per message", 5),
         row::<FusedState>("fused", 1),
         row::<ImuSample>("imu", 1),
         row::<Health>("health", 1),
@@ -57,20 +63,21 @@ fn main() {
     }
 }
 
-fn row<M: Payload + Drawn>(name: &'static str, samples: u64) -> Row {
-    let messages: Vec<M> = (0..samples).map(M::drawn).collect();
+fn row<M: Payload + Example>(name: &'static str, samples: u64) -> Row {
+    let messages: Vec<M> = (0..samples).map(M::example).collect();
     let bytes = wire::encode_batch(&envelope(), &wire::encode_samples(&messages)).len();
     Row { name, round: round::<M>, samples, bytes, rounds: Vec::new() }
 }
 
-fn round<M: Payload + Drawn>(samples: u64) -> Ns {
-    let batches: Vec<Vec<M>> = (0..MESSAGES).map(|_| (0..samples).map(M::drawn).collect()).collect();
-    let start_ns = cpu_ns();
-    let encoded: Vec<_> = batches.iter().map(|batch| wire::encode_batch(&envelope(), &wire::encode_samples(batch))).collect();
-    let encoded_ns = cpu_ns();
+fn round<M: Payload + Example>(samples: u64) -> Ns {
+    let batches: Vec<Vec<M>> = (0..MESSAGES).map(|_| (0..samples).map(M::example).collect()).collect();
+    let start_ns = thread_cpu_ns();
+    let encoded: Vec<_> =
+        batches.iter().map(|batch| wire::encode_batch(&envelope(), &wire::encode_samples(batch))).collect();
+    let encoded_ns = thread_cpu_ns();
     for bytes in &encoded {
-        black_box(wire::decode_batch::<M>(bytes).expect("what was encoded here"));
+        black_box(wire::decode_batch::<M>(bytes).expect("the bytes were encoded here"));
     }
-    let of_one = |ns: i64| ns as f64 / MESSAGES as f64;
-    Ns { encode: of_one(encoded_ns - start_ns), decode: of_one(cpu_ns() - encoded_ns) }
+    let per_message = |ns: i64| ns as f64 / MESSAGES as f64;
+    Ns { encode: per_message(encoded_ns - start_ns), decode: per_message(thread_cpu_ns() - encoded_ns) }
 }

@@ -1,16 +1,17 @@
-//! The bus alone: processes that pass the header of each message on, over the topics `imu`, `gyro`, `accel` and `fused`.
+//! Variant `bus`: processes that forward the header of each message over the topics `imu`, `gyro`,
+//! `accel` and `fused` of the bus.
 
 use bus::{Bus, Publisher, Subscriber, SystemName};
 use messages::{AccelPoint, FusedState, GyroStep, ImuSample, Message, Ticked};
 
 use crate::{
     Cost, Failure, Variant,
-    chain::{self, Input, Join, Outlet, Part, Place, TOPIC_SAMPLES, WAIT_LIMIT},
+    chain::{self, ChainRole, Input, Join, MAX_WAIT, Output, ProcessSettings, TOPIC_SAMPLES},
 };
 
-struct In<M: Message>(Subscriber<M>);
+struct BusInput<M: Message>(Subscriber<M>);
 
-impl<M: Ticked> Input for In<M> {
+impl<M: Ticked> Input for BusInput<M> {
     type Sample = M;
 
     fn receive(&mut self) -> Result<Option<M>, Failure> {
@@ -18,13 +19,13 @@ impl<M: Ticked> Input for In<M> {
     }
 
     fn wait(&mut self) {
-        self.0.wait(WAIT_LIMIT);
+        self.0.wait(MAX_WAIT);
     }
 }
 
-struct Out<M: Message>(Publisher<M>);
+struct BusOutput<M: Message>(Publisher<M>);
 
-impl<M: Ticked> Outlet for Out<M> {
+impl<M: Ticked> Output for BusOutput<M> {
     type Sample = M;
 
     fn send(&mut self, sample: &M) -> Result<(), Failure> {
@@ -43,32 +44,32 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     chain::run(Variant::Bus, &name, rate_hz, seconds)
 }
 
-/// One process of the variant.
-pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    chain::end_with_parent()?;
-    let bus = Bus::join(&SystemName::new(&part.share)?, &format!("{:?}", part.place).to_lowercase())?;
-    match part.place {
-        Place::Source => chain::source(part, outlet::<ImuSample>(&bus)?),
-        Place::Gyro => chain::relay(part, input::<ImuSample>(&bus)?, outlet::<GyroStep>(&bus)?, pass),
-        Place::Accel => chain::relay(part, input::<ImuSample>(&bus)?, outlet::<AccelPoint>(&bus)?, pass),
-        Place::Fuser => {
+/// Runs one process of the variant.
+pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    chain::die_with_parent()?;
+    let bus = Bus::join(&SystemName::new(&settings.shared_name)?, &format!("{:?}", settings.role).to_lowercase())?;
+    match settings.role {
+        ChainRole::Source => chain::source(settings, output::<ImuSample>(&bus)?),
+        ChainRole::Gyro => chain::relay(settings, input::<ImuSample>(&bus)?, output::<GyroStep>(&bus)?, forward),
+        ChainRole::Accel => chain::relay(settings, input::<ImuSample>(&bus)?, output::<AccelPoint>(&bus)?, forward),
+        ChainRole::Fuser => {
             let join = Join::new(input::<GyroStep>(&bus)?, input::<AccelPoint>(&bus)?);
-            chain::relay(part, join, outlet::<FusedState>(&bus)?, pass)
+            chain::relay(settings, join, output::<FusedState>(&bus)?, forward)
         }
-        Place::Sink => chain::sink(part, input::<FusedState>(&bus)?),
+        ChainRole::Sink => chain::sink(settings, input::<FusedState>(&bus)?),
     }
 }
 
-fn input<M: Message>(bus: &Bus) -> Result<In<M>, Failure> {
-    Ok(In(bus.subscriber(TOPIC_SAMPLES)?))
+fn input<M: Message>(bus: &Bus) -> Result<BusInput<M>, Failure> {
+    Ok(BusInput(bus.subscriber(TOPIC_SAMPLES)?))
 }
 
-fn outlet<M: Message>(bus: &Bus) -> Result<Out<M>, Failure> {
-    Ok(Out(bus.publisher(TOPIC_SAMPLES)?))
+fn output<M: Message>(bus: &Bus) -> Result<BusOutput<M>, Failure> {
+    Ok(BusOutput(bus.publisher(TOPIC_SAMPLES)?))
 }
 
-/// A message with the header of another.
-fn pass<A: Ticked, B: Ticked>(sample: &A) -> B {
+/// Returns a message with the header of another.
+fn forward<A: Ticked, B: Ticked>(sample: &A) -> B {
     let mut passed = B::zeroed();
     *passed.header_mut() = *sample.header();
     passed

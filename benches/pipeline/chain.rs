@@ -1,8 +1,14 @@
-//! Five processes in the graph of the pipeline: a source, two that read it, one that joins what both pass on, and a sink; over topics
-//! that a variant brings.
+//! Five processes connected like the pipeline: a source, two relays, a relay that joins their
+//! outputs, and a sink. The variant provides the topics.
 //!
-//! Input: a topic in, a topic out. Output: what each process reports of itself, and their sum. Time: the source's pace is absolute.
-//! Failure: a process that waits in vain for [`IDLE_LIMIT`] reports what it has; the sink counts what did not come as lost.
+//! Input: one or two topics per process.
+//!
+//! Output: a report of each process, and their sum.
+//!
+//! Time: the source follows an absolute schedule.
+//!
+//! Failure: a process without input for [`IDLE_TIMEOUT`] reports what it has. The sink counts
+//! missing samples as lost.
 
 use std::{
     cmp::Ordering,
@@ -12,42 +18,42 @@ use std::{
 
 use hdrhistogram::Histogram;
 use messages::Ticked;
-use runtime::clock::{monotonic_ns, sleep_until_ns, minimise_timer_slack};
+use runtime::clock::{minimise_timer_slack, monotonic_ns, sleep_until_ns};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
-use crate::{Cost, Failure, LatencyUs, Variant, WARM_S, process::Process};
+use crate::{Cost, Failure, LatencyUs, Variant, WARM_UP_S, process::Process};
 
-/// Samples that a topic holds.
+/// Capacity of a topic, samples.
 pub(crate) const TOPIC_SAMPLES: usize = 1024;
-/// Longest sleep before looking for samples again.
-pub(crate) const WAIT_LIMIT: Duration = Duration::from_millis(50);
-/// From the last sample until nothing more is expected.
-const IDLE_LIMIT: Duration = Duration::from_secs(5);
-/// From the start until every process must be ready, and from the end until it must have reported.
-const LIMIT: Duration = Duration::from_secs(10);
-/// Between the word to begin and the first sample, ns.
+/// Longest wait before the input is polled again.
+pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
+/// Time without a sample after which a process stops waiting.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time allowed for a process to become ready, and to report after the end.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
-/// What is later than this is counted as this late, ns.
+/// Largest recorded latency, ns. Higher values are counted as this one.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
-/// What a process is told.
+/// Settings of a process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Part {
+pub(crate) struct ProcessSettings {
     pub(crate) variant: Variant,
-    pub(crate) place: Place,
-    /// The name of what the processes share.
-    pub(crate) share: String,
+    pub(crate) role: ChainRole,
+    /// Name of the shared resource: system or file.
+    pub(crate) shared_name: String,
     rate_hz: u32,
-    /// Samples before the first that is measured.
-    warm_ticks: u64,
-    /// All samples.
+    /// Samples before the first measured one.
+    warm_up_ticks: u64,
+    /// All samples, including those of the warm-up.
     ticks: u64,
 }
 
-/// What a process does.
+/// Role of a process in the chain.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub(crate) enum Place {
+pub(crate) enum ChainRole {
     Source,
     Gyro,
     Accel,
@@ -55,30 +61,30 @@ pub(crate) enum Place {
     Sink,
 }
 
-/// What a process says at its end.
+/// Report of a process at its end.
 #[derive(Debug, Serialize, Deserialize)]
-struct EndReport {
+struct ProcessReport {
     cpu_s_per_s: f64,
-    received: Option<Received>,
+    sink: Option<SinkReport>,
 }
 
-/// What a sink says of the samples.
+/// Report of the sink about the samples it received.
 #[derive(Debug, Serialize, Deserialize)]
-struct Received {
+struct SinkReport {
     latency_us: LatencyUs,
     lost: u64,
 }
 
-/// Where samples come from.
+/// Input topic of a process.
 pub(crate) trait Input {
     type Sample: Ticked;
 
     fn receive(&mut self) -> Result<Option<Self::Sample>, Failure>;
-    /// Sleeps until there are samples, or for [`WAIT_LIMIT`].
+    /// Waits for samples, at most for [`MAX_WAIT`].
     fn wait(&mut self);
 }
 
-/// Two inputs, joined by tick; what goes on is the sample of the first.
+/// Join of two inputs by tick, which returns the sample of the first input.
 pub(crate) struct Join<A: Input, B: Input> {
     first: A,
     second: B,
@@ -116,112 +122,118 @@ impl<A: Input, B: Input> Input for Join<A, B> {
     }
 }
 
-/// Where samples go.
-pub(crate) trait Outlet {
+/// Output topic of a process.
+pub(crate) trait Output {
     type Sample: Ticked;
 
     fn send(&mut self, sample: &Self::Sample) -> Result<(), Failure>;
-    /// Wakes the readers, once after all that was sent.
+    /// Wakes the subscribers. Called once after all sent samples.
     fn wake(&mut self);
 }
 
-/// Runs the processes and sums up what its processes say.
-pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
+/// Runs the processes and adds up their reports.
+pub(crate) fn run(variant: Variant, shared_name: &str, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let ticks = |seconds: f64| (seconds * f64::from(rate_hz)).ceil() as u64;
-    let warm_ticks = ticks(WARM_S);
-    let part =
-        |place| Part { variant, place, share: share.into(), rate_hz, warm_ticks, ticks: warm_ticks + ticks(seconds) };
+    let warm_up_ticks = ticks(WARM_UP_S);
+    let settings = |role| ProcessSettings {
+        variant,
+        role,
+        shared_name: shared_name.into(),
+        rate_hz,
+        warm_up_ticks,
+        ticks: warm_up_ticks + ticks(seconds),
+    };
     let mut processes = Vec::new();
-    for place in [Place::Sink, Place::Fuser, Place::Accel, Place::Gyro, Place::Source] {
-        let part = serde_json::to_string(&part(place))?;
-        processes.push(Process::start(std::env::current_exe()?.as_os_str(), ["--part", &part])?);
+    for role in [ChainRole::Sink, ChainRole::Fuser, ChainRole::Accel, ChainRole::Gyro, ChainRole::Source] {
+        let settings = serde_json::to_string(&settings(role))?;
+        processes.push(Process::start(std::env::current_exe()?.as_os_str(), ["--process", &settings])?);
     }
-    let ready_by = Instant::now() + LIMIT;
+    let ready_deadline = Instant::now() + RESPONSE_TIMEOUT;
     for process in &mut processes {
-        process.line(ready_by)?;
+        process.line(ready_deadline)?;
     }
-    let source = processes.last_mut().expect("the source is the last");
-    source.write_line("")?;
-    let said_by = Instant::now() + Duration::from_secs_f64(WARM_S + seconds) + LIMIT;
-    let (mut cpu_s_per_s, mut received) = (0.0, None);
+    let source = processes.last_mut().expect("the source is started last");
+    source.write_input("")?;
+    let report_deadline = Instant::now() + Duration::from_secs_f64(WARM_UP_S + seconds) + RESPONSE_TIMEOUT;
+    let (mut cpu_s_per_s, mut sink) = (0.0, None);
     for process in &mut processes {
-        let said: EndReport = serde_json::from_str(&process.line(said_by)?)?;
-        cpu_s_per_s += said.cpu_s_per_s;
-        received = received.or(said.received);
+        let report: ProcessReport = serde_json::from_str(&process.line(report_deadline)?)?;
+        cpu_s_per_s += report.cpu_s_per_s;
+        sink = sink.or(report.sink);
     }
-    let Received { latency_us, lost } = received.ok_or("the last process of the chain did not say what it received")?;
+    let SinkReport { latency_us, lost } = sink.ok_or("the sink did not report")?;
     Ok(Cost { latency_us, cpu_s_per_s, lost })
 }
 
-/// The first process: sends a sample whenever one is due.
-pub(crate) fn source<O: Outlet>(part: &Part, mut outlet: O) -> Result<(), Failure> {
+/// Runs the first process, which publishes a sample whenever one is due.
+pub(crate) fn source<O: Output>(settings: &ProcessSettings, mut output: O) -> Result<(), Failure> {
     minimise_timer_slack();
-    say_ready();
+    report_ready();
     io::stdin().read_line(&mut String::new())?;
-    let mut meter = Meter::new(part);
+    let mut meter = CpuMeter::new(settings);
     let start_ns = monotonic_ns() + LEAD_NS;
-    for tick in 0..part.ticks {
-        let due_ns = start_ns + tick * 1_000_000_000 / u64::from(part.rate_hz);
+    for tick in 0..settings.ticks {
+        let due_ns = start_ns + tick * 1_000_000_000 / u64::from(settings.rate_hz);
         while monotonic_ns() < due_ns {
-            sleep_until_ns(due_ns, WAIT_LIMIT);
+            sleep_until_ns(due_ns, MAX_WAIT);
         }
         let mut sample: O::Sample = bytemuck::Zeroable::zeroed();
         sample.header_mut().tick = tick;
         sample.header_mut().t_born_ns = monotonic_ns();
-        outlet.send(&sample)?;
-        outlet.wake();
-        meter.passed(tick)?;
+        output.send(&sample)?;
+        output.wake();
+        meter.record(tick)?;
     }
     meter.report(None)
 }
 
-/// A process in between: `pass` makes the sample that goes on.
-pub(crate) fn relay<I: Input, O: Outlet>(
-    part: &Part,
+/// Runs an intermediate process, which publishes `forward` of each sample.
+pub(crate) fn relay<I: Input, O: Output>(
+    settings: &ProcessSettings,
     input: I,
-    mut outlet: O,
-    pass: impl Fn(&I::Sample) -> O::Sample,
+    mut output: O,
+    forward: impl Fn(&I::Sample) -> O::Sample,
 ) -> Result<(), Failure> {
-    let mut meter = Meter::new(part);
-    drain(part, input, |samples| {
+    let mut meter = CpuMeter::new(settings);
+    drain(settings, input, |samples| {
         for sample in samples {
-            outlet.send(&pass(sample))?;
+            output.send(&forward(sample))?;
         }
-        outlet.wake();
-        samples.iter().try_for_each(|sample| meter.passed(sample.header().tick))
+        output.wake();
+        samples.iter().try_for_each(|sample| meter.record(sample.header().tick))
     })?;
     meter.report(None)
 }
 
-/// The last process: keeps the latency of each sample.
-pub(crate) fn sink<I: Input>(part: &Part, input: I) -> Result<(), Failure> {
-    let mut meter = Meter::new(part);
+/// Runs the last process, which records the latency of each sample.
+pub(crate) fn sink<I: Input>(settings: &ProcessSettings, input: I) -> Result<(), Failure> {
+    let mut meter = CpuMeter::new(settings);
     let mut latency_ns = Histogram::<u64>::new_with_max(MAX_LATENCY_NS, 3)?;
-    drain(part, input, |samples| {
+    drain(settings, input, |samples| {
         let now_ns = monotonic_ns();
         for header in samples.iter().map(Ticked::header) {
-            if header.tick >= part.warm_ticks {
+            if header.tick >= settings.warm_up_ticks {
                 latency_ns.saturating_record(now_ns.saturating_sub(header.t_born_ns));
             }
-            meter.passed(header.tick)?;
+            meter.record(header.tick)?;
         }
         Ok(())
     })?;
     let us = |ns: u64| ns as f64 / 1000.0;
     let at = |quantile| us(latency_ns.value_at_quantile(quantile));
     let latency_us = LatencyUs { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: us(latency_ns.max()) };
-    meter.report(Some(Received { latency_us, lost: part.ticks - part.warm_ticks - latency_ns.len() }))
+    meter.report(Some(SinkReport { latency_us, lost: settings.ticks - settings.warm_up_ticks - latency_ns.len() }))
 }
 
-/// Hands all samples that are there to `take`, until the last has come.
+/// Passes all available samples to `handle` until the last one has arrived.
 fn drain<I: Input>(
-    part: &Part,
+    settings: &ProcessSettings,
     mut input: I,
-    mut take: impl FnMut(&[I::Sample]) -> Result<(), Failure>,
+    mut handle: impl FnMut(&[I::Sample]) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    say_ready();
+    report_ready();
     let mut samples = Vec::with_capacity(TOPIC_SAMPLES);
-    let mut idle_ns = monotonic_ns();
+    let mut idle_since_ns = monotonic_ns();
     loop {
         samples.clear();
         while samples.len() < TOPIC_SAMPLES
@@ -231,54 +243,54 @@ fn drain<I: Input>(
         }
         match samples.last() {
             Some(last) => {
-                take(&samples)?;
-                if last.header().tick + 1 >= part.ticks {
+                handle(&samples)?;
+                if last.header().tick + 1 >= settings.ticks {
                     return Ok(());
                 }
-                idle_ns = last.header().t_born_ns;
+                idle_since_ns = last.header().t_born_ns;
             }
-            None if u128::from(monotonic_ns().saturating_sub(idle_ns)) > IDLE_LIMIT.as_nanos() => return Ok(()),
+            None if u128::from(monotonic_ns().saturating_sub(idle_since_ns)) > IDLE_TIMEOUT.as_nanos() => return Ok(()),
             None => input.wait(),
         }
     }
 }
 
-/// Ties this process to the run that started it.
-pub(crate) fn end_with_parent() -> Result<(), Failure> {
+/// Makes the kernel kill this process when its parent ends.
+pub(crate) fn die_with_parent() -> Result<(), Failure> {
     Ok(set_parent_process_death_signal(Some(Signal::KILL))?)
 }
 
-fn say_ready() {
+fn report_ready() {
     println!("ready");
 }
 
-/// CPU time of this process over the samples that are measured.
-struct Meter {
-    warm_ticks: u64,
+/// CPU meter of this process for the measured samples.
+struct CpuMeter {
+    warm_up_ticks: u64,
     start: Option<(u64, f64)>,
 }
 
-impl Meter {
-    fn new(part: &Part) -> Self {
-        Self { warm_ticks: part.warm_ticks, start: None }
+impl CpuMeter {
+    fn new(settings: &ProcessSettings) -> Self {
+        Self { warm_up_ticks: settings.warm_up_ticks, start: None }
     }
 
-    fn passed(&mut self, tick: u64) -> Result<(), Failure> {
-        if self.start.is_none() && tick + 1 >= self.warm_ticks {
+    fn record(&mut self, tick: u64) -> Result<(), Failure> {
+        if self.start.is_none() && tick + 1 >= self.warm_up_ticks {
             self.start = Some((monotonic_ns(), cpu_s()?));
         }
         Ok(())
     }
 
-    fn report(&self, received: Option<Received>) -> Result<(), Failure> {
-        let (start_ns, cpu_start_s) = self.start.ok_or("no sample came; is the machine overloaded?")?;
+    fn report(&self, sink: Option<SinkReport>) -> Result<(), Failure> {
+        let (start_ns, cpu_start_s) = self.start.ok_or("no sample received; the machine may be overloaded")?;
         let cpu_s_per_s = (cpu_s()? - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9);
-        println!("{}", serde_json::to_string(&EndReport { cpu_s_per_s, received })?);
+        println!("{}", serde_json::to_string(&ProcessReport { cpu_s_per_s, sink })?);
         Ok(())
     }
 }
 
-/// CPU time of this process, which has one thread, since it started, s.
+/// Returns the CPU time of this single-threaded process since its start, s.
 fn cpu_s() -> Result<f64, Failure> {
     let text = fs::read_to_string("/proc/self/schedstat")?;
     let ns = text.split_whitespace().next().ok_or("/proc/self/schedstat is empty")?;

@@ -1,18 +1,26 @@
-//! Latency and CPU time of the pipeline beside those of the least it could cost: `cargo bench --bench pipeline`.
+//! Latency and CPU time of the pipeline, compared with a minimal chain of processes.
 //!
-//! Input: how long, how many rounds. Output: a table for people, with `--json` one object on the last line of standard output.
-//! Time: every wait has a limit; no process outlives the run. Failure: a variant that does not run ends the run with its reason.
+//! Command: `cargo bench --bench pipeline`.
 //!
-//! | variant | what it is | latency | CPU time |
+//! Input: duration and number of rounds.
+//!
+//! Output: a table, and with `--json` one object on the last line of standard output.
+//!
+//! Time: every wait has a timeout, and no process outlives the run.
+//!
+//! Failure: a variant that fails ends the run with its error.
+//!
+//! | variant | description | latency up to | CPU time |
 //! | --- | --- | --- | --- |
-//! | `raw` | 5 processes, one fan-out, one join; each topic a ring in shared memory and a futex word: the limit | to the receipt by the last | 5 processes |
-//! | `bus` | the same over `crates/bus`, headers passed on | to the receipt by the last | 5 processes |
-//! | `real` | `plumb up` with the fuser `wz` | to the publication by the last | 5 services, supervisor |
-//! | `other` | the same of another executable, with `--other` | the same | the same |
+//! | `raw` | 5 processes with one fan-out and one join; each topic a ring in shared memory with a futex: the lower bound | receipt by the last process | 5 processes |
+//! | `bus` | the same processes over `crates/bus`, forwarding headers | receipt by the last process | 5 processes |
+//! | `real` | `plumb up` with the fuser `wz` | publication by the last service | 5 services, supervisor |
+//! | `other` | another `plumb` executable, with `--other` | publication by the last service | 5 services, supervisor |
 //!
-//! Latency is from the stamp before a sample's first send. `raw` and `bus` leave out their first [`WARM_S`]; `real` leaves out
-//! what comes before its first sample only. Ratios are to `raw` (or to `other`) within a round, and then the median over rounds: figures
-//! of one run on a shared machine compare, figures of two do not.
+//! Latency starts with the timestamp before a sample is first sent. `raw` and `bus` omit the first
+//! [`WARM_UP_S`]; `real` omits only the time before its first sample. Ratios to `raw` (or to
+//! `other`) are taken within a round, then the median over the rounds. On a shared machine only
+//! values of the same run can be compared.
 
 mod bus;
 mod chain;
@@ -32,39 +40,39 @@ use clap::Parser;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
-use chain::Part;
+use chain::ProcessSettings;
 use table::Table;
 
-/// What `raw` and `bus` leave out at the start, s.
-const WARM_S: f64 = 0.5;
+/// Warm-up omitted by `raw` and `bus`, s.
+const WARM_UP_S: f64 = 0.5;
 const RATES_HZ: [u32; 2] = [1000, 8000];
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Latency and CPU time of the pipeline, of its bus, and of the least that both could cost.
+/// Measure latency and CPU time of the pipeline and of minimal chains
 #[derive(Parser)]
 struct Cli {
-    /// Seconds that each variant is measured in a round.
+    /// Measure each variant for this many seconds per round
     #[arg(long, default_value_t = 3.0)]
     seconds: f64,
-    /// Rounds of all variants.
+    /// Measure all variants in this many rounds
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// Measure another `plumb` in the same rounds: an earlier build, say.
+    /// Measure another plumb executable, such as an earlier build, as well
     #[arg(long, value_name = "PLUMB")]
     other: Option<OsString>,
-    /// Print one JSON object at the end, on the last line of standard output.
+    /// Print one JSON object on the last line of standard output
     #[arg(long)]
     json: bool,
-    /// What cargo passes to every benchmark.
+    /// Accept the flag that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
-    /// Be one process of a chain: the part as JSON.
+    /// Run as one process of a chain, with these settings (JSON)
     #[arg(long, hide = true)]
-    part: Option<String>,
+    process: Option<String>,
 }
 
-/// What carries the samples.
+/// Transport of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Variant {
@@ -74,7 +82,7 @@ enum Variant {
     Other,
 }
 
-/// Where the processes may run.
+/// Cores on which the processes may run: all, or one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Mode {
@@ -82,7 +90,7 @@ enum Mode {
     One,
 }
 
-/// What a run costs; as far as it goes, the report of `plumb up`.
+/// Result of a run, read from the report of `plumb up` for `real` and `other`.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,
@@ -90,7 +98,7 @@ struct Cost {
     lost: u64,
 }
 
-/// Latency, µs.
+/// Latency quantiles, µs.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct LatencyUs {
     p50: f64,
@@ -101,14 +109,14 @@ struct LatencyUs {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.part.as_deref(), be, || measure(&cli))
+    program::run(cli.process.as_deref(), run_process, || measure(&cli))
 }
 
-fn be(part: &Part) -> Result<(), Failure> {
-    match part.variant {
-        Variant::Raw => raw::be(part),
-        Variant::Bus => bus::be(part),
-        Variant::Real | Variant::Other => Err("the real pipeline has no part here".into()),
+fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    match settings.variant {
+        Variant::Raw => raw::run_process(settings),
+        Variant::Bus => bus::run_process(settings),
+        Variant::Real | Variant::Other => Err("`real` and `other` have no processes of this benchmark".into()),
     }
 }
 
@@ -119,7 +127,7 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
     let mut table = Table::new(cli.rounds, cli.seconds);
     for round in 0..cli.rounds {
         for mode in [Mode::Free, Mode::One] {
-            let _pinned = (mode == Mode::One).then(Pinned::to_last_core).transpose()?;
+            let _pinning = (mode == Mode::One).then(CorePinning::to_last_core).transpose()?;
             for rate_hz in RATES_HZ {
                 let mut add = |variant, cost| table.add(round, mode, rate_hz, variant, cost);
                 add(Variant::Raw, raw::run(rate_hz, cli.seconds)?);
@@ -139,25 +147,25 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
     Ok(())
 }
 
-/// This process, and what it starts, on one core until it is dropped.
-struct Pinned {
+/// Pins this process and its children to one core until dropped.
+struct CorePinning {
     before: CpuSet,
 }
 
-impl Pinned {
+impl CorePinning {
     fn to_last_core() -> Result<Self, Failure> {
         let before = sched_getaffinity(None)?;
-        let last = (0..CpuSet::MAX_CPU).rfind(|core| before.is_set(*core)).ok_or("there is no core to run on")?;
+        let last_core = (0..CpuSet::MAX_CPU).rfind(|core| before.is_set(*core)).ok_or("no core is available")?;
         let mut one = CpuSet::new();
-        one.set(last);
+        one.set(last_core);
         sched_setaffinity(None, &one)?;
         Ok(Self { before })
     }
 }
 
-impl Drop for Pinned {
+impl Drop for CorePinning {
     fn drop(&mut self) {
-        // The cores were allowed before.
+        // These cores were allowed before, so the call cannot fail.
         let _ = sched_setaffinity(None, &self.before);
     }
 }

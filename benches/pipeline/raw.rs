@@ -1,6 +1,7 @@
-//! The limit: a ring in shared memory for each topic, one producer, one or two consumers, and a futex word to wake those that wait.
+//! Variant `raw`, the lower bound: a ring in shared memory per topic, with one producer, one or two
+//! consumers, and a futex that wakes waiting consumers.
 //!
-//! A full ring refuses the sample; nothing is checked that a bus has to check.
+//! A full ring drops the sample. Nothing is validated.
 
 use std::{
     fs::{File, OpenOptions},
@@ -22,32 +23,34 @@ use tempfile::NamedTempFile;
 
 use crate::{
     Cost, Failure, Variant,
-    chain::{self, Input, Join, Outlet, Part, Place, TOPIC_SAMPLES, WAIT_LIMIT},
+    chain::{self, ChainRole, Input, Join, MAX_WAIT, Output, ProcessSettings, TOPIC_SAMPLES},
 };
 
-/// The payload that has 128 bytes.
+/// Payload of 128 bytes.
 type Sample = AccelPoint;
 const SAMPLE_WORDS: usize = 16;
 const _: () = assert!(size_of::<Sample>() == 8 * SAMPLE_WORDS);
 
-/// Consumers of a topic at most.
-const READERS: usize = 2;
+/// Maximum number of consumers of a topic.
+const MAX_READERS: usize = 2;
 const IMU: usize = 0;
 const GYRO: usize = 1;
 const ACCEL: usize = 2;
 const FUSED: usize = 3;
 
-/// One topic. The counters only grow; each is written by one side, on its own cache line.
+/// Ring buffer of a topic.
+///
+/// The counters only increase. Each has one writer and its own cache line.
 #[repr(C, align(64))]
 struct Ring {
-    sent: Line<AtomicU64>,
-    received: [Line<AtomicU64>; READERS],
-    wake: Line<Wake>,
-    slots: [Line<[AtomicU64; SAMPLE_WORDS]>; TOPIC_SAMPLES],
+    sent: CacheLine<AtomicU64>,
+    received: [CacheLine<AtomicU64>; MAX_READERS],
+    wake: CacheLine<Wake>,
+    slots: [CacheLine<[AtomicU64; SAMPLE_WORDS]>; TOPIC_SAMPLES],
 }
 
 #[repr(C, align(64))]
-struct Line<T>(T);
+struct CacheLine<T>(T);
 
 #[repr(C)]
 struct Wake {
@@ -57,24 +60,25 @@ struct Wake {
 
 type Rings = [Ring; FUSED + 1];
 
-/// The rings of a chain, mapped.
+/// Mapped rings of a chain.
 struct Mapping(NonNull<Rings>);
 
 impl Mapping {
-    fn of(file: &File) -> io::Result<Self> {
+    fn from_file(file: &File) -> io::Result<Self> {
         if file.metadata()?.len() < size_of::<Rings>() as u64 {
-            return Err(io::Error::other("the file of the rings is too short"));
+            return Err(io::Error::other("the shared file is too short for the rings"));
         }
         let (bytes, access) = (size_of::<Rings>(), ProtFlags::READ | ProtFlags::WRITE);
         #[allow(unsafe_code)]
-        // SAFETY: a fresh shared mapping of a file that is long enough, of atomics only, for which every bit pattern is valid.
+        // SAFETY: a new shared mapping of a file that is long enough. It holds only atomics, for
+        // which every bit pattern is valid.
         let address = unsafe { mmap(std::ptr::null_mut(), bytes, access, MapFlags::SHARED, file, 0)? };
-        NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mapped at zero"))
+        NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mmap returned a null address"))
     }
 
     fn rings(&self) -> &Rings {
         #[allow(unsafe_code)]
-        // SAFETY: mapped in `of` with this layout, unmapped only in `drop`.
+        // SAFETY: mapped in `from_file` with this layout, and unmapped only in `drop`.
         unsafe {
             self.0.as_ref()
         }
@@ -84,25 +88,25 @@ impl Mapping {
 impl Drop for Mapping {
     fn drop(&mut self) {
         #[allow(unsafe_code)]
-        // SAFETY: the mapping made in `of`; no reference outlives `self`.
+        // SAFETY: the mapping comes from `from_file`, and no reference outlives `self`.
         let unmapped = unsafe { munmap(self.0.as_ptr().cast(), size_of::<Rings>()) };
         debug_assert!(unmapped.is_ok());
     }
 }
 
-/// The producer of a topic that has so many consumers.
-struct Out<'a> {
+/// Producer of a topic with `readers` consumers.
+struct RingOutput<'a> {
     ring: &'a Ring,
     readers: usize,
 }
 
-/// A consumer of a topic.
-struct In<'a> {
+/// Consumer of a topic.
+struct RingInput<'a> {
     ring: &'a Ring,
     reader: usize,
 }
 
-impl Outlet for Out<'_> {
+impl Output for RingOutput<'_> {
     type Sample = Sample;
 
     fn send(&mut self, sample: &Sample) -> Result<(), Failure> {
@@ -112,7 +116,7 @@ impl Outlet for Out<'_> {
         if next - oldest < TOPIC_SAMPLES as u64 {
             let words: [u64; SAMPLE_WORDS] = bytemuck::cast(*sample);
             let slot = &slots[next as usize % TOPIC_SAMPLES].0;
-            slot.iter().zip(words).for_each(|(place, word)| place.store(word, Relaxed));
+            slot.iter().zip(words).for_each(|(target, word)| target.store(word, Relaxed));
             sent.0.store(next + 1, Release);
         }
         Ok(())
@@ -122,13 +126,13 @@ impl Outlet for Out<'_> {
         let Wake { wakes, waiting } = &self.ring.wake.0;
         wakes.fetch_add(1, SeqCst);
         if waiting.load(SeqCst) != 0 {
-            // It can only fail when nobody waits any more.
-            let _ = futex::wake(wakes, futex::Flags::empty(), READERS as u32);
+            // A failure means that no consumer waits any more.
+            let _ = futex::wake(wakes, futex::Flags::empty(), MAX_READERS as u32);
         }
     }
 }
 
-impl Input for In<'_> {
+impl Input for RingInput<'_> {
     type Sample = Sample;
 
     fn receive(&mut self) -> Result<Option<Sample>, Failure> {
@@ -146,12 +150,12 @@ impl Input for In<'_> {
     fn wait(&mut self) {
         let Ring { sent, received, wake, .. } = self.ring;
         let Wake { wakes, waiting } = &wake.0;
-        let seen = wakes.load(SeqCst);
+        let wakes_before = wakes.load(SeqCst);
         waiting.fetch_add(1, SeqCst);
         if received[self.reader].0.load(SeqCst) == sent.0.load(SeqCst) {
-            let limit = Timespec { tv_sec: 0, tv_nsec: WAIT_LIMIT.as_nanos() as i64 };
-            // Woken, timed out or too late to sleep: the caller looks for samples again.
-            let _ = futex::wait(wakes, futex::Flags::empty(), seen, Some(&limit));
+            let timeout = Timespec { tv_sec: 0, tv_nsec: MAX_WAIT.as_nanos() as i64 };
+            // After a wake-up, a timeout or a changed counter the caller polls for samples.
+            let _ = futex::wait(wakes, futex::Flags::empty(), wakes_before, Some(&timeout));
         }
         waiting.fetch_sub(1, SeqCst);
     }
@@ -161,22 +165,24 @@ impl Input for In<'_> {
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let file = NamedTempFile::with_prefix_in("plumbline-bench.", "/dev/shm")?;
     file.as_file().set_len(size_of::<Rings>() as u64)?;
-    let path = file.path().to_str().ok_or("the name of the rings is not text")?;
+    let path = file.path().to_str().ok_or("the path of the shared file is not valid UTF-8")?;
     chain::run(Variant::Raw, path, rate_hz, seconds)
 }
 
-/// One process of the variant.
-pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    chain::end_with_parent()?;
-    let mapping = Mapping::of(&OpenOptions::new().read(true).write(true).open(&part.share)?)?;
+/// Runs one process of the variant.
+pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    chain::die_with_parent()?;
+    let mapping = Mapping::from_file(&OpenOptions::new().read(true).write(true).open(&settings.shared_name)?)?;
     let rings = mapping.rings();
-    let to = |topic: usize, readers| Out { ring: &rings[topic], readers };
-    let of = |topic: usize, reader| In { ring: &rings[topic], reader };
-    match part.place {
-        Place::Source => chain::source(part, to(IMU, 2)),
-        Place::Gyro => chain::relay(part, of(IMU, 0), to(GYRO, 1), |sample| *sample),
-        Place::Accel => chain::relay(part, of(IMU, 1), to(ACCEL, 1), |sample| *sample),
-        Place::Fuser => chain::relay(part, Join::new(of(GYRO, 0), of(ACCEL, 0)), to(FUSED, 1), |sample| *sample),
-        Place::Sink => chain::sink(part, of(FUSED, 0)),
+    let output = |topic: usize, readers| RingOutput { ring: &rings[topic], readers };
+    let input = |topic: usize, reader| RingInput { ring: &rings[topic], reader };
+    match settings.role {
+        ChainRole::Source => chain::source(settings, output(IMU, 2)),
+        ChainRole::Gyro => chain::relay(settings, input(IMU, 0), output(GYRO, 1), |sample| *sample),
+        ChainRole::Accel => chain::relay(settings, input(IMU, 1), output(ACCEL, 1), |sample| *sample),
+        ChainRole::Fuser => {
+            chain::relay(settings, Join::new(input(GYRO, 0), input(ACCEL, 0)), output(FUSED, 1), |sample| *sample)
+        }
+        ChainRole::Sink => chain::sink(settings, input(FUSED, 0)),
     }
 }

@@ -1,4 +1,4 @@
-//! The pipeline as it is: `plumb up` on S1's scenario, with its own report.
+//! Variants `real` and `other`: `plumb up` with scenario S1, measured by its own report.
 
 use std::{
     ffi::OsStr,
@@ -8,13 +8,13 @@ use std::{
 
 use crate::{Cost, Failure, process::Process};
 
-/// What `plumb` may take beside the run itself.
-const LIMIT: Duration = Duration::from_secs(20);
+/// Time that `plumb` may take in addition to the run.
+const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 
-/// The executable of this build.
+/// Path of this build's executable.
 pub(crate) const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 
-/// Measures the variant.
+/// Measures the variant with the executable `plumb`.
 pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
     let launch = folder.path().join("launch.toml");
@@ -23,8 +23,8 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
         &launch,
         format!("name = \"{name}\"\n[ingest.sim]\nscenario = \"s1\"\nrate_hz = {rate_hz}\n[fuser]\nstage = \"wz\"\n"),
     )?;
-    let launch = launch.to_str().ok_or("the name of the folder for temporary files is not text")?;
-    let deadline = Instant::now() + Duration::from_secs_f64(seconds) + LIMIT;
+    let launch = launch.to_str().ok_or("the path of the temporary folder is not valid UTF-8")?;
+    let deadline = Instant::now() + Duration::from_secs_f64(seconds) + MAX_OVERHEAD;
     let mut plumb = Process::start(plumb, ["up", launch, "--for", &format!("{seconds}s"), "--json"])?;
     Ok(serde_json::from_str(&plumb.line(deadline)?)?)
 }

@@ -1,4 +1,4 @@
-//! What the rounds come to: for people a table, for scripts an object.
+//! Results of all rounds, as a table or as JSON.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::{Cost, Failure, LatencyUs, Mode, RATES_HZ, Variant, median::median};
 
-/// All runs of all rounds.
+/// Runs of all rounds.
 #[derive(Serialize)]
 pub(crate) struct Table {
     rounds: usize,
@@ -23,7 +23,7 @@ struct Run {
     cost: Cost,
 }
 
-/// What the runs of a row have in common.
+/// Conditions shared by the runs of a row.
 #[derive(Clone, Copy, PartialEq, Serialize)]
 struct Condition {
     mode: Mode,
@@ -31,17 +31,17 @@ struct Condition {
     variant: Variant,
 }
 
-/// Medians over the rounds; of `max` the largest, of `lost` the sum.
+/// Medians over the rounds; for `max` the largest value, for `lost` the sum.
 #[derive(Serialize)]
 struct Row {
     #[serde(flatten)]
     condition: Condition,
     #[serde(flatten)]
     cost: Cost,
-    /// To `raw` in the same round.
+    /// Ratio to `raw` in the same round.
     ratio_p50: f64,
     ratio_cpu: f64,
-    /// Of `real`, to `other` in the same round.
+    /// Ratios of `real` to `other` in the same round: latency, CPU time.
     #[serde(skip_serializing_if = "Option::is_none")]
     to_other: Option<[f64; 2]>,
 }
@@ -55,15 +55,15 @@ impl Table {
         self.runs.push(Run { round, condition: Condition { mode, rate_hz, variant }, cost });
     }
 
-    /// The rows and the runs as one object on one line.
+    /// Returns the rows and the runs as a JSON object on one line.
     pub(crate) fn json(&self) -> Result<String, Failure> {
         #[derive(Serialize)]
-        struct Whole<'a> {
+        struct Report<'a> {
             rows: Vec<Row>,
             #[serde(flatten)]
             table: &'a Table,
         }
-        Ok(serde_json::to_string(&Whole { rows: self.rows().collect(), table: self })?)
+        Ok(serde_json::to_string(&Report { rows: self.rows().collect(), table: self })?)
     }
 
     fn rows(&self) -> impl Iterator<Item = Row> {
@@ -79,14 +79,14 @@ impl Table {
     }
 
     fn row(&self, condition: Condition) -> Row {
-        let [costs, limits, others] = [condition.variant, Variant::Raw, Variant::Other]
+        let [costs, raw, other] = [condition.variant, Variant::Raw, Variant::Other]
             .map(|variant| self.costs(Condition { variant, ..condition }));
         let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
         let ratio = |to: &[Cost], pick: fn(&Cost) -> f64| {
-            median(costs.iter().zip(to).map(|(cost, limit)| pick(cost) / pick(limit)))
+            median(costs.iter().zip(to).map(|(cost, reference)| pick(cost) / pick(reference)))
         };
         let picks: [fn(&Cost) -> f64; 2] = [|cost| cost.latency_us.p50, |cost| cost.cpu_s_per_s];
-        let compares = condition.variant == Variant::Real && !others.is_empty();
+        let compares = condition.variant == Variant::Real && !other.is_empty();
         Row {
             condition,
             cost: Cost {
@@ -99,13 +99,13 @@ impl Table {
                 cpu_s_per_s: over(|cost| cost.cpu_s_per_s),
                 lost: costs.iter().map(|cost| cost.lost).sum(),
             },
-            ratio_p50: ratio(&limits, picks[0]),
-            ratio_cpu: ratio(&limits, picks[1]),
-            to_other: compares.then(|| picks.map(|pick| ratio(&others, pick))),
+            ratio_p50: ratio(&raw, picks[0]),
+            ratio_cpu: ratio(&raw, picks[1]),
+            to_other: compares.then(|| picks.map(|pick| ratio(&other, pick))),
         }
     }
 
-    /// Round by round.
+    /// Returns the results in the order of the rounds.
     fn costs(&self, condition: Condition) -> Vec<Cost> {
         self.runs.iter().filter(|run| run.condition == condition).map(|run| run.cost).collect()
     }
@@ -113,7 +113,7 @@ impl Table {
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "medians over {} rounds of {} s; max: the largest; lost: the sum", self.rounds, self.seconds)?;
+        writeln!(f, "medians over {} rounds of {} s; max: largest; lost: sum", self.rounds, self.seconds)?;
         writeln!(
             f,
             "{:5} {:>5}  {:7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>6} {:>9} {:>9}",

@@ -1,4 +1,5 @@
-//! A split system: a process publishes `imu` on the bus of one system, another reads it on the bus of the other.
+//! Variant `carried`, a split system: `imu` is published on the bus of one system and read on the
+//! bus of another.
 
 use bus::{Bus, SystemName};
 use bytemuck::Zeroable as _;
@@ -9,9 +10,9 @@ use runtime::service_config::CONTROL_BUFFER;
 use crate::{
     Cost, Failure, Variant,
     gateway::header,
-    part::{self, End, Part, WAIT_LIMIT},
+    hop,
+    hop_end::{self, End, MAX_WAIT, ProcessSettings},
     system::{self, System},
-    watched,
 };
 
 /// Measures the variant.
@@ -23,21 +24,21 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let exporting = System::new(board, rate_hz, Gateway { export: topics.clone(), ..quiet() })?;
     let import = Some(Import { vehicle: board.clone(), topics });
     let importing = System::new(base, rate_hz, Gateway { import, connect: vec![exporting.endpoint()], ..quiet() })?;
-    let part = |end, at: &str| Part::new(Variant::Carried, end, at, rate_hz, seconds);
-    let mut far = watched::start(&part(End::Far, base))?;
-    let mut near = watched::start(&part(End::Near, board))?;
+    let settings = |end, address: &str| ProcessSettings::new(Variant::Carried, end, address, rate_hz, seconds);
+    let mut far = hop::start(&settings(End::Far, base))?;
+    let mut near = hop::start(&settings(End::Near, board))?;
     let gateways = [exporting.gateway()?, importing.gateway()?];
-    watched::watch(&part(End::Far, ""), &mut near, &gateways, &mut far)
+    hop::measure(&settings(End::Far, ""), &mut near, &gateways, &mut far)
 }
 
-/// One process of the variant.
-pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    let bus = Bus::join(&SystemName::new(&part.at)?, "end")?;
-    let buffer_ticks = system::buffer_ticks(part.rate_hz);
-    match part.end {
+/// Runs one process of the variant.
+pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    let bus = Bus::join(&SystemName::new(&settings.address)?, "end")?;
+    let buffer_ticks = system::buffer_ticks(settings.rate_hz);
+    match settings.end {
         End::Near => {
             let publisher = bus.publisher::<ImuSample>(buffer_ticks)?;
-            part::send(part, |tick, now_ns| {
+            hop_end::send(settings, |tick, now_ns| {
                 publisher.send(&ImuSample { header: header(tick, now_ns), ..ImuSample::zeroed() })?;
                 publisher.wake();
                 Ok(())
@@ -45,18 +46,18 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
         }
         End::Far => {
             let subscriber = bus.subscriber::<ImuSample>(buffer_ticks)?;
-            // Leave for all ticks there are.
+            // Grants credit for all ticks.
             let credit = bus.publisher::<Credit>(CONTROL_BUFFER)?;
             credit.send(&Credit { ticks: u64::MAX / 2, ends: 0 })?;
-            let mut heard = false;
-            part::receive(part, |take| {
-                if !heard {
+            let mut has_received = false;
+            hop_end::receive(settings, |record| {
+                if !has_received {
                     credit.deliver_history()?;
                 }
-                subscriber.wait(WAIT_LIMIT);
+                subscriber.wait(MAX_WAIT);
                 Ok(subscriber.drain(buffer_ticks, |sample| {
-                    heard = true;
-                    take(sample.header.tick, sample.header.t_born_ns);
+                    has_received = true;
+                    record(sample.header.tick, sample.header.t_born_ns);
                 })?)
             })
         }

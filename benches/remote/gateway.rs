@@ -1,4 +1,5 @@
-//! Telemetry: a process publishes `attitude`, the gateway sends it, another process decodes it.
+//! Variants `each` and `batches`: `attitude` is published on the bus, sent by the gateway and
+//! decoded by another process.
 
 use std::time::Duration;
 
@@ -11,54 +12,53 @@ use runtime::service_config::FIRST_EPOCH;
 use wire::keys;
 
 use crate::{
-    Cost, Failure, Variant,
-    part::{self, End, Part, WAIT_LIMIT},
+    Cost, Failure, Variant, hop,
+    hop_end::{self, End, MAX_WAIT, ProcessSettings},
     sample::attitude,
     system::{self, System},
-    watched,
 };
 
-/// From the start until the far end must be connected.
-const LIMIT: Duration = Duration::from_secs(10);
-/// More messages a second than there are samples.
-const EACH_HZ: f64 = 10_000.0;
+/// Time allowed for the far end to connect.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Message rate above every sample rate, so that each sample has its own message.
+const UNBATCHED_HZ: f64 = 10_000.0;
 
 /// Measures the variant.
 pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-remote-{}", std::process::id());
     let rates = [(AttitudeOutput::TOPIC.name.to_owned(), TopicRate::All)].into();
     let default = Gateway::default();
-    let messages_hz = if variant == Variant::Each { EACH_HZ } else { default.messages_hz };
+    let messages_hz = if variant == Variant::Each { UNBATCHED_HZ } else { default.messages_hz };
     let system = System::new(&name, rate_hz, Gateway { rates, messages_hz, ..default })?;
-    let part = |end, at: &str| Part::new(variant, end, at, rate_hz, seconds);
-    let mut near = watched::start(&part(End::Near, &name))?;
+    let settings = |end, address: &str| ProcessSettings::new(variant, end, address, rate_hz, seconds);
+    let mut near = hop::start(&settings(End::Near, &name))?;
     let gateway = system.gateway()?;
-    let mut far = watched::start(&part(End::Far, &system.endpoint()))?;
-    watched::watch(&part(End::Far, ""), &mut near, &[gateway], &mut far)
+    let mut far = hop::start(&settings(End::Far, &system.endpoint()))?;
+    hop::measure(&settings(End::Far, ""), &mut near, &[gateway], &mut far)
 }
 
-/// One process of the variant.
-pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    match part.end {
+/// Runs one process of the variant.
+pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    match settings.end {
         End::Near => {
-            let bus = Bus::join(&SystemName::new(&part.at)?, "near")?;
-            let publisher = bus.publisher::<AttitudeOutput>(system::buffer_ticks(part.rate_hz))?;
-            part::send(part, |tick, now_ns| {
+            let bus = Bus::join(&SystemName::new(&settings.address)?, "near")?;
+            let publisher = bus.publisher::<AttitudeOutput>(system::buffer_ticks(settings.rate_hz))?;
+            hop_end::send(settings, |tick, now_ns| {
                 publisher.send(&attitude(header(tick, now_ns)))?;
                 publisher.wake();
                 Ok(())
             })
         }
         End::Far => {
-            let link = Link::open(&Endpoints::with_connect(std::slice::from_ref(&part.at)))?;
+            let link = Link::open(&Endpoints::with_connect(std::slice::from_ref(&settings.address)))?;
             let stream = link.subscribe(&keys::key("*", AttitudeOutput::TOPIC.name))?;
-            if !link.wait_for_peer(LIMIT) {
-                return Err(format!("nobody is at {}", part.at).into());
+            if !link.wait_for_peer(CONNECT_TIMEOUT) {
+                return Err(format!("no gateway is reachable at {}", settings.address).into());
             }
-            part::receive(part, |take| {
-                if let Some(arrival) = stream.next(WAIT_LIMIT) {
+            hop_end::receive(settings, |record| {
+                if let Some(arrival) = stream.next(MAX_WAIT) {
                     let (_, samples) = wire::decode_batch::<AttitudeOutput>(&arrival.bytes)?;
-                    samples.iter().for_each(|sample| take(sample.header.tick, sample.header.t_born_ns));
+                    samples.iter().for_each(|sample| record(sample.header.tick, sample.header.t_born_ns));
                 }
                 Ok(())
             })
@@ -66,7 +66,7 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     }
 }
 
-/// Length of the message of one attitude.
+/// Returns the encoded length of a message with one attitude.
 pub(crate) fn message_bytes() -> usize {
     let now_ns = runtime::clock::monotonic_ns();
     let envelope = wire::v1::Envelope {
@@ -79,7 +79,7 @@ pub(crate) fn message_bytes() -> usize {
     wire::encode_batch(&envelope, &wire::encode_samples([&attitude(header(1000, now_ns))])).len()
 }
 
-/// The header of a tick that is born now.
+/// Returns the header of a tick with the current time.
 pub(crate) fn header(tick: u64, now_ns: u64) -> Header {
     let t_end_ns = now_ns.cast_signed();
     Header {

@@ -1,27 +1,36 @@
-//! One hop beyond the board beside what it could cost: `cargo bench --bench remote`.
+//! Latency and CPU time of one network hop, compared with bare Zenoh.
 //!
-//! Input: how long, how many rounds. Output: a table for people, with `--json` one object on the last line of standard output.
-//! Time: every wait has a limit; no process outlives the run. Failure: a variant that does not run ends the run with its reason.
+//! Command: `cargo bench --bench remote`.
+//!
+//! Input: duration and number of rounds.
+//!
+//! Output: a table, and with `--json` one object on the last line of standard output.
+//!
+//! Time: every wait has a timeout, and no process outlives the run.
+//!
+//! Failure: a variant that fails ends the run with its error.
 //!
 //! | variant | from | over | to |
 //! | --- | --- | --- | --- |
-//! | `zenoh` | a process that puts as many bytes as a message of one attitude has | Zenoh | a process that receives them |
-//! | `each` | a process that publishes `attitude` on the bus | the gateway, a message for each sample | a process that decodes it |
-//! | `batches` | the same | the gateway, 200 messages a second | the same |
-//! | `carried` | a process that publishes `imu` on the bus of one system | the gateways of a split system | one that reads the bus of another |
-//! | `tunnel` | a process that publishes as many bytes by iceoryx2 | iceoryx2's tunnels over Zenoh | one that reads there |
+//! | `zenoh` | process that puts as many bytes as a message with one attitude has | Zenoh | process that receives them |
+//! | `each` | process that publishes `attitude` on the bus | gateway, one message per sample | process that decodes it |
+//! | `batches` | process that publishes `attitude` on the bus | gateway, 200 messages per second | process that decodes it |
+//! | `carried` | process that publishes `imu` on the bus of one system | gateways of a split system | process that reads the bus of another system |
+//! | `tunnel` | process that publishes as many bytes over iceoryx2 | iceoryx2 tunnels over Zenoh | process that reads them |
 //!
-//! Latency is from the stamp before a sample is sent to the far end's, after decoding. All sessions have the settings of `link` and speak
-//! over tcp/127.0.0.1. CPU is that of all threads of all processes that belong to the hop, the first included; µs for each sample. What
-//! comes in the first [`WARM_S`] is left out. Ratios are within a round, and then the median over rounds: figures of one run on a
-//! shared machine compare, figures of two do not.
+//! Latency is measured from the timestamp before a sample is sent until the far end has decoded it.
+//! All sessions have the settings of `link` and use tcp/127.0.0.1. CPU time is that of all threads
+//! of all processes of the hop, including the source, in µs per sample. The first [`WARM_UP_S`] is
+//! omitted. Ratios are taken within a round, then the median over the rounds. On a shared machine
+//! only values of the same run can be compared.
 
 mod bare;
 mod carried;
 mod gateway;
+mod hop;
+mod hop_end;
 #[path = "../common/median.rs"]
 mod median;
-mod part;
 #[path = "../common/process.rs"]
 mod process;
 #[path = "../common/program.rs"]
@@ -33,46 +42,45 @@ mod table;
 mod tunnel;
 #[path = "../common/usage.rs"]
 mod usage;
-mod watched;
 
 use std::{path::PathBuf, process::ExitCode};
 
 use clap::Parser;
 use serde::{Deserialize, Serialize};
 
-use part::Part;
+use hop_end::ProcessSettings;
 use table::Table;
 
-/// What is left out at the start of each variant, s.
-const WARM_S: f64 = 1.0;
+/// Warm-up omitted at the start of each variant, s.
+const WARM_UP_S: f64 = 1.0;
 const RATES_HZ: [u32; 3] = [100, 1000, 8000];
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Latency and CPU time of one hop beyond the board, beside bare Zenoh.
+/// Measure latency and CPU time of one network hop against bare Zenoh
 #[derive(Parser)]
 struct Cli {
-    /// Seconds that each variant is measured in a round.
+    /// Measure each variant for this many seconds per round
     #[arg(long, default_value_t = 3.0)]
     seconds: f64,
-    /// Rounds of all variants.
+    /// Measure all variants in this many rounds
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// The executable of iceoryx2-integrations-zenoh-link-tunnel-cli; without it there is no `tunnel`.
+    /// Include `tunnel`, with this iceoryx2 Zenoh tunnel executable
     #[arg(long)]
     tunnel: Option<PathBuf>,
-    /// Print one JSON object at the end, on the last line of standard output.
+    /// Print one JSON object on the last line of standard output
     #[arg(long)]
     json: bool,
-    /// What cargo passes to every benchmark.
+    /// Accept the flag that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
-    /// Be one process of a hop: the part as JSON.
+    /// Run as one process of a hop, with these settings (JSON)
     #[arg(long, hide = true)]
-    part: Option<String>,
+    process: Option<String>,
 }
 
-/// What carries the samples.
+/// Transport of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Variant {
@@ -83,28 +91,28 @@ enum Variant {
     Tunnel,
 }
 
-/// What a hop costs.
+/// Cost of a hop.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     p50_us: f64,
     p99_us: f64,
-    /// Of all processes, for each sample.
+    /// CPU time of all processes per sample, µs.
     cpu_us: f64,
     lost: u64,
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.part.as_deref(), be, || measure(&cli))
+    program::run(cli.process.as_deref(), run_process, || measure(&cli))
 }
 
-fn be(part: &Part) -> Result<(), Failure> {
-    part::end_with_parent()?;
-    match part.variant {
-        Variant::Zenoh => bare::be(part),
-        Variant::Each | Variant::Batches => gateway::be(part),
-        Variant::Carried => carried::be(part),
-        Variant::Tunnel => tunnel::be(part),
+fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    hop_end::die_with_parent()?;
+    match settings.variant {
+        Variant::Zenoh => bare::run_process(settings),
+        Variant::Each | Variant::Batches => gateway::run_process(settings),
+        Variant::Carried => carried::run_process(settings),
+        Variant::Tunnel => tunnel::run_process(settings),
     }
 }
 

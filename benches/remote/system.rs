@@ -1,4 +1,5 @@
-//! As much of a system as a gateway needs: a name, a door at which nobody objects, and the gateway, started as the supervisor does.
+//! Minimal system for a gateway: name, a control socket that accepts every request, and the gateway
+//! itself, started as by the supervisor.
 
 use std::{
     ffi::OsStr,
@@ -19,10 +20,10 @@ use runtime::{
 
 use crate::{Failure, process::Process};
 
-/// From the start of a gateway until it must run and listen.
-const LIMIT: Duration = Duration::from_secs(15);
+/// Time allowed for a gateway to start and listen.
+const START_TIMEOUT: Duration = Duration::from_secs(15);
 
-/// A system without services.
+/// System without services.
 pub(crate) struct System {
     config: ServiceConfig,
     system_name: SystemName,
@@ -31,12 +32,12 @@ pub(crate) struct System {
 }
 
 impl System {
-    /// A system of this name whose gateway is as `gateway` says.
+    /// Creates a system with this name and these gateway settings.
     pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
         let system_name = SystemName::new(name)?;
         let claim = system_name.claim()?;
         let listener = UnixListener::bind(system_name.control_socket_path()?)?;
-        // It ends with the process.
+        // The thread ends with the process.
         thread::spawn(move || {
             for mut stream in listener.incoming().flatten() {
                 let _ = BufReader::new(&stream).read_line(&mut String::new());
@@ -49,32 +50,32 @@ impl System {
         Ok(Self { config: config(launch, rate_hz), system_name, port, _claim: claim })
     }
 
-    /// Where its gateway listens.
+    /// Returns the endpoint on which the gateway listens.
     pub(crate) fn endpoint(&self) -> String {
         format!("tcp/127.0.0.1:{}", self.port)
     }
 
-    /// Its gateway, once it looks at the bus and listens.
+    /// Starts the gateway and waits until it has joined the bus and listens.
     pub(crate) fn gateway(&self) -> Result<Process, Failure> {
         let bus = Bus::join(&self.system_name, "bench")?;
         let health = bus.subscriber::<Health>(CONTROL_BUFFER)?;
         let mut process = Process::start(OsStr::new(env!("CARGO_BIN_EXE_plumb")), ["service", "gateway"])?;
-        process.write_line(&serde_json::to_string(&self.config)?)?;
-        let deadline = Instant::now() + LIMIT;
+        process.write_input(&serde_json::to_string(&self.config)?)?;
+        let deadline = Instant::now() + START_TIMEOUT;
         let is_free = || TcpListener::bind(("127.0.0.1", self.port)).is_ok();
-        let mut runs = false;
-        while !runs || is_free() {
+        let mut is_running = false;
+        while !is_running || is_free() {
             if Instant::now() > deadline {
                 return Err("the gateway did not start in time".into());
             }
             thread::sleep(Duration::from_millis(10));
-            runs = runs || health.receive()?.is_some();
+            is_running = is_running || health.receive()?.is_some();
         }
         Ok(process)
     }
 }
 
-/// Messages that a topic of the path holds.
+/// Returns the capacity of a topic on the path, messages.
 pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
     config(Launch::default(), rate_hz).buffer_ticks()
 }

@@ -1,4 +1,4 @@
-//! What the rounds come to: for people a table, for scripts an object.
+//! Results of all rounds, as a table or as JSON.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::{Cost, Failure, RATES_HZ, Variant, median::median};
 
-/// All runs of all rounds.
+/// Runs of all rounds.
 #[derive(Serialize)]
 pub(crate) struct Table {
     rounds: usize,
@@ -23,14 +23,14 @@ struct Run {
     cost: Cost,
 }
 
-/// Medians over the rounds; of `lost` the sum.
+/// Medians over the rounds; for `lost` the sum.
 #[derive(Serialize)]
 struct Row {
     rate_hz: u32,
     variant: Variant,
     #[serde(flatten)]
     cost: Cost,
-    /// To `zenoh` in the same round.
+    /// Ratio to `zenoh` in the same round.
     ratio_p50: f64,
     ratio_cpu: f64,
 }
@@ -44,21 +44,21 @@ impl Table {
         self.runs.push(Run { round, rate_hz, variant, cost });
     }
 
-    /// The rows and the runs as one object on one line.
+    /// Returns the rows and the runs as a JSON object on one line.
     pub(crate) fn json(&self) -> Result<String, Failure> {
         #[derive(Serialize)]
-        struct Whole<'a> {
+        struct Report<'a> {
             rows: Vec<Row>,
             #[serde(flatten)]
             table: &'a Table,
         }
-        Ok(serde_json::to_string(&Whole { rows: self.rows(), table: self })?)
+        Ok(serde_json::to_string(&Report { rows: self.rows(), table: self })?)
     }
 
     fn rows(&self) -> Vec<Row> {
         let variants = [Variant::Zenoh, Variant::Each, Variant::Batches, Variant::Carried, Variant::Tunnel];
-        let places = RATES_HZ.into_iter().flat_map(|rate_hz| variants.map(|variant| (rate_hz, variant)));
-        places.filter_map(|(rate_hz, variant)| self.row(rate_hz, variant)).collect()
+        let conditions = RATES_HZ.into_iter().flat_map(|rate_hz| variants.map(|variant| (rate_hz, variant)));
+        conditions.filter_map(|(rate_hz, variant)| self.row(rate_hz, variant)).collect()
     }
 
     fn row(&self, rate_hz: u32, variant: Variant) -> Option<Row> {
@@ -77,7 +77,7 @@ impl Table {
         (!costs.is_empty()).then_some(Row { rate_hz, variant, cost, ratio_p50, ratio_cpu })
     }
 
-    /// Round by round.
+    /// Returns the results in the order of the rounds.
     fn costs(&self, rate_hz: u32, variant: Variant) -> Vec<Cost> {
         self.runs.iter().filter(|run| (run.rate_hz, run.variant) == (rate_hz, variant)).map(|run| run.cost).collect()
     }
@@ -85,7 +85,7 @@ impl Table {
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "medians over {} rounds of {} s; lost: the sum", self.rounds, self.seconds)?;
+        writeln!(f, "medians over {} rounds of {} s; lost: sum", self.rounds, self.seconds)?;
         writeln!(
             f,
             "| Hz | variant | p50 µs | p99 µs | CPU µs a sample | lost | p50 / zenoh | CPU / zenoh |\n| --- | --- | --- | --- | --- | --- | --- | --- |"

@@ -1,7 +1,9 @@
-//! iceoryx2's own tunnel over Zenoh: a process publishes in one domain, another reads in the other, a tunnel at each.
+//! Variant `tunnel`, iceoryx2's own tunnel over Zenoh: one process publishes in one domain, another
+//! reads in the other, with a tunnel at each end.
 //!
-//! The tunnels do what their options allow to be quick: the near one is woken by the event that goes with each sample, the far one by
-//! the network. The far end sleeps on that event, which is carried as well.
+//! The tunnels use their options for low latency. The near tunnel is woken by the event that
+//! accompanies each sample, the far tunnel by the network. The far end waits for the forwarded
+//! event.
 
 use std::{ffi::OsStr, fs, path::Path, thread, time::Duration};
 
@@ -9,29 +11,28 @@ use iceoryx2::prelude::{Config, FileName, Node, NodeBuilder, SemanticString, Ser
 use tempfile::TempDir;
 
 use crate::{
-    Cost, Failure, Variant, bare,
-    part::{self, End, Part, WAIT_LIMIT},
+    Cost, Failure, Variant, bare, hop,
+    hop_end::{self, End, MAX_WAIT, ProcessSettings},
     process::Process,
-    watched,
 };
 
-/// As many bytes as an IMU sample has: tick, time, and the rest.
+/// Sample with the size of an IMU sample. The first two words are tick and time.
 type Sample = [u64; 14];
 const SERVICE: &str = "bench";
-const BUFFER: usize = 1024;
+const BUFFER_SAMPLES: usize = 1024;
 const SHARED_MEMORY: &str = "/dev/shm";
-/// Until both tunnels have found what there is to carry.
-const SETTLING: Duration = Duration::from_secs(3);
+/// Time for both tunnels to discover the service.
+const DISCOVERY_TIME: Duration = Duration::from_secs(3);
 
-/// The folder of both hosts. What processes that were ended have left outside of it goes with it.
+/// Folder of both hosts. On drop, also removes the shared memory files of killed processes.
 struct Folder(TempDir);
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        let made_here = prefix(&self.0.path().to_string_lossy());
+        let own_prefix = prefix(&self.0.path().to_string_lossy());
         for file in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if file.file_name().to_string_lossy().starts_with(&made_here) {
-                // What cannot be removed is in the way of nobody.
+            if file.file_name().to_string_lossy().starts_with(&own_prefix) {
+                // A file that cannot be removed does no harm.
                 let _ = fs::remove_file(file.path());
             }
         }
@@ -40,11 +41,11 @@ impl Drop for Folder {
 
 /// Measures the variant.
 pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
-    let program = program.ok_or("--tunnel says where the tunnel's executable is")?;
-    let program = program.to_str().ok_or("the path of the tunnel is not text")?;
+    let program = program.ok_or("expected the path of the tunnel executable in --tunnel")?;
+    let program = program.to_str().ok_or("the path of the tunnel executable is not valid UTF-8")?;
     let folder = Folder(tempfile::tempdir_in(SHARED_MEMORY)?);
     let endpoint = format!("tcp/127.0.0.1:{}", bare::free_port()?);
-    let part = |end, at: &str| Part::new(Variant::Tunnel, end, at, rate_hz, seconds);
+    let settings = |end, root: &str| ProcessSettings::new(Variant::Tunnel, end, root, rate_hz, seconds);
     let hosts = ["near", "far"].map(|host| folder.0.path().join(host));
     let mut tunnels = Vec::new();
     for (host, end, other, wake) in [
@@ -52,7 +53,7 @@ pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<
         (&hosts[1], "connect", "listen", &["--reactive"]),
     ] {
         fs::create_dir_all(host.join("config"))?;
-        let name = host.to_str().ok_or("the path of a folder is not text")?;
+        let name = host.to_str().ok_or("the path of a folder is not valid UTF-8")?;
         let prefix = prefix(name);
         fs::write(
             host.join("config/iceoryx2.toml"),
@@ -66,38 +67,38 @@ pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<
                 "{{ mode: \"peer\", {end}: {{ endpoints: [\"{endpoint}\"] }}, {other}: {{ endpoints: [] }}, {scouting} }}"
             ),
         )?;
-        let zenoh = zenoh.to_str().ok_or("the path of a file is not text")?;
-        // Without polling it does not find what there is to carry.
+        let zenoh = zenoh.to_str().ok_or("the path of a file is not valid UTF-8")?;
+        // Without polling the tunnel does not discover the service.
         let arguments = ["-C", name, program, "--zenoh-config", zenoh, "--allow", SERVICE, "--poll", "100"];
         tunnels.push((arguments.map(str::to_owned), wake));
     }
     let [near, far] = hosts.each_ref().map(|host| host.to_str().unwrap_or_default());
-    let mut near = watched::start(&part(End::Near, near))?;
-    let mut far = watched::start(&part(End::Far, far))?;
-    let mut between = Vec::new();
+    let mut near = hop::start(&settings(End::Near, near))?;
+    let mut far = hop::start(&settings(End::Far, far))?;
+    let mut tunnel_processes = Vec::new();
     for (arguments, wake) in &tunnels {
         let arguments = arguments.iter().map(String::as_str).chain(wake.iter().copied());
-        between.push(Process::start(OsStr::new("env"), arguments)?);
-        thread::sleep(SETTLING / 2);
+        tunnel_processes.push(Process::start(OsStr::new("env"), arguments)?);
+        thread::sleep(DISCOVERY_TIME / 2);
     }
-    watched::watch(&part(End::Far, ""), &mut near, &between, &mut far)
+    hop::measure(&settings(End::Far, ""), &mut near, &tunnel_processes, &mut far)
 }
 
-/// One process of the variant.
-pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    let node = node(&part.at)?;
+/// Runs one process of the variant.
+pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
+    let node = node(&settings.address)?;
     let name = ServiceName::new(SERVICE)?;
     let event = node.service_builder(&name).event().open_or_create()?;
     let samples = node
         .service_builder(&name)
         .publish_subscribe::<Sample>()
         .enable_safe_overflow(true)
-        .subscriber_max_buffer_size(BUFFER)
+        .subscriber_max_buffer_size(BUFFER_SAMPLES)
         .open_or_create()?;
-    match part.end {
+    match settings.end {
         End::Near => {
             let (publisher, notifier) = (samples.publisher_builder().create()?, event.notifier_builder().create()?);
-            part::send(part, |tick, now_ns| {
+            hop_end::send(settings, |tick, now_ns| {
                 let mut sample = [0x5a; 14];
                 (sample[0], sample[1]) = (tick, now_ns);
                 publisher.send_copy(sample)?;
@@ -106,12 +107,14 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
             })
         }
         End::Far => {
-            let (subscriber, listener) =
-                (samples.subscriber_builder().buffer_size(BUFFER).create()?, event.listener_builder().create()?);
-            part::receive(part, |take| {
-                listener.timed_wait(|_| {}, WAIT_LIMIT)?;
+            let (subscriber, listener) = (
+                samples.subscriber_builder().buffer_size(BUFFER_SAMPLES).create()?,
+                event.listener_builder().create()?,
+            );
+            hop_end::receive(settings, |record| {
+                listener.timed_wait(|_| {}, MAX_WAIT)?;
                 while let Some(sample) = subscriber.receive()? {
-                    take(sample[0], sample[1]);
+                    record(sample[0], sample[1]);
                 }
                 Ok(())
             })
@@ -126,7 +129,7 @@ fn node(root: &str) -> Result<Node<ipc::Service>, Failure> {
     Ok(NodeBuilder::new().config(&config).create::<ipc::Service>()?)
 }
 
-/// No two hosts have the same.
+/// Returns a file name prefix that is unique per host.
 fn prefix(root: &str) -> String {
     root.replace(['/', '.'], "_")
 }

@@ -1,12 +1,20 @@
-//! What each source costs beside a simulation of the same rate: `cargo bench --bench sources`.
+//! Latency and CPU time of each source, compared with a simulation at the same rate.
 //!
-//! Input: how long, how many rounds, which rate. Output: a table for people, with `--json` one object on the last line of standard output.
-//! Time: every wait has a limit; no process outlives the run. Failure: a source that does not run ends the run with its reason.
+//! Command: `cargo bench --bench sources`.
 //!
-//! Each source is a device in this process, which sends a reading at each interval with the time of CLOCK_MONOTONIC in it. Two latencies
-//! are taken: **from ingest** to the publication of the attitude, as the report of `plumb up` has it, and **from the device**, from the stamp before
-//! the bytes are written to the same publication. CPU time is that of all services and the supervisor, without the device's. Ratios are to the
-//! simulation within a round, and then the median over rounds.
+//! Input: duration, number of rounds, rate.
+//!
+//! Output: a table, and with `--json` one object on the last line of standard output.
+//!
+//! Time: every wait has a timeout, and no process outlives the run.
+//!
+//! Failure: a source that fails ends the run with its error.
+//!
+//! Each source is a device in this process that sends readings at a fixed interval, timestamped
+//! with CLOCK_MONOTONIC. Two latencies end at the publication of the attitude: **from ingest**, as
+//! reported by `plumb up`, and **from the device**, which starts with the timestamp before the
+//! bytes are written. CPU time is that of all services and the supervisor, without the device.
+//! Ratios to the simulation are taken within a round, then the median over the rounds.
 
 mod device;
 #[path = "../common/median.rs"]
@@ -26,38 +34,38 @@ use messages::AttitudeOutput;
 use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize};
 
-use device::{Device, Kind};
+use device::{Device, SourceKind};
 use median::median;
 
-/// What a system may take beside the run itself.
-const LIMIT: Duration = Duration::from_secs(20);
-/// From one look at the attitudes to the next.
-const LOOK: Duration = Duration::from_millis(20);
+/// Time that a system may take in addition to the run.
+const MAX_OVERHEAD: Duration = Duration::from_secs(20);
+/// Interval at which the attitudes are polled.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 
 type Failure = Box<dyn std::error::Error>;
 
-/// CPU time and latency of each source beside those of a simulation.
+/// Measure CPU time and latency of each source against a simulation
 #[derive(Parser)]
 struct Cli {
-    /// Seconds that each source is measured in a round.
+    /// Measure each source for this many seconds per round
     #[arg(long, default_value_t = 5.0)]
     seconds: f64,
-    /// Rounds of all sources.
+    /// Measure all sources in this many rounds
     #[arg(long, default_value_t = 3)]
     rounds: usize,
-    /// Readings a second.
+    /// Send this many readings per second
     #[arg(long, default_value_t = 200)]
     rate_hz: u32,
-    /// Print one JSON object at the end, on the last line of standard output.
+    /// Print one JSON object on the last line of standard output
     #[arg(long)]
     json: bool,
-    /// What cargo passes to every benchmark.
+    /// Accept the flag that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// As far as it goes, the report of `plumb up`.
+/// Report of `plumb up`, as far as it is used here.
 #[derive(Deserialize)]
 struct Report {
     latency_us: LatencyUs,
@@ -71,13 +79,13 @@ struct LatencyUs {
     p99: f64,
 }
 
-/// A source in a round; over rounds the medians, and the sum of what was lost.
+/// Result of a source in a round, or the medians over rounds with the sum of `lost`.
 #[derive(Clone, Copy, Serialize)]
 struct Cost {
     source: &'static str,
     from_ingest_p50_us: f64,
     from_ingest_p99_us: f64,
-    /// NaN of a simulation, which has no device.
+    /// Median latency from the device, µs; NaN for a simulation.
     from_device_p50_us: f64,
     from_device_p99_us: f64,
     cpu_s_per_s: f64,
@@ -100,65 +108,65 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
     {
         return Err("expected 2 to 60 seconds, 1 to 1000 rounds, 10 to 2000 readings a second".into());
     }
-    let mut costs: Vec<Vec<Cost>> = vec![Vec::new(); Kind::ALL.len()];
+    let mut costs: Vec<Vec<Cost>> = vec![Vec::new(); SourceKind::ALL.len()];
     for round in 0..cli.rounds {
         let mut sim_cpu = f64::NAN;
-        for (of_kind, kind) in costs.iter_mut().zip(Kind::ALL) {
+        for (costs_of_kind, kind) in costs.iter_mut().zip(SourceKind::ALL) {
             let mut cost = run(kind, cli)?;
-            if kind == Kind::Sim {
+            if kind == SourceKind::Sim {
                 sim_cpu = cost.cpu_s_per_s;
             }
             cost.cpu_to_sim = cost.cpu_s_per_s / sim_cpu;
-            of_kind.push(cost);
+            costs_of_kind.push(cost);
         }
         eprintln!("round {} of {}", round + 1, cli.rounds);
     }
-    let rows: Vec<_> = costs.iter().map(|of_kind| middle(of_kind)).collect();
-    show(&rows, cli);
+    let rows: Vec<_> = costs.iter().map(|costs_of_kind| medians(costs_of_kind)).collect();
+    print_table(&rows, cli);
     if cli.json {
         println!("{}", serde_json::to_string(&rows)?);
     }
     Ok(())
 }
 
-/// Runs a system whose source is such a device.
-fn run(kind: Kind, cli: &Cli) -> Result<Cost, Failure> {
+/// Runs a system with a source of this kind.
+fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
     let name = format!("bench-{}-{}", kind.name(), std::process::id());
     let device = Device::new(kind, &name, folder.path(), cli.rate_hz)?;
     let launch = folder.path().join("launch.toml");
-    fs::write(&launch, format!("name = \"{name}\"\n{}", device.settings))?;
+    fs::write(&launch, format!("name = \"{name}\"\n{}", device.launch_sections))?;
     let mut command = Command::new(PLUMB);
-    command.arg("up").arg(&launch).args(["--source", &device.line, "--for", &format!("{}s", cli.seconds), "--json"]);
+    command.arg("up").arg(&launch).args(["--source", &device.source, "--for", &format!("{}s", cli.seconds), "--json"]);
     if let Some(pipe) = &device.stdin {
-        // With both ends open it waits for nobody.
+        // With both ends open, opening the FIFO does not block.
         command.stdin(File::options().read(true).write(true).open(pipe)?);
     }
     let plumb = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
     let pid = Pid::from_raw(plumb.id() as i32);
-    let deadline = Instant::now() + Duration::from_secs_f64(cli.seconds) + LIMIT;
-    let sending = device.send();
+    let deadline = Instant::now() + Duration::from_secs_f64(cli.seconds) + MAX_OVERHEAD;
+    let running_device = device.start();
     let (output, latencies) = thread::scope(|scope| {
         let output = scope.spawn(|| plumb.wait_with_output());
         let latencies = from_device(&name, kind, || output.is_finished() || Instant::now() > deadline);
         if let (false, Some(pid)) = (output.is_finished(), pid) {
-            // One that has just ended does not need the signal.
+            // A process that has just ended needs no signal.
             let _ = kill_process(pid, Signal::KILL);
         }
         (output.join(), latencies)
     });
-    drop(sending);
-    let output = output.map_err(|_| "the reader of the report ended early")??;
+    drop(running_device);
+    let output = output.map_err(|_| "the thread that reads the report panicked")??;
     let mut latencies = latencies?;
     if !output.status.success() {
         return Err(format!("{}: {}", kind.name(), String::from_utf8_lossy(&output.stderr).trim_end()).into());
     }
-    let said = String::from_utf8(output.stdout)?;
-    let report = said.lines().last().unwrap_or_default();
-    if kind != Kind::Sim && latencies.is_empty() {
-        return Err(format!("{}: no attitude came of it", kind.name()).into());
+    let stdout = String::from_utf8(output.stdout)?;
+    let report = stdout.lines().last().unwrap_or_default();
+    if kind != SourceKind::Sim && latencies.is_empty() {
+        return Err(format!("{}: no attitude was received", kind.name()).into());
     }
-    // The first second is for the system to settle.
+    // The first second is omitted while the system settles.
     latencies.drain(..latencies.len().min(cli.rate_hz as usize));
     latencies.sort_by(f64::total_cmp);
     let quantile = |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(f64::NAN);
@@ -175,18 +183,19 @@ fn run(kind: Kind, cli: &Cli) -> Result<Cost, Failure> {
     })
 }
 
-/// From the time in each reading to the publication of its attitude, µs, until the system has ended.
-fn from_device(name: &str, kind: Kind, has_ended: impl Fn() -> bool) -> Result<Vec<f64>, Failure> {
+/// Returns the latencies from the device's timestamp to the publication of the attitude, µs, until
+/// `has_ended`.
+fn from_device(name: &str, kind: SourceKind, has_ended: impl Fn() -> bool) -> Result<Vec<f64>, Failure> {
     let mut latencies = Vec::new();
     let mut tap = None;
     while !has_ended() {
-        thread::sleep(LOOK);
-        // A simulation has a time of its own.
-        if kind == Kind::Sim {
+        thread::sleep(POLL_INTERVAL);
+        // The time of a simulation is not CLOCK_MONOTONIC.
+        if kind == SourceKind::Sim {
             continue;
         }
         if tap.is_none() {
-            // It is there once the system is.
+            // The system can be observed once it has started.
             let observer = Observer::attach(&SystemName::new(name)?, "bench").ok();
             tap = observer.and_then(|observer| Some((observer.tap(Topic::Attitude).ok()?, observer)));
         }
@@ -200,7 +209,7 @@ fn from_device(name: &str, kind: Kind, has_ended: impl Fn() -> bool) -> Result<V
     Ok(latencies)
 }
 
-fn middle(costs: &[Cost]) -> Cost {
+fn medians(costs: &[Cost]) -> Cost {
     let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
     Cost {
         source: costs.first().map_or("", |cost| cost.source),
@@ -214,8 +223,8 @@ fn middle(costs: &[Cost]) -> Cost {
     }
 }
 
-fn show(rows: &[Cost], Cli { rounds, seconds, rate_hz, .. }: &Cli) {
-    eprintln!("{rate_hz} readings a second; medians over {rounds} rounds of {seconds} s; lost: the sum");
+fn print_table(rows: &[Cost], Cli { rounds, seconds, rate_hz, .. }: &Cli) {
+    eprintln!("{rate_hz} readings a second; medians over {rounds} rounds of {seconds} s; lost: sum");
     eprintln!(
         "{:10} {:>14} {:>14} {:>14} {:>14} {:>8} {:>8} {:>6}",
         "source", "ingest p50 µs", "ingest p99 µs", "device p50 µs", "device p99 µs", "CPU s/s", "CPU/sim", "lost"

@@ -26,10 +26,10 @@ use swap::ReorderBuffer;
 
 use crate::{
     fail,
-    stdout::print,
     remote::RemoteError,
-    topics::{POLL_INTERVAL, StopCondition, observer},
+    stdout::print,
     system::LocalSystemArgs,
+    topics::{POLL_INTERVAL, StopCondition, observer},
     up::duration_s,
 };
 
@@ -145,12 +145,18 @@ impl BridgeArgs {
     }
 
     /// Sends attitudes until the time is over, a signal arrives or the system ends.
-    fn forward(&self, observer: &Observer, with_samples: bool, sender: &mut dyn AttitudeSender) -> Result<(), BridgeError> {
+    fn forward(
+        &self,
+        observer: &Observer,
+        with_samples: bool,
+        sender: &mut dyn AttitudeSender,
+    ) -> Result<(), BridgeError> {
         let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
         let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
-        let (mut samples, mut arrived, mut is_joined) = (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
+        let (mut samples, mut arrived, mut is_joined) =
+            (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
         while !stop.is_met() {
             if let Some(tap) = taps.1.tap(observer)? {
                 tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;

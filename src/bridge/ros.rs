@@ -3,7 +3,7 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use bridges::{
-    ros::{MessageType, Node, attachment, parse_frame_id, encode_imu, parse_topic_name},
+    ros::{MessageType, Node, attachment, encode_imu, parse_frame_id, parse_topic_name},
     validity::{self, WithholdReason},
 };
 use clap::Args;
@@ -13,7 +13,7 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
-use super::{BridgeError, BridgeArgs, AttitudeSender, SendCounts, rate_hz};
+use super::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 use crate::remote::RemoteEndpoint;
 
 /// Largest ROS 2 domain id.
@@ -79,7 +79,10 @@ impl RosPublisher {
             identity,
             frame_id: ros.frame_id.clone(),
             decimator: Decimator::new(TopicRate::Hz(ros.rate_hz)),
-            _signs: [link.declare_liveliness(&node.node_token())?, link.declare_liveliness(&node.publisher_token(&ros.topic, MessageType::Imu))?],
+            _signs: [
+                link.declare_liveliness(&node.node_token())?,
+                link.declare_liveliness(&node.publisher_token(&ros.topic, MessageType::Imu))?,
+            ],
             counts: SendCounts::default(),
         })
     }

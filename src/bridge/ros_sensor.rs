@@ -8,7 +8,7 @@ use driver::{DriverError, Sensor};
 use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
-use super::{BridgeError, BridgeArgs, ros::MAX_DOMAIN};
+use super::{BridgeArgs, BridgeError, ros::MAX_DOMAIN};
 use crate::{remote::RemoteEndpoint, topics::StopCondition};
 
 /// Longest wait for a message before the stop condition is checked.
@@ -59,10 +59,15 @@ impl RosSensor {
         let link = self.endpoint.open_as_client()?;
         let node = Node::new(self.domain, &link.identity().0);
         let imu = link.subscribe(&node.topic_key_any_hash(&self.topic, MessageType::Imu))?;
-        let mag =
-            self.mag.as_ref().map(|topic| link.subscribe(&node.topic_key_any_hash(topic, MessageType::MagneticField))).transpose()?;
-        let mut tokens =
-            vec![link.declare_liveliness(&node.node_token())?, link.declare_liveliness(&node.subscription_token(1, &self.topic, MessageType::Imu))?];
+        let mag = self
+            .mag
+            .as_ref()
+            .map(|topic| link.subscribe(&node.topic_key_any_hash(topic, MessageType::MagneticField)))
+            .transpose()?;
+        let mut tokens = vec![
+            link.declare_liveliness(&node.node_token())?,
+            link.declare_liveliness(&node.subscription_token(1, &self.topic, MessageType::Imu))?,
+        ];
         if let Some(topic) = &self.mag {
             tokens.push(link.declare_liveliness(&node.subscription_token(2, topic, MessageType::MagneticField))?);
         }

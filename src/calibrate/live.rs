@@ -69,7 +69,9 @@ pub(super) fn calibrate_system(
             let coverage = calibrator.coverage();
             bar.set_position(coverage.percent() as u64);
             bar.set_message(coverage.missing.first().cloned().unwrap_or(coverage.summary));
-            if coverage.share >= 1.0 && attempted_at.is_none_or(|attempted_at| attempted_at.elapsed() >= ATTEMPT_INTERVAL) {
+            if coverage.share >= 1.0
+                && attempted_at.is_none_or(|attempted_at| attempted_at.elapsed() >= ATTEMPT_INTERVAL)
+            {
                 if calibrator.finish().is_ok() {
                     break;
                 }
@@ -88,7 +90,9 @@ fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> 
     let started = Instant::now();
     loop {
         match observer.tap(topic) {
-            Err(BusError::TopicNotOpen { .. }) if started.elapsed() < OPEN_TIMEOUT && !stop.is_met() => thread::sleep(POLL_INTERVAL),
+            Err(BusError::TopicNotOpen { .. }) if started.elapsed() < OPEN_TIMEOUT && !stop.is_met() => {
+                thread::sleep(POLL_INTERVAL)
+            }
             result => return result,
         }
     }

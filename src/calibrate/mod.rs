@@ -20,12 +20,12 @@ use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
 use score::{
     ScoreError,
-    trial::{Gnss, TrialOptions, Trial},
+    trial::{Gnss, Trial, TrialOptions},
 };
 
 use crate::{
     fail,
-    import::{ReadableFile, ReadOptions},
+    import::{ReadOptions, ReadableFile},
     stdout::print,
     system::LocalSystemArgs,
     up::duration_s,

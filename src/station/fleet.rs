@@ -11,11 +11,11 @@ use link::RemoteMessage;
 use messages::{AttitudeOutput, Message};
 use observe::{
     hops::LatencyHistogram,
-    tables::{TableError, CsvTables},
+    tables::{CsvTables, TableError},
 };
 use serde_json::{Value, json};
 use wire::{
-    Payload, DecodeError, DecodeErrorCounts,
+    DecodeError, DecodeErrorCounts, Payload,
     command::ControlMessage,
     delivery::DeliveryTracker,
     keys,
@@ -61,7 +61,11 @@ pub(crate) fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) 
     }
 }
 
-pub(crate) fn record_message(vehicles: &mut Vehicles, message: &RemoteMessage, tables: Option<&mut CsvTables>) -> Result<(), TableError> {
+pub(crate) fn record_message(
+    vehicles: &mut Vehicles,
+    message: &RemoteMessage,
+    tables: Option<&mut CsvTables>,
+) -> Result<(), TableError> {
     let Some((name, topic)) = keys::parse(&message.key) else { return Ok(()) };
     let Some(vehicle) = entry(vehicles, name) else { return Ok(()) };
     if topic == keys::GATEWAY {
@@ -76,7 +80,12 @@ pub(crate) fn record_message(vehicles: &mut Vehicles, message: &RemoteMessage, t
 
 impl Vehicle {
     /// Counts a batch of messages of a topic and writes it to the table, if any.
-    fn record_batch<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut CsvTables>) -> Result<(), TableError> {
+    fn record_batch<M: Payload>(
+        &mut self,
+        name: &str,
+        bytes: &[u8],
+        tables: Option<&mut CsvTables>,
+    ) -> Result<(), TableError> {
         let topic = M::TOPIC.name;
         match (self.decode_samples::<M>(topic, bytes), tables) {
             (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),

@@ -19,10 +19,10 @@ use std::{
 use clap::Args;
 use dashboard::Screen;
 use link::{Link, MessageStream};
-use observe::tables::{TableError, CsvTables};
+use observe::tables::{CsvTables, TableError};
 use wire::keys;
 
-use crate::{fail, stdout, remote::RemoteEndpoint};
+use crate::{fail, remote::RemoteEndpoint, stdout};
 use fleet::Vehicles;
 
 /// Interval between two printed tables.

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use dashboard::{Attitude, Figures, Key, RowStyle, Panel, Snapshot, Row, Screen, DataState, Trends, trend};
+use dashboard::{Attitude, DataState, Figures, Key, Panel, Row, RowStyle, Screen, Snapshot, Trends, trend};
 use messages::{AttitudeOutput, Message};
 use observe::hops::LatencyUs;
 
@@ -68,7 +68,8 @@ pub(super) fn show(monitor: &mut VehicleMonitor, vehicle: Option<&str>) -> Resul
 impl View {
     /// Selects another vehicle by its index in the list.
     fn select(&mut self, vehicles: &Vehicles, other: impl Fn(usize) -> usize) {
-        let at = self.selected.as_ref().and_then(|name| vehicles.keys().position(|one| one == name)).unwrap_or_default();
+        let at =
+            self.selected.as_ref().and_then(|name| vehicles.keys().position(|one| one == name)).unwrap_or_default();
         let last = vehicles.len().saturating_sub(1);
         self.selected = vehicles.keys().nth(other(at).min(last)).cloned().or(self.selected.take());
     }

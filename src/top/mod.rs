@@ -12,12 +12,12 @@ use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 use dashboard::Screen;
-use observe::top::{SystemSnapshot, SystemMonitor};
+use observe::top::{SystemMonitor, SystemSnapshot};
 
 use crate::{
     fail, stdout,
-    topics::{POLL_INTERVAL, StopCondition, duration, observer},
     system::LocalSystemArgs,
+    topics::{POLL_INTERVAL, StopCondition, duration, observer},
 };
 
 /// Arguments of `plumb top`.
@@ -71,7 +71,11 @@ impl ObservedSystem {
 }
 
 /// Returns the changes since the last snapshot, or `None` if the system has ended.
-fn take_snapshot(name: &str, observer: &Observer, monitor: &mut SystemMonitor) -> Result<Option<SystemSnapshot>, TopError> {
+fn take_snapshot(
+    name: &str,
+    observer: &Observer,
+    monitor: &mut SystemMonitor,
+) -> Result<Option<SystemSnapshot>, TopError> {
     match send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status) {
         Ok(statuses) => Ok(Some(monitor.snapshot(name, &statuses))),
         Err(_) if !observer.is_running() => Ok(None),

@@ -9,7 +9,7 @@ use std::{
 };
 
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
-use dashboard::{Attitude, Figures, Key, RowStyle, Panel, Snapshot, Row, Screen, DataState, trend};
+use dashboard::{Attitude, DataState, Figures, Key, Panel, Row, RowStyle, Screen, Snapshot, trend};
 use observe::top::SystemSnapshot;
 use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
@@ -141,7 +141,8 @@ impl View {
         let frame = self.frame.frame();
         let attitude = monitor.attitude();
         let age = attitude.map(|it| Duration::from_nanos(monotonic_ns().saturating_sub(it.header.t_sent_ns)));
-        self.display.attitude = attitude.map(|attitude| Attitude::from_output(&attitude_to_frame(frame, *attitude), frame));
+        self.display.attitude =
+            attitude.map(|attitude| Attitude::from_output(&attitude_to_frame(frame, *attitude), frame));
         self.display.figures.tick = attitude.map(|attitude| attitude.header.tick);
         self.display.state = match observer.is_running() {
             true => DataState::from_age(age),
@@ -187,7 +188,8 @@ fn services(snapshot: Option<&SystemSnapshot>, columns: usize, is_silent: bool) 
     // The display already has a title.
     let mut lines = table.lines().skip(1);
     let head = lines.next().map(|text| Row::new(RowStyle::Header, text));
-    let marks = snapshot.services.iter().map(|row| if row.state == "running" { RowStyle::Normal } else { RowStyle::Alert });
+    let marks =
+        snapshot.services.iter().map(|row| if row.state == "running" { RowStyle::Normal } else { RowStyle::Alert });
     let marks = marks.chain(std::iter::repeat(RowStyle::Normal));
     let rows = lines.zip(marks).map(|(text, mark)| Row::new(mark, text));
     Panel { title: title.into(), rows: head.into_iter().chain(rows).collect() }

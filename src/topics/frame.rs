@@ -4,7 +4,7 @@ use attitude::frames::{Frame, QuaternionOrder};
 use control::{ControlRequest, send_request};
 use launch::Output;
 use messages::{AttitudeOutput, Layout};
-use observe::decode::{LayoutMismatch, DecodedMessage};
+use observe::decode::{DecodedMessage, LayoutMismatch};
 use runtime::{ServiceConfig, frames::attitude_to_frame};
 
 use crate::system::SystemArgs;
@@ -34,7 +34,12 @@ impl DisplayFrame {
 
     /// Decodes a message. An attitude is converted to the display frame unless its publisher
     /// `reported` a frame, and the frame used is added to the result.
-    pub(crate) fn record(&self, layout: &Layout, bytes: &[u8], reported: Option<Output>) -> Result<DecodedMessage, LayoutMismatch> {
+    pub(crate) fn record(
+        &self,
+        layout: &Layout,
+        bytes: &[u8],
+        reported: Option<Output>,
+    ) -> Result<DecodedMessage, LayoutMismatch> {
         let is_attitude = layout.topic == Some(graph::Topic::Attitude.name());
         let attitude: Option<AttitudeOutput> = bytemuck::try_pod_read_unaligned(bytes).ok().filter(|_| is_attitude);
         let Some(attitude) = attitude else { return DecodedMessage::decode(layout, bytes) };

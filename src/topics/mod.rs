@@ -2,8 +2,8 @@
 //!
 //! `observe` displays bytes with their layout and is independent of the source.
 
-pub(crate) mod remote;
 pub(crate) mod frame;
+pub(crate) mod remote;
 
 use std::{
     sync::{

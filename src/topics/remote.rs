@@ -18,7 +18,7 @@ use wire::{
 };
 
 use super::ObserveError;
-use crate::remote::{RemoteError, RemoteEndpoint};
+use crate::remote::{RemoteEndpoint, RemoteError};
 
 /// Timeout for finding a vehicle once connected. A gateway reports its topics once a second.
 const FIND_TIMEOUT: Duration = Duration::from_secs(5);
@@ -76,7 +76,13 @@ impl RemoteVehicle {
             return Err(ObserveError::NotSent { vehicle, topic: topic.name().into(), sent });
         }
         let stream = self.link.subscribe(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
-        Ok(RemoteTopic { topic, stream, tracker: DeliveryTracker::default(), last: None, delivery: Delivery::default() })
+        Ok(RemoteTopic {
+            topic,
+            stream,
+            tracker: DeliveryTracker::default(),
+            last: None,
+            delivery: Delivery::default(),
+        })
     }
 
     /// Returns `true` if the vehicle is alive or has been unreachable only briefly.

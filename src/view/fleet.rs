@@ -10,8 +10,8 @@ use std::{
 
 use cockpit::{
     hub::Hub,
-    vehicles::{VehicleView, VehicleDirectory},
-    source::{SystemDescription, CommandTarget, Source, SourceState},
+    source::{CommandTarget, Source, SourceState, SystemDescription},
+    vehicles::{VehicleDirectory, VehicleView},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
@@ -24,7 +24,7 @@ use wire::{
     v1::{Services, VehicleLine},
 };
 
-use super::remote::{RemoteCommandTarget, VehicleLines, RemoteSource};
+use super::remote::{RemoteCommandTarget, RemoteSource, VehicleLines};
 use crate::{
     remote::RemoteEndpoint,
     station::fleet::{self, Vehicle, Vehicles},
@@ -61,7 +61,11 @@ struct OpenView {
 
 impl Fleet {
     /// Starts to monitor all vehicles that are reachable over the link.
-    pub(super) fn start(link: Link, endpoint: &RemoteEndpoint, default_vehicle: Option<&str>) -> Result<Self, LinkError> {
+    pub(super) fn start(
+        link: Link,
+        endpoint: &RemoteEndpoint,
+        default_vehicle: Option<&str>,
+    ) -> Result<Self, LinkError> {
         let lines = VehicleLines::default();
         let messages = [Topic::Attitude.name(), keys::GATEWAY].map(|topic| link.subscribe(&keys::key("*", topic)));
         let liveliness = link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?;
@@ -71,11 +75,18 @@ impl Fleet {
         let reports = services.clone();
         thread::spawn(move || poll_services(&query_link, &reports));
         thread::spawn(move || receive_messages(&streams, &liveliness, &services, &shared_lines));
-        Ok(Self { link, endpoint: endpoint.clone(), default_vehicle: default_vehicle.map(str::to_owned), lines, views: Arc::default() })
+        Ok(Self {
+            link,
+            endpoint: endpoint.clone(),
+            default_vehicle: default_vehicle.map(str::to_owned),
+            lines,
+            views: Arc::default(),
+        })
     }
 
     fn target(&self, name: &str) -> Arc<dyn CommandTarget> {
-        let (name, link, endpoint, lines) = (name.to_owned(), self.link.clone(), self.endpoint.clone(), self.lines.clone());
+        let (name, link, endpoint, lines) =
+            (name.to_owned(), self.link.clone(), self.endpoint.clone(), self.lines.clone());
         Arc::new(RemoteCommandTarget { name, link, endpoint, lines })
     }
 
@@ -164,7 +175,12 @@ fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
 }
 
 /// Updates the summaries of all vehicles while they are in use.
-fn receive_messages(streams: &[MessageStream; 2], liveliness: &MessageStream, services: &ServiceReports, shared_lines: &VehicleLines) {
+fn receive_messages(
+    streams: &[MessageStream; 2],
+    liveliness: &MessageStream,
+    services: &ServiceReports,
+    shared_lines: &VehicleLines,
+) {
     let (mut vehicles, mut before) = (Vehicles::new(), Instant::now());
     while Arc::strong_count(shared_lines) > 1 {
         while let Some(token) = liveliness.next(Duration::ZERO) {

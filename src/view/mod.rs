@@ -1,7 +1,7 @@
 //! `plumb view`: shows a system, remote vehicles or a recorded flight in a browser.
 
-mod remote;
 mod fleet;
+mod remote;
 
 use std::{
     net::SocketAddr,
@@ -13,12 +13,12 @@ use std::{
 
 use clap::Args;
 use cockpit::{
-    local_system::{LocalSystem, SupervisorClient},
     hub::Hub,
+    local_system::{LocalSystem, SupervisorClient},
     recording::Recording,
     server::{self, Server, SiteContent},
-    vehicles::{VehicleView, VehicleDirectory},
     token::{Role, Token, Tokens},
+    vehicles::{VehicleDirectory, VehicleView},
 };
 use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
@@ -26,8 +26,8 @@ use launch::{Cockpit, CockpitTls, Service};
 
 use crate::{
     fail,
+    remote::{RemoteEndpoint, RemoteError},
     stdout::print,
-    remote::{RemoteError, RemoteEndpoint},
     topics::{StopCondition, duration},
 };
 
@@ -115,7 +115,8 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let name = crate::system::system_name(view.name.as_deref());
     let tokens = Tokens::load()?;
     let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
-    let own_address = statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
+    let own_address =
+        statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
     if let Some(base) = own_address.filter(|_| view.listen.is_none()) {
         // The system has a cockpit of its own.
         return Ok(print(&server::address(&base, Some(view.role_token(&tokens)))));
@@ -172,7 +173,11 @@ fn show_fleet(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError>
     Ok(printed)
 }
 
-fn site(directory: impl VehicleDirectory + 'static, tokens: Option<Tokens>, recording: Option<Arc<Recording>>) -> SiteContent {
+fn site(
+    directory: impl VehicleDirectory + 'static,
+    tokens: Option<Tokens>,
+    recording: Option<Arc<Recording>>,
+) -> SiteContent {
     SiteContent { vehicles: Arc::new(directory), tokens, recording, foxglove_origins: Vec::new() }
 }
 

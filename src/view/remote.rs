@@ -8,7 +8,7 @@ use std::{
 
 use cockpit::{
     local_system::TOPICS,
-    source::{SystemDescription, CommandTarget, Source, SourceState},
+    source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
@@ -144,7 +144,8 @@ impl CommandTarget for RemoteCommandTarget {
             return Err("a shadow cannot be started remotely; run `plumb shadow` on the vehicle".into());
         }
         let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
-        remote::swap_over(&self.link, &self.name, &self.endpoint, &request.slot, stage).map_err(|error| error.to_string())
+        remote::swap_over(&self.link, &self.name, &self.endpoint, &request.slot, stage)
+            .map_err(|error| error.to_string())
     }
 
     fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {

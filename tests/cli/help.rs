@@ -96,6 +96,9 @@ fn every_command_has_examples_that_parse() {
 
 #[test]
 fn shell_words_handles_quotes_and_comments() {
-    assert_eq!(shell_words("  plumb up --source 'sim:s1?seed=2'  # a comment"), ["plumb", "up", "--source", "sim:s1?seed=2"]);
+    assert_eq!(
+        shell_words("  plumb up --source 'sim:s1?seed=2'  # a comment"),
+        ["plumb", "up", "--source", "sim:s1?seed=2"]
+    );
     assert_eq!(shell_words("a \"b c\" d#e ''"), ["a", "b c", "d#e", ""]);
 }

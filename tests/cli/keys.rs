@@ -17,9 +17,9 @@ fn json(output: &Output) -> Value {
 fn keys_prints_written_files_and_destination() {
     let folder = tempfile::tempdir().unwrap();
     let init = keys(folder.path(), &["init", "--router", "10.0.0.1", "--router", "router.example.net"]);
-    let said = String::from_utf8(init.stdout).unwrap();
+    let text = String::from_utf8(init.stdout).unwrap();
     assert!(init.status.success());
-    assert!(said.contains("authority.key stays here") && said.contains("router/router.json5"), "{said}");
+    assert!(text.contains("authority.key stays here") && text.contains("router/router.json5"), "{text}");
 
     let vehicle = keys(folder.path(), &["vehicle", "alpha", "--days", "40", "--json"]);
     let written = &json(&vehicle)[0];
@@ -51,9 +51,9 @@ fn keys_lists_imports_and_rejects_unknown_vehicles() {
     }
     let imports = || json(&keys(folder.path(), &["list", "--json"]))[2]["imports"].clone();
     assert_eq!(imports(), serde_json::json!(["vehicle.board"]));
-    let said = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
-    assert!(said.contains("imports ticks of vehicle.board"), "{said}");
-    // Made anew without it, it may no more.
+    let text = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
+    assert!(text.contains("imports ticks of vehicle.board"), "{text}");
+    // The new certificate no longer permits the import.
     assert!(keys(folder.path(), &["vehicle", "base", "--force"]).status.success());
     assert_eq!(imports(), serde_json::json!([]));
     let router = std::fs::read_to_string(folder.path().join("router/router.json5")).unwrap();
@@ -61,7 +61,7 @@ fn keys_lists_imports_and_rejects_unknown_vehicles() {
 }
 
 #[test]
-fn check_fails_when_a_certificate_is_about_to_end_and_not_for_a_revoked_one() {
+fn check_fails_for_expiring_but_not_for_revoked_certificate() {
     let folder = tempfile::tempdir().unwrap();
     for (arguments, code) in [
         (&["init"][..], 0),
@@ -77,14 +77,14 @@ fn check_fails_when_a_certificate_is_about_to_end_and_not_for_a_revoked_one() {
         (&["viewer", "desk", "--force"], 1),
     ] {
         let output = keys(folder.path(), arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert_eq!(said.is_empty(), code == 0, "{arguments:?}: {said}");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+        assert_eq!(text.is_empty(), code == 0, "{arguments:?}: {text}");
     }
 }
 
 #[test]
-fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
+fn invalid_arguments_exit_2_and_write_nothing() {
     let folder = tempfile::tempdir().unwrap();
     assert!(keys(folder.path(), &["init"]).status.success());
     let count = || std::fs::read_dir(folder.path()).unwrap().count();
@@ -104,12 +104,12 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
     }
     assert_eq!(count(), before);
     for arguments in [&["vehicle", "alpha", "--host", "a b"][..], &["router", "--router", "a b", "--force"]] {
-        let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
-        assert!(said.contains("invalid host `a b`"), "{said}");
+        let text = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
+        assert!(text.contains("invalid host `a b`"), "{text}");
     }
     for arguments in [&["vehicle", "alpha", "--host", "fd00::1"][..], &["router", "--router", "fd00::1", "--force"]] {
-        let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
-        assert!(said.contains("use a DNS name or an IPv4 address"), "{said}");
+        let text = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
+        assert!(text.contains("use a DNS name or an IPv4 address"), "{text}");
     }
     let nowhere = keys(&folder.path().join("nowhere"), &["vehicle", "alpha"]);
     assert_eq!(nowhere.status.code(), Some(1));

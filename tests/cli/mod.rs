@@ -1,11 +1,11 @@
-//! The command line as people use it.
+//! Command-line interface: arguments, output, messages and exit codes.
 
 mod calibrate;
 mod help;
 mod keys;
-mod means;
+mod observers;
 mod output;
-mod seeing;
+mod resources;
 mod terminal;
 mod up;
 mod warnings;

@@ -1,4 +1,4 @@
-//! Standard output: whoever has read enough is no error, whoever cannot be written to is.
+//! Standard output: a closed pipe is not an error, an unwritable file is.
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},
@@ -7,7 +7,9 @@ use std::{
 
 use crate::common::{Running, System, plumb};
 
-/// What a command said that was read until so many lines had come; it ended with 0.
+/// Runs a command, closes its output after `lines` lines and checks the exit code 0.
+///
+/// Returns its standard error.
 fn read(mut command: Command, lines: usize) -> String {
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut reader = BufReader::new(child.stdout.take().unwrap());
@@ -15,20 +17,20 @@ fn read(mut command: Command, lines: usize) -> String {
         assert!(reader.read_line(&mut String::new()).unwrap() > 0, "{command:?}");
     }
     drop(reader);
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(0), "{command:?}: {said}");
-    said
+    let mut stderr = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{command:?}: {stderr}");
+    stderr
 }
 
-fn started(system: &System) -> Running {
+fn start_system(system: &System) -> Running {
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     running
 }
 
 #[test]
-fn a_reader_who_has_read_enough_is_no_error() {
+fn closed_reader_is_not_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("keys").to_str().unwrap().to_owned();
     for arguments in [
@@ -46,7 +48,7 @@ fn a_reader_who_has_read_enough_is_no_error() {
     }
 
     let system = System::new("");
-    let running = started(&system);
+    let running = start_system(&system);
     let name = ["--system", &system.name];
     for (arguments, lines) in [
         (&["topic", "echo", "attitude"][..], 3),
@@ -62,21 +64,21 @@ fn a_reader_who_has_read_enough_is_no_error() {
         assert_eq!(read(plumb(&[arguments, &name].concat()), lines), "", "{arguments:?}");
     }
     running.interrupt();
-    running.wait().assert_whole();
-    assert_eq!(system.remains(), Vec::<String>::new());
+    running.wait().assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 
     let report = read(system.command(&["--for", "100ms", "--speed", "max"]), 0);
     assert!(report.contains("ticks    100 in, 100 out, 0 lost"), "{report}");
 }
 
 #[test]
-fn a_result_that_cannot_be_written_is_an_error() {
+fn unwritable_stdout_is_an_error() {
     let system = System::new("");
     let run = system.command(&["--for", "100ms", "--speed", "max"]);
     for mut command in [plumb(&["stage", "list"]), run] {
         let output = command.stdout(File::options().write(true).open("/dev/full").unwrap()).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains("cannot write to standard output: No space left on device"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{stderr}");
+        assert!(stderr.contains("cannot write to standard output: No space left on device"), "{stderr}");
     }
 }

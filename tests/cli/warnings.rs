@@ -1,12 +1,12 @@
-//! What cannot be is said of the input, with the remedy to paste, and the remedy helps.
+//! Input warnings: implausible input is reported with a launch-file remedy, and the remedy works.
 use std::{fmt::Write as _, fs};
 
-use crate::common::{Run, System, plumb, until};
+use crate::common::{Run, System, plumb, wait_for};
 use serde_json::Value;
 
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// A row of a recording, in its units.
+/// Row of a recording, in its units.
 #[derive(Clone, Copy)]
 struct Row {
     t_s: f64,
@@ -15,24 +15,24 @@ struct Row {
     field: [f64; 3],
 }
 
-/// A mistake that is made in each row.
+/// Mistake applied to each row.
 type Change = fn(Row) -> Row;
 
-fn in_g(row: Row) -> Row {
+fn with_force_in_g(row: Row) -> Row {
     Row { force: row.force.map(|x| x / GRAVITY_M_S2), ..row }
 }
 
-fn in_degrees(row: Row) -> Row {
+fn with_rate_in_degrees(row: Row) -> Row {
     Row { rate: row.rate.map(f64::to_degrees), ..row }
 }
 
-/// A body that is tilted this way and that about its x axis, seen by sensors of 100 Hz.
+/// Returns samples at 100 Hz of a body that is tilted to and fro about its x axis.
 fn rows(seconds: u32) -> impl Iterator<Item = Row> {
     (0..100 * seconds).map(|row| {
         let t_s = f64::from(row) * 0.01;
         let angle = 0.6 * (1.3 * t_s).sin();
         let (rate, (sin, cos)) = (0.6 * 1.3 * (1.3 * t_s).cos(), angle.sin_cos());
-        // No axis of a real sensor stands still.
+        // A real sensor has noise on every axis.
         let [p, q, r] = [31.0, 37.0, 41.0].map(|rad_s| 1e-3 * (rad_s * t_s).sin());
         Row {
             t_s,
@@ -47,8 +47,8 @@ fn recording(system: &System, rows: impl Iterator<Item = Row>) -> String {
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n");
     for Row { t_s, rate, force, field } in rows {
         let numbers = [rate, force, field].concat();
-        let told: Vec<_> = numbers.iter().map(f64::to_string).collect();
-        writeln!(text, "{t_s:.3},{}", told.join(",")).unwrap();
+        let values: Vec<_> = numbers.iter().map(f64::to_string).collect();
+        writeln!(text, "{t_s:.3},{}", values.join(",")).unwrap();
     }
     let path = system.path("recording.csv");
     fs::write(&path, text).unwrap();
@@ -56,83 +56,93 @@ fn recording(system: &System, rows: impl Iterator<Item = Row>) -> String {
 }
 
 fn warnings(run: &Run) -> Vec<String> {
-    run.assert_whole();
+    run.assert_complete();
     run.json["warnings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect()
 }
 
-/// What is said of a recording, by a system with this launch file.
-fn said_of(launch: &str, rows: impl Iterator<Item = Row>, how: &[&str]) -> Vec<String> {
+/// Returns the warnings of a replay of these rows with this launch file.
+fn warnings_for(launch: &str, rows: impl Iterator<Item = Row>, arguments: &[&str]) -> Vec<String> {
     let system = System::new(launch);
     let file = recording(&system, rows);
-    let run = system.run(&[&["--replay", &file, "--speed", "max"], how].concat());
-    let said = warnings(&run);
-    said.iter().for_each(|text| assert!(run.people.contains(&format!("warning: {}", &text[..20])), "{}", run.people));
-    said
+    let run = system.run(&[&["--replay", &file, "--speed", "max"], arguments].concat());
+    let messages = warnings(&run);
+    messages
+        .iter()
+        .for_each(|text| assert!(run.stderr.contains(&format!("warning: {}", &text[..20])), "{}", run.stderr));
+    messages
 }
 
-/// The first remedy that goes into a launch file.
-fn remedy(said: &str) -> Option<&str> {
-    said.split('`').find(|part| part.starts_with("ingest.") && part.contains('='))
+/// Returns the first launch-file remedy in a warning.
+fn remedy(warning: &str) -> Option<&str> {
+    warning.split('`').find(|part| part.starts_with("ingest.") && part.contains('='))
 }
 
 #[test]
-fn forces_in_g_are_named_by_up_and_what_is_pasted_helps() {
-    for how in [&[][..], &["--in-process"]] {
-        let said = said_of("", rows(20).map(in_g), how);
-        assert!(said.len() == 1 && said[0].starts_with("force-unit: the force is "), "{said:?}");
-        assert_eq!(said_of(remedy(&said[0]).unwrap(), rows(20).map(in_g), how), Vec::<String>::new(), "{said:?}");
+fn forces_in_g_are_reported_and_remedy_works() {
+    for arguments in [&[][..], &["--in-process"]] {
+        let messages = warnings_for("", rows(20).map(with_force_in_g), arguments);
+        assert!(messages.len() == 1 && messages[0].starts_with("force-unit: the force is "), "{messages:?}");
+        assert_eq!(
+            warnings_for(remedy(&messages[0]).unwrap(), rows(20).map(with_force_in_g), arguments),
+            Vec::<String>::new(),
+            "{messages:?}"
+        );
     }
 }
 
 #[test]
-fn each_mistake_is_named_by_up_and_what_is_pasted_helps() {
+fn input_mistakes_are_reported_and_remedies_work() {
     let mistakes: [(&str, Change, &str); 6] = [
-        ("rates in °/s", in_degrees, "rate-unit: "),
+        ("rates in °/s", with_rate_in_degrees, "rate-unit: "),
         ("rates divided twice", |row| Row { rate: row.rate.map(f64::to_radians), ..row }, "rate-unit: "),
         ("a negated gyro", |row| Row { rate: row.rate.map(|x| -x), ..row }, "axes-mismatch: "),
         ("a negated accelerometer", |row| Row { force: row.force.map(|x| -x), ..row }, "upside-down: "),
         ("fields in gauss", |row| Row { field: row.field.map(|x| x / 100.0), ..row }, "field-unit: "),
-        ("forces in thousandths of g", |row| Row { force: in_g(row).force.map(|x| x * 1000.0), ..row }, "force-unit: "),
+        (
+            "forces in thousandths of g",
+            |row| Row { force: with_force_in_g(row).force.map(|x| x * 1000.0), ..row },
+            "force-unit: ",
+        ),
     ];
-    for (made, change, name) in mistakes {
-        let said = said_of("", rows(20).map(change), &["--in-process"]);
-        assert!(said.len() == 1 && said[0].starts_with(name), "{made}: {said:?}");
-        let Some(remedy) = remedy(&said[0]) else { panic!("{made}: {said:?}") };
-        let after = said_of(remedy, rows(20).map(change), &["--in-process"]);
-        assert_eq!(after, Vec::<String>::new(), "{made}: {remedy}");
+    for (label, change, name) in mistakes {
+        let messages = warnings_for("", rows(20).map(change), &["--in-process"]);
+        assert!(messages.len() == 1 && messages[0].starts_with(name), "{label}: {messages:?}");
+        let Some(remedy) = remedy(&messages[0]) else { panic!("{label}: {messages:?}") };
+        let after = warnings_for(remedy, rows(20).map(change), &["--in-process"]);
+        assert_eq!(after, Vec::<String>::new(), "{label}: {remedy}");
     }
 }
 
 #[test]
-fn mistakes_that_no_launch_file_mends_are_named_by_up() {
+fn mistakes_without_launch_remedy_are_reported() {
     let in_nt = |row: Row| Row { field: row.field.map(|x| x * 1000.0), ..row };
     let without_gravity = |row: Row| Row { force: row.force.map(|x| 0.02 * x), ..row };
     let of_one_axis = |row: Row| Row { rate: [row.rate[0], 0.01, row.rate[2]], ..row };
     let clipped = |row: Row| Row { rate: [row.rate[0], 4.0 * row.rate[0].clamp(-0.6, 0.6), row.rate[2]], ..row };
-    let twice = rows(20).enumerate().flat_map(|(at, row)| vec![row; 1 + usize::from(at % 10 == 0)]);
+    let twice = rows(20).enumerate().flat_map(|(index, row)| vec![row; 1 + usize::from(index % 10 == 0)]);
     let disordered = |row: Row| Row { t_s: row.t_s - if (row.t_s * 5.0).fract() < 0.04 { 0.035 } else { 0.0 }, ..row };
-    for (name, said) in [
-        ("time-unit: ", said_of("", rows(20).map(|row| Row { t_s: 1000.0 * row.t_s, ..row }), &["--in-process"])),
-        ("field-unit: ", said_of("", rows(20).map(in_nt), &["--in-process"])),
-        ("gravity-removed: ", said_of("", rows(20).map(without_gravity), &["--in-process"])),
-        ("rate-stuck: ", said_of("", rows(20).map(of_one_axis), &["--in-process"])),
-        ("rate-clipped: ", said_of("", rows(20).map(clipped), &["--in-process"])),
-        ("timestamps: ", said_of("", twice, &["--in-process"])),
-        ("timestamps: ", said_of("", rows(20).map(disordered), &["--in-process"])),
+    for (name, messages) in [
+        ("time-unit: ", warnings_for("", rows(20).map(|row| Row { t_s: 1000.0 * row.t_s, ..row }), &["--in-process"])),
+        ("field-unit: ", warnings_for("", rows(20).map(in_nt), &["--in-process"])),
+        ("gravity-removed: ", warnings_for("", rows(20).map(without_gravity), &["--in-process"])),
+        ("rate-stuck: ", warnings_for("", rows(20).map(of_one_axis), &["--in-process"])),
+        ("rate-clipped: ", warnings_for("", rows(20).map(clipped), &["--in-process"])),
+        ("timestamps: ", warnings_for("", twice, &["--in-process"])),
+        ("timestamps: ", warnings_for("", rows(20).map(disordered), &["--in-process"])),
     ] {
-        assert!(said.iter().any(|text| text.starts_with(name)), "no {name} in {said:?}");
+        assert!(messages.iter().any(|text| text.starts_with(name)), "no {name} in {messages:?}");
     }
 }
 
 #[test]
-fn nothing_is_said_of_what_can_be() {
-    assert_eq!(said_of("", rows(20), &[]), Vec::<String>::new());
+fn plausible_input_yields_no_warning() {
+    assert_eq!(warnings_for("", rows(20), &[]), Vec::<String>::new());
     let run = System::new("").run(&["--for", "6s", "--speed", "max"]);
-    assert_eq!(warnings(&run), Vec::<String>::new(), "{}", run.people);
+    assert_eq!(warnings(&run), Vec::<String>::new(), "{}", run.stderr);
 }
 
-/// What the doctor says of the input of a system that runs.
-fn doctors_word(system: &System, seconds: &str) -> Vec<Value> {
+/// Returns the doctor's input checks of a running system.
+fn doctor_input_checks(system: &System, seconds: &str) -> Vec<Value> {
     let output = plumb(&["doctor", "--json", "--seconds", seconds, "--system", &system.name]).output().unwrap();
     let doctor: Value = serde_json::from_slice(&output.stdout).unwrap();
     let checks = doctor["checks"].as_array().unwrap();
@@ -140,19 +150,19 @@ fn doctors_word(system: &System, seconds: &str) -> Vec<Value> {
 }
 
 #[test]
-fn the_doctor_of_a_running_system_names_each_mistake_with_its_remedy() {
+fn doctor_reports_input_mistakes_with_remedies() {
     let system = System::new("");
-    let file = recording(&system, rows(200).map(in_g).map(in_degrees));
+    let file = recording(&system, rows(200).map(with_force_in_g).map(with_rate_in_degrees));
     let running = system.start(&["--replay", &file]);
-    system.all_run();
-    let mut said = Vec::new();
-    until("the doctor to see enough", || {
-        said = doctors_word(&system, "8");
-        said.len() == 2
+    system.wait_until_running();
+    let mut messages = Vec::new();
+    wait_for("the doctor's warnings", || {
+        messages = doctor_input_checks(&system, "8");
+        messages.len() == 2
     });
     for (check, name, remedy) in [
-        (&said[0], "force-unit: ", "ingest.calibration.accel.scale"),
-        (&said[1], "rate-unit: ", "ingest.calibration.gyro.scale"),
+        (&messages[0], "force-unit: ", "ingest.calibration.accel.scale"),
+        (&messages[1], "rate-unit: ", "ingest.calibration.gyro.scale"),
     ] {
         assert_eq!(check["result"], "warning");
         assert!(check["found"].as_str().unwrap().starts_with(name), "{check}");
@@ -160,20 +170,20 @@ fn the_doctor_of_a_running_system_names_each_mistake_with_its_remedy() {
     }
     running.interrupt();
     let run = running.wait();
-    assert_eq!(warnings(&run).len(), 2, "{}", run.people);
+    assert_eq!(warnings(&run).len(), 2, "{}", run.stderr);
 }
 
 #[test]
-fn the_doctor_says_nothing_of_a_good_system() {
+fn doctor_accepts_plausible_input() {
     let replayed = System::new("");
     let file = recording(&replayed, rows(200));
     let simulated = System::new("");
     let systems = [(&replayed, vec!["--replay", &file]), (&simulated, vec!["--source", "sim:s3?seed=1"])];
     let running = systems.map(|(system, arguments)| (system, system.start(&arguments)));
     for (system, running) in running {
-        system.all_run();
-        let said = doctors_word(system, "8");
-        assert!(said.len() == 1 && said[0]["result"] == "ok", "{said:?}");
+        system.wait_until_running();
+        let messages = doctor_input_checks(system, "8");
+        assert!(messages.len() == 1 && messages[0]["result"] == "ok", "{messages:?}");
         running.interrupt();
         assert_eq!(warnings(&running.wait()), Vec::<String>::new());
     }

@@ -8,7 +8,7 @@ use std::{
 };
 
 use super::page::{address, with_cockpit};
-use crate::common::until;
+use crate::common::wait_for;
 
 /// Sends a request and returns the connection with the response's status line and headers, in lower
 /// case.
@@ -41,9 +41,9 @@ pub(crate) const UPGRADE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nS
 fn foreign_origins_and_host_names_are_rejected() {
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let own = address(&system, port);
-    until("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    wait_for("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
     let host = format!("Host: 127.0.0.1:{port}\r\n");
     let page = get(port, "/", &host);
     assert!(page.starts_with("http/1.1 200"), "{page}");
@@ -57,31 +57,31 @@ fn foreign_origins_and_host_names_are_rejected() {
     assert!(get(port, "/socket", &format!("{host}{UPGRADE}")).starts_with("http/1.1 101"));
     for evil in ["http://evil.example", "null", &format!("http://localhost:{port}")] {
         for path in ["/socket", "/metrics"] {
-            let refused = get(port, path, &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
-            assert!(refused.starts_with("http/1.1 403"), "{path}, {evil}: {refused}");
+            let rejected = get(port, path, &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
+            assert!(rejected.starts_with("http/1.1 403"), "{path}, {evil}: {rejected}");
         }
     }
     // An attacker's host name that resolves to the loopback interface.
     for path in ["/", "/socket", "/schema.json", "/metrics"] {
-        let refused = get(port, path, &format!("Host: evil.example:{port}\r\n{UPGRADE}"));
-        assert!(refused.starts_with("http/1.1 421"), "{path}: {refused}");
+        let rejected = get(port, path, &format!("Host: evil.example:{port}\r\n{UPGRADE}"));
+        assert!(rejected.starts_with("http/1.1 421"), "{path}: {rejected}");
     }
     assert!(
         response(port, &format!("POST / HTTP/1.1\r\n{host}Content-Length: 3\r\n\r\nabc")).starts_with("http/1.1 405")
     );
     assert!(get(port, "/../../etc/passwd", &host).starts_with("http/1.1 404"));
-    let kept = fs::metadata(system.path("plumbline/cockpit.token")).unwrap();
-    assert_eq!(kept.mode() & 0o777, 0o600);
+    let token_file = fs::metadata(system.path("plumbline/cockpit.token")).unwrap();
+    assert_eq!(token_file.mode() & 0o777, 0o600);
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
 fn many_viewers_with_one_frozen_cost_no_tick() {
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
-    system.all_run();
-    until("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    system.wait_until_running();
+    wait_for("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
     let host = format!("Host: 127.0.0.1:{port}\r\n");
     let request = format!("GET /socket HTTP/1.1\r\n{host}{UPGRADE}\r\n");
     let viewers: Vec<_> = (0..10)
@@ -93,7 +93,7 @@ fn many_viewers_with_one_frozen_cost_no_tick() {
         })
         .collect();
     let idle: Vec<_> = (0..150).filter_map(|_| TcpStream::connect(("127.0.0.1", port)).ok()).collect();
-    // Nine viewers read a second of snapshots, the tenth nothing.
+    // Nine viewers read a second of snapshots, the tenth reads nothing.
     let mut taken = [0; 9];
     for (viewer, taken) in viewers.iter().zip(&mut taken) {
         let mut bytes = vec![0; 4096];
@@ -104,5 +104,5 @@ fn many_viewers_with_one_frozen_cost_no_tick() {
     drop(idle);
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
+    run.assert_complete();
 }

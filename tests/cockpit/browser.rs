@@ -17,7 +17,7 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Folder with the npm packages, installed once. `None`, with a message, if it is not available.
+/// Folder with the npm packages, installed once. `None` after a message if unavailable.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
@@ -70,8 +70,8 @@ impl Drop for BrowserSlot {
 
 /// Waits until this test may open pages.
 pub(crate) fn wait_for_browser_slot() {
-    thread_local!(static SEAT: OnceCell<BrowserSlot> = const { OnceCell::new() });
-    SEAT.with(|seat| _ = seat.get_or_init(BrowserSlot::acquire));
+    thread_local!(static SLOT: OnceCell<BrowserSlot> = const { OnceCell::new() });
+    SLOT.with(|slot| _ = slot.get_or_init(BrowserSlot::acquire));
 }
 
 /// Runs a program to completion and returns its output; the error is the output of a failed
@@ -103,20 +103,21 @@ impl Browser {
         let node = node.arg(script).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut node = node.spawn().unwrap();
         let (input, output) = (node.stdin.take().unwrap(), node.stdout.take().unwrap());
-        let asked = Arc::<Mutex<HashMap<u64, SyncSender<Value>>>>::default();
-        let waiting = asked.clone();
+        let pending_replies = Arc::<Mutex<HashMap<u64, SyncSender<Value>>>>::default();
+        let reader_channels = pending_replies.clone();
         thread::spawn(move || {
             for line in BufReader::new(output).lines().map_while(Result::ok) {
                 // The last line of a killed driver may be truncated.
                 let Ok(reply) = serde_json::from_str::<Value>(&line) else { continue };
-                let sender = reply["number"].as_u64().and_then(|number| waiting.lock().unwrap().remove(&number));
+                let sender =
+                    reply["number"].as_u64().and_then(|number| reader_channels.lock().unwrap().remove(&number));
                 sender.map(|sender| sender.send(reply));
             }
             // Drops the channels, so that no test waits for a driver that has ended.
-            waiting.lock().unwrap().clear();
+            reader_channels.lock().unwrap().clear();
             let _ = node.wait();
         });
-        Self { input: Mutex::new(input), pending: asked, next: AtomicU64::new(0) }
+        Self { input: Mutex::new(input), pending: pending_replies, next: AtomicU64::new(0) }
     }
 
     fn number(&self) -> u64 {
@@ -134,7 +135,7 @@ impl Browser {
     }
 }
 
-/// Page with a browser context of its own.
+/// Page with a separate browser context.
 pub(crate) struct Page {
     browser: &'static Browser,
     number: u64,
@@ -168,7 +169,8 @@ impl Page {
     }
 
     fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, low_rate: bool) -> Value {
-        let options = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate });
+        let options =
+            json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate });
         self.request(&json!({ "do": "open", "url": url, "options": options }))
     }
 

@@ -1,4 +1,7 @@
-// Compares the page's attitude mathematics with docs/conventions.json: `node conventions.mjs PAGE_FOLDER CONVENTIONS`. Prints the largest differences.
+// Compares the page's attitude mathematics with docs/conventions.json and prints the largest
+// differences.
+//
+//     node conventions.mjs PAGE_FOLDER CONVENTIONS
 import { copyFileSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";

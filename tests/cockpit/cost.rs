@@ -10,11 +10,11 @@ use std::{
 };
 
 use super::{
-    browser::Page,
-    page::{address, with_cockpit_for_browser, with_cockpit},
     access::UPGRADE,
+    browser::Page,
+    page::{address, with_cockpit, with_cockpit_for_browser},
 };
-use crate::common::until;
+use crate::common::wait_for;
 use rustix::net::sockopt::set_socket_recv_buffer_size;
 
 /// More than the buffers of a connection hold at both ends, bytes.
@@ -65,7 +65,7 @@ fn core_percent(pid: u32) -> f64 {
 fn viewer_traffic_is_small() {
     let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
@@ -92,15 +92,15 @@ fn viewer_traffic_is_small() {
     assert!(bytes_s < 100_000.0, "{bytes_s} bytes/s");
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
 fn ten_viewers_with_one_frozen_cost_no_tick() {
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
-    system.all_run();
-    until("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    system.wait_until_running();
+    wait_for("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
     let host = format!("Host: 127.0.0.1:{port}\r\n");
     let p99_us = || {
         let figure = || {
@@ -112,7 +112,7 @@ fn ten_viewers_with_one_frozen_cost_no_tick() {
         };
         median((0..measurement_s()).filter_map(|_| figure()).collect())
     };
-    until("the figures", || metrics_text(port).contains("plumbline_attitude_latency_seconds"));
+    wait_for("the figures", || metrics_text(port).contains("plumbline_attitude_latency_seconds"));
     let without_us = p99_us();
     let viewers: Vec<_> = (0..10)
         .map(|_| {
@@ -135,7 +135,7 @@ fn ten_viewers_with_one_frozen_cost_no_tick() {
             });
         }
         let with_us = p99_us();
-        until("more data than the buffers of a stalled viewer hold", || {
+        wait_for("more data than the buffers of a stalled viewer hold", || {
             received.iter().all(|bytes| bytes.load(SeqCst) > MAX_BUFFERED_BYTES)
         });
         is_done.store(true, SeqCst);
@@ -146,7 +146,7 @@ fn ten_viewers_with_one_frozen_cost_no_tick() {
         measurement_s()
     );
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn session_memory_does_not_grow() {
     let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(30.0, |text| text.parse().unwrap());
     let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     // A short session uses a shorter history, so that it starts with a full one as well.
@@ -187,5 +187,5 @@ fn session_memory_does_not_grow() {
     assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }

@@ -1,10 +1,18 @@
-// Driver of a browser for tests: reads requests and writes replies, one JSON object per line, for any number of pages. `node driver.mjs FOLDER`, whose node_modules contains playwright-core.
+// Browser driver for tests: reads requests and writes replies, one JSON object per line, for any
+// number of pages.
+//
+//     node driver.mjs FOLDER
+//
+// The folder's node_modules contains playwright-core.
 import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
 
 const { chromium } = createRequire(`${process.argv[2]}/`)("playwright-core");
 const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--disable-accelerated-2d-canvas"];
-/** Time limit for starting a browser and showing an empty page, and the number of attempts. On a busy machine a start has been observed to hang. */
+/**
+ * Timeout for starting a browser and showing an empty page. On a busy machine a start can hang, so
+ * that it is attempted several times.
+ */
 const START_TIMEOUT_MS = 20_000;
 const MAX_START_ATTEMPTS = 3;
 const CLOSE_TIMEOUT_MS = 5_000;
@@ -13,7 +21,10 @@ const REQUEST_TIMEOUT_MS = 180_000;
 
 /** The browser of all pages, started on demand and replaced if it ends. */
 let browser;
-/** By number: the page, its context, its errors (including requests to other hosts), and the session that collects its metrics. */
+/**
+ * Pages by number: the page, its context, the session that collects its metrics, and its errors,
+ * including requests to other hosts.
+ */
 const pages = new Map();
 
 const verbs = {
@@ -69,7 +80,7 @@ const verbs = {
   },
   /** Returns the texts whose contrast ratio to their background is below 4.5 (WCAG 2.2, 1.4.3). */
   async contrast({ page }) { return page.evaluate(findLowContrast); },
-  /** Returns Chromium's metrics of the page's thread since the first call, such as the script time, s. */
+  /** Returns Chromium's metrics of the page's thread since the first call, such as script time, s. */
   async metrics(own) {
     if (!own.metricsSession) {
       own.metricsSession = await own.context.newCDPSession(own.page);

@@ -4,11 +4,10 @@ use super::{
     page::{View, row},
 };
 use crate::common::{
-    System,
-    beyond::{endpoint, free_port, gateway},
-    plumb,
-    site::{Site, listening},
-    until,
+    System, plumb,
+    remote::{endpoint, free_port, gateway},
+    site::{Site, listening_vehicle},
+    wait_for,
 };
 
 fn vehicle(name: &str, more: &str) -> System {
@@ -28,8 +27,8 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     let (boat, drone) = (vehicle("boat", ""), vehicle("drone", "[output]\nframe = \"ned-frd\"\n"));
     let out = drone.path("out.csv");
     let (boat_runs, drone_runs) = (boat.start(&[]), drone.start(&["--out", out.to_str().unwrap()]));
-    let ends = [endpoint(&boat), endpoint(&drone)];
-    let view = view(&boat, &["--connect", &ends[0], "--connect", &ends[1]]);
+    let endpoints = [endpoint(&boat), endpoint(&drone)];
+    let view = view(&boat, &["--connect", &endpoints[0], "--connect", &endpoints[1]]);
     let Some(mut page) = Page::open(&view.address) else { return };
     page.until("plumb.view() === 'fleet' && plumb.drawn()?.vehicles?.length === 2");
     page.until("plumb.drawn().vehicles.every(({ old, quaternion, stage, lost_ticks }) => !old && quaternion && stage === 'multiple-model' && lost_ticks === 0)");
@@ -47,7 +46,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
 
     // A vehicle that has ended stays in the list and is marked as old.
     boat_runs.interrupt();
-    boat_runs.wait().assert_whole();
+    boat_runs.wait().assert_complete();
     page.key("5");
     page.until("plumb.drawn()?.vehicles?.some(({ vehicle, old }) => vehicle === 'boat' && old)");
     page.until("plumb.drawn().vehicles.some(({ vehicle, old }) => vehicle === 'drone' && !old)");
@@ -55,7 +54,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     page.assert_clean();
     view.stop();
     drone_runs.interrupt();
-    drone_runs.wait().assert_whole();
+    drone_runs.wait().assert_complete();
     // The file has north-east-down and forward-right-down; the page shows the native frame.
     let row = row(&out, tick);
     assert_eq!(drawn, [row[1], row[3], row[2], -row[4]], "tick {tick}");
@@ -70,24 +69,24 @@ fn named_vehicle_is_shown_and_found_after_restart() {
     let Some(mut page) = Page::open(&view.address) else { return };
     page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
     page.until("plumb.state().kind !== 'live'");
-    let again = boat.start(&[]);
-    until("the gateway", || gateway(&boat).is_some());
+    let restarted = boat.start(&[]);
+    wait_for("the gateway", || gateway(&boat).is_some());
     page.until("plumb.state().kind === 'live'");
     page.assert_clean();
     view.stop();
-    again.interrupt();
-    again.wait().assert_whole();
+    restarted.interrupt();
+    restarted.wait().assert_complete();
 }
 
 #[test]
 fn operator_swaps_stage_of_remote_vehicle() {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["operator", "ann"]]);
-    let alpha = listening(&site, free_port());
+    let alpha = listening_vehicle(&site, free_port());
     let running = alpha.start(&[]);
     let end = endpoint(&alpha);
-    let keys = site.of("operator.ann");
+    let keys = site.holder_folder("operator.ann");
     let view = view(&alpha, &["alpha", "--connect", &end, "--keys", keys.to_str().unwrap()]);
     let Some(mut page) = Page::open(&view.address) else { return };
     page.until("plumb.state().kind === 'live'");
@@ -102,5 +101,5 @@ fn operator_swaps_stage_of_remote_vehicle() {
     page.assert_clean();
     view.stop();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }

@@ -11,11 +11,11 @@ use std::{
 };
 
 use super::{
+    access::{UPGRADE, connect, get},
     browser::{PACKAGES, run},
     page::{View, row, with_cockpit},
-    access::{UPGRADE, connect, get},
 };
-use crate::common::{System, beyond::free_port, data, plumb, python::python, signal, until};
+use crate::common::{System, data, plumb, python::python, remote::free_port, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -27,7 +27,7 @@ fn client(python: &Path, port: u16, protocol: &str, what: &str) -> Command {
 }
 
 fn wait_for_port(port: u16) {
-    until("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    wait_for("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
 }
 
 /// Returns the attitude in the frames of viewers, x y z w: q times a quarter rotation about up.
@@ -42,21 +42,21 @@ fn official_client_receives_recorded_attitude() {
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
     wait_for_port(port);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut client = Command::new("node");
     client.arg(root.join("tests/foreign/foxglove.mjs")).arg(packages).arg(root.join("services/cockpit/page"));
-    let seen: Value = serde_json::from_str(&run(client.arg(format!("127.0.0.1:{port}")).arg("3")).unwrap()).unwrap();
+    let summary: Value = serde_json::from_str(&run(client.arg(format!("127.0.0.1:{port}")).arg("3")).unwrap()).unwrap();
     running.interrupt();
-    running.wait().assert_whole();
-    assert_eq!(seen["errors"], Value::Array(vec![]));
-    assert_eq!(seen["info"]["name"], format!("plumbline {}", system.name));
+    running.wait().assert_complete();
+    assert_eq!(summary["errors"], Value::Array(vec![]));
+    assert_eq!(summary["info"]["name"], format!("plumbline {}", system.name));
     for (topic, schema) in [("/tf", "foxglove.FrameTransform"), ("/attitude", "plumbline.v1.AttitudeOutput")] {
-        assert_eq!(seen["schemas"][topic], format!("protobuf {schema}"));
-        assert!(seen["messages"][topic].as_u64() > Some(20), "{seen}");
+        assert_eq!(summary["schemas"][topic], format!("protobuf {schema}"));
+        assert!(summary["messages"][topic].as_u64() > Some(20), "{summary}");
     }
-    let attitude = &seen["attitude"];
+    let attitude = &summary["attitude"];
     let quaternion: Vec<f64> = serde_json::from_value(attitude["quaternion"].clone()).unwrap();
     assert_eq!(quaternion, row(&out, attitude["tick"].as_u64().unwrap())[1..5]);
 }
@@ -67,19 +67,19 @@ fn python_client_receives_60_attitudes_per_second() {
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
     wait_for_port(port);
     let mut child = client(python, port, "foxglove.sdk.v1", "6").spawn().unwrap();
     thread::sleep(Duration::from_secs(2));
     signal(running.service("accel"), Signal::KILL);
-    let seen: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
+    let summary: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
     assert!(child.wait().unwrap().success());
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 
-    assert_eq!(seen["bad"], Value::Array(vec![]));
-    assert_eq!((&seen["protocol"], &seen["info"]["op"]), (&"foxglove.sdk.v1".into(), &"serverInfo".into()));
-    assert_eq!(seen["info"]["name"], format!("plumbline {}", system.name));
+    assert_eq!(summary["bad"], Value::Array(vec![]));
+    assert_eq!((&summary["protocol"], &summary["info"]["op"]), (&"foxglove.sdk.v1".into(), &"serverInfo".into()));
+    assert_eq!(summary["info"]["name"], format!("plumbline {}", system.name));
     for (topic, schema) in [
         ("/tf", "foxglove.FrameTransform"),
         ("/pose", "foxglove.PoseInFrame"),
@@ -87,21 +87,24 @@ fn python_client_receives_60_attitudes_per_second() {
         ("/attitude", "plumbline.v1.AttitudeOutput"),
         ("/event", "plumbline.v1.SystemEvent"),
     ] {
-        assert_eq!(seen["schemas"][topic], schema, "{topic}");
+        assert_eq!(summary["schemas"][topic], schema, "{topic}");
     }
-    let messages: BTreeMap<String, u64> = serde_json::from_value(seen["messages"].clone()).unwrap();
+    let messages: BTreeMap<String, u64> = serde_json::from_value(summary["messages"].clone()).unwrap();
     for topic in ["/tf", "/pose", "/attitude", "/fused", "/gyro", "/accel", "/imu", "/health"] {
         assert!(messages.get(topic) > Some(&100), "{topic}: {messages:?}");
     }
-    let max_per_second: BTreeMap<String, u64> = serde_json::from_value(seen["most_in_a_second"].clone()).unwrap();
+    let max_per_second: BTreeMap<String, u64> = serde_json::from_value(summary["max_per_second"].clone()).unwrap();
     println!("{messages:?}, at most {max_per_second:?}");
-    assert!(max_per_second.iter().all(|(topic, max_per_second)| *max_per_second <= 60 || topic == "/event"), "{max_per_second:?}");
+    assert!(
+        max_per_second.iter().all(|(topic, max_per_second)| *max_per_second <= 60 || topic == "/event"),
+        "{max_per_second:?}"
+    );
 
     // Events are complete; they are not limited to 60 per second.
-    let events: Vec<u64> = serde_json::from_value(seen["events"].clone()).unwrap();
+    let events: Vec<u64> = serde_json::from_value(summary["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 
-    let rows: Vec<[f64; 9]> = serde_json::from_value(seen["rows"].clone()).unwrap();
+    let rows: Vec<[f64; 9]> = serde_json::from_value(summary["rows"].clone()).unwrap();
     assert!(rows.len() > 100 && messages["/tf"].abs_diff(messages["/attitude"]) <= 1, "{} rows", rows.len());
     for [tick, quaternion @ .., x, y, z, w] in rows {
         let written = row(&out, tick as u64);
@@ -109,11 +112,11 @@ fn python_client_receives_60_attitudes_per_second() {
         let off = for_viewers(quaternion).into_iter().zip([x, y, z, w]).map(|(own, received)| (own - received).abs());
         assert!(off.fold(0.0, f64::max) < 1e-15, "tick {tick}");
     }
-    assert_eq!(seen["poses_differ"], 0);
+    assert_eq!(summary["poses_differ"], 0);
     // Messages are stamped with the time of their publication.
-    let [now, newest] = ["now_ns", "newest_ns"].map(|name| seen[name].as_f64().unwrap() * 1e-9);
+    let [now, newest] = ["now_ns", "newest_ns"].map(|name| summary[name].as_f64().unwrap() * 1e-9);
     assert!(newest <= now && newest > now - 30.0, "{newest} s of {now} s");
-    let narrow = &seen["narrow"];
+    let narrow = &summary["narrow"];
     assert_eq!((&narrow["topics"], &narrow["late"]), (&serde_json::json!(["/tf"]), &0.into()), "{narrow}");
     assert!(narrow["messages"].as_u64() > Some(10), "{narrow}");
 }
@@ -124,14 +127,14 @@ fn receiver_position_is_published_as_location() {
     let (system, port) = with_cockpit("");
     let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
     let running = system.start(&["--replay", recording.to_str().unwrap(), "--speed", "1"]);
-    system.all_run();
+    system.wait_until_running();
     wait_for_port(port);
     let mut child = client(python, port, "foxglove.sdk.v1", "4").spawn().unwrap();
-    let seen: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
+    let summary: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
     assert!(child.wait().unwrap().success());
     running.interrupt();
-    running.wait().assert_whole();
-    let places: Vec<[f64; 3]> = serde_json::from_value(seen["places"].clone()).unwrap();
+    running.wait().assert_complete();
+    let places: Vec<[f64; 3]> = serde_json::from_value(summary["places"].clone()).unwrap();
     assert!(places.len() > 3, "{places:?}");
     let text = fs::read_to_string(data.join("flights/apm_plane_log2_gnss.csv")).unwrap();
     let rows: Vec<Vec<f64>> =
@@ -147,7 +150,7 @@ fn restarted_system_starts_new_session_for_clients() {
     let Some(python) = python() else { return };
     let system = System::new("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let port = free_port();
     let mut command = plumb(&["view", "--system", &system.name, "--listen", &format!("127.0.0.1:{port}")]);
     command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
@@ -155,11 +158,11 @@ fn restarted_system_starts_new_session_for_clients() {
     let mut child = client(python, port, "foxglove.websocket.v1", "another-session").spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let mut next_line = || -> Value { serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap() };
-    let first = next_line()["sees"].clone();
+    let first = next_line()["session"].clone();
     assert!(next_line()["tick"].as_u64() > Some(1000));
     running.interrupt();
-    running.wait().assert_whole();
-    let again = system.start(&[]);
+    running.wait().assert_complete();
+    let restarted = system.start(&[]);
     let mut last = next_line();
     while last["infos"].is_null() {
         last = next_line();
@@ -171,38 +174,38 @@ fn restarted_system_starts_new_session_for_clients() {
     let ticks: Vec<u64> = serde_json::from_value(last["ticks"].clone()).unwrap();
     assert!(ticks.len() >= 10 && ticks.windows(2).all(|pair| pair[0] < pair[1]), "{ticks:?}");
     view.stop();
-    again.interrupt();
-    again.wait().assert_whole();
+    restarted.interrupt();
+    restarted.wait().assert_complete();
 }
 
 const PROTOCOL: &str = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
 
 #[test]
 fn pages_from_listed_origins_only_are_accepted() {
-    let named = "https://app.foxglove.dev";
-    for origins in [vec![], vec![named]] {
+    let listed = "https://app.foxglove.dev";
+    for origins in [vec![], vec![listed]] {
         let (system, port) = with_cockpit(&format!("cockpit.foxglove_origins = {origins:?}"));
         let running = system.start(&[]);
-        system.all_run();
+        system.wait_until_running();
         wait_for_port(port);
         let host = format!("Host: 127.0.0.1:{port}\r\n");
         let from =
             |path: &str, origin: &str| get(port, path, &format!("{host}Origin: {origin}\r\n{PROTOCOL}{UPGRADE}"));
         let expected = if origins.is_empty() { "http/1.1 403" } else { "http/1.1 101" };
-        let answer = from("/foxglove", named);
-        assert!(answer.starts_with(expected), "{answer}");
-        for (path, origin) in [("/socket", named), ("/metrics", named), ("/foxglove", "https://evil.example")] {
-            let answer = from(path, origin);
-            assert!(answer.starts_with("http/1.1 403"), "{path}, {origin}: {answer}");
+        let response = from("/foxglove", listed);
+        assert!(response.starts_with(expected), "{response}");
+        for (path, origin) in [("/socket", listed), ("/metrics", listed), ("/foxglove", "https://evil.example")] {
+            let response = from(path, origin);
+            assert!(response.starts_with("http/1.1 403"), "{path}, {origin}: {response}");
         }
-        let answer = get(port, "/foxglove", &format!("Host: evil.example\r\n{PROTOCOL}{UPGRADE}"));
-        assert!(answer.starts_with("http/1.1 421"), "{answer}");
+        let response = get(port, "/foxglove", &format!("Host: evil.example\r\n{PROTOCOL}{UPGRADE}"));
+        assert!(response.starts_with("http/1.1 421"), "{response}");
         let own = from("/foxglove", &format!("http://127.0.0.1:{port}"));
         assert!(own.starts_with("http/1.1 101") && own.contains("sec-websocket-protocol: foxglove.sdk.v1"), "{own}");
         let none = get(port, "/foxglove", &format!("{host}{UPGRADE}"));
         assert!(none.starts_with("http/1.1 400"), "without the subprotocol: {none}");
         running.interrupt();
-        running.wait().assert_whole();
+        running.wait().assert_complete();
     }
 }
 
@@ -219,15 +222,15 @@ fn clients_cost_no_tick_and_excess_is_rejected() {
     use std::io::{Read as _, Write as _};
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     wait_for_port(port);
     let request = format!("GET /foxglove HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{PROTOCOL}{UPGRADE}\r\n");
     let all: Vec<_> = (0..14).map(|id| format!("{{\"id\":{id},\"channelId\":{id}}}")).collect();
     let subscribe = text(&format!("{{\"op\":\"subscribe\",\"subscriptions\":[{}]}}", all.join(",")));
     let clients: Vec<_> = (0..8)
         .map(|_| {
-            let (mut stream, answer) = connect(port, &request);
-            assert!(answer.starts_with("http/1.1 101"), "{answer}");
+            let (mut stream, response) = connect(port, &request);
+            assert!(response.starts_with("http/1.1 101"), "{response}");
             stream.write_all(&subscribe).unwrap();
             stream
         })
@@ -247,7 +250,7 @@ fn clients_cost_no_tick_and_excess_is_rejected() {
             });
         }
     });
-    // A client whose message exceeds the size limit is disconnected.
+    // A client is disconnected if its message exceeds the size limit.
     let mut client = &clients[0];
     client.write_all(&text(&"x".repeat(5000))).unwrap();
     let mut left = Vec::new();
@@ -255,5 +258,5 @@ fn clients_cost_no_tick_and_excess_is_rejected() {
     let _ = client.read_to_end(&mut left);
     drop(clients);
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }

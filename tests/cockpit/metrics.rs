@@ -2,7 +2,7 @@
 use std::{collections::BTreeSet, path::Path, process::Command};
 
 use super::page::{row, with_cockpit};
-use crate::common::{System, python::python, signal, until};
+use crate::common::{System, python::python, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -46,7 +46,7 @@ impl Metrics {
 /// Waits until the metrics satisfy the condition.
 fn wait_for_metrics(what: &str, python: &Path, port: u16, is: impl Fn(&Metrics) -> bool) -> Metrics {
     let mut metrics = None;
-    until(what, || {
+    wait_for(what, || {
         metrics = Metrics::read(python, port).filter(&is);
         metrics.is_some()
     });
@@ -67,7 +67,7 @@ fn prometheus_metrics_match_plumb_ps() {
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
 
     let before = PATH.map(|service| ps_value(&system, service, "ticks"));
     let ticks = "plumbline_service_ticks_total";
@@ -94,7 +94,8 @@ fn prometheus_metrics_match_plumb_ps() {
     assert_eq!(metrics.value("plumbline_connection_state", "state", "live"), Some(1.0));
     assert_eq!(metrics.value("plumbline_connection_state", "state", "ended"), Some(0.0));
     assert_eq!(metrics.service_value("plumbline_service_ticks_total", "supervisor"), None);
-    let [median, most] = ["0.5", "1"].map(|q| metrics.value("plumbline_attitude_latency_seconds", "quantile", q).unwrap());
+    let [median, most] =
+        ["0.5", "1"].map(|q| metrics.value("plumbline_attitude_latency_seconds", "quantile", q).unwrap());
     assert!(median > 0.0 && median <= most, "{median} s, {most} s");
     let age_s = metrics.unlabelled_value("plumbline_attitude_age_seconds").unwrap();
     assert!(age_s > 0.0, "{age_s}");
@@ -111,15 +112,15 @@ fn prometheus_metrics_match_plumb_ps() {
     // After a kill, the restart is counted and the tick counters continue.
     signal(running.service("gyro"), Signal::KILL);
     let restarts = |metrics: &Metrics| metrics.service_value("plumbline_service_restarts_total", "gyro") == Some(1.0);
-    let again = wait_for_metrics("the restart", python, port, restarts);
+    let later = wait_for_metrics("the restart", python, port, restarts);
     assert_eq!(ps_value(&system, "gyro", "restarts"), 1.0);
-    assert_eq!(again.service_value("plumbline_service_lost_ticks_total", "course"), Some(0.0));
-    let grown = [&metrics, &again].map(|one| one.service_value(ticks, "course").unwrap());
+    assert_eq!(later.service_value("plumbline_service_lost_ticks_total", "course"), Some(0.0));
+    let grown = [&metrics, &later].map(|one| one.service_value(ticks, "course").unwrap());
     assert!(grown[1] > grown[0], "{grown:?}");
 
     running.interrupt();
-    running.wait().assert_whole();
-    for metrics in [metrics, again] {
+    running.wait().assert_complete();
+    for metrics in [metrics, later] {
         let row = row(&out, metrics.unlabelled_value("plumbline_attitude_tick").unwrap() as u64);
         let [w, x, y, z] = [row[1], row[2], row[3], row[4]];
         let pitch_rad = (2.0 * (y * z + w * x)).asin();

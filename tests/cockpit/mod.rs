@@ -1,5 +1,6 @@
 //! Tests of the cockpit in a browser and with other clients: values, access control and cost.
 
+mod access;
 mod browser;
 mod cost;
 mod fleet;
@@ -9,5 +10,4 @@ mod metrics;
 mod page;
 mod recorded;
 mod sensors;
-mod access;
 mod tls;

@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::browser::{PACKAGES, Page, run, wait_for_browser_slot};
-use crate::common::{Running, System, beyond::free_port, plumb, signal, until};
+use crate::common::{Running, System, plumb, remote::free_port, signal, wait_for};
 use attitude::frames::Frame;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -33,11 +33,11 @@ pub(crate) fn with_cockpit_for_browser(more: &str) -> (System, u16) {
 
 pub(crate) fn address(system: &System, port: u16) -> String {
     let token = system.path("plumbline/cockpit.token");
-    until("the token", || token.is_file());
+    wait_for("the token", || token.is_file());
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(token).unwrap().trim())
 }
 
-/// A `plumb view` process, killed when dropped.
+/// `plumb view` process. It is killed when dropped.
 pub(crate) struct View {
     child: Child,
     /// Printed address of the page.
@@ -74,7 +74,7 @@ impl Drop for View {
 
 fn start_all(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    system.all_run();
+    system.wait_until_running();
     running
 }
 
@@ -129,7 +129,7 @@ fn every_view_shows_published_values() {
     page.assert_clean();
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
+    run.assert_complete();
     let up = |row: &[f64]| {
         let [qw, x, y, z] = [row[1], row[2], row[3], row[4]];
         (2.0 * (x * z - qw * y), 2.0 * (y * z + qw * x), 1.0 - 2.0 * (x * x + y * y))
@@ -164,12 +164,12 @@ fn missing_webgl_falls_back_to_2d_with_reason() {
         const middle = Math.round(0.2 * c.height) * c.width + Math.round(c.width / 2);
         return { all: [...Array(c.width * c.height).keys()].filter(drawn).length, axis: [-2, -1, 0, 1, 2].some((off) => drawn(middle + off)) };
     })()";
-    let seen = page.eval(code);
-    assert!(seen["all"].as_u64() > Some(1000) && seen["axis"] == true, "{seen}");
+    let result = page.eval(code);
+    assert!(result["all"].as_u64() > Some(1000) && result["axis"] == true, "{result}");
     page.shot("fly-flat.png");
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -195,16 +195,16 @@ fn swap_by_click_requires_token() {
     page.assert_clean();
 
     // A second page without the token.
-    let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
-    stranger.until("plumb.state().kind === 'live'");
-    stranger.key("4");
-    stranger.until("document.getElementById('slot').value === 'fuser'");
-    stranger.click("#swap");
-    stranger.click("#yes");
-    let outcome = stranger.text("document.getElementById('outcome').textContent");
+    let mut without_token = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
+    without_token.until("plumb.state().kind === 'live'");
+    without_token.key("4");
+    without_token.until("document.getElementById('slot').value === 'fuser'");
+    without_token.click("#swap");
+    without_token.click("#yes");
+    let outcome = without_token.text("document.getElementById('outcome').textContent");
     assert!(outcome.starts_with("commands require a token"), "{outcome}");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -225,7 +225,8 @@ fn shadow_is_drawn_at_its_reported_difference() {
     let drawn = page.eval("plumb.drawn()");
     let numbers = |name: &str| serde_json::from_value::<[f64; 4]>(drawn[name].clone()).unwrap();
     let along: f64 = numbers("quaternion").into_iter().zip(numbers("shadow")).map(|(own, shadow)| own * shadow).sum();
-    let (drawn_deg, reported_deg) = (2.0 * along.abs().min(1.0).acos().to_degrees(), drawn["shadow_difference_deg"].as_f64().unwrap());
+    let (drawn_deg, reported_deg) =
+        (2.0 * along.abs().min(1.0).acos().to_degrees(), drawn["shadow_difference_deg"].as_f64().unwrap());
     assert!(reported_deg > 0.0 && (drawn_deg - reported_deg).abs() < 1e-5, "{drawn_deg}° of {reported_deg}°");
     let label = page.text("[...document.querySelectorAll('.legend .c-shadow')].find((one) => !one.hidden).textContent");
     assert!(label.starts_with("shadow of fuser, difference ") && label.ends_with('°'), "{label}");
@@ -258,7 +259,7 @@ fn shadow_is_drawn_at_its_reported_difference() {
     );
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -295,13 +296,13 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
 
     running.interrupt();
     let run = running.wait();
-    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
     page.until("plumb.state().kind === 'connecting' && !document.getElementById('reason').hidden");
     assert!(page.text("document.getElementById('reason').textContent").contains("plumb up"));
-    let again = start_all(&system, &[]);
+    let second_run = start_all(&system, &[]);
     page.until("plumb.state().kind === 'live'");
-    again.interrupt();
-    again.wait().assert_whole();
+    second_run.interrupt();
+    second_run.wait().assert_complete();
     // The browser itself logs the connection attempts that failed meanwhile.
     let others: Vec<_> = page.errors().into_iter().filter(|error| !error.contains("ERR_CONNECTION")).collect();
     assert_eq!(others, Vec::<String>::new());
@@ -322,7 +323,9 @@ fn all_views_share_time_line_and_cursor() {
     let [from_s, until_s]: [f64; 2] = serde_json::from_value(page.eval(code)).unwrap();
     assert!((3.9..5.0).contains(&from_s) && (5.5..7.0).contains(&until_s), "{from_s} s to {until_s} s");
     signal(running.service("accel"), Signal::KILL);
-    page.until("['accel ended', 'accel restarted'].every((label) => plumb.timeline().some((event) => event.label === label))");
+    page.until(
+        "['accel ended', 'accel restarted'].every((label) => plumb.timeline().some((event) => event.label === label))",
+    );
     page.eval("plumb.ended_s = plumb.timeline().find((event) => event.label === 'accel ended').t");
     page.key(" ");
     for view in ["1", "2", "3", "4"] {
@@ -388,7 +391,7 @@ fn values_and_quaternion_at_cursor_are_copied() {
     assert_eq!(column("t_s"), page.number("plumb.data.shown().t"));
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -407,7 +410,7 @@ fn open_page_does_not_grow() {
     println!("{first} → {second} bytes, {each:.0} per snapshot");
     assert!(each < 60_000.0, "{each} bytes for each of up to 3000 snapshots");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -436,7 +439,7 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
     page.goto(&format!("http://127.0.0.1:{port}/?vehicle=no%23body"), (1280, 720), "dark", true);
     page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('reason').textContent.includes('body\" is not available')");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -448,7 +451,7 @@ fn paused_view_is_kept_and_page_does_not_grow() {
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
     // Pushes ten minutes of snapshots in one call, before further ones arrive.
-    let seen = page.eval(
+    let result = page.eval(
         "(() => {
             const { data } = plumb, { number, picture } = data.frames.at(-1);
             const tick = () => data.shown().picture.attitude.header.tick;
@@ -460,16 +463,16 @@ fn paused_view_is_kept_and_page_does_not_grow() {
             const stays = data.cursor === cursor && tick() === before;
             data.step(-1, 0);
             const one_back = data.cursor < cursor;
-            // A snapshot may have no attitude of its own.
+            // A snapshot may lack an attitude.
             for (let i = 1; i < 30; i++) data.step(-1, 0);
             return { stays, goes_back: one_back && tick() < before, kept: data.frames.length };
         })()",
     );
-    assert_eq!((&seen["stays"], &seen["goes_back"]), (&Value::Bool(true), &Value::Bool(true)), "{seen}");
-    assert!((3000..=6000).contains(&seen["kept"].as_u64().unwrap()), "{seen}");
+    assert_eq!((&result["stays"], &result["goes_back"]), (&Value::Bool(true), &Value::Bool(true)), "{result}");
+    assert!((3000..=6000).contains(&result["kept"].as_u64().unwrap()), "{result}");
     page.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -485,7 +488,7 @@ fn plumb_view_shows_system_without_cockpit() {
     }
     view.stop();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]

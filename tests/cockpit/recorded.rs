@@ -3,14 +3,14 @@ use super::{
     browser::Page,
     page::{View, row},
 };
-use crate::common::{System, beyond::free_port, plumb};
+use crate::common::{System, plumb, remote::free_port};
 
 #[test]
 fn recording_seeks_to_known_second() {
     let system = System::new("");
     let (flights, out) = (system.path("flights"), system.path("out.csv"));
     let record = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap(), "--for", "4s"];
-    system.run(&record).assert_whole();
+    system.run(&record).assert_complete();
     let flight = std::fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
     let listen = format!("127.0.0.1:{}", free_port());
     let view = View::start(plumb(&["view", flight.to_str().unwrap(), "--listen", &listen]));

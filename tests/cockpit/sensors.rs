@@ -14,7 +14,7 @@ use super::{
     browser::Page,
     page::{address, with_cockpit_for_browser},
 };
-use crate::common::{Running, until};
+use crate::common::{Running, wait_for};
 
 const RATE_RAD_S: f64 = 0.5;
 const NOSE_DOWN_RAD: f64 = 0.7;
@@ -60,9 +60,9 @@ fn calibration_reports_missing_data_and_finds_mounting() {
     let (system, port) = with_cockpit_for_browser("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100\n");
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
-    let mut running = Running::of(command);
+    let mut running = Running::spawn(command);
     let down = feed(&mut running);
-    system.all_run();
+    system.wait_until_running();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("3");
@@ -91,11 +91,11 @@ fn calibration_reports_missing_data_and_finds_mounting() {
     page.assert_clean();
 
     // A calibration requires the token.
-    let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
-    stranger.until("plumb.state().kind === 'live'");
-    stranger.key("3");
-    stranger.click("#calibrate");
-    stranger.until("plumb.drawn()?.calibration.error.startsWith('commands require a token')");
+    let mut without_token = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
+    without_token.until("plumb.state().kind === 'live'");
+    without_token.key("3");
+    without_token.click("#calibrate");
+    without_token.until("plumb.drawn()?.calibration.error.startsWith('commands require a token')");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
 }
@@ -108,9 +108,9 @@ fn mounting_check_detects_unit_on_its_side() {
     let (system, port) = with_cockpit_for_browser(mounting);
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
-    let mut running = Running::of(command);
+    let mut running = Running::spawn(command);
     let down = feed(&mut running);
-    system.all_run();
+    system.wait_until_running();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("3");
@@ -130,7 +130,7 @@ fn mounting_check_detects_unit_on_its_side() {
 fn calibration_without_readings_reports_remedy() {
     let (system, port) = with_cockpit_for_browser("");
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("3");
@@ -138,6 +138,6 @@ fn calibration_without_readings_reports_remedy() {
     page.click("#calibrate");
     page.until("plumb.drawn().calibration.error.includes('plumb up --readings')");
     running.interrupt();
-    running.wait().assert_whole();
-    until("the end", || system.remains().is_empty());
+    running.wait().assert_complete();
+    wait_for("the end", || system.leftovers().is_empty());
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{browser::Page, page::with_cockpit_for_browser};
-use crate::common::{System, beyond::free_port, plumb, site::Site, until};
+use crate::common::{System, plumb, remote::free_port, site::Site, wait_for};
 
 /// Sends a request with Python's standard library, which trusts only the site's authority. Returns
 /// the HTTP status or the error.
@@ -23,7 +23,7 @@ except urllib.error.HTTPError as error:
 except (OSError, http.client.HTTPException) as error:
     print(error)
 "#;
-    let ca = site.of("vehicle.alpha").join("ca.pem");
+    let ca = site.holder_folder("vehicle.alpha").join("ca.pem");
     let output = Command::new("python3").args(["-c", script]).arg(ca).args([url, token]).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     String::from_utf8(output.stdout).unwrap().trim().to_owned()
@@ -31,7 +31,7 @@ except (OSError, http.client.HTTPException) as error:
 
 fn with_tls_cockpit() -> (Site, System, u16) {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
-    let folder = site.of("vehicle.alpha");
+    let folder = site.holder_folder("vehicle.alpha");
     let [cert, key] = ["cert.pem", "key.pem"].map(|file| folder.join(file));
     let (system, port) = with_cockpit_for_browser(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
     (site, system, port)
@@ -39,7 +39,7 @@ fn with_tls_cockpit() -> (Site, System, u16) {
 
 fn token(system: &System, file: &str) -> String {
     let path = system.path("plumbline").join(file);
-    until("the token", || path.is_file());
+    wait_for("the token", || path.is_file());
     fs::read_to_string(path).unwrap().trim().to_owned()
 }
 
@@ -47,30 +47,30 @@ fn token(system: &System, file: &str) -> String {
 fn tls_requires_token_and_viewer_cannot_command() {
     let (site, system, port) = with_tls_cockpit();
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let (operator, viewer) = (token(&system, "cockpit.token"), token(&system, "cockpit.viewer.token"));
     assert_ne!(operator, viewer);
-    let at = |rest: &str| format!("https://127.0.0.1:{port}/{rest}");
-    until("the page", || status(&site, &at(""), "") == "200");
+    let page_url = |rest: &str| format!("https://127.0.0.1:{port}/{rest}");
+    wait_for("the page", || status(&site, &page_url(""), "") == "200");
     for (token, expected) in [("", "401"), ("wrong", "401"), (&viewer, "200"), (&operator, "200")] {
-        assert_eq!(status(&site, &at("metrics"), token), expected, "{token}");
+        assert_eq!(status(&site, &page_url("metrics"), token), expected, "{token}");
     }
     // A client that does not trust the authority, or does not use TLS, is rejected.
     let other = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
-    assert!(status(&other, &at(""), &viewer).contains("CERTIFICATE_VERIFY_FAILED"));
+    assert!(status(&other, &page_url(""), &viewer).contains("CERTIFICATE_VERIFY_FAILED"));
     assert!(!status(&site, &format!("http://127.0.0.1:{port}/"), &viewer).contains("200"));
 
-    let Some(mut stranger) = Page::open(&at("")) else { return };
-    stranger.until("document.getElementById('state').textContent === 'no token'");
-    assert_eq!(stranger.eval("plumb.data.frames.length"), 0);
-    let mut viewing = Page::open(&at(&format!("#{viewer}"))).unwrap();
+    let Some(mut without_token) = Page::open(&page_url("")) else { return };
+    without_token.until("document.getElementById('state').textContent === 'no token'");
+    assert_eq!(without_token.eval("plumb.data.frames.length"), 0);
+    let mut viewing = Page::open(&page_url(&format!("#{viewer}"))).unwrap();
     viewing.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     viewing.key("4");
     viewing.until("document.getElementById('slot').value === 'fuser'");
     swap(&mut viewing);
     let outcome = viewing.text("document.getElementById('outcome').textContent");
     assert!(outcome.contains("a viewer's token cannot send commands"), "{outcome}");
-    let mut operating = Page::open(&at(&format!("#{operator}"))).unwrap();
+    let mut operating = Page::open(&page_url(&format!("#{operator}"))).unwrap();
     operating.until("plumb.state().kind === 'live'");
     operating.key("4");
     operating.until("document.getElementById('slot').value === 'fuser'");
@@ -80,7 +80,7 @@ fn tls_requires_token_and_viewer_cannot_command() {
     viewing.assert_clean();
     operating.assert_clean();
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 fn swap(page: &mut Page) {
@@ -95,7 +95,7 @@ fn non_loopback_address_requires_valid_certificate() {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["vehicle", "beta"]]);
     let view = |more: &[&str]| -> Output {
         let listen = format!("0.0.0.0:{}", free_port());
-        let state = site.of("state");
+        let state = site.holder_folder("state");
         let mut command = plumb(&["view", "--seconds", "1", "--listen", &listen]);
         command.args(more).env("XDG_STATE_HOME", state).env_remove("STATE_DIRECTORY").output().unwrap()
     };
@@ -103,7 +103,7 @@ fn non_loopback_address_requires_valid_certificate() {
     let open = view(&[]);
     assert_eq!(open.status.code(), Some(2), "{open:?}");
     assert!(stderr(&open).contains("without --tls") && stderr(&open).contains("ssh -L"), "{}", stderr(&open));
-    let folder = |party: &str| site.of(party).to_str().unwrap().to_owned();
+    let folder = |party: &str| site.holder_folder(party).to_str().unwrap().to_owned();
     let served = view(&["--tls", &folder("vehicle.alpha")]);
     assert!(served.status.success(), "{}", stderr(&served));
     let printed = String::from_utf8(served.stdout).unwrap();
@@ -114,10 +114,10 @@ fn non_loopback_address_requires_valid_certificate() {
     let nothing = view(&["--tls", &folder("nowhere")]);
     assert!(stderr(&nothing).contains("nowhere/cert.pem"), "{}", stderr(&nothing));
     // A key of another certificate, and a key that others can read.
-    let mixed = site.of("mixed");
+    let mixed = site.holder_folder("mixed");
     fs::create_dir(&mixed).unwrap();
-    copy(&site.of("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));
-    copy(&site.of("vehicle.beta").join("key.pem"), &mixed.join("key.pem"));
+    copy(&site.holder_folder("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));
+    copy(&site.holder_folder("vehicle.beta").join("key.pem"), &mixed.join("key.pem"));
     let mismatched = view(&["--tls", mixed.to_str().unwrap()]);
     assert!(stderr(&mismatched).contains("plumb keys vehicle"), "{}", stderr(&mismatched));
     use std::os::unix::fs::PermissionsExt as _;

@@ -1,7 +1,7 @@
-//! Systems for tests: real processes, each under a name of its own, so that tests run in parallel and never meet.
+//! Test systems: real processes under unique names, so that tests can run in parallel.
 
-pub(crate) mod beyond;
 pub(crate) mod python;
+pub(crate) mod remote;
 pub(crate) mod site;
 pub(crate) mod terminal;
 
@@ -23,32 +23,34 @@ use rustix::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A system of a test: its name, its folder, its launch file.
+/// System under test: its name, folder and launch file.
 pub(crate) struct System {
     pub(crate) name: String,
     pub(crate) folder: TempDir,
-    /// `plumb`, or the executable whose services have faults.
+    /// `plumb`, or the executable with the faulty course service.
     pub(crate) executable: PathBuf,
 }
 
-/// How a run ended.
+/// Result of a run: exit code, JSON report and messages on standard error.
 pub(crate) struct Run {
     pub(crate) code: Option<i32>,
     pub(crate) json: Value,
-    pub(crate) people: String,
+    pub(crate) stderr: String,
 }
 
 impl System {
-    /// A system whose launch file is `text` with a name that nobody else has. Unless that says otherwise its topics hold more than usual and
-    /// its readers wait for longer: how long a machine with much to do takes for a restart is not what a test is about.
+    /// Creates a system with a unique name and the launch file `text`.
+    ///
+    /// Unless `text` sets them, the topic buffer and the lateness are longer than the defaults,
+    /// because tests must not depend on the time a busy machine takes for a restart.
     pub(crate) fn new(text: &str) -> Self {
-        let patience = [("buffer_s", 6.0), ("lateness_s", 4.0)]
+        let defaults = [("buffer_s", 6.0), ("lateness_s", 4.0)]
             .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value:?}\n") });
-        Self::written(&(patience.concat() + text))
+        Self::from_launch(&(defaults.concat() + text))
     }
 
-    /// A system whose launch file is `text` from its second line on; the first is the name.
-    pub(crate) fn written(text: &str) -> Self {
+    /// Creates a system with the launch file `text`, preceded by a line with the name.
+    pub(crate) fn from_launch(text: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let folder = tempfile::tempdir().unwrap();
@@ -56,13 +58,13 @@ impl System {
         Self { name, folder, executable: env!("CARGO_BIN_EXE_plumb").into() }
     }
 
-    /// A system of the executable whose course service has the fault that the launch file names.
+    /// Creates a system with a faulty course service. The launch file names the fault.
     pub(crate) fn with_faults(text: &str) -> Self {
-        Self { executable: faulty(), ..Self::new(text) }
+        Self { executable: faulty_executable(), ..Self::new(text) }
     }
 
-    /// Puts more at the end of the launch file.
-    pub(crate) fn add(&self, text: &str) {
+    /// Appends `text` to the launch file.
+    pub(crate) fn append_launch(&self, text: &str) {
         let file = self.path("launch.toml");
         fs::write(&file, fs::read_to_string(&file).unwrap() + text).unwrap();
     }
@@ -74,91 +76,94 @@ impl System {
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(&self.executable);
         command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
-        // What a system keeps for its next start is the test's own.
+        // The state kept for the next start belongs to the test.
         command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
     }
 
-    /// Starts `plumb up` and does not wait for it.
+    /// Starts `plumb up` without waiting for it.
     pub(crate) fn start(&self, arguments: &[&str]) -> Running {
-        Running::of(self.command(arguments))
+        Running::spawn(self.command(arguments))
     }
 
-    /// Starts `plumb up` as a shell does: in a process group of its own, which Ctrl-C goes to.
-    pub(crate) fn start_as_a_shell_does(&self, arguments: &[&str]) -> Running {
+    /// Starts `plumb up` in a separate process group, like an interactive shell.
+    pub(crate) fn start_in_process_group(&self, arguments: &[&str]) -> Running {
         let mut command = self.command(arguments);
         command.process_group(0);
-        Running::of(command)
+        Running::spawn(command)
     }
 
-    /// Runs `plumb up` to its end.
+    /// Runs `plumb up` until it exits.
     pub(crate) fn run(&self, arguments: &[&str]) -> Run {
-        let run = Run::of(self.command(arguments).output().unwrap());
-        assert_eq!(self.remains(), Vec::<String>::new(), "left behind: {}", run.people);
+        let run = Run::from_output(self.command(arguments).output().unwrap());
+        assert_eq!(self.leftovers(), Vec::<String>::new(), "files left behind: {}", run.stderr);
         run
     }
 
-    /// Waits until the system answers that every service runs.
-    pub(crate) fn all_run(&self) {
-        self.all_are(&["running"]);
+    /// Waits until every service is running.
+    pub(crate) fn wait_until_running(&self) {
+        self.wait_for_states(&["running"]);
     }
 
-    /// Waits until every service listens: what a device says before that, nobody gets.
-    pub(crate) fn all_listen(&self) {
-        self.all_are(&["ready", "running"]);
+    /// Waits until every service listens. Messages of a device sent earlier are lost.
+    pub(crate) fn wait_until_ready(&self) {
+        self.wait_for_states(&["ready", "running"]);
     }
 
-    fn all_are(&self, states: &[&str]) {
-        until(&format!("every service to be {}", states.join(" or ")), || {
+    fn wait_for_states(&self, states: &[&str]) {
+        wait_for(&format!("every service to be {}", states.join(" or ")), || {
             let ps = self.ps();
             ps.len() >= 5 && ps.iter().all(|one| one["state"].as_str().is_some_and(|state| states.contains(&state)))
         });
     }
 
-    /// How its services are; none where it does not answer.
+    /// Returns the services; empty if the system does not respond.
     pub(crate) fn ps(&self) -> Vec<Value> {
         let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
         serde_json::from_slice(&output.stdout).unwrap_or_default()
     }
 
-    /// Asks for a swap; what is answered.
-    pub(crate) fn ask_swap(&self, arguments: &[&str]) -> Value {
+    /// Requests a swap and returns the report.
+    pub(crate) fn swap_once(&self, arguments: &[&str]) -> Value {
         let output = plumb(&[&["swap", "--json", "--system", &self.name], arguments].concat()).output().unwrap();
-        let said = || panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| said())
+        let fail = || panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| fail())
     }
 
-    /// The same, and again where the answer asks for that, as where the machine stood still meanwhile.
+    /// Requests a swap and retries if the report asks for it, for example after a machine stall.
     pub(crate) fn swap(&self, arguments: &[&str]) -> Value {
-        let asks_for_more = |report: &Value| {
-            report["reason"].as_str().is_some_and(|why| why.contains("ask again") || why.contains("still under way"))
+        let asks_for_retry = |report: &Value| {
+            report["reason"].as_str().is_some_and(|why| why.contains("retry") || why.contains("is in progress"))
         };
-        let mut report = self.ask_swap(arguments);
+        let mut report = self.swap_once(arguments);
         for _ in 0..5 {
-            if !asks_for_more(&report) {
+            if !asks_for_retry(&report) {
                 break;
             }
             println!("{report}");
             std::thread::sleep(Duration::from_millis(200));
-            report = self.ask_swap(arguments);
+            report = self.swap_once(arguments);
         }
         report
     }
 
-    /// Ends the system, which has written `out`: nothing is lost or left behind, and the bytes are those of an undisturbed run of `launch`.
-    pub(crate) fn assert_ends_undisturbed(&self, running: Running, out: &Path, launch: &str) -> Run {
+    /// Interrupts the system and checks its report and `out`.
+    ///
+    /// Nothing may be lost or left behind, and the bytes must equal those of an undisturbed run of
+    /// `launch`.
+    pub(crate) fn stop_and_assert_undisturbed(&self, running: Running, out: &Path, launch: &str) -> Run {
         running.interrupt();
         let run = running.wait();
-        run.assert_whole();
-        run.assert_bytes(out, launch);
-        assert_eq!(self.remains(), Vec::<String>::new());
+        run.assert_complete();
+        run.assert_undisturbed_output(out, launch);
+        assert_eq!(self.leftovers(), Vec::<String>::new());
         run
     }
 
-    /// Shared memory and files that carry the system's name.
-    pub(crate) fn remains(&self) -> Vec<String> {
+    /// Returns the names of shared memory and files that belong to the system.
+    pub(crate) fn leftovers(&self) -> Vec<String> {
         let dotted = format!("plumbline.{}.", self.name);
-        let folder = format!("plumbline.{}", self.name);
+        let folder_name = format!("plumbline.{}", self.name);
         let names = |path: &str| -> Vec<String> {
             fs::read_dir(path)
                 .unwrap()
@@ -166,60 +171,64 @@ impl System {
                 .map(|entry| entry.file_name().to_string_lossy().into_owned())
                 .collect()
         };
-        let mut remains = names("/dev/shm");
-        remains.extend(names("/tmp"));
-        remains.retain(|name| name.starts_with(&dotted) || *name == folder);
-        remains
+        let mut leftovers = names("/dev/shm");
+        leftovers.extend(names("/tmp"));
+        leftovers.retain(|name| name.starts_with(&dotted) || *name == folder_name);
+        leftovers
     }
 }
 
-/// Copies a program, by a process of its own: what another test starts meanwhile would have the copy open, which could not be run then.
-pub(crate) fn copied(program: &Path, to: &Path) {
+/// Copies a program in a separate process.
+///
+/// A child that another test thread starts meanwhile would inherit the open copy, which could then
+/// not be executed.
+pub(crate) fn copy_program(program: &Path, to: &Path) {
     assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
 }
 
-/// A system that runs. It ends with the test.
+/// Running system. It is terminated when dropped.
 pub(crate) struct Running {
     child: Option<Child>,
-    /// The services that have been seen, by their processes.
-    seen: RefCell<HashMap<u32, String>>,
+    /// Names of the services found so far, by process.
+    known_services: RefCell<HashMap<u32, String>>,
 }
 
 impl Running {
-    pub(crate) fn of(command: Command) -> Self {
-        Self::telling(command, Stdio::piped())
+    pub(crate) fn spawn(command: Command) -> Self {
+        Self::spawn_with_stderr(command, Stdio::piped())
     }
 
-    /// What it says to people goes to `stderr`.
-    pub(crate) fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
+    /// Starts the command with this standard error.
+    pub(crate) fn spawn_with_stderr(mut command: Command, stderr: impl Into<Stdio>) -> Self {
         let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
-        Self { child: Some(child), seen: RefCell::default() }
+        Self { child: Some(child), known_services: RefCell::default() }
     }
 
     pub(crate) fn pid(&self) -> u32 {
         self.child.as_ref().unwrap().id()
     }
 
-    /// Where its standard input is written, once.
+    /// Returns its standard input. Can be called once.
     pub(crate) fn stdin(&mut self) -> ChildStdin {
         self.child.as_mut().unwrap().stdin.take().unwrap()
     }
 
-    /// The processes of the services that live, by name.
+    /// Returns the names and processes of the live services.
     pub(crate) fn services(&self) -> Vec<(String, u32)> {
-        let mut seen = self.seen.borrow_mut();
+        let mut known = self.known_services.borrow_mut();
         children_of(self.pid())
             .into_iter()
-            .filter(|pid| lives(*pid))
+            .filter(|pid| is_alive(*pid))
             .filter_map(|pid| {
-                // Each is looked at until it says what it is: whoever is in the folder of a dying process holds up its parent.
-                if let Some(name) = seen.get(&pid) {
+                // The command line is read once only: reading /proc of a dying process delays its
+                // parent.
+                if let Some(name) = known.get(&pid) {
                     return Some((name.clone(), pid));
                 }
                 let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
                 let words: Vec<_> = line.split(|byte| *byte == 0).map(String::from_utf8_lossy).collect();
                 let name = (words.get(1)? == "service").then(|| words[2].to_string())?;
-                seen.insert(pid, name.clone());
+                known.insert(pid, name.clone());
                 Some((name, pid))
             })
             .collect()
@@ -227,30 +236,30 @@ impl Running {
 
     pub(crate) fn service(&self, name: &str) -> u32 {
         let mut found = None;
-        until("the service to start", || {
+        wait_for("the service to start", || {
             found = self.services().into_iter().find(|(service, _)| service == name);
             found.is_some()
         });
         found.unwrap().1
     }
 
-    /// As Ctrl-C does.
+    /// Interrupts the supervisor, like Ctrl-C.
     pub(crate) fn interrupt(&self) {
         signal(self.pid(), Signal::INT);
     }
 
-    /// The processes of the services, once all are there.
+    /// Returns the processes of the services once all have started.
     pub(crate) fn all_services(&self) -> Vec<(String, u32)> {
-        until("five services", || self.services().len() == 5);
+        wait_for("five services", || self.services().len() == 5);
         self.services()
     }
 
-    pub(crate) fn has_ended(&mut self) -> bool {
+    pub(crate) fn has_exited(&mut self) -> bool {
         self.child.as_mut().unwrap().try_wait().unwrap().is_some()
     }
 
     pub(crate) fn wait(self) -> Run {
-        Run::of(self.output())
+        Run::from_output(self.output())
     }
 
     pub(crate) fn output(mut self) -> Output {
@@ -262,47 +271,49 @@ impl Drop for Running {
     fn drop(&mut self) {
         if let Some(child) = self.child.take() {
             signal(child.id(), Signal::TERM);
-            // A test that failed may have left it frozen.
+            // A failed test may have left it frozen.
             signal(child.id(), Signal::CONT);
-            // What it says is taken, or it could wait for that for ever.
+            // The output is read, because a full pipe would block the process forever.
             child.wait_with_output().unwrap();
         }
     }
 }
 
 impl Run {
-    pub(crate) fn of(output: Output) -> Self {
-        let scripts = String::from_utf8(output.stdout).unwrap();
-        let json = scripts.lines().last().map_or(Value::Null, |line| serde_json::from_str(line).unwrap());
-        Self { code: output.status.code(), json, people: String::from_utf8(output.stderr).unwrap() }
+    pub(crate) fn from_output(output: Output) -> Self {
+        let stdout = String::from_utf8(output.stdout).unwrap();
+        let json = stdout.lines().last().map_or(Value::Null, |line| serde_json::from_str(line).unwrap());
+        Self { code: output.status.code(), json, stderr: String::from_utf8(output.stderr).unwrap() }
     }
 
     pub(crate) fn number(&self, pointer: &str) -> f64 {
         let value = self.json.pointer(pointer).and_then(Value::as_f64);
-        value.unwrap_or_else(|| panic!("no {pointer} in {}\n{}", self.json, self.people))
+        value.unwrap_or_else(|| panic!("no {pointer} in {}\n{}", self.json, self.stderr))
     }
 
-    /// Everything came out once.
-    pub(crate) fn assert_whole(&self) {
-        assert_eq!(self.code, Some(0), "{}", self.people);
-        assert_eq!((self.number("/lost"), self.number("/duplicated")), (0.0, 0.0), "{}", self.people);
+    /// Checks that the run succeeded and every tick was published exactly once.
+    pub(crate) fn assert_complete(&self) {
+        assert_eq!(self.code, Some(0), "{}", self.stderr);
+        assert_eq!((self.number("/lost"), self.number("/duplicated")), (0.0, 0.0), "{}", self.stderr);
         assert_eq!(self.number("/ticks_in"), self.number("/ticks_out"));
     }
 
-    /// What it wrote to `out` is what an undisturbed run of `launch` in one process gives in as many ticks; the source is a simulation at
-    /// 1 kHz.
-    pub(crate) fn assert_bytes(&self, out: &Path, launch: &str) {
+    /// Checks that `out` equals the output of an undisturbed run of `launch`.
+    ///
+    /// That run takes place in one process and has as many ticks. The source must be a simulation
+    /// at 1 kHz.
+    pub(crate) fn assert_undisturbed_output(&self, out: &Path, launch: &str) {
         let system = System::new(launch);
         let (duration, undisturbed) =
             (format!("{}s", self.number("/ticks_out") / 1000.0), system.path("undisturbed.csv"));
-        let to = undisturbed.to_str().unwrap();
-        system.run(&["--in-process", "--speed", "max", "--for", &duration, "--out", to]).assert_whole();
-        assert!(fs::read(out).unwrap() == fs::read(undisturbed).unwrap(), "the bytes differ: {}", self.people);
+        let path = undisturbed.to_str().unwrap();
+        system.run(&["--in-process", "--speed", "max", "--for", &duration, "--out", path]).assert_complete();
+        assert!(fs::read(out).unwrap() == fs::read(undisturbed).unwrap(), "the bytes differ: {}", self.stderr);
     }
 
-    /// The line of the report that starts with `word`.
+    /// Returns the line of the report that starts with `word`.
     pub(crate) fn line(&self, word: &str) -> &str {
-        self.people.lines().find(|line| line.starts_with(word)).unwrap_or_else(|| panic!("no {word}: {}", self.people))
+        self.stderr.lines().find(|line| line.starts_with(word)).unwrap_or_else(|| panic!("no {word}: {}", self.stderr))
     }
 }
 
@@ -312,8 +323,8 @@ pub(crate) fn plumb(arguments: &[&str]) -> Command {
     command
 }
 
-/// What `plumb` writes to a terminal of 24 lines and 80 columns.
-pub(crate) fn on_a_terminal(arguments: &[&str]) -> String {
+/// Returns the output of `plumb` on a terminal of 24 lines and 80 columns.
+pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
     let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
     let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -321,27 +332,27 @@ pub(crate) fn on_a_terminal(arguments: &[&str]) -> String {
     text
 }
 
-/// The service with the faults.
-pub(crate) fn faulty() -> PathBuf {
+/// Returns the executable with the faulty course service.
+pub(crate) fn faulty_executable() -> PathBuf {
     example("faulty")
 }
 
-/// An example, which is built with the tests.
+/// Returns the executable of an example, which is built with the tests.
 pub(crate) fn example(name: &str) -> PathBuf {
     let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join(name);
-    assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
+    assert!(file.is_file(), "{} does not exist; run cargo build --release --examples", file.display());
     file
 }
 
 pub(crate) fn signal(pid: u32, signal: Signal) {
-    // A process that is no more needs no signal.
+    // The process may have exited.
     let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), signal);
 }
 
-/// The process is there and has not ended.
-pub(crate) fn lives(pid: u32) -> bool {
+/// Returns `true` if the process exists and has not exited.
+pub(crate) fn is_alive(pid: u32) -> bool {
     let process = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-    // It can be read once the process has ended, whether or not that has been reaped.
+    // A pidfd becomes readable when the process exits, reaped or not.
     process.is_some_and(|fd| poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&Timespec::default())) == Ok(0))
 }
 
@@ -350,21 +361,21 @@ pub(crate) fn children_of(pid: u32) -> Vec<u32> {
     text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
 }
 
-/// Waits for something that must come; the limit is only there to end a failed test.
-pub(crate) fn until(what: &str, done: impl FnMut() -> bool) {
-    until_within(Duration::from_secs(60), what, done);
+/// Waits for a condition that must become true. The timeout only ends a failed test.
+pub(crate) fn wait_for(what: &str, done: impl FnMut() -> bool) {
+    wait_for_within(Duration::from_secs(60), what, done);
 }
 
-/// The same for something that may take longer.
-pub(crate) fn until_within(limit: Duration, what: &str, mut done: impl FnMut() -> bool) {
+/// Waits for a condition with a specific timeout.
+pub(crate) fn wait_for_within(limit: Duration, what: &str, mut done: impl FnMut() -> bool) {
     let deadline = Instant::now() + limit;
     while !done() {
-        assert!(Instant::now() < deadline, "waited in vain for {what}");
+        assert!(Instant::now() < deadline, "timed out waiting for {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
 
-/// The folder of recordings; says that the test is skipped where there is none.
+/// Returns the folder of recordings, or `None` with a note that the test is skipped.
 pub(crate) fn data() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../shared/data"), PathBuf::from);
@@ -372,11 +383,11 @@ pub(crate) fn data() -> Option<PathBuf> {
         return Some(folder);
     }
     assert!(std::env::var_os("PLUMBLINE_DATA").is_none(), "no recordings at {}", folder.display());
-    eprintln!("skipped: no recordings at {} (PLUMBLINE_DATA names another place)", folder.display());
+    eprintln!("skipped: no recordings at {}; set PLUMBLINE_DATA to their folder", folder.display());
     None
 }
 
-/// `t_s` and quaternion of each line of an `--out` file.
+/// Returns `t_s` and the quaternion of each line of an `--out` file.
 pub(crate) fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
@@ -389,18 +400,18 @@ pub(crate) fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
         .collect()
 }
 
-/// Whatever went in: finite, of unit length, time growing.
-pub(crate) fn assert_sound(attitudes: &[(f64, [f64; 4])]) {
+/// Checks that the attitudes are finite, of unit length and increasing in time.
+pub(crate) fn assert_valid_attitudes(attitudes: &[(f64, [f64; 4])]) {
     for pair in attitudes.windows(2) {
-        assert!(pair[1].0 > pair[0].0, "time does not grow: {pair:?}");
+        assert!(pair[1].0 > pair[0].0, "time does not increase: {pair:?}");
     }
     for (t_s, q) in attitudes {
         let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        assert!((norm - 1.0).abs() < 1e-12, "at {t_s} s the quaternion has the length {norm}");
+        assert!((norm - 1.0).abs() < 1e-12, "quaternion norm {norm} at {t_s} s");
     }
 }
 
-/// Angle between the up vectors of two attitudes, degrees.
+/// Returns the angle between the up vectors of two attitudes, degrees.
 pub(crate) fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let (a, b) = (up(a), up(b));

@@ -1,4 +1,4 @@
-//! A Python with the packages of others that tests compare with, in an environment of its own.
+//! Python environment with the third-party packages used for comparison.
 
 use std::{
     env, fs,
@@ -12,14 +12,14 @@ const PACKAGES: &str = include_str!("../foreign/requirements.txt");
 const READERS: &str = include_str!("../foreign/readers.txt");
 const INSTALL: [&str; 5] = ["-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
 
-/// One environment for all tests, made once for this Python and what the lists say.
+/// One environment for all tests, created once per Python version and package list.
 static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     let version = run(Command::new("python3").arg("--version"))?;
-    let mut of = DefaultHasher::new();
-    [PACKAGES, READERS, &version].hash(&mut of);
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{:016x}", of.finish()));
+    let mut hasher = DefaultHasher::new();
+    [PACKAGES, READERS, &version].hash(&mut hasher);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{:016x}", hasher.finish()));
     if !folder.exists() {
-        // Under its name there is a whole one only.
+        // Only a complete environment gets the final name.
         let part = folder.with_extension(process::id().to_string());
         run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&part))?;
         for (list, name, dependencies) in
@@ -30,7 +30,7 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
             run(Command::new(part.join("bin/python")).args(INSTALL).args(dependencies).arg("-r").arg(file))?;
         }
         match fs::rename(&part, &folder) {
-            // Somebody else made the same meanwhile.
+            // Another process has created the same environment meanwhile.
             Err(_) if folder.exists() => _ = fs::remove_dir_all(part),
             renamed => renamed.map_err(|cause| cause.to_string())?,
         }
@@ -38,20 +38,21 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     Ok(folder.join("bin/python"))
 });
 
-/// Says why where there is none, which under `CI` is a failure.
+/// Returns the Python executable, or `None` after reporting the reason. Under `CI` this is a
+/// failure.
 pub(crate) fn python() -> Option<&'static Path> {
     match &*PYTHON {
         Ok(python) => Some(python),
         Err(cause) => {
-            let said = format!("no Python 3.11 or later with all packages of tests/foreign: {cause}");
-            assert!(env::var_os("CI").is_none(), "{said}");
-            eprintln!("skipped: {said}");
+            let message = format!("no Python 3.11 or later with all packages of tests/foreign: {cause}");
+            assert!(env::var_os("CI").is_none(), "{message}");
+            eprintln!("skipped: {message}");
             None
         }
     }
 }
 
-/// What it said.
+/// Runs a command. Returns its standard output, or its standard error as the error.
 fn run(command: &mut Command) -> Result<String, String> {
     let output = command.output().map_err(|cause| format!("{command:?}: {cause}"))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();

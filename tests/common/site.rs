@@ -1,4 +1,4 @@
-//! Keys, and systems that show them.
+//! Keys created by `plumb keys`, and systems that use them.
 
 use std::path::PathBuf;
 
@@ -6,43 +6,49 @@ use tempfile::TempDir;
 
 use super::{System, plumb};
 
-/// A folder of keys.
+/// Temporary folder of keys.
 pub(crate) struct Site(TempDir);
 
 impl Site {
-    pub(crate) fn new(parties: &[&[&str]]) -> Self {
+    /// Creates an authority and the keys of these holders.
+    ///
+    /// Each holder is given by the arguments of `plumb keys`.
+    pub(crate) fn new(holders: &[&[&str]]) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.keys(&["init"]);
-        parties.iter().for_each(|party| site.keys(party));
+        holders.iter().for_each(|holder| site.keys(holder));
         site
     }
 
     fn keys(&self, arguments: &[&str]) {
-        let made = plumb(&["keys"]).args(arguments).arg("--dir").arg(self.0.path()).output().unwrap();
-        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let output = plumb(&["keys"]).args(arguments).arg("--dir").arg(self.0.path()).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
 
-    pub(crate) fn of(&self, party: &str) -> PathBuf {
-        self.0.path().join(party)
+    /// Returns the folder of a holder's keys.
+    pub(crate) fn holder_folder(&self, holder: &str) -> PathBuf {
+        self.0.path().join(holder)
     }
 
-    /// What `[gateway]` says of a party's certificate.
-    pub(crate) fn tls(&self, party: &str) -> String {
-        let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| self.of(party).join(file));
+    /// Returns the `tls` key of `[gateway]` for a holder's certificate.
+    pub(crate) fn tls(&self, holder: &str) -> String {
+        let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| self.holder_folder(holder).join(file));
         format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}")
     }
 }
 
-/// A system with a gateway whose table is `gateway`.
-pub(crate) fn system(gateway: &str) -> System {
+/// Creates a system with this `[gateway]` table.
+pub(crate) fn system_with_gateway(gateway: &str) -> System {
     System::new(&format!(
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[ingest.sim]\nrate_hz = 100\n[gateway]\n{gateway}\n"
     ))
 }
 
-/// A vehicle that listens itself at `port`.
-pub(crate) fn listening(site: &Site, port: u16) -> System {
-    let access = site.of("vehicle.alpha").join("access.json5");
+/// Creates a system with a vehicle's gateway that listens at `port`.
+pub(crate) fn listening_vehicle(site: &Site, port: u16) -> System {
+    let access = site.holder_folder("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");
-    system(&format!("vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))
+    system_with_gateway(&format!(
+        "vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"
+    ))
 }

@@ -1,4 +1,4 @@
-//! A terminal of a test: a pseudo-terminal whose screen is read back.
+//! Pseudo-terminals with a screen that tests can read.
 use std::{
     fs::{File, OpenOptions},
     io::{Read, Write},
@@ -18,78 +18,78 @@ use rustix::{
 };
 use vt100::Parser;
 
-/// Sets the title of the terminal, and changes nothing on the screen.
+/// Sets the title of the terminal. Marks the end of the output without changing the screen.
 const END: &[u8] = b"\x1b]0;end\x07";
 
-/// A program on a terminal. It ends with the test.
-pub(crate) struct OnTerminal {
+/// Program on a terminal. It is killed when dropped.
+pub(crate) struct TerminalProgram {
     pub(crate) child: Child,
     keys: File,
-    /// The program's side, which stays open so that what is left of it can be read.
-    side: File,
+    /// Terminal end of the program. It stays open, so that remaining output can be read.
+    program_side: File,
     screen: Arc<Mutex<Parser>>,
-    was_taken_over: Arc<AtomicBool>,
-    /// What the program wrote last is on the screen.
-    is_all_shown: Arc<AtomicBool>,
+    was_full_screen: Arc<AtomicBool>,
+    /// Set once [`END`] has been read.
+    has_read_end: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
 
-impl OnTerminal {
-    /// Starts it on a terminal of so many lines and columns.
+impl TerminalProgram {
+    /// Starts a command on a terminal of this size, in lines and columns.
     pub(crate) fn start(mut command: Command, size: (u16, u16)) -> Self {
         command.env("TERM", "xterm-256color").env_remove("NO_COLOR");
-        Self::start_as_it_is(command, size)
+        Self::start_unmodified(command, size)
     }
 
-    /// The same in the environment of the command.
-    pub(crate) fn start_as_it_is(mut command: Command, (lines, columns): (u16, u16)) -> Self {
-        let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&near).unwrap();
-        unlockpt(&near).unwrap();
-        let path = ptsname(&near, Vec::new()).unwrap();
-        let side = OpenOptions::new().read(true).write(true).open(path.to_str().unwrap()).unwrap();
-        tcsetwinsize(&near, size(lines, columns)).unwrap();
-        let end = || Stdio::from(OwnedFd::from(side.try_clone().unwrap()));
+    /// Starts a command without changes to its environment.
+    pub(crate) fn start_unmodified(mut command: Command, (lines, columns): (u16, u16)) -> Self {
+        let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&controller).unwrap();
+        unlockpt(&controller).unwrap();
+        let path = ptsname(&controller, Vec::new()).unwrap();
+        let program_side = OpenOptions::new().read(true).write(true).open(path.to_str().unwrap()).unwrap();
+        tcsetwinsize(&controller, size(lines, columns)).unwrap();
+        let end = || Stdio::from(OwnedFd::from(program_side.try_clone().unwrap()));
         let child = command.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
         let screen = Arc::new(Mutex::new(Parser::new(lines.try_into().unwrap(), columns.try_into().unwrap(), 0)));
-        let keys = File::from(near);
+        let keys = File::from(controller);
         let (mut from, to) = (keys.try_clone().unwrap(), screen.clone());
-        let was_taken_over = Arc::new(AtomicBool::new(false));
-        let is_all_shown = Arc::new(AtomicBool::new(false));
-        let (was, all) = (was_taken_over.clone(), is_all_shown.clone());
+        let was_full_screen = Arc::new(AtomicBool::new(false));
+        let has_read_end = Arc::new(AtomicBool::new(false));
+        let (full_screen_seen, end_read) = (was_full_screen.clone(), has_read_end.clone());
         let reader = thread::spawn(move || {
             let (mut bytes, mut last) = ([0; 4096], Vec::new());
             while let Ok(count @ 1..) = from.read(&mut bytes) {
                 let mut parser = to.lock().unwrap();
                 parser.process(&bytes[..count]);
-                was.fetch_or(parser.screen().alternate_screen(), Ordering::SeqCst);
+                full_screen_seen.fetch_or(parser.screen().alternate_screen(), Ordering::SeqCst);
                 last.extend_from_slice(&bytes[..count]);
-                all.fetch_or(last.windows(END.len()).any(|bytes| bytes == END), Ordering::SeqCst);
+                end_read.fetch_or(last.windows(END.len()).any(|bytes| bytes == END), Ordering::SeqCst);
                 last.drain(..last.len().saturating_sub(END.len()));
             }
         });
-        Self { child, keys, side, screen, was_taken_over, is_all_shown, reader: Some(reader) }
+        Self { child, keys, program_side, screen, was_full_screen, has_read_end, reader: Some(reader) }
     }
 
-    /// What is on the screen, line by line.
+    /// Returns the text on the screen, line by line.
     pub(crate) fn text(&self) -> String {
         self.screen.lock().unwrap().screen().contents()
     }
 
-    /// Waits until what is on the screen holds all the words.
-    pub(crate) fn shows(&self, words: &[&str]) -> String {
-        self.shows_that(&format!("{words:?}"), |text| words.iter().all(|word| text.contains(word)))
+    /// Waits until the screen contains all the words and returns its text.
+    pub(crate) fn wait_for_text(&self, words: &[&str]) -> String {
+        self.wait_for_screen(&format!("{words:?}"), |text| words.iter().all(|word| text.contains(word)))
     }
 
-    /// The same of whatever must hold of it.
-    pub(crate) fn shows_that(&self, what: &str, holds: impl Fn(&str) -> bool) -> String {
+    /// Waits until the text on the screen satisfies `holds` and returns it.
+    pub(crate) fn wait_for_screen(&self, what: &str, holds: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + Duration::from_secs(60);
         loop {
             let text = self.text();
             if holds(&text) {
                 return text;
             }
-            assert!(Instant::now() < deadline, "waited in vain for {what}:\n{text}");
+            assert!(Instant::now() < deadline, "timed out waiting for {what}:\n{text}");
             thread::sleep(Duration::from_millis(5));
         }
     }
@@ -103,48 +103,50 @@ impl OnTerminal {
         tcsetwinsize(&self.keys, size(lines, columns)).unwrap();
     }
 
-    /// A view has taken the terminal over.
-    pub(crate) fn is_taken_over(&self) -> bool {
-        self.screen.lock().unwrap().screen().alternate_screen() && !self.reads_lines()
+    /// Returns `true` while the program shows the alternate screen and reads single keys.
+    pub(crate) fn is_full_screen(&self) -> bool {
+        self.screen.lock().unwrap().screen().alternate_screen() && !self.is_in_line_mode()
     }
 
-    /// A view took it over at any time.
-    pub(crate) fn was_taken_over(&self) -> bool {
-        self.was_taken_over.load(Ordering::SeqCst)
+    /// Returns `true` if the program has ever shown the alternate screen.
+    pub(crate) fn was_full_screen(&self) -> bool {
+        self.was_full_screen.load(Ordering::SeqCst)
     }
 
-    /// The terminal is as a shell wants it: its own screen, a visible cursor, and what is typed is seen and comes line by line.
-    pub(crate) fn is_given_back(&self) -> bool {
+    /// Returns `true` if the terminal is in the state a shell needs.
+    ///
+    /// That is: main screen, visible cursor, echo and line mode.
+    pub(crate) fn is_restored(&self) -> bool {
         let screen = self.screen.lock().unwrap();
-        !screen.screen().alternate_screen() && !screen.screen().hide_cursor() && self.reads_lines()
+        !screen.screen().alternate_screen() && !screen.screen().hide_cursor() && self.is_in_line_mode()
     }
 
-    fn reads_lines(&self) -> bool {
-        let modes = tcgetattr(&self.side).unwrap().local_modes;
+    fn is_in_line_mode(&self) -> bool {
+        let modes = tcgetattr(&self.program_side).unwrap().local_modes;
         modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
 
-    /// Waits for its end and until all that it wrote is on the screen.
-    pub(crate) fn ends(&mut self) -> ExitStatus {
+    /// Waits until the program has exited and all its output is on the screen.
+    pub(crate) fn wait_for_exit(&mut self) -> ExitStatus {
         let deadline = Instant::now() + Duration::from_secs(60);
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
             }
-            assert!(Instant::now() < deadline, "it does not end:\n{}", self.text());
+            assert!(Instant::now() < deadline, "timed out waiting for the program to exit:\n{}", self.text());
             thread::sleep(Duration::from_millis(5));
         };
-        // What the program wrote last comes before this.
-        self.side.write_all(END).unwrap();
-        while !self.is_all_shown.load(Ordering::SeqCst) {
-            assert!(Instant::now() < deadline, "what it wrote last does not come:\n{}", self.text());
+        // The last output of the program precedes this mark.
+        self.program_side.write_all(END).unwrap();
+        while !self.has_read_end.load(Ordering::SeqCst) {
+            assert!(Instant::now() < deadline, "timed out waiting for the last output:\n{}", self.text());
             thread::sleep(Duration::from_millis(5));
         }
         status
     }
 }
 
-impl Drop for OnTerminal {
+impl Drop for TerminalProgram {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();

@@ -1,8 +1,8 @@
-"""A client that has never seen this project: ENDPOINT VEHICLE [FOLDER].
+"""Third-party client of a vehicle: ENDPOINT VEHICLE [FOLDER].
 
-It needs eclipse-zenoh and protobuf and nothing else; the types come from the vehicle itself. FOLDER is one of an operator that `plumb keys` has
-made, for a quic endpoint. Prints a line of JSON for each step and waits for
-a line on standard input before the last one, which needs the vehicle to go.
+It uses eclipse-zenoh and protobuf only; the message types come from the vehicle itself. FOLDER
+holds the keys of an operator, written by `plumb keys`, for a quic endpoint. Each step prints one
+line of JSON. The last step waits for a line on standard input; the vehicle must then be stopped.
 """
 
 import json
@@ -18,11 +18,11 @@ endpoint, vehicle, *folder = sys.argv[1:]
 prefix = f"plumbline/v1/{vehicle}"
 
 
-def say(step, **what):
-    print(json.dumps({"step": step, **what}), flush=True)
+def report(step, **fields):
+    print(json.dumps({"step": step, **fields}), flush=True)
 
 
-def ask(session, key, payload=None):
+def query(session, key, payload=None):
     replies = [reply.ok for reply in session.get(f"{prefix}/{key}", payload=payload, timeout=40.0) if reply.ok]
     return {str(reply.key_expr): (str(reply.encoding), reply.payload.to_bytes()) for reply in replies}
 
@@ -38,38 +38,38 @@ else:
 config.insert_json5("connect/endpoints", json.dumps([endpoint]))
 session = zenoh.open(config)
 
-living, changed = set(), threading.Condition()
+live, changed = set(), threading.Condition()
 
 
-def on_sign(sample):
+def on_liveliness(sample):
     with changed:
         key = str(sample.key_expr)
-        (living.add if sample.kind == zenoh.SampleKind.PUT else living.discard)(key)
+        (live.add if sample.kind == zenoh.SampleKind.PUT else live.discard)(key)
         changed.notify_all()
 
 
-def wait_for(what):
+def wait_for(condition):
     with changed:
-        return changed.wait_for(what, timeout=30)
+        return changed.wait_for(condition, timeout=30)
 
 
-signs = session.liveliness().declare_subscriber("plumbline/v1/*/@live/**", on_sign, history=True)
-came = wait_for(lambda: {f"{prefix}/@live", f"{prefix}/@live/fuser", f"{prefix}/@live/gateway"} <= living)
-say("came", all=came, living=sorted(living))
+liveliness = session.liveliness().declare_subscriber("plumbline/v1/*/@live/**", on_liveliness, history=True)
+appeared = wait_for(lambda: {f"{prefix}/@live", f"{prefix}/@live/fuser", f"{prefix}/@live/gateway"} <= live)
+report("appeared", all=appeared, live=sorted(live))
 
-encoding, descriptors = ask(session, "schema")[f"{prefix}/schema"]
+encoding, descriptors = query(session, "schema")[f"{prefix}/schema"]
 pool = descriptor_pool.DescriptorPool()
 for file in descriptor_pb2.FileDescriptorSet.FromString(descriptors).file:
     pool.Add(file)
-say("schema", encoding=encoding, bytes=len(descriptors))
+report("schema", encoding=encoding, bytes=len(descriptors))
 
 
-def decoded(encoding, data):
+def decode(encoding, data):
     name = encoding.split(";")[1]
     return name, message_factory.GetMessageClass(pool.FindMessageTypeByName(name)).FromString(data)
 
 
-def made(name, **fields):
+def new_message(name, **fields):
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"plumbline.v1.{name}"))(**fields)
 
 
@@ -85,60 +85,60 @@ def on_attitude(sample):
 
 subscriber = session.declare_subscriber(f"{prefix}/attitude", on_attitude)
 enough.wait(30)
-batches = [decoded(*one) for one in received]
+batches = [decode(*one) for one in received]
 sequences = [batch.envelope.sequence for _, batch in batches]
 samples = [sample for _, batch in batches for sample in batch.samples]
 norms = [math.hypot(s.quaternion.w, s.quaternion.x, s.quaternion.y, s.quaternion.z) for s in samples]
-say(
+report(
     "attitude",
     type=batches[0][0],
     messages=len(batches),
     samples=len(samples),
-    whole=sequences == list(range(sequences[0], sequences[0] + len(sequences))),
+    complete=sequences == list(range(sequences[0], sequences[0] + len(sequences))),
     unit=all(abs(norm - 1) < 1e-9 for norm in norms),
     period_ms=(samples[-1].header.t_end_ns - samples[0].header.t_end_ns) / (len(samples) - 1) / 1e6,
 )
 
-name, last = decoded(*ask(session, "attitude")[f"{prefix}/attitude"])
-say("last", type=name, newest=last.samples[-1].header.tick >= samples[0].header.tick)
+name, last = decode(*query(session, "attitude")[f"{prefix}/attitude"])
+report("cached", type=name, newest=last.samples[-1].header.tick >= samples[0].header.tick)
 
 
 def services():
-    _, answer = decoded(*ask(session, "services")[f"{prefix}/services"])
-    return answer, next(one for one in answer.services if one.service == "fuser")
+    _, reply = decode(*query(session, "services")[f"{prefix}/services"])
+    return reply, next(one for one in reply.services if one.service == "fuser")
 
 
 def swap(request):
-    _, answer = decoded(*ask(session, "command/swap", request.SerializeToString())[f"{prefix}/command/swap"])
-    return answer
+    _, reply = decode(*query(session, "command/swap", request.SerializeToString())[f"{prefix}/command/swap"])
+    return reply
 
 
-answer, fuser = services()
-request = made(
+reply, fuser = services()
+request = new_message(
     "SwapRequest",
     request_id="foreign-1",
     slot="fuser",
     stage="vqf",
     expected_epoch=fuser.epoch,
-    t_deadline_ns=answer.t_now_ns + 30_000_000_000,
+    t_deadline_ns=reply.t_now_ns + 30_000_000_000,
 )
 if folder:
     first, again = swap(request), swap(request)
     request.request_id = "foreign-2"
-    reordered = swap(request)
-    say(
+    outdated = swap(request)
+    report(
         "swap",
         outcome=first.outcome,
         lost=first.lost,
         same=first == again,
-        reordered=reordered.outcome,
-        reason=reordered.reason,
+        outdated=outdated.outcome,
+        reason=outdated.reason,
         stage=services()[1].stage,
     )
 else:
-    answers = ask(session, "command/swap", request.SerializeToString())
-    say("unheard", all=not answers and services()[1].epoch == fuser.epoch)
+    replies = query(session, "command/swap", request.SerializeToString())
+    report("ignored", all=not replies and services()[1].epoch == fuser.epoch)
 
 sys.stdin.readline()
-say("went", all=wait_for(lambda: not living), living=sorted(living))
+report("disappeared", all=wait_for(lambda: not live), live=sorted(live))
 session.close()

@@ -1,7 +1,7 @@
-"""Devices as other projects speak for them, until the one who listens goes away.
+"""Simulated devices, encoded by third-party packages. They end when the receiver disconnects.
 
-`mavlink PORT`: an autopilot that lies level and drives north-east at 5 m/s, over UDP. `ubx PORT`, `nmea PORT`: a receiver that does the same,
-to whoever connects.
+`mavlink PORT`: an autopilot over UDP, level and moving north-east at 5 m/s.
+`ubx PORT`, `nmea PORT`: a GNSS receiver with the same motion, as a TCP server.
 """
 
 import math
@@ -33,12 +33,12 @@ def mavlink(port):
         time.sleep(0.005)
 
 
-def served(port, message):
+def serve(port, message):
     with socket.create_server(("127.0.0.1", int(port))) as server:
         print("ready", flush=True)
-        line, _ = server.accept()
+        connection, _ = server.accept()
         for n in range(100_000):
-            line.sendall(message(n))
+            connection.sendall(message(n))
             time.sleep(0.1)
 
 
@@ -58,12 +58,12 @@ def nmea(n):
 
     from pynmeagps import GET, NMEAMessage
 
-    when = datetime.time(12, n // 600 % 60, n // 10 % 60, n % 10 * 100_000)
+    time_of_day = datetime.time(12, n // 600 % 60, n // 10 % 60, n % 10 * 100_000)
     return NMEAMessage(
-        "GN", "RMC", GET, time=when, date=datetime.date(2026, 11, 23), status="A", lat=LATITUDE, NS="N", lon=LONGITUDE,
+        "GN", "RMC", GET, time=time_of_day, date=datetime.date(2026, 11, 23), status="A", lat=LATITUDE, NS="N", lon=LONGITUDE,
         EW="E", spd=5 * 3600 / 1852, cog=45.0, posMode="A", navStatus="V",
     ).serialize()
 
 
 kind, port = sys.argv[1:]
-{"mavlink": mavlink, "ubx": lambda port: served(port, ubx), "nmea": lambda port: served(port, nmea)}[kind](port)
+{"mavlink": mavlink, "ubx": lambda port: serve(port, ubx), "nmea": lambda port: serve(port, nmea)}[kind](port)

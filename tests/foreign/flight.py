@@ -1,9 +1,9 @@
-"""Reads a flight by the packages mcap and mcap-protobuf-support, with nothing of ours, and prints what it holds as JSON.
+"""Reads a flight with the packages mcap and mcap-protobuf-support and prints a summary as JSON.
 
     python flight.py FLIGHT.mcap [ATTITUDES.csv]
 
-A file without a summary is read from its beginning as far as it goes. With the file of `plumb up --out`, `/attitude` and `/tf` are compared
-with it, row by row.
+A file without a summary section is read from the start, up to its first damaged record. If the
+file written by `plumb up --out` is given, `/attitude` and `/tf` are compared with it row by row.
 """
 
 import json
@@ -22,8 +22,8 @@ MAGIC = 8
 HEAD = struct.Struct("<BQ")
 
 
-def whole_records(path):
-    """Whether the file ends where a record does."""
+def has_complete_records(path):
+    """Returns True if the file ends at the end of a record."""
     size, at = os.path.getsize(path), MAGIC
     with open(path, "rb") as file:
         while at + HEAD.size <= size - MAGIC:
@@ -33,16 +33,16 @@ def whole_records(path):
     return at in (size, size - MAGIC)
 
 
-def indexed(path):
-    """Every message by the summary, decoded."""
+def indexed_messages(path):
+    """Yields every message, decoded, by the index of the summary section."""
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             yield schema.name, channel.topic, message, decoded
 
 
-def linear(path):
-    """The same from the beginning, as far as it goes."""
+def linear_messages(path):
+    """Yields every message, decoded, from the start of the file up to the first damaged record."""
     schemas, channels, decoders, factory = {}, {}, {}, DecoderFactory()
     with open(path, "rb") as file:
         try:
@@ -57,18 +57,18 @@ def linear(path):
                     if channel.id not in decoders:
                         decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
                     yield schema.name, channel.topic, record, decoders[channel.id](record.data)
-        except (McapError, EOFError, struct.error) as cut:
-            print(f"cut: {type(cut).__name__}", file=sys.stderr)
+        except (McapError, EOFError, struct.error) as error:
+            print(f"truncated: {type(error).__name__}", file=sys.stderr)
 
 
-def ros(w, x, y, z):
-    """The same attitude in ROS's frames, x y z w: q times a quarter turn about up."""
+def to_ros(w, x, y, z):
+    """Returns an attitude in the frames of ROS, x y z w: q times a quarter rotation about up."""
     s = math.sqrt(0.5)
     return (s * (x + y), s * (y - x), s * (z + w), s * (w - z))
 
 
 def summary(path):
-    """What goes with the messages, where the file is whole."""
+    """Returns the metadata and attachments, or None if the file is incomplete."""
     with open(path, "rb") as file:
         reader = make_reader(file)
         try:
@@ -76,15 +76,15 @@ def summary(path):
                 return None
         except (McapError, EOFError, struct.error):
             return None
-        said = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
         attached = {record.name: record.data.decode() for record in reader.iter_attachments()}
-        return {"metadata": said, "attachments": attached}
+        return {"metadata": metadata, "attachments": attached}
 
 
 def main(path, attitudes=None):
-    ends = summary(path)
+    extras = summary(path)
     topics, quaternions, transforms, places, newest_ns = {}, {}, {}, [], 0
-    for schema, topic, message, decoded in indexed(path) if ends else linear(path):
+    for schema, topic, message, decoded in indexed_messages(path) if extras else linear_messages(path):
         found = topics.setdefault(topic, {"schema": schema, "messages": 0, "ticks": set(), "bad_stamps": 0})
         found["messages"] += 1
         newest_ns = max(newest_ns, message.log_time)
@@ -107,17 +107,17 @@ def main(path, attitudes=None):
         ticks = found.pop("ticks")
         found["ticks"] = len(ticks)
         found["last_tick"] = max(ticks, default=None)
-    result = {"whole": ends is not None, "topics": topics, "newest_ns": newest_ns, "whole_records": whole_records(path)}
+    result = {"complete": extras is not None, "topics": topics, "newest_ns": newest_ns, "complete_records": has_complete_records(path)}
     if places:
         result["places"] = [places[0], places[-1]]
-    if ends:
-        result.update(ends)
+    if extras:
+        result.update(extras)
     if attitudes:
         with open(attitudes, encoding="ascii") as file:
             rows = [[float(number) for number in line.split(",")] for line in file.readlines()[1:]]
-        same = [tuple(row[1:]) == quaternions[tick][1:] for tick, row in enumerate(rows) if tick in quaternions]
-        turned = [math.dist(ros(*quaternions[tick][1:]), transforms[tick]) for tick in quaternions]
-        result["compared"] = {"rows": len(rows), "same": sum(same), "tf_off": max(turned)}
+        equal = [tuple(row[1:]) == quaternions[tick][1:] for tick, row in enumerate(rows) if tick in quaternions]
+        tf_errors = [math.dist(to_ros(*quaternions[tick][1:]), transforms[tick]) for tick in quaternions]
+        result["compared"] = {"rows": len(rows), "equal": sum(equal), "max_tf_error": max(tf_errors)}
     json.dump(result, sys.stdout)
 
 

@@ -1,4 +1,6 @@
-// The client that Foxglove publishes, at the cockpit: `node foxglove.mjs NPM_FOLDER PAGE_FOLDER HOST:PORT SECONDS`. Prints what it saw.
+// Connects Foxglove's own client to the cockpit and prints what it received as JSON.
+//
+//     node foxglove.mjs NPM_FOLDER PAGE_FOLDER HOST:PORT SECONDS
 import { copyFileSync, mkdtempSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
@@ -8,34 +10,34 @@ const [folder, page, host, seconds] = process.argv.slice(2);
 const require = createRequire(`${folder}/`);
 const { FoxgloveClient } = require("@foxglove/ws-protocol");
 const WebSocket = require("ws");
-// Node takes a module for one by its ending.
-const place = mkdtempSync(join(tmpdir(), "foxglove-"));
-copyFileSync(join(page, "wire.js"), join(place, "wire.mjs"));
-const { Wire } = await import(join(place, "wire.mjs"));
-rmSync(place, { recursive: true });
+// Node recognises a module by its extension.
+const copy = mkdtempSync(join(tmpdir(), "foxglove-"));
+copyFileSync(join(page, "wire.js"), join(copy, "wire.mjs"));
+const { Wire } = await import(join(copy, "wire.mjs"));
+rmSync(copy, { recursive: true });
 const wire = new Wire(await (await fetch(`http://${host}/schema.json`)).json());
 
-const seen = { info: null, schemas: {}, messages: {}, attitude: null, errors: [] };
+const received = { info: null, schemas: {}, messages: {}, attitude: null, errors: [] };
 const topics = new Map();
 const client = new FoxgloveClient({ ws: new WebSocket(`ws://${host}/foxglove`, [FoxgloveClient.SUPPORTED_SUBPROTOCOL]) });
-client.on("error", (error) => seen.errors.push(String(error)));
-client.on("status", (status) => seen.errors.push(JSON.stringify(status)));
-client.on("serverInfo", (info) => { seen.info = info; });
+client.on("error", (error) => received.errors.push(String(error)));
+client.on("status", (status) => received.errors.push(JSON.stringify(status)));
+client.on("serverInfo", (info) => { received.info = info; });
 client.on("advertise", (channels) => {
   for (const { id, topic, encoding, schemaName } of channels) {
-    seen.schemas[topic] = `${encoding} ${schemaName}`;
+    received.schemas[topic] = `${encoding} ${schemaName}`;
     topics.set(client.subscribe(id), topic);
   }
 });
 client.on("message", ({ subscriptionId, timestamp, data }) => {
   const topic = topics.get(subscriptionId);
-  seen.messages[topic] = (seen.messages[topic] ?? 0) + 1;
+  received.messages[topic] = (received.messages[topic] ?? 0) + 1;
   if (topic !== "/attitude") return;
   const { header, quaternion } = wire.decode("AttitudeOutput", new Uint8Array(data.buffer, data.byteOffset, data.byteLength));
-  seen.attitude = { tick: header.tick, quaternion: [quaternion.w, quaternion.x, quaternion.y, quaternion.z], time_s: Number(timestamp / 1_000_000n) / 1e3 };
+  received.attitude = { tick: header.tick, quaternion: [quaternion.w, quaternion.x, quaternion.y, quaternion.z], time_s: Number(timestamp / 1_000_000n) / 1e3 };
 });
 setTimeout(() => {
   client.close();
-  console.log(JSON.stringify(seen));
+  console.log(JSON.stringify(received));
   process.exit(0);
 }, 1000 * Number(seconds));

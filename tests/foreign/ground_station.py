@@ -1,5 +1,8 @@
-"""A ground station as pymavlink hears it: `PORT COUNT`. It says `ready`, hears COUNT attitudes, says `heard`, is told the file of attitudes on
-standard input (ours, east-north-up and right-forward-up), and says in one line of JSON how far the two are apart.
+"""Ground station with pymavlink: PORT COUNT.
+
+Prints `ready`, receives COUNT attitudes and prints `received`. Then it reads the path of a file of
+attitudes (`plumb up --out`: east-north-up, right-forward-up) from standard input and prints the
+differences as one line of JSON.
 """
 
 import json
@@ -27,11 +30,11 @@ while min(len(quaternions), len(angles)) < count or len(heartbeats) < 3:
         quaternions[message.time_boot_ms] = message
     elif kind == "ATTITUDE":
         angles[message.time_boot_ms] = message
-print("heard", flush=True)
+print("received", flush=True)
 
 
 def rotation(w, x, y, z):
-    """Body to reference."""
+    """Returns the rotation matrix from body to reference axes."""
     return Matrix3(
         Vector3(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         Vector3(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -39,44 +42,44 @@ def rotation(w, x, y, z):
     )
 
 
-# North is the second of east, north, up; forward the second of right, forward, up; down the third of either with its sign changed.
+# Converts both frames: east-north-up to north-east-down, right-forward-up to forward-right-down.
 SWAP = Matrix3(Vector3(0, 1, 0), Vector3(1, 0, 0), Vector3(0, 0, -1))
 
 
-def turn(a, b):
-    """The rotation vector from a to b in the axes of a, rad, for small ones."""
+def rotation_vector(a, b):
+    """Returns the rotation vector from a to b in the axes of a, rad. Valid for small rotations."""
     d = a.transposed() * b
     return Vector3(d.c.y - d.b.z, d.a.z - d.c.x, d.b.x - d.a.y) * 0.5
 
 
-ours = {}
+expected = {}
 with open(sys.stdin.readline().strip()) as lines:
     next(lines)
     for line in lines:
         t_s, *q = map(float, line.split(","))
-        ours[math.floor(t_s * 1000 + 1e-6)] = SWAP * rotation(*q) * SWAP.transposed()
+        expected[math.floor(t_s * 1000 + 1e-6)] = SWAP * rotation(*q) * SWAP.transposed()
 
-apart = {"quaternion_rad": 0, "angles_rad": 0}
-times = sorted(quaternions.keys() & angles.keys() & ours.keys())
-fastest, rates_apart = 0, []
+differences = {"quaternion_rad": 0, "angles_rad": 0}
+times = sorted(quaternions.keys() & angles.keys() & expected.keys())
+fastest, rate_errors = 0, []
 for t in times:
     q, a = quaternions[t], angles[t]
     euler = Matrix3()
     euler.from_euler(a.roll, a.pitch, a.yaw)
     found = {
-        "quaternion_rad": turn(ours[t], rotation(q.q1, q.q2, q.q3, q.q4)).length(),
-        "angles_rad": turn(ours[t], euler).length(),
+        "quaternion_rad": rotation_vector(expected[t], rotation(q.q1, q.q2, q.q3, q.q4)).length(),
+        "angles_rad": rotation_vector(expected[t], euler).length(),
     }
-    if t - 1 in ours:
-        rate = turn(ours[t - 1], ours[t]) * 1000
+    if t - 1 in expected:
+        rate = rotation_vector(expected[t - 1], expected[t]) * 1000
         fastest = max(fastest, rate.length())
-        rates_apart.append(max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a)))
-    apart = {name: max(apart[name], found[name]) for name in apart}
+        rate_errors.append(max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a)))
+    differences = {name: max(differences[name], found[name]) for name in differences}
 
 lost = sum((b - a - 1) % 256 for a, b in zip(numbers, numbers[1:]))
 steps = sorted({b - a for a, b in zip(times, times[1:])})
 print(json.dumps({
     "compared": len(times), "unmatched": len(quaternions) - len(times), "lost": lost, "steps_ms": steps,
-    "heartbeats": heartbeats, "fastest_rad_s": fastest, **apart,
-    "rate_rad_s": max(rates_apart, default=None), "usual_rate_rad_s": statistics.median(rates_apart) if rates_apart else None,
+    "heartbeats": heartbeats, "fastest_rad_s": fastest, **differences,
+    "rate_rad_s": max(rate_errors, default=None), "usual_rate_rad_s": statistics.median(rate_errors) if rate_errors else None,
 }))

@@ -1,8 +1,8 @@
-"""Reads /metrics by the package prometheus_client, with nothing of ours, and prints what it holds as JSON.
+"""Reads /metrics with the package prometheus_client and prints the samples as JSON.
 
     python metrics.py URL
 
-Every line is a sample that the parser gives back, or says what the samples after it are.
+Lines that are neither samples nor metadata comments are reported as unread.
 """
 
 import json
@@ -13,17 +13,17 @@ from prometheus_client.parser import text_string_to_metric_families
 
 
 def main(url):
-    with urllib.request.urlopen(url, timeout=30) as answer:
-        kind, text = answer.headers["content-type"], answer.read().decode("utf-8")
+    with urllib.request.urlopen(url, timeout=30) as response:
+        kind, text = response.headers["content-type"], response.read().decode("utf-8")
     families = list(text_string_to_metric_families(text))
     samples = [sample for family in families for sample in family.samples]
     lines = text.splitlines()
-    told = [line for line in lines if line.startswith("# ")]
-    unread = [line for line in lines if line not in told and line.split("{")[0].split(" ")[0] not in {s.name for s in samples}]
+    comments = [line for line in lines if line.startswith("# ")]
+    unread = [line for line in lines if line not in comments and line.split("{")[0].split(" ")[0] not in {s.name for s in samples}]
     json.dump(
         {
             "content_type": kind,
-            "lines": len(lines) - len(told),
+            "lines": len(lines) - len(comments),
             "unread": unread,
             "without_help": [family.name for family in families if not family.documentation or family.type == "unknown"],
             "samples": [[sample.name, sample.labels, sample.value] for sample in samples],

@@ -1,4 +1,5 @@
-//! The attitude in the protocols of others: what arrives there is ours, and who does not take it is not felt on board.
+//! Attitude and readings in MAVLink and ROS 2, checked with independent implementations. A stalled
+//! receiver does not affect the system.
 use std::{
     io::{BufRead, BufReader, Write},
     net::UdpSocket,
@@ -6,13 +7,14 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::common::{System, attitudes, beyond::free_port, plumb, python::python, signal, until};
+use crate::common::{System, attitudes, plumb, python::python, remote::free_port, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
-/// A heartbeat's place of MAV_STATE, and a frame's of its message, its system and its component.
+/// Offset of MAV_STATE in a heartbeat frame.
 const STATE: usize = 17;
+/// Offset of the message number in a frame. Heartbeats have the number 0.
 const MESSAGE: usize = 7;
 const BOOT: u8 = 1;
 const ACTIVE: u8 = 4;
@@ -24,20 +26,20 @@ fn bridge(system: &System, port: u16, more: &[&str]) -> Child {
     command.args(more).stdout(Stdio::piped()).spawn().unwrap()
 }
 
-/// What it says at its end.
-fn ended(bridge: Child) -> Value {
+/// Waits for a bridge and returns its report.
+fn final_report(bridge: Child) -> Value {
     let output = bridge.wait_with_output().unwrap();
     assert!(output.status.success(), "{output:?}");
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
 fn ticks(system: &System) -> u64 {
-    let course = system.ps().into_iter().find(|one| one["service"] == "course");
-    course.map_or(0, |one| one["ticks"].as_u64().unwrap())
+    let course = system.ps().into_iter().find(|entry| entry["service"] == "course");
+    course.map_or(0, |entry| entry["ticks"].as_u64().unwrap())
 }
 
 #[test]
-fn pymavlink_hears_the_attitude_that_the_system_writes() {
+fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -46,37 +48,38 @@ fn pymavlink_hears_the_attitude_that_the_system_writes() {
     let station = station.arg(script).args([&port.to_string(), "300"]).env("MAVLINK20", "1");
     let mut station = station.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(station.stdout.take().unwrap()).lines();
-    let mut said = move || lines.next().expect("the station has ended").unwrap();
-    assert_eq!(said(), "ready");
+    let mut next_line = move || lines.next().expect("the station exited early").unwrap();
+    assert_eq!(next_line(), "ready");
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
     let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7", "--component-id", "191"]);
-    assert_eq!(said(), "heard");
-    system.assert_ends_undisturbed(running, &out, TUMBLE);
-    let sent = ended(bridge);
+    assert_eq!(next_line(), "received");
+    system.stop_and_assert_undisturbed(running, &out, TUMBLE);
+    let sent = final_report(bridge);
     writeln!(station.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let heard: Value = serde_json::from_str(&said()).unwrap();
-    println!("{sent}\n{heard}");
+    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    println!("{sent}\n{report}");
     assert!(station.wait().unwrap().success());
 
-    assert!(heard["compared"].as_u64().unwrap() >= 300 && heard["lost"] == 0 && heard["unmatched"] == 0, "{heard}");
-    assert_eq!(heard["steps_ms"], json!([10]), "100 of 1000 Hz");
-    let beats = heard["heartbeats"].as_array().unwrap();
+    assert!(report["compared"].as_u64().unwrap() >= 300 && report["lost"] == 0 && report["unmatched"] == 0, "{report}");
+    assert_eq!(report["steps_ms"], json!([10]), "100 of 1000 Hz");
+    let beats = report["heartbeats"].as_array().unwrap();
     let companion = |state: u8| json!([7, 191, 18, 8, state]);
-    assert!(beats.iter().all(|beat| *beat == companion(ACTIVE) || *beat == companion(BOOT)), "{heard}");
-    assert!(beats.contains(&companion(ACTIVE)), "{heard}");
-    let number = |name: &str| heard[name].as_f64().unwrap();
-    assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "single precision: {heard}");
-    // From one attitude to the next there is what the stage corrects, too: little as a rule, more where it eases its first level.
-    assert!(number("fastest_rad_s") > 0.5, "{heard}");
-    assert!(number("usual_rate_rad_s") < 0.006 && number("rate_rad_s") < 0.06, "{heard}");
+    assert!(beats.iter().all(|beat| *beat == companion(ACTIVE) || *beat == companion(BOOT)), "{report}");
+    assert!(beats.contains(&companion(ACTIVE)), "{report}");
+    let number = |name: &str| report[name].as_f64().unwrap();
+    assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "beyond single precision: {report}");
+    // Between two attitudes the fuser also applies corrections: usually small ones, larger ones
+    // during the initial levelling.
+    assert!(number("fastest_rad_s") > 0.5, "{report}");
+    assert!(number("usual_rate_rad_s") < 0.006 && number("rate_rad_s") < 0.06, "{report}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
 }
 
 #[test]
-fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
+fn ros_bridge_matches_attitude_file_in_rosbags() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = free_port();
@@ -85,46 +88,46 @@ fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
     let node = node.arg(script).args([&port.to_string(), "200"]);
     let mut node = node.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
-    let mut said = move || lines.next().expect("the node has ended").unwrap();
-    assert_eq!(said(), "ready");
+    let mut next_line = move || lines.next().expect("the node exited early").unwrap();
+    assert_eq!(next_line(), "ready");
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{port}");
     let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
     let bridge = bridge.args(["--domain", "7", "--frame-id", "body"]).stdout(Stdio::piped()).spawn().unwrap();
-    assert_eq!(said(), "heard");
-    system.assert_ends_undisturbed(running, &out, TUMBLE);
-    let sent = ended(bridge);
+    assert_eq!(next_line(), "received");
+    system.stop_and_assert_undisturbed(running, &out, TUMBLE);
+    let sent = final_report(bridge);
     writeln!(node.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let heard: Value = serde_json::from_str(&said()).unwrap();
-    println!("{sent}\n{heard}");
+    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    println!("{sent}\n{report}");
     assert!(node.wait().unwrap().success());
 
     assert_eq!((&sent["invalid"], &sent["dropped"]), (&json!(0), &json!(0)), "{sent}");
-    // What rosbags computes of the definition is the hash in the key.
-    let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", heard["hash"].as_str().unwrap());
-    assert_eq!(heard["key"], format!("7/imu/data/{of_type}"));
-    let tokens: Vec<(String, String)> = serde_json::from_value(heard["tokens"].clone()).unwrap();
+    // The hash in the key equals the one that rosbags computes from the message definition.
+    let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", report["hash"].as_str().unwrap());
+    assert_eq!(report["key"], format!("7/imu/data/{of_type}"));
+    let tokens: Vec<(String, String)> = serde_json::from_value(report["tokens"].clone()).unwrap();
     for kind in ["PUT", "DELETE"] {
-        for (begins, ends) in [("NN", "%/%/plumbline"), ("MP", &format!("%imu%data/{of_type}/::,10:,:,:,,"))] {
-            let is_it = |key: &str| key.split('/').nth(5) == Some(begins) && key.ends_with(ends);
-            assert!(tokens.iter().any(|(of, key)| of == kind && is_it(key)), "{kind} {begins}: {tokens:?}");
+        for (start, end) in [("NN", "%/%/plumbline"), ("MP", &format!("%imu%data/{of_type}/::,10:,:,:,,"))] {
+            let matches = |key: &str| key.split('/').nth(5) == Some(start) && key.ends_with(end);
+            assert!(tokens.iter().any(|(of, key)| of == kind && matches(key)), "{kind} {start}: {tokens:?}");
         }
     }
-    for name in ["whole", "covariances", "numbers_follow"] {
-        assert_eq!(heard[name], true, "{name}: {heard}");
+    for name in ["complete", "covariances", "numbers_follow"] {
+        assert_eq!(report[name], true, "{name}: {report}");
     }
-    assert_eq!(heard["sender"], json!([16, 1, 33]), "{heard}");
-    let number = |name: &str| heard[name].as_f64().unwrap();
-    assert!(number("furthest") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{heard}");
-    assert!(number("fastest_rad_s") > 0.5 && number("rate_off_rad_s") < 0.05, "{heard}");
-    assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{heard}");
+    assert_eq!(report["publisher"], json!([16, 1, 33]), "{report}");
+    let number = |name: &str| report[name].as_f64().unwrap();
+    assert!(number("max_difference") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{report}");
+    assert!(number("fastest_rad_s") > 0.5 && number("rate_error_rad_s") < 0.05, "{report}");
+    assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{report}");
 }
 
 #[test]
-fn a_node_of_rmw_zenoh_gives_the_readings_of_a_system() {
+fn ros_sensor_bridge_feeds_readings_to_system() {
     let Some(python) = python() else { return };
     let port = free_port();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_imu.py");
@@ -133,113 +136,117 @@ fn a_node_of_rmw_zenoh_gives_the_readings_of_a_system() {
     let mut node = node.spawn().unwrap();
     let mut input = node.stdin.take().unwrap();
     let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
-    let mut said = move || lines.next().expect("the node has ended").unwrap();
-    assert_eq!(said(), "ready");
+    let mut next_line = move || lines.next().expect("the node exited early").unwrap();
+    assert_eq!(next_line(), "ready");
 
     let system = System::new("ingest.source = \"bus\"\ningest.bus.rate_hz = 200");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     let to = format!("tcp/127.0.0.1:{port}");
     let arguments = ["--system", &system.name, "--connect", &to, "--domain", "7", "--topic", "/vehicle/imu"];
-    until("the system to take readings", || driver::Sensor::open(&system.name).is_ok());
+    wait_for("the system to accept readings", || driver::Sensor::open(&system.name).is_ok());
     let mut bridge = plumb(&["bridge", "ros-sensor", "--json", "--mag", "vehicle/mag"]);
     let bridge = bridge.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     writeln!(input, "begin").unwrap();
-    until("attitudes", || ticks(&system) > 600);
+    wait_for("attitudes", || ticks(&system) > 600);
     writeln!(input, "end").unwrap();
-    let sent: Value = serde_json::from_str(&said()).unwrap();
+    let sent: Value = serde_json::from_str(&next_line()).unwrap();
     signal(bridge.id(), Signal::INT);
-    let taken = ended(bridge);
-    println!("{sent}\n{taken}");
+    let received = final_report(bridge);
+    println!("{sent}\n{received}");
     writeln!(input, "go").unwrap();
     assert!(node.wait().unwrap().success());
     running.interrupt();
     let run = running.wait();
-    assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);
+    assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.stderr);
 
-    // All that came since the bridge was there: good ones taken, damaged ones counted.
+    // Of the readings sent since the bridge joined, the valid ones are delivered and the damaged
+    // ones counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
-    let [readings, refused, unheard, fields] =
-        ["readings", "rejected", "undelivered", "fields"].map(|name| taken[name].as_f64().unwrap());
+    let [readings, rejected, undelivered, fields] =
+        ["readings", "rejected", "undelivered", "fields"].map(|name| received[name].as_f64().unwrap());
     assert_eq!(run.number("/ticks_in"), readings);
-    assert!(unheard == 0.0 && readings <= imus && readings + refused <= messages, "{sent} {taken}");
-    assert!((refused / readings - (messages - imus) / imus).abs() < 0.02 && fields > readings / 5.0, "{sent} {taken}");
+    assert!(undelivered == 0.0 && readings <= imus && readings + rejected <= messages, "{sent} {received}");
+    assert!(
+        (rejected / readings - (messages - imus) / imus).abs() < 0.02 && fields > readings / 5.0,
+        "{sent} {received}"
+    );
     let tokens: Vec<(String, String)> = serde_json::from_value(sent["tokens"].clone()).unwrap();
     for of_type in
         ["%vehicle%imu/sensor_msgs::msg::dds_::Imu_/RIHS01_", "%vehicle%mag/sensor_msgs::msg::dds_::MagneticField_/"]
     {
-        let is_it = |key: &str| key.split('/').nth(5) == Some("MS") && key.contains(of_type);
-        assert!(tokens.iter().any(|(kind, key)| kind == "PUT" && is_it(key)), "{of_type}: {tokens:?}");
+        let matches = |key: &str| key.split('/').nth(5) == Some("MS") && key.contains(of_type);
+        assert!(tokens.iter().any(|(kind, key)| kind == "PUT" && matches(key)), "{of_type}: {tokens:?}");
     }
-    // It leans to the right by 20°, and turns by 10 °/s.
-    let told = attitudes(&out);
-    let last = &told[told.len() / 2..];
+    // The body leans to the right by 20° and rotates at 10 °/s.
+    let attitudes = attitudes(&out);
+    let second_half = &attitudes[attitudes.len() / 2..];
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let lean = 20f64.to_radians();
-    let wanted = [-lean.sin(), 0.0, lean.cos()];
-    let off = |q| up(q).iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let worst = last.iter().map(|(_, q)| off(*q)).fold(0.0, f64::max);
-    assert!(worst < 0.01, "up is off by {worst}");
+    let expected = [-lean.sin(), 0.0, lean.cos()];
+    let up_error = |q| up(q).iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let worst = second_half.iter().map(|(_, q)| up_error(*q)).fold(0.0, f64::max);
+    assert!(worst < 0.01, "error of the up vector: {worst}");
     let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
-    let [(first_s, first), (last_s, end)] = [last[0], last[last.len() - 1]];
+    let [(first_s, first), (last_s, end)] = [second_half[0], second_half[second_half.len() - 1]];
     let rate_deg_s = (yaw(end) - yaw(first)).to_degrees().rem_euclid(360.0) / (last_s - first_s);
-    assert!((rate_deg_s - 10.0).abs() < 0.5, "it turns by {rate_deg_s} °/s");
+    assert!((rate_deg_s - 10.0).abs() < 0.5, "yaw rate {rate_deg_s} °/s");
 }
 
 #[test]
-fn without_a_router_of_ros_the_bridge_says_so() {
+fn ros_bridge_without_router_reports_endpoint() {
     let system = System::new(TUMBLE);
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{}", free_port());
     let output = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to]).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && said.contains(&to), "{said}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && stderr.contains(&to), "{stderr}");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
-fn nobody_who_listens_and_a_bridge_that_stands_still_are_not_felt_and_what_is_old_is_not_sent() {
+fn stalled_bridge_drops_old_attitudes_without_affecting_system() {
     let system = System::new(TUMBLE);
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    system.all_run();
+    system.wait_until_running();
     let sockets = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
     let ports = sockets.each_ref().map(|socket| socket.local_addr().unwrap().port());
     let bridges = ports.map(|port| bridge(&system, port, &["--rate-hz", "1000"]));
     for socket in &sockets {
         let mut bytes = [0; 300];
-        until("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
+        wait_for("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
     }
-    // One is there and reads no more, the other one goes.
-    let [_frozen, gone] = sockets;
-    drop(gone);
-    let stopped = &bridges[1];
-    signal(stopped.id(), Signal::STOP);
+    // One socket stays open unread, the other one is closed.
+    let [_stalled, closed] = sockets;
+    drop(closed);
+    let frozen = &bridges[1];
+    signal(frozen.id(), Signal::STOP);
     let before = ticks(&system);
-    until("two seconds of ticks", || ticks(&system) > before + 2000);
-    signal(stopped.id(), Signal::CONT);
+    wait_for("two seconds of ticks", || ticks(&system) > before + 2000);
+    signal(frozen.id(), Signal::CONT);
     let before = ticks(&system);
-    until("a second of ticks", || ticks(&system) > before + 1000);
-    system.assert_ends_undisturbed(running, &out, TUMBLE);
-    let [frozen, stopped] = bridges.map(ended);
-    println!("{frozen}\n{stopped}");
-    for sent in [&frozen, &stopped] {
+    wait_for("a second of ticks", || ticks(&system) > before + 1000);
+    system.stop_and_assert_undisturbed(running, &out, TUMBLE);
+    let [stalled, frozen] = bridges.map(final_report);
+    println!("{stalled}\n{frozen}");
+    for sent in [&stalled, &frozen] {
         assert!(sent["attitudes"].as_u64().unwrap() > 100, "{sent}");
     }
-    assert!(stopped["stale"].as_u64().unwrap() > 500, "{stopped}");
+    assert!(frozen["stale"].as_u64().unwrap() > 500, "{frozen}");
 }
 
 #[test]
-fn a_heartbeat_tells_that_attitudes_have_not_begun_are_sent_or_have_stopped() {
+fn mavlink_heartbeat_reports_boot_active_and_critical_states() {
     let system = System::new("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100");
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
-    let mut running = crate::common::Running::of(command);
+    let mut running = crate::common::Running::spawn(command);
     let mut input = running.stdin();
     let station = UdpSocket::bind("127.0.0.1:0").unwrap();
-    until("the system to answer", || !system.ps().is_empty());
+    wait_for("the system to respond", || !system.ps().is_empty());
     let bridge = bridge(&system, station.local_addr().unwrap().port(), &[]);
     let mut attitudes = 0;
     let mut heartbeat = || {
@@ -253,19 +260,19 @@ fn a_heartbeat_tells_that_attitudes_have_not_begun_are_sent_or_have_stopped() {
         }
     };
     assert_eq!(heartbeat(), (BOOT, 0));
-    // Then nothing more comes, and the source does not end.
+    // Then the source stalls without closing.
     for row in 0..500 {
         writeln!(input, "{},0,0,0,0,0,9.81", f64::from(row) * 0.01).unwrap();
     }
     input.flush().unwrap();
-    until("a heartbeat after attitudes", || {
+    wait_for("a heartbeat after attitudes", || {
         let (state, attitudes) = heartbeat();
         assert!([BOOT, ACTIVE, CRITICAL].contains(&state));
         state == CRITICAL && attitudes > 0
     });
     drop(input);
-    running.wait().assert_whole();
-    let sent = ended(bridge);
+    running.wait().assert_complete();
+    let sent = final_report(bridge);
     println!("{sent}");
     assert!(sent["heartbeats"].as_u64().unwrap() >= 2, "{sent}");
 }

@@ -12,7 +12,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-use crate::common::{Run, Running, System, data, plumb, python::python, signal, until};
+use crate::common::{Run, Running, System, data, plumb, python::python, signal, wait_for};
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
@@ -38,9 +38,9 @@ const LEFT_OUT: [(&str, &str); 35] = [
     ("plumb up --source 'serial:", "needs a device; `drivers` makes one"),
     ("plumb up --source 'mavlink:", "waits for an autopilot; `sources` has one of pymavlink"),
     ("plumb up --source 'iio:", "needs devices; `sources` makes one of each"),
-    ("plumb up mine.toml --source 'serial:", "needs a device; `serial_walk` makes one"),
-    ("python3 examples/serial_imu.py", "is the device; `serial_walk` starts it"),
-    ("plumb score flights/*.mcap --reference", "needs the truth of that flight; `serial_walk` has it"),
+    ("plumb up mine.toml --source 'serial:", "needs a device; `serial_tutorial` makes one"),
+    ("python3 examples/serial_imu.py", "is the device; `serial_tutorial` starts it"),
+    ("plumb score flights/*.mcap --reference", "needs the truth of that flight; `serial_tutorial` has it"),
     ("python3 my_imu.py |", "needs the reader's program; `sources` sends such lines"),
     ("plumb bridge ros", "needs a router of ROS 2; `bridge` has one"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
@@ -256,15 +256,15 @@ impl Scratch {
         let name = format!("{}{name}", self.system.name);
         let mut command = self.command("sh");
         command.args(["-c", &format!("exec {line}")]);
-        self.running.push((name.clone(), Running::of(command)));
-        until("the system to answer", || !standings(&name).is_empty());
+        self.running.push((name.clone(), Running::spawn(command)));
+        wait_for("the system to answer", || !standings(&name).is_empty());
     }
 
     /// Waits until every service of every system runs.
     fn all_run(&self) {
         for (name, _) in &self.running {
             let runs = |one: &serde_json::Value| one["state"] == "running";
-            until("every service to run", || !standings(name).is_empty() && standings(name).iter().all(runs));
+            wait_for("every service to run", || !standings(name).is_empty() && standings(name).iter().all(runs));
         }
     }
 
@@ -298,8 +298,8 @@ impl Scratch {
         self.all_run();
         for (name, running) in self.running {
             running.interrupt();
-            let run = Run::of(running.output());
-            assert_eq!(run.code, Some(0), "{name}: {}", run.people);
+            let run = Run::from_output(running.output());
+            assert_eq!(run.code, Some(0), "{name}: {}", run.stderr);
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Beyond the board: what goes out arrives, what comes in has one effect, and nothing out there is felt on board.
+//! Telemetry and commands through the gateway, and the isolation of the system on board from
+//! off-board faults.
 use std::{
     fs,
     process::{Child, Stdio},
@@ -6,11 +7,11 @@ use std::{
     time::Duration,
 };
 
-use crate::common::site::{Site, listening};
+use crate::common::site::{Site, listening_vehicle};
 use crate::common::{
-    Running, System,
-    beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},
-    plumb, signal, until,
+    Running, System, plumb,
+    remote::{endpoint, free_port, gateway, last_json, number, ps, station, ticks, topic, with_gateway},
+    signal, wait_for,
 };
 use link::{Endpoints, Link, LinkError, endpoints::Tls};
 use rustix::process::Signal;
@@ -21,10 +22,10 @@ use wire::{
     v1::{Services, SwapAnswer, SwapRequest, swap_answer::Outcome},
 };
 
-const LIMIT: Duration = Duration::from_secs(40);
+const QUERY_TIMEOUT: Duration = Duration::from_secs(40);
 
-/// Nothing was lost on the way or on board, and nothing was refused.
-fn assert_all_arrived(vehicle: &Value) {
+/// Asserts that no message was lost, dropped, repeated or rejected.
+fn assert_lossless(vehicle: &Value) {
     for topic in vehicle["topics"].as_array().unwrap() {
         for count in ["lost_messages", "lost_samples", "dropped", "repeated"] {
             assert_eq!(number(topic, count), 0, "{topic}");
@@ -33,44 +34,44 @@ fn assert_all_arrived(vehicle: &Value) {
     assert_eq!(number(vehicle, "rejected"), 0, "{vehicle}");
 }
 
-fn end(running: Running) {
+fn stop(running: Running) {
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
-fn a_station_sees_a_vehicle_and_misses_nothing() {
+fn station_receives_all_telemetry_of_vehicle() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let tables = system.path("tables");
     let endpoint = endpoint(&system);
-    let report = seen(station(&[&endpoint], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    let report = last_json(station(&[&endpoint], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
     println!("{report}");
     let vehicle = &report["vehicles"][0];
     assert_eq!((vehicle["vehicle"].as_str(), vehicle["alive"].as_bool()), (Some(system.name.as_str()), Some(true)));
     assert_eq!(vehicle["services"].as_array().unwrap().len(), 6, "{vehicle}");
-    assert_all_arrived(vehicle);
+    assert_lossless(vehicle);
     let attitude = topic(vehicle, "attitude");
     let ticks = ticks(&tables.join(&system.name).join("attitude.csv"));
     assert_eq!(ticks.len() as u64, number(attitude, "samples"));
     assert!(ticks.len() > 50 && ticks.windows(2).all(|pair| pair[1] - pair[0] == 20), "50 of 1000 Hz: {ticks:?}");
     assert!(number(topic(vehicle, "health"), "samples") > 10 && number(topic(vehicle, "gateway"), "messages") > 1);
-    end(running);
-    assert_eq!(system.remains(), Vec::<String>::new());
+    stop(running);
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
-fn every_sample_of_a_fast_topic_comes_down_several_to_a_message() {
+fn rate_all_batches_every_sample_of_fast_topic() {
     let system = with_gateway(
         free_port(),
         "messages_hz = 100\nrates = { attitude = \"all\", imu = \"all\", health = \"off\" }\n",
     );
     let running = system.start(&[]);
     let tables = system.path("tables");
-    let report = seen(station(&[&endpoint(&system)], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    let report = last_json(station(&[&endpoint(&system)], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
     let vehicle = &report["vehicles"][0];
     println!("{vehicle}");
-    assert_all_arrived(vehicle);
+    assert_lossless(vehicle);
     for name in ["imu", "attitude"] {
         let topic = topic(vehicle, name);
         assert!(number(topic, "samples") > 5 * number(topic, "messages"), "{topic}");
@@ -78,11 +79,11 @@ fn every_sample_of_a_fast_topic_comes_down_several_to_a_message() {
         assert!(ticks.len() > 1000 && ticks.windows(2).all(|pair| pair[1] == pair[0] + 1), "{name}: a tick is missing");
     }
     assert!(vehicle["topics"].as_array().unwrap().iter().all(|topic| topic["topic"] != "health"));
-    end(running);
+    stop(running);
 }
 
 #[test]
-fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
+fn vehicles_on_one_machine_use_separate_ports() {
     let port = free_port();
     let systems = [with_gateway(port, "vehicle = \"boat\""), with_gateway(port, "vehicle = \"buoy\"")];
     let running = systems.each_ref().map(|system| {
@@ -90,44 +91,44 @@ fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
         endpoint(system);
         running
     });
-    let [one, other] = systems.each_ref().map(endpoint);
-    assert_ne!(one, other);
-    let report = seen(station(&[&one, &other], &["--seconds", "3"]));
+    let [first, second] = systems.each_ref().map(endpoint);
+    assert_ne!(first, second);
+    let report = last_json(station(&[&first, &second], &["--seconds", "3"]));
     let names: Vec<_> =
-        report["vehicles"].as_array().unwrap().iter().map(|one| one["vehicle"].as_str().unwrap()).collect();
+        report["vehicles"].as_array().unwrap().iter().map(|entry| entry["vehicle"].as_str().unwrap()).collect();
     assert_eq!(names, ["boat", "buoy"], "{report}");
-    report["vehicles"].as_array().unwrap().iter().for_each(assert_all_arrived);
-    running.into_iter().for_each(end);
+    report["vehicles"].as_array().unwrap().iter().for_each(assert_lossless);
+    running.into_iter().for_each(stop);
 }
 
 fn services(link: &Link, vehicle: &str) -> Services {
-    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), LIMIT).unwrap()
+    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), QUERY_TIMEOUT).unwrap()
 }
 
 fn epoch(services: &Services) -> u32 {
-    services.services.iter().find(|one| one.service == "fuser").unwrap().epoch
+    services.services.iter().find(|entry| entry.service == "fuser").unwrap().epoch
 }
 
 #[test]
-fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_comes() {
+fn repeated_remote_swap_takes_effect_once() {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["operator", "ann"]]);
-    let system = listening(&site, free_port());
+    let system = listening_vehicle(&site, free_port());
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    until("the fuser to run", || ps(&system).iter().filter(|one| one["state"] == "running").count() == 6);
+    wait_for("every service to run", || ps(&system).iter().filter(|entry| entry["state"] == "running").count() == 6);
 
-    let operator = site.of("operator.ann");
+    let operator = site.holder_folder("operator.ann");
     let remote = ["--remote", "alpha", "--connect", &endpoint, "--json", "--keys", operator.to_str().unwrap()];
     let output = plumb(&["swap", "fuser", "vqf"]).args(remote).output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
     assert_eq!((report["outcome"].as_str(), report["lost"].as_u64()), (Some("committed"), Some(0)), "{report}");
     let output = plumb(&["ps"]).args(remote).output().unwrap();
-    let standings: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(standings[3]["stage"], "vqf", "{standings}");
+    let services_report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(services_report[3]["stage"], "vqf", "{services_report}");
 
     let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| operator.join(file));
-    let ends = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::with_connect(&[endpoint]) };
-    let link = Link::connect(&ends, LIMIT).unwrap();
+    let endpoints = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::with_connect(&[endpoint]) };
+    let link = Link::connect(&endpoints, QUERY_TIMEOUT).unwrap();
     let before = services(&link, "alpha");
     let request = |id: &str, stage: &str| SwapRequest {
         request_id: id.into(),
@@ -137,108 +138,109 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
         t_deadline_ns: before.t_now_ns + 30_000_000_000,
         ..SwapRequest::default()
     };
-    let ask = |request: &SwapRequest| -> SwapAnswer {
-        link.query_one(&keys::key("alpha", keys::SWAP), request.to_bytes(), LIMIT).unwrap()
+    let swap = |request: &SwapRequest| -> SwapAnswer {
+        link.query_one(&keys::key("alpha", keys::SWAP), request.to_bytes(), QUERY_TIMEOUT).unwrap()
     };
-    // The same one many times at once, as a network does that is not sure.
+    // Simulates a network that duplicates a request.
     let answers: Vec<SwapAnswer> = thread::scope(|scope| {
-        let asking: Vec<_> = (0..4).map(|_| scope.spawn(|| ask(&request("one", "wz")))).collect();
-        asking.into_iter().map(|thread| thread.join().unwrap()).collect()
+        let threads: Vec<_> = (0..4).map(|_| scope.spawn(|| swap(&request("one", "wz")))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
     });
     assert_eq!(answers[0].outcome(), Outcome::Committed, "{answers:?}");
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
-    assert_eq!(epoch(&after), epoch(&before) + 1, "one decision");
-    // One that was sent before that decision, and one that comes after its time.
-    let overtaken = ask(&request("two", "vqf"));
+    assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
+    // A request that was overtaken by that decision, and a request after its deadline.
+    let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
     let late = SwapRequest { t_deadline_ns: after.t_now_ns, expected_epoch: epoch(&after), ..request("three", "vqf") };
-    assert!(ask(&late).reason.contains("after its deadline"));
+    assert!(swap(&late).reason.contains("after its deadline"));
     let wrong = SwapRequest { expected_epoch: epoch(&after), ..request("four", "kalman") };
-    assert!(ask(&wrong).reason.contains("no stage named `kalman`"));
-    // What is no request is refused, counted, and whoever asked reads why.
-    let refused = |payload: Vec<u8>, why: &str| {
+    assert!(swap(&wrong).reason.contains("no stage named `kalman`"));
+    // An invalid request is rejected with a reason and counted.
+    let assert_rejected = |payload: Vec<u8>, reason_part: &str| {
         let key = keys::key("alpha", keys::SWAP);
-        let error = link.query_one::<SwapAnswer>(&key, payload, LIMIT).unwrap_err();
-        assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains(why)), "{error}");
+        let error = link.query_one::<SwapAnswer>(&key, payload, QUERY_TIMEOUT).unwrap_err();
+        assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains(reason_part)), "{error}");
     };
-    refused(vec![0xff; 100], "cannot decode SwapRequest");
-    refused(
+    assert_rejected(vec![0xff; 100], "cannot decode SwapRequest");
+    assert_rejected(
         SwapRequest { set: [("beta".into(), f64::NAN)].into(), ..request("five", "madgwick") }.to_bytes(),
         "`set` is not finite",
     );
-    until("the refusal in its health", || {
-        let report = link.query_one::<wire::v1::GatewayReport>(&keys::key("alpha", keys::GATEWAY), Vec::new(), LIMIT);
+    wait_for("the rejections in the gateway's report", || {
+        let report =
+            link.query_one::<wire::v1::GatewayReport>(&keys::key("alpha", keys::GATEWAY), Vec::new(), QUERY_TIMEOUT);
         report
             .is_ok_and(|report| report.refused.is_some_and(|refused| (refused.malformed, refused.not_finite) == (1, 1)))
     });
     assert_eq!(epoch(&services(&link, "alpha")), epoch(&after));
-    end(running);
+    stop(running);
 }
 
 #[test]
-fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
+fn frozen_supervisor_is_reported_to_clients() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    system.all_run();
+    system.wait_until_running();
     signal(running.pid(), Signal::STOP);
-    let (here, elsewhere) = (["--system", &system.name], ["--remote", &system.name, "--connect", &endpoint]);
-    for (arguments, place) in [
-        (&["ps"][..], &here[..]),
-        (&["ps"], &elsewhere),
-        (&["swap", "fuser", "vqf"], &here),
-        (&["swap", "fuser", "vqf"], &elsewhere),
-        (&["shadow", "fuser", "vqf"], &here),
+    let (local, remote) = (["--system", &system.name], ["--remote", &system.name, "--connect", &endpoint]);
+    for (arguments, target) in [
+        (&["ps"][..], &local[..]),
+        (&["ps"], &remote),
+        (&["swap", "fuser", "vqf"], &local),
+        (&["swap", "fuser", "vqf"], &remote),
+        (&["shadow", "fuser", "vqf"], &local),
     ] {
-        let output = plumb(&[arguments, place].concat()).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
-        assert!(said.contains("has not responded for 2 s"), "{arguments:?}: {said}");
+        let output = plumb(&[arguments, target].concat()).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
+        assert!(text.contains("has not responded for 2 s"), "{arguments:?}: {text}");
     }
-    let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(here).output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("has been stopped") && said.contains("kill -CONT"), "{said}");
+    let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(local).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("has been stopped") && text.contains("kill -CONT"), "{text}");
     signal(running.pid(), Signal::CONT);
-    until("the supervisor to answer", || ps(&system).len() == 6);
+    wait_for("the supervisor to respond", || ps(&system).len() == 6);
     running.interrupt();
-    // It was frozen for longer than a topic holds.
+    // The freeze outlasts the buffer of the attitude topic.
     let run = running.wait();
-    assert_eq!((run.code, run.number("/lost")), (Some(1), 0.0), "{}", run.people);
-    assert!(run.number("/not_recorded") > 0.0, "{}", run.people);
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!((run.code, run.number("/lost")), (Some(1), 0.0), "{}", run.stderr);
+    assert!(run.number("/not_recorded") > 0.0, "{}", run.stderr);
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
-fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
+fn repeatedly_killed_gateway_does_not_affect_output() {
     let system = with_gateway(free_port(), "");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     endpoint(&system);
     for kill in 1..=3 {
         signal(gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32, Signal::KILL);
-        until("the next gateway", || {
-            gateway(&system).is_some_and(|one| one["restarts"] == kill && one["address"].is_string())
+        wait_for("the next gateway", || {
+            gateway(&system).is_some_and(|entry| entry["restarts"] == kill && entry["address"].is_string())
         });
     }
-    system.assert_ends_undisturbed(running, &out, "");
+    system.stop_and_assert_undisturbed(running, &out, "");
 }
 
 #[test]
-fn a_gateway_that_was_to_be_woken_and_is_frozen_is_not_missed_on_board() {
+fn frozen_gateway_does_not_affect_output() {
     let slow = "[ingest.sim]\nrate_hz = 100\n";
     let system = with_gateway(free_port(), slow);
     let out = system.path("out.csv");
     let running = system.start(&["--for", "8s", "--out", out.to_str().unwrap()]);
     let endpoint = endpoint(&system);
-    let report = seen(station(&[&endpoint], &["--seconds", "2"]));
+    let report = last_json(station(&[&endpoint], &["--seconds", "2"]));
     assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
     let pid = gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32;
     signal(pid, Signal::STOP);
     let run = running.wait();
-    run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed_with(slow, "8s"), "the bytes differ: {}", run.people);
+    run.assert_complete();
+    assert!(fs::read(out).unwrap() == undisturbed_with(slow, "8s"), "the bytes differ: {}", run.stderr);
 }
 
 fn undisturbed(duration: &str) -> Vec<u8> {
@@ -248,27 +250,29 @@ fn undisturbed(duration: &str) -> Vec<u8> {
 fn undisturbed_with(launch: &str, duration: &str) -> Vec<u8> {
     let system = System::new(launch);
     let out = system.path("out.csv");
-    system.run(&["--in-process", "--speed", "max", "--for", duration, "--out", out.to_str().unwrap()]).assert_whole();
+    system
+        .run(&["--in-process", "--speed", "max", "--for", duration, "--out", out.to_str().unwrap()])
+        .assert_complete();
     fs::read(out).unwrap()
 }
 
-/// A station of the test, which goes when the test does.
-struct Watching(Option<Child>);
+/// Station process that is killed on drop.
+struct StationProcess(Option<Child>);
 
-impl Watching {
-    fn signal(&self, how: Signal) {
-        signal(self.0.as_ref().unwrap().id(), how);
+impl StationProcess {
+    fn signal(&self, kind: Signal) {
+        signal(self.0.as_ref().unwrap().id(), kind);
     }
 
-    /// Ends it as Ctrl-C does; what it has seen.
-    fn end(mut self) -> Value {
+    /// Interrupts the station and returns its report.
+    fn stop(mut self) -> Value {
         self.signal(Signal::INT);
         let output = self.0.take().unwrap().wait_with_output().unwrap();
         serde_json::from_slice(&output.stdout).unwrap()
     }
 }
 
-impl Drop for Watching {
+impl Drop for StationProcess {
     fn drop(&mut self) {
         if let Some(child) = &mut self.0 {
             child.kill().unwrap();
@@ -278,43 +282,44 @@ impl Drop for Watching {
 }
 
 #[test]
-fn readers_that_do_not_read_and_ends_that_do_not_answer_are_not_felt_on_board() {
+fn stalled_station_and_dead_endpoint_do_not_affect_output() {
     let rates = "rates = { imu = \"all\", gyro = \"all\", accel = \"all\", fused = \"all\", attitude = \"all\", checkpoint = \"all\" }";
-    let nobody = free_port();
-    let system = with_gateway(free_port(), &format!("connect = [\"tcp/127.0.0.1:{nobody}\"]\n{rates}\n"));
+    let unused_port = free_port();
+    let system = with_gateway(free_port(), &format!("connect = [\"tcp/127.0.0.1:{unused_port}\"]\n{rates}\n"));
     let (out, tables) = (system.path("out.csv"), system.path("tables"));
     let running = system.start(&["--for", "14s", "--out", out.to_str().unwrap()]);
     let endpoint = endpoint(&system);
     let mut command = station(&[&endpoint], &["--csv", tables.to_str().unwrap()]);
-    let blocked = Watching(Some(command.stdout(Stdio::piped()).spawn().unwrap()));
+    let stalled = StationProcess(Some(command.stdout(Stdio::piped()).spawn().unwrap()));
     thread::sleep(Duration::from_secs(2));
-    blocked.signal(Signal::STOP);
-    // Another one sees all the while what there is.
-    let report = seen(station(&[&endpoint], &["--seconds", "7"]));
+    stalled.signal(Signal::STOP);
+    // A second station receives telemetry in the meantime.
+    let report = last_json(station(&[&endpoint], &["--seconds", "7"]));
     assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
-    blocked.signal(Signal::CONT);
+    stalled.signal(Signal::CONT);
     let run = running.wait();
-    run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed("14s"), "the bytes differ: {}", run.people);
-    // What the one that slept has missed is what the numbers say that it has missed.
-    let report = blocked.end();
+    run.assert_complete();
+    assert!(fs::read(out).unwrap() == undisturbed("14s"), "the bytes differ: {}", run.stderr);
+    // The counts of the stopped station match the ticks missing from its tables.
+    let report = stalled.stop();
     println!("{report}");
     for name in ["imu", "attitude"] {
         let topic = topic(&report["vehicles"][0], name);
         let ticks = ticks(&tables.join(&system.name).join(format!("{name}.csv")));
         let (first, last) = (*ticks.first().unwrap(), *ticks.last().unwrap());
         let missing = last + 1 - first - ticks.len() as u64;
-        // What was dropped before it came, while the gateway opened the network, it does not miss.
+        // Samples dropped while the gateway was connecting precede the first tick, so they are not
+        // missing from the table.
         let lost = number(topic, "lost_samples");
         assert!((lost..=lost + number(topic, "dropped")).contains(&missing), "{missing}: {topic}");
     }
 }
 
 #[test]
-fn a_station_that_finds_nobody_says_where_it_looked() {
+fn unreachable_vehicle_error_contains_endpoint() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let output = plumb(&["ps", "--remote", "boat", "--connect", &endpoint]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains(&endpoint) && said.contains("no process listens there"), "{said}");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains(&endpoint) && text.contains("no process listens there"), "{text}");
 }

@@ -1,13 +1,14 @@
-//! Beyond the board: links, sessions and their certificates, gateway, stations, split systems, foreign clients, rough networks.
+//! Off-board communication: links, sessions and certificates, gateway, stations, split systems,
+//! third-party clients and impaired networks.
 
 mod bridge;
 mod certificates;
 mod docs;
-mod elsewhere;
-mod foreign;
 mod gateway;
+mod impaired_network;
 mod links;
-mod rough_network;
+mod remote_topics;
 mod sessions;
 mod split;
-mod strangers;
+mod third_party_client;
+mod uncertified_clients;

@@ -1,4 +1,5 @@
-//! One system on two hosts: the bytes are those of the run on one, through cuts and deaths; what cannot be had again is named exactly.
+//! Split system on two hosts: its output equals that of a single host through outages and crashes,
+//! and unrecoverable ticks are listed exactly.
 use std::{
     collections::HashSet,
     fs,
@@ -14,13 +15,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::common::{Run, Running, System, plumb, signal, until};
+use crate::common::{Run, Running, System, plumb, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
 const TOPICS: &str = "[\"gyro\", \"accel\", \"mag\", \"gnss\"]";
 
-/// A port that nobody has.
 fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
@@ -39,118 +39,121 @@ fn base(board: &System, endpoint: &str, more: &str) -> System {
     ))
 }
 
-/// The bytes of the run in one process.
+/// Returns the output of an undisturbed run in one process.
 fn undisturbed(launch: &str, arguments: &[&str]) -> Vec<u8> {
     let system = System::new(launch);
     let out = system.path("out.csv");
     let more = ["--in-process", "--speed", "max", "--out", out.to_str().unwrap()];
-    system.run(&[arguments, &more].concat()).assert_whole();
+    system.run(&[arguments, &more].concat()).assert_complete();
     fs::read(out).unwrap()
 }
 
-/// Both halves, the base first; the board runs until the base has all its ticks.
-struct Halves {
+/// Both hosts of a split system. The board runs until the base has received all its ticks.
+struct Hosts {
     board: System,
     base: System,
-    board_runs: Running,
-    base_runs: Running,
+    board_running: Running,
+    base_running: Running,
 }
 
-impl Halves {
+impl Hosts {
     fn start(board: System, base: System, duration: &str) -> Self {
         let out = base.path("out.csv");
-        let base_runs = base.start(&["--for", duration, "--out", out.to_str().unwrap()]);
-        until("the base to wait", || standing(&base, "gateway").is_some_and(|one| one["state"] == "running"));
-        let board_runs = board.start(&[]);
-        until("ticks at the base", || ticks(&base) > 0);
-        Self { board, base, board_runs, base_runs }
+        let base_running = base.start(&["--for", duration, "--out", out.to_str().unwrap()]);
+        wait_for("the gateway of the base to run", || {
+            service_status(&base, "gateway").is_some_and(|entry| entry["state"] == "running")
+        });
+        let board_running = board.start(&[]);
+        wait_for("ticks at the base", || ticks(&base) > 0);
+        Self { board, base, board_running, base_running }
     }
 
-    /// The run of the base, and what it wrote.
-    fn end(self) -> (Run, Vec<u8>) {
-        let Self { board, base, board_runs, base_runs } = self;
-        let run = base_runs.wait();
-        board_runs.interrupt();
-        let of_board = board_runs.wait();
-        of_board.assert_whole();
-        assert_eq!((board.remains(), base.remains()), (Vec::new(), Vec::new()));
-        println!("{}\n{}", of_board.people, run.people);
+    /// Waits for the base and returns its run and its output file.
+    fn stop(self) -> (Run, Vec<u8>) {
+        let Self { board, base, board_running, base_running } = self;
+        let run = base_running.wait();
+        board_running.interrupt();
+        let board_run = board_running.wait();
+        board_run.assert_complete();
+        assert_eq!((board.leftovers(), base.leftovers()), (Vec::new(), Vec::new()));
+        println!("{}\n{}", board_run.stderr, run.stderr);
         (run, fs::read(base.path("out.csv")).unwrap())
     }
 
     fn assert_undisturbed(self, duration: &str) -> Run {
-        let (run, bytes) = self.end();
-        run.assert_whole();
-        assert!(bytes == undisturbed("", &["--for", duration]), "the bytes differ: {}", run.people);
+        let (run, bytes) = self.stop();
+        run.assert_complete();
+        assert!(bytes == undisturbed("", &["--for", duration]), "the bytes differ: {}", run.stderr);
         run
     }
 }
 
-fn standing(system: &System, service: &str) -> Option<Value> {
+fn service_status(system: &System, service: &str) -> Option<Value> {
     let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
     let all: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    all.into_iter().find(|one| one["service"] == service)
+    all.into_iter().find(|entry| entry["service"] == service)
 }
 
-/// Ticks that have come to the base.
+/// Returns the number of ticks that the base has received.
 fn ticks(base: &System) -> u64 {
-    standing(base, "gateway").and_then(|one| one["ticks"].as_u64()).unwrap_or(0)
+    service_status(base, "gateway").and_then(|entry| entry["ticks"].as_u64()).unwrap_or(0)
 }
 
 fn restarts(run: &Run, service: &str) -> u64 {
     let services = run.json["services"].as_array().unwrap();
-    services.iter().find(|one| one["name"] == service).unwrap()["restarts"].as_u64().unwrap()
+    services.iter().find(|entry| entry["name"] == service).unwrap()["restarts"].as_u64().unwrap()
 }
 
-/// A way between two hosts that can be cut: nothing is forwarded, connections break, and nobody gets through.
-struct Way {
+/// TCP proxy between two hosts that can be cut: connections close and new ones are not forwarded.
+struct CuttableProxy {
     port: u16,
-    cut: Arc<AtomicBool>,
-    ends: Arc<AtomicBool>,
+    is_cut: Arc<AtomicBool>,
+    is_stopped: Arc<AtomicBool>,
 }
 
-impl Way {
-    fn to(port: u16) -> Self {
+impl CuttableProxy {
+    fn start(port: u16) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         listener.set_nonblocking(true).unwrap();
-        let way = Self { port: listener.local_addr().unwrap().port(), cut: Arc::default(), ends: Arc::default() };
-        let (cut, ends) = (way.cut.clone(), way.ends.clone());
+        let proxy =
+            Self { port: listener.local_addr().unwrap().port(), is_cut: Arc::default(), is_stopped: Arc::default() };
+        let (is_cut, is_stopped) = (proxy.is_cut.clone(), proxy.is_stopped.clone());
         thread::spawn(move || {
-            while !ends.load(Ordering::SeqCst) {
+            while !is_stopped.load(Ordering::SeqCst) {
                 let Ok((here, _)) = listener.accept() else {
                     thread::sleep(Duration::from_millis(5));
                     continue;
                 };
-                if let (false, Ok(there)) = (cut.load(Ordering::SeqCst), TcpStream::connect(("127.0.0.1", port))) {
-                    forward(&here, &there, &cut);
-                    forward(&there, &here, &cut);
+                if let (false, Ok(there)) = (is_cut.load(Ordering::SeqCst), TcpStream::connect(("127.0.0.1", port))) {
+                    forward(&here, &there, &is_cut);
+                    forward(&there, &here, &is_cut);
                 }
             }
         });
-        way
+        proxy
     }
 
     fn cut_for(&self, duration: Duration) {
-        self.cut.store(true, Ordering::SeqCst);
+        self.is_cut.store(true, Ordering::SeqCst);
         thread::sleep(duration);
-        self.cut.store(false, Ordering::SeqCst);
+        self.is_cut.store(false, Ordering::SeqCst);
     }
 }
 
-impl Drop for Way {
+impl Drop for CuttableProxy {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::SeqCst);
-        self.cut.store(true, Ordering::SeqCst);
+        self.is_stopped.store(true, Ordering::SeqCst);
+        self.is_cut.store(true, Ordering::SeqCst);
     }
 }
 
-fn forward(from: &TcpStream, to: &TcpStream, cut: &Arc<AtomicBool>) {
-    let (mut from, mut to, cut) = (from.try_clone().unwrap(), to.try_clone().unwrap(), cut.clone());
+fn forward(from: &TcpStream, to: &TcpStream, is_cut: &Arc<AtomicBool>) {
+    let (mut from, mut to, is_cut) = (from.try_clone().unwrap(), to.try_clone().unwrap(), is_cut.clone());
     from.set_nonblocking(false).unwrap();
     from.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
     thread::spawn(move || {
         let mut bytes = [0; 65_536];
-        while !cut.load(Ordering::SeqCst) {
+        while !is_cut.load(Ordering::SeqCst) {
             match from.read(&mut bytes) {
                 Ok(0) => break,
                 Ok(count) if to.write_all(&bytes[..count]).is_err() => break,
@@ -160,176 +163,177 @@ fn forward(from: &TcpStream, to: &TcpStream, cut: &Arc<AtomicBool>) {
                 Err(_) => break,
             }
         }
-        // The other side may have done so already.
+        // The opposite direction may have closed them already.
         let _ = from.shutdown(Shutdown::Both);
         let _ = to.shutdown(Shutdown::Both);
     });
 }
 
-fn over(way: &Way) -> String {
-    format!("tcp/127.0.0.1:{}", way.port)
+fn endpoint_of(proxy: &CuttableProxy) -> String {
+    format!("tcp/127.0.0.1:{}", proxy.port)
 }
 
 #[test]
-fn two_halves_give_the_bytes_of_the_whole() {
+fn split_system_output_equals_single_host() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    Halves::start(board, base, "5s").assert_undisturbed("5s");
+    Hosts::start(board, base, "5s").assert_undisturbed("5s");
 }
 
 #[test]
-fn ticks_come_from_whom_the_base_calls_and_from_nobody_who_calls_it() {
+fn base_imports_only_from_hosts_it_connects_to() {
     let called = format!("tcp/127.0.0.1:{}", free_port());
     let honest = board(&called, "");
     let base = base(&honest, &called, "");
-    let base_runs = base.start(&[]);
-    let at = || Some(standing(&base, "gateway")?["address"].as_str()?.to_owned());
-    until("the base to listen", || at().is_some());
-    // Another system under the name of the board.
+    let base_running = base.start(&[]);
+    let at = || Some(service_status(&base, "gateway")?["address"].as_str()?.to_owned());
+    wait_for("the base to listen", || at().is_some());
+    // A second system with the name of the board.
     let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, at().unwrap());
     let forger = board(&format!("tcp/127.0.0.1:{}", free_port()), &more);
-    let forger_runs = forger.start(&[]);
-    until("forged ticks", || ticks(&forger) > 3000);
+    let forger_running = forger.start(&[]);
+    wait_for("forged ticks", || ticks(&forger) > 3000);
     assert_eq!(ticks(&base), 0);
-    // It is not deaf: the one that it calls it hears.
-    let honest_runs = honest.start(&[]);
-    until("ticks at the base", || ticks(&base) > 0);
-    drop((forger_runs, honest_runs, base_runs));
+    // The base still receives ticks from the board that it connects to.
+    let honest_running = honest.start(&[]);
+    wait_for("ticks at the base", || ticks(&base) > 0);
+    drop((forger_running, honest_running, base_running));
 }
 
 #[test]
-fn field_and_fixes_go_with_their_ticks() {
+fn split_system_keeps_field_and_fixes_with_their_ticks() {
     for (scenario, flag) in [("cruise", "fix"), ("s3", "field")] {
         let endpoint = format!("tcp/127.0.0.1:{}", free_port());
         let launch = format!("[ingest.sim]\nscenario = \"{scenario}\"");
         let board = board(&endpoint, &launch);
         let base = base(&board, &endpoint, "");
-        let (run, bytes) = Halves::start(board, base, "4s").end();
-        run.assert_whole();
-        assert!(bytes == undisturbed(&launch, &["--for", "4s"]), "the bytes differ: {}", run.people);
+        let (run, bytes) = Hosts::start(board, base, "4s").stop();
+        run.assert_complete();
+        assert!(bytes == undisturbed(&launch, &["--for", "4s"]), "the bytes differ: {}", run.stderr);
         let flags = run.line("flags");
         assert!(flags.contains(flag) && !flags.contains("aiding-missing"), "{flags}");
     }
 }
 
 #[test]
-fn gateways_that_are_killed_lose_nothing_and_change_no_byte() {
+fn killed_gateways_lose_no_tick() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    let halves = Halves::start(board, base, "15s");
-    for (system, runs) in [(&halves.board, &halves.board_runs), (&halves.base, &halves.base_runs)] {
-        let before = ticks(&halves.base);
-        until("more ticks", || ticks(&halves.base) > before + 1000);
+    let hosts = Hosts::start(board, base, "15s");
+    for (system, runs) in [(&hosts.board, &hosts.board_running), (&hosts.base, &hosts.base_running)] {
+        let before = ticks(&hosts.base);
+        wait_for("more ticks", || ticks(&hosts.base) > before + 1000);
         signal(runs.service("gateway"), Signal::KILL);
-        until("the next gateway", || standing(system, "gateway").is_some_and(|one| one["restarts"] == 1));
+        wait_for("the next gateway", || service_status(system, "gateway").is_some_and(|entry| entry["restarts"] == 1));
     }
-    let run = halves.assert_undisturbed("15s");
+    let run = hosts.assert_undisturbed("15s");
     assert_eq!(restarts(&run, "gateway"), 1);
 }
 
 #[test]
-fn a_slot_is_swapped_on_the_host_that_has_it_and_no_tick_is_lost() {
+fn split_system_swaps_slot_on_its_host_without_loss() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    let halves = Halves::start(board, base, "8s");
-    for (system, slot, stage) in [(&halves.base, "fuser", "vqf"), (&halves.board, "gyro", "rk4")] {
+    let hosts = Hosts::start(board, base, "8s");
+    for (system, slot, stage) in [(&hosts.base, "fuser", "vqf"), (&hosts.board, "gyro", "rk4")] {
         let report = system.swap(&[slot, stage]);
         println!("{report}");
         assert_eq!(report["outcome"], "committed", "{report}");
     }
-    let elsewhere = halves.base.ask_swap(&["gyro", "rk4"]);
-    assert!(elsewhere["reason"].as_str().unwrap().contains("slots: fuser, course"), "{elsewhere}");
-    let (run, _) = halves.end();
-    run.assert_whole();
+    let rejected = hosts.base.swap_once(&["gyro", "rk4"]);
+    assert!(rejected["reason"].as_str().unwrap().contains("slots: fuser, course"), "{rejected}");
+    let (run, _) = hosts.stop();
+    run.assert_complete();
 }
 
 #[test]
-fn a_stage_of_ones_own_fills_a_slot_there_as_anywhere_else() {
+fn split_system_runs_user_defined_stage() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    // Not the system's: it is asked for once more when that has ended.
+    // Outlives the system, because a later run uses the stage again.
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("mine");
     let output = plumb(&["stage", "new", "mine", "--lang", "python", "--dir"]).arg(&folder).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     let command = format!("[\"python3\", {:?}]", folder.join("mine.py"));
-    let own = format!("[fuser]\nstage = \"mine\"\n[stages.mine]\nslot = \"fuser\"\ncommand = {command}\n");
-    base.add(&own);
-    let halves = Halves::start(board, base, "5s");
-    signal(halves.base_runs.service("fuser"), Signal::KILL);
-    let (run, bytes) = halves.end();
-    run.assert_whole();
+    let launch = format!("[fuser]\nstage = \"mine\"\n[stages.mine]\nslot = \"fuser\"\ncommand = {command}\n");
+    base.append_launch(&launch);
+    let hosts = Hosts::start(board, base, "5s");
+    signal(hosts.base_running.service("fuser"), Signal::KILL);
+    let (run, bytes) = hosts.stop();
+    run.assert_complete();
     assert_eq!(restarts(&run, "fuser"), 1);
-    assert!(bytes == undisturbed(&own, &["--for", "5s"]), "the bytes differ: {}", run.people);
+    assert!(bytes == undisturbed(&launch, &["--for", "5s"]), "the bytes differ: {}", run.stderr);
 }
 
 #[test]
-fn slots_on_both_hosts_that_are_killed_lose_nothing_and_change_no_byte() {
+fn killed_services_on_both_hosts_lose_no_tick() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    let halves = Halves::start(board, base, "8s");
+    let hosts = Hosts::start(board, base, "8s");
     for (runs, service) in [
-        (&halves.base_runs, "fuser"),
-        (&halves.board_runs, "gyro"),
-        (&halves.base_runs, "course"),
-        (&halves.board_runs, "ingest"),
+        (&hosts.base_running, "fuser"),
+        (&hosts.board_running, "gyro"),
+        (&hosts.base_running, "course"),
+        (&hosts.board_running, "ingest"),
     ] {
         thread::sleep(Duration::from_millis(900));
         signal(runs.service(service), Signal::KILL);
     }
-    halves.assert_undisturbed("8s");
+    hosts.assert_undisturbed("8s");
 }
 
 #[test]
-fn after_a_cut_of_five_seconds_nothing_is_missing() {
+fn outage_of_5_s_loses_no_tick() {
     let port = free_port();
-    let way = Way::to(port);
+    let proxy = CuttableProxy::start(port);
     let board = board(&format!("tcp/127.0.0.1:{port}"), "");
-    let base = base(&board, &over(&way), "");
-    let halves = Halves::start(board, base, "16s");
-    until("two seconds of ticks", || ticks(&halves.base) > 2000);
-    way.cut_for(Duration::from_secs(5));
-    let before = ticks(&halves.base);
-    let began = Instant::now();
-    until("the ticks of the cut", || ticks(&halves.base) > before + 5000);
-    println!("5000 ticks more {:.1} s after a cut of 5 s", began.elapsed().as_secs_f64());
-    halves.assert_undisturbed("16s");
+    let base = base(&board, &endpoint_of(&proxy), "");
+    let hosts = Hosts::start(board, base, "16s");
+    wait_for("two seconds of ticks", || ticks(&hosts.base) > 2000);
+    proxy.cut_for(Duration::from_secs(5));
+    let before = ticks(&hosts.base);
+    let restored_at = Instant::now();
+    wait_for("the ticks of the outage", || ticks(&hosts.base) > before + 5000);
+    println!("5000 more ticks {:.1} s after an outage of 5 s", restored_at.elapsed().as_secs_f64());
+    hosts.assert_undisturbed("16s");
 }
 
 #[test]
-fn a_cut_longer_than_the_cache_is_named_exactly() {
+fn outage_beyond_cache_lists_lost_ticks() {
     let port = free_port();
-    let way = Way::to(port);
+    let proxy = CuttableProxy::start(port);
     let board = board(&format!("tcp/127.0.0.1:{port}"), "cache_s = 1");
-    let base = base(&board, &over(&way), "");
-    let halves = Halves::start(board, base, "16s");
-    until("two seconds of ticks", || ticks(&halves.base) > 2000);
-    way.cut_for(Duration::from_secs(4));
-    let (run, bytes) = halves.end();
-    assert_eq!((run.code, run.number("/not_recorded")), (Some(1), 0.0), "{}", run.people);
+    let base = base(&board, &endpoint_of(&proxy), "");
+    let hosts = Hosts::start(board, base, "16s");
+    wait_for("two seconds of ticks", || ticks(&hosts.base) > 2000);
+    proxy.cut_for(Duration::from_secs(4));
+    let (run, bytes) = hosts.stop();
+    assert_eq!((run.code, run.number("/not_recorded")), (Some(1), 0.0), "{}", run.stderr);
     let lost = run.number("/lost") as usize;
-    assert!(lost > 1000 && run.number("/ticks_in") == 16_000.0, "{}", run.people);
-    let named = named_losses(&run.people);
-    assert_eq!(named.len(), lost, "{}", run.people);
-    // The attitudes that are not there are those of the ticks named, and no others.
+    assert!(lost > 1000 && run.number("/ticks_in") == 16_000.0, "{}", run.stderr);
+    let listed = parse_lost_ticks(&run.stderr);
+    assert_eq!(listed.len(), lost, "{}", run.stderr);
+    // The missing attitudes are exactly those of the listed ticks.
     let lines = |bytes: &[u8]| -> Vec<String> {
         let text = String::from_utf8(bytes.to_vec()).unwrap();
         text.lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
     };
-    let there: HashSet<_> = lines(&bytes).into_iter().collect();
-    let whole = lines(&undisturbed("", &["--for", "16s"]));
-    let missing: HashSet<_> = (0..whole.len() as u64).filter(|tick| !there.contains(&whole[*tick as usize])).collect();
-    assert_eq!(missing, named, "{}", run.people);
+    let written: HashSet<_> = lines(&bytes).into_iter().collect();
+    let complete = lines(&undisturbed("", &["--for", "16s"]));
+    let missing: HashSet<_> =
+        (0..complete.len() as u64).filter(|tick| !written.contains(&complete[*tick as usize])).collect();
+    assert_eq!(missing, listed, "{}", run.stderr);
 }
 
 /// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`.
-fn named_losses(people: &str) -> HashSet<u64> {
-    let lines = people.lines().filter_map(|line| line.split_once("no longer cached by the other host: "));
+fn parse_lost_ticks(stderr: &str) -> HashSet<u64> {
+    let lines = stderr.lines().filter_map(|line| line.split_once("no longer cached by the other host: "));
     let spans = lines.flat_map(|(_, spans)| spans.split(';').next().unwrap().split(", "));
     spans
         .flat_map(|span| {
@@ -340,21 +344,25 @@ fn named_losses(people: &str) -> HashSet<u64> {
 }
 
 #[test]
-fn a_replay_and_another_speed_are_refused_with_the_reason() {
+fn replay_and_other_speed_are_rejected_for_split_system() {
     let board = board("tcp/127.0.0.1:7451", "");
-    for (arguments, why) in [
+    for (arguments, reason) in [
         (&["--speed", "2"][..], "at another speed"),
         (&["--in-process"], "runs all slots in one process"),
         (&["--replay", "flight.csv"], "a replay waits for its slowest subscriber"),
     ] {
         let run = board.run(arguments);
-        assert_eq!(run.code, Some(2), "{}", run.people);
-        assert!(run.people.contains("cannot split the system over hosts") && run.people.contains(why), "{}", run.people);
+        assert_eq!(run.code, Some(2), "{}", run.stderr);
+        assert!(
+            run.stderr.contains("cannot split the system over hosts") && run.stderr.contains(reason),
+            "{}",
+            run.stderr
+        );
     }
 }
 
 #[test]
-fn the_launch_files_of_deploy_split_are_right() {
+fn launch_files_of_deploy_split_are_valid() {
     for file in ["board", "base"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("deploy/split/{file}.toml"));
         let output = plumb(&["config", "check", path.to_str().unwrap()]).output().unwrap();
@@ -362,13 +370,13 @@ fn the_launch_files_of_deploy_split_are_right() {
     }
 }
 
-/// Two network namespaces with a wire between them; they go with the test.
+/// Two network namespaces joined by a veth pair; removed on drop.
 struct Wire {
     names: [String; 2],
 }
 
 impl Wire {
-    fn lay() -> Result<Self, String> {
+    fn create() -> Result<Self, String> {
         let names = ["a", "b"].map(|end| format!("plumb-{}-{end}", std::process::id()));
         let wire = Self { names };
         let [a, b] = &wire.names;
@@ -383,7 +391,7 @@ impl Wire {
         Ok(wire)
     }
 
-    fn set(&self, state: &str) {
+    fn set_state(&self, state: &str) {
         run("ip", &["-n", &self.names[0], "link", "set", "wire", state]).unwrap();
     }
 
@@ -392,7 +400,7 @@ impl Wire {
         command.args(["netns", "exec", &self.names[end]]);
         let inner = system.command(arguments);
         command.arg(inner.get_program()).args(inner.get_args());
-        Running::of(command)
+        Running::spawn(command)
     }
 }
 
@@ -406,11 +414,11 @@ impl Drop for Wire {
 
 fn run(program: &str, arguments: &[&str]) -> Result<(), String> {
     let output = Command::new(program).args(arguments).output().map_err(|error| format!("{program}: {error}"))?;
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    if output.status.success() { Ok(()) } else { Err(format!("{program} {}: {said}", arguments.join(" "))) }
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    if output.status.success() { Ok(()) } else { Err(format!("{program} {}: {stderr}", arguments.join(" "))) }
 }
 
-/// Certificates for both ends in a folder: `ca.pem`, and `a.pem` and `b.pem` with their keys.
+/// Creates certificates for both ends: `ca.pem`, and `a.pem` and `b.pem` with their keys.
 fn certificates(folder: &Path) -> Result<(), String> {
     let at = |file: &str| folder.join(file).to_str().unwrap().to_owned();
     let curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"];
@@ -420,14 +428,14 @@ fn certificates(folder: &Path) -> Result<(), String> {
         let (key, pem) = (at(&format!("{end}.key")), at(&format!("{end}.pem")));
         let name = format!("subjectAltName=IP:{address}");
         let (subject, ca, ca_key) = (format!("/CN={end}"), at("ca.pem"), at("ca.key"));
-        let own = ["req", "-x509", "-subj", &subject, "-keyout", &key, "-out", &pem, "-addext", &name];
+        let request = ["req", "-x509", "-subj", &subject, "-keyout", &key, "-out", &pem, "-addext", &name];
         let signed = ["-CA", &ca, "-CAkey", &ca_key, "-addext", "basicConstraints=critical,CA:FALSE"];
-        run("openssl", &[&own[..], &signed, &curve].concat())?;
+        run("openssl", &[&request[..], &signed, &curve].concat())?;
     }
     Ok(())
 }
 
-/// An access list that lets whoever shows a certificate do everything.
+/// Access list that allows everything to a client with a certificate.
 const EVERYTHING: &str = r#"{
     enabled: true, default_permission: "deny",
     rules: [{
@@ -442,30 +450,32 @@ const EVERYTHING: &str = r#"{
 }"#;
 
 #[test]
-fn a_wire_that_is_pulled_for_five_seconds_costs_no_tick() {
+fn unplugged_link_for_5_s_loses_no_tick() {
     let keys = tempfile::tempdir().unwrap();
-    let wire = match Wire::lay().and_then(|wire| certificates(keys.path()).map(|()| wire)) {
+    let wire = match Wire::create().and_then(|wire| certificates(keys.path()).map(|()| wire)) {
         Ok(wire) => wire,
-        Err(why) => return eprintln!("skipped: no network of one's own here: {why}"),
+        Err(error) => return eprintln!("skipped: cannot create network namespaces: {error}"),
     };
     let at = |file: &str| keys.path().join(file).to_str().unwrap().to_owned();
     let tls = |end: &str| {
         let (ca, cert, key) = (at("ca.pem"), at(&format!("{end}.pem")), at(&format!("{end}.key")));
         format!("access = {:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}", at("open.json5"))
     };
-    // Who may do what is tested with the keys.
+    // Roles are covered by the tests of sessions.
     fs::write(at("open.json5"), EVERYTHING).unwrap();
     let endpoint = "quic/10.77.0.1:7451";
     let board = board(endpoint, &tls("a"));
     let base = base(&board, endpoint, &tls("b"));
     let out = base.path("out.csv");
-    let base_runs = wire.start(1, &base, &["--for", "22s", "--out", out.to_str().unwrap()]);
-    until("the base to wait", || standing(&base, "gateway").is_some_and(|one| one["state"] == "running"));
-    let board_runs = wire.start(0, &board, &[]);
-    until("two seconds of ticks", || ticks(&base) > 2000);
-    wire.set("down");
+    let base_running = wire.start(1, &base, &["--for", "22s", "--out", out.to_str().unwrap()]);
+    wait_for("the gateway of the base to run", || {
+        service_status(&base, "gateway").is_some_and(|entry| entry["state"] == "running")
+    });
+    let board_running = wire.start(0, &board, &[]);
+    wait_for("two seconds of ticks", || ticks(&base) > 2000);
+    wire.set_state("down");
     thread::sleep(Duration::from_secs(5));
-    wire.set("up");
-    let halves = Halves { board, base, board_runs, base_runs };
-    halves.assert_undisturbed("22s");
+    wire.set_state("up");
+    let hosts = Hosts { board, base, board_running, base_running };
+    hosts.assert_undisturbed("22s");
 }

@@ -1,25 +1,26 @@
-//! Bad sensors through the five processes: what is flagged, what is refused, and how long the attitude takes to recover.
+//! Faulty sensor readings in the complete system: flags, rejected readings, and the recovery time
+//! of the attitude.
 use std::{fmt::Write, fs, sync::OnceLock};
 
-use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
-use scenario::{SensorErrors, Motion, Sensors};
+use crate::common::{Run, System, assert_valid_attitudes, attitudes, inclination_deg, rms};
+use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 200.0;
 const ROWS: u64 = 24_000;
-/// Where every fault begins: the estimate has settled.
+/// Start of every fault, s. The estimate has converged by then.
 const FAULT_S: f64 = 20.0;
 const LAUNCH: &str = "[ingest.replay]\ngyro_samples = \"instants\"\n";
 
-/// A row of a recording, and what the test knows about it.
+/// Row of a recording.
 #[derive(Clone)]
 struct Row {
-    /// When it was measured; `t_ns` is what its stamp says.
+    /// True time of the measurement, s. Its timestamp `t_ns` may differ.
     at_s: f64,
     t_ns: i64,
     rate_rad_s: [f64; 3],
     force_m_s2: [f64; 3],
-    /// Ingest must refuse it.
-    refused: bool,
+    /// Ingest must reject the row.
+    rejected: bool,
 }
 
 impl Row {
@@ -45,13 +46,13 @@ impl Recording {
                 t_ns: (at_s * 1e9).round() as i64,
                 rate_rad_s: reading.rate_rad_s.into(),
                 force_m_s2: reading.force_m_s2.into(),
-                refused: false,
+                rejected: false,
             }
         });
         Self { rows: rows.collect(), fault_ends_s: FAULT_S }
     }
 
-    /// Changes the rows from the fault's begin for `duration_s`; the last good row is given too.
+    /// Applies `change` to each row of a fault, together with the last good row.
     fn during(duration_s: f64, change: impl Fn(&mut Row, &Row)) -> Self {
         let mut recording = Self::clean();
         recording.fault_ends_s = FAULT_S + duration_s;
@@ -61,18 +62,18 @@ impl Recording {
         recording
     }
 
-    /// Every stamp from the fault's begin is another by this much.
-    fn leaping(leap_s: i64) -> Self {
+    /// Shifts every timestamp from the start of the fault.
+    fn with_clock_jump(jump_s: i64) -> Self {
         let mut recording = Self::clean();
-        recording.rows[FAULT..].iter_mut().for_each(|row| row.t_ns += leap_s * 1_000_000_000);
+        recording.rows[FAULT..].iter_mut().for_each(|row| row.t_ns += jump_s * 1_000_000_000);
         recording
     }
 
-    /// Nothing for so long.
-    fn silent(duration_s: f64) -> Self {
+    /// Removes all rows of a fault.
+    fn with_gap(duration_s: f64) -> Self {
         let mut recording = Self::during(duration_s, |_, _| ());
-        let gone = FAULT_S..recording.fault_ends_s;
-        recording.rows.retain(|row| !gone.contains(&row.at_s));
+        let gap = FAULT_S..recording.fault_ends_s;
+        recording.rows.retain(|row| !gap.contains(&row.at_s));
         recording
     }
 
@@ -86,28 +87,29 @@ impl Recording {
         text
     }
 
-    /// The run through the five processes, with the inclination error in degrees at the time of each tick.
+    /// Runs the system and returns the inclination error in degrees at the true time of each tick.
     fn run(&self, arguments: &[&str]) -> (Run, Vec<(f64, f64)>) {
         let system = System::new(LAUNCH);
         let (file, out) = (system.path("bad.csv"), system.path("out.csv"));
         fs::write(&file, self.text()).unwrap();
         let paths = ["--replay", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--speed", "max"];
         let run = system.run(&[&paths, arguments].concat());
-        run.assert_whole();
+        run.assert_complete();
         let attitudes = attitudes(&out);
-        assert_sound(&attitudes);
-        let ticks: Vec<_> = self.rows.iter().filter(|row| !row.refused).collect();
-        assert_eq!(attitudes.len(), ticks.len(), "{}", run.people);
+        assert_valid_attitudes(&attitudes);
+        let ticks: Vec<_> = self.rows.iter().filter(|row| !row.rejected).collect();
+        assert_eq!(attitudes.len(), ticks.len(), "{}", run.stderr);
         assert_eq!(run.number("/ticks_out"), ticks.len() as f64);
-        let refused = self.rows.len() - ticks.len();
-        let readings = if refused == 1 { "reading" } else { "readings" };
-        assert!(run.line("ticks").ends_with(&format!(" {refused} {readings} rejected")), "{}", run.people);
+        let rejected = self.rows.len() - ticks.len();
+        let readings = if rejected == 1 { "reading" } else { "readings" };
+        assert!(run.line("ticks").ends_with(&format!(" {rejected} {readings} rejected")), "{}", run.stderr);
         let errors = ticks.iter().zip(attitudes).map(|(row, (_, q))| (row.at_s, inclination_deg(q, row.truth())));
         (run, errors.collect())
     }
 
-    /// Runs it; the flags must be exactly these, and the error must be as without the fault again after `within_s`.
-    fn recovers(&self, what: &str, flags: &str, within_s: f64) {
+    /// Runs the system and asserts its flags and that the error returns to normal within
+    /// `max_recovery_s`.
+    fn assert_recovers(&self, what: &str, flags: &str, max_recovery_s: f64) {
         let (run, errors) = self.run(&[]);
         let bound_deg = 2.0 * clean_rmse_deg() + 0.05;
         let worst_deg =
@@ -117,143 +119,148 @@ impl Recording {
             last.map_or(0.0, |(at_s, _)| (at_s + 1.0 / RATE_HZ - self.fault_ends_s).max(0.0))
         };
         let recovery_s = below_s(bound_deg);
-        println!("| {what} | {worst_deg:.2} | {:.2} | {recovery_s:.2} | {within_s} |", below_s(1.0));
-        let seen = run.line("flags").replace(" rate-instant", "").replace(" aligned", "");
-        assert_eq!(seen.split_whitespace().skip(1).collect::<Vec<_>>().join(" "), flags, "{}", run.people);
-        assert!(recovery_s <= within_s, "{what}: {recovery_s} s to be below {bound_deg:.3}° again");
+        println!("| {what} | {worst_deg:.2} | {:.2} | {recovery_s:.2} | {max_recovery_s} |", below_s(1.0));
+        let found = run.line("flags").replace(" rate-instant", "").replace(" aligned", "");
+        assert_eq!(found.split_whitespace().skip(1).collect::<Vec<_>>().join(" "), flags, "{}", run.stderr);
+        assert!(recovery_s <= max_recovery_s, "{what}: recovered below {bound_deg:.3}° after {recovery_s} s");
     }
 }
 
-/// The first row of a fault.
+/// Index of the first row of a fault.
 const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
 
-/// Inclination RMSE without a fault, where the faults would be and after them.
+/// Returns the inclination RMSE of a clean recording from the start of the faults, degrees.
 fn clean_rmse_deg() -> f64 {
     static RMSE_DEG: OnceLock<f64> = OnceLock::new();
     *RMSE_DEG.get_or_init(|| {
         let (_, errors) = Recording::clean().run(&["--in-process"]);
         let largest_deg = errors[FAULT..].iter().fold(0.0, |worst: f64, (_, error_deg)| worst.max(*error_deg));
         let rmse_deg = rms(errors[FAULT..].iter().map(|(_, error_deg)| *error_deg));
-        println!("without a fault: inclination RMSE {rmse_deg:.3}°, largest {largest_deg:.3}°");
+        println!("no fault: inclination RMSE {rmse_deg:.3}°, largest {largest_deg:.3}°");
         rmse_deg
     })
 }
 
 #[test]
-fn a_clean_recording_has_no_flags() {
-    Recording::clean().recovers("nothing", "", 0.0);
+fn clean_recording_has_no_flags() {
+    Recording::clean().assert_recovers("no fault", "", 0.0);
 }
 
 #[test]
-fn one_rate_that_is_nan() {
-    Recording::during(0.005, |row, _| row.rate_rad_s[1] = f64::NAN).recovers("one rate NaN", "rate-invalid", 0.0);
+fn single_nan_rate_recovers() {
+    Recording::during(0.005, |row, _| row.rate_rad_s[1] = f64::NAN).assert_recovers(
+        "one rate NaN",
+        "rate-invalid",
+        0.0,
+    );
 }
 
 #[test]
-fn rates_that_are_nan_for_50_ms() {
+fn nan_rates_for_50_ms_recover() {
     let bad = Recording::during(0.05, |row, _| row.rate_rad_s = [f64::NAN; 3]);
-    bad.recovers("rates NaN for 0.05 s", "rate-invalid", 0.0);
+    bad.assert_recovers("rates NaN for 0.05 s", "rate-invalid", 0.0);
 }
 
 #[test]
-fn rates_that_are_nan_for_2_s() {
+fn nan_rates_for_2_s_recover() {
     let bad = Recording::during(2.0, |row, _| row.rate_rad_s[0] = f64::NAN);
-    bad.recovers("rates NaN for 2 s", "rate-invalid", 7.0);
+    bad.assert_recovers("rates NaN for 2 s", "rate-invalid", 7.0);
 }
 
 #[test]
-fn forces_that_are_not_finite_for_3_s() {
+fn non_finite_forces_for_3_s_recover() {
     let bad = Recording::during(3.0, |row, _| row.force_m_s2 = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY]);
-    bad.recovers("forces NaN and infinite for 3 s", "force-invalid", 0.0);
+    bad.assert_recovers("forces NaN and infinite for 3 s", "force-invalid", 0.0);
 }
 
 #[test]
-fn forces_that_are_zero_for_1_s() {
+fn zero_forces_for_1_s_recover() {
     let bad = Recording::during(1.0, |row, _| row.force_m_s2 = [0.0; 3]);
-    bad.recovers("|f| = 0 for 1 s", "force-stuck force-small", 0.0);
+    bad.assert_recovers("|f| = 0 for 1 s", "force-stuck force-small", 0.0);
 }
 
 #[test]
-fn forces_near_zero_for_1_s() {
+fn near_zero_forces_for_1_s_recover() {
     let bad = Recording::during(1.0, |row, _| row.force_m_s2 = row.force_m_s2.map(|x| x * 1e-3));
-    bad.recovers("|f| near 0 for 1 s", "force-small", 0.0);
+    bad.assert_recovers("|f| near 0 for 1 s", "force-small", 0.0);
 }
 
 #[test]
-fn rates_clipped_for_1_s() {
+fn clipped_rates_for_1_s_recover() {
     let bad = Recording::during(1.0, |row, _| row.rate_rad_s[2] = 2000f64.to_radians());
-    bad.recovers("rate clipped at 2000 °/s for 1 s", "rate-clipped", 1.0);
+    bad.assert_recovers("rate clipped at 2000 °/s for 1 s", "rate-clipped", 1.0);
 }
 
 #[test]
-fn values_of_1e300_for_1_s() {
+fn values_of_1e300_for_1_s_recover() {
     let bad = Recording::during(1.0, |row, _| (row.rate_rad_s[0], row.force_m_s2[1]) = (1e300, -1e300));
-    bad.recovers("rates and forces of 1e300 for 1 s", "rate-invalid force-invalid", 7.0);
+    bad.assert_recovers("rates and forces of 1e300 for 1 s", "rate-invalid force-invalid", 7.0);
 }
 
 #[test]
-fn rows_that_come_twice() {
+fn duplicated_rows_are_rejected() {
     let mut bad = Recording::during(1.0, |_, _| ());
     for index in (FAULT..FAULT + 200).rev() {
-        let again = Row { refused: true, ..bad.rows[index].clone() };
-        bad.rows.insert(index + 1, again);
+        let duplicate = Row { rejected: true, ..bad.rows[index].clone() };
+        bad.rows.insert(index + 1, duplicate);
     }
-    bad.recovers("every row twice for 1 s", "refused-before", 0.0);
+    bad.assert_recovers("every row twice for 1 s", "rejected-before", 0.0);
 }
 
 #[test]
-fn rows_that_are_swapped() {
+fn swapped_rows_are_rejected() {
     let mut bad = Recording::during(1.0, |_, _| ());
     for index in (FAULT..FAULT + 200).step_by(4) {
         bad.rows.swap(index, index + 1);
-        bad.rows[index + 1].refused = true;
+        bad.rows[index + 1].rejected = true;
     }
-    bad.recovers("every second pair swapped for 1 s", "refused-before", 0.0);
+    bad.assert_recovers("every second pair swapped for 1 s", "rejected-before", 0.0);
 }
 
 #[test]
-fn one_stamp_for_1_s() {
+fn stopped_clock_for_1_s_recovers() {
     let bad = Recording::during(1.0, |row, before| row.t_ns = before.t_ns);
-    bad.recovers("the clock stands for 1 s", "clock-leap", 0.0);
+    bad.assert_recovers("the clock stopped for 1 s", "clock-leap", 0.0);
 }
 
 #[test]
-fn a_clock_that_leaps_backward_by_100_s() {
-    let mut bad = Recording::leaping(-100);
-    bad.rows[FAULT].refused = true;
-    bad.recovers("the clock leaps by −100 s", "clock-leap refused-before", 0.0);
+fn clock_jump_by_minus_100_s_recovers() {
+    let mut bad = Recording::with_clock_jump(-100);
+    bad.rows[FAULT].rejected = true;
+    bad.assert_recovers("the clock set by −100 s", "clock-leap rejected-before", 0.0);
 }
 
 #[test]
-fn a_clock_that_leaps_forward_by_1000_s() {
-    Recording::leaping(1000).recovers("the clock leaps by +1000 s", "clock-leap", 0.0);
+fn clock_jump_by_1000_s_recovers() {
+    Recording::with_clock_jump(1000).assert_recovers("the clock set by +1000 s", "clock-leap", 0.0);
 }
 
 #[test]
-fn a_gap_of_half_a_second() {
-    Recording::silent(0.5).recovers("a gap of 0.5 s", "gap", 5.0);
+fn gap_of_half_a_second_recovers() {
+    Recording::with_gap(0.5).assert_recovers("a gap of 0.5 s", "gap", 5.0);
 }
 
 #[test]
-fn a_gap_of_5_s() {
-    Recording::silent(5.0).recovers("a gap of 5 s", "gap", 5.0);
+fn gap_of_5_s_recovers() {
+    Recording::with_gap(5.0).assert_recovers("a gap of 5 s", "gap", 5.0);
 }
 
 #[test]
-fn a_gyro_that_is_stuck_for_3_s() {
+fn stuck_gyro_for_3_s_recovers() {
     let bad = Recording::during(3.0, |row, before| row.rate_rad_s = before.rate_rad_s);
-    bad.recovers("the gyro stuck for 3 s", "rate-stuck", 1.0);
+    bad.assert_recovers("the gyro stuck for 3 s", "rate-stuck", 1.0);
 }
 
 #[test]
-fn an_accelerometer_that_is_stuck_for_3_s() {
+fn stuck_accelerometer_for_3_s_recovers() {
     let bad = Recording::during(3.0, |row, before| row.force_m_s2 = before.force_m_s2);
-    bad.recovers("the accelerometer stuck for 3 s", "force-stuck", 15.0);
+    bad.assert_recovers("the accelerometer stuck for 3 s", "force-stuck", 15.0);
 }
 
-/// 0.01 g per step, and less noise than that: at rest the force repeats itself for as long as one likes.
+/// The resolution is 0.01 g and the noise is lower, so at rest the force can stay constant
+/// indefinitely.
 #[test]
-fn a_coarse_accelerometer_at_rest_is_believed() {
+fn coarse_accelerometer_at_rest_is_accepted() {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 5);
     let mut bad = Recording::clean();
     let force_m_s2 = Motion::S1.at(0.0).force_m_s2.map(|x| (x / 0.1).round() * 0.1).into();
@@ -265,14 +272,14 @@ fn a_coarse_accelerometer_at_rest_is_believed() {
         row.at_s = 0.0;
     }
     let (run, errors) = bad.run(&[]);
-    assert!(run.line("flags").contains("force-stuck"), "{}", run.people);
+    assert!(run.line("flags").contains("force-stuck"), "{}", run.stderr);
     let worst_deg = errors.iter().fold(0.0, |worst: f64, (_, error_deg)| worst.max(*error_deg));
     println!("a coarse accelerometer at rest for 120 s: largest error {worst_deg:.2}°");
     assert!(worst_deg < 1.0, "{worst_deg}°");
 }
 
 #[test]
-fn nothing_but_garbage_gives_sound_attitudes() {
+fn random_bits_give_valid_attitudes() {
     let mut bits = 1u64;
     let mut number = || {
         bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -284,5 +291,5 @@ fn nothing_but_garbage_gives_sound_attitudes() {
         row.force_m_s2 = [number(), number(), number()];
     }
     let (run, _) = bad.run(&[]);
-    assert!(run.line("flags").contains("rate-invalid force-invalid"), "{}", run.people);
+    assert!(run.line("flags").contains("rate-invalid force-invalid"), "{}", run.stderr);
 }

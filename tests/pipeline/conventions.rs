@@ -1,4 +1,4 @@
-//! Every conversion and every output against `docs/conventions.json`, which is computed by matrices alone.
+//! Conversions and outputs compared with `docs/conventions.json`, which is computed from matrices.
 use std::collections::BTreeMap;
 
 use attitude::{
@@ -6,15 +6,15 @@ use attitude::{
 };
 use launch::Launch;
 use messages::{AttitudeOutput, Flags, FusedState};
-use pipeline::{Collector, AttitudeFile};
+use pipeline::{AttitudeFile, Collector};
 use runtime::{
     Pace, ServiceConfig, Slot,
-    frames::{attitude_to_frame, fused_to_frame},
     convert::chart_to_payload,
+    frames::{attitude_to_frame, fused_to_frame},
 };
 use serde::Deserialize;
 
-const SAME: f64 = 1e-12;
+const TOLERANCE: f64 = 1e-12;
 
 #[derive(Deserialize)]
 struct Vector {
@@ -32,13 +32,13 @@ struct Vector {
     matrix_reference_to_body: [[f64; 3]; 3],
     quaternion_wxyz: [f64; 4],
     rate_rad_s: [f64; 3],
-    frames: BTreeMap<String, Framed>,
+    frames: BTreeMap<String, FrameVector>,
     force_at_rest_m_s2: [f64; 3],
 }
 
-/// The same in a frame of others.
+/// Attitude of a vector in another frame.
 #[derive(Deserialize)]
-struct Framed {
+struct FrameVector {
     quaternion_wxyz: [f64; 4],
     yaw_rad: f64,
     pitch_rad: f64,
@@ -50,7 +50,7 @@ struct Framed {
 }
 
 impl Vector {
-    /// The attitude by its chart, w and z.
+    /// Returns the attitude given by chart, w and z.
     fn attitude(&self) -> Attitude {
         let chart = if self.chart == "inverted" { point::Chart::Inverted } else { point::Chart::Upright };
         Attitude { up: point::Point { w: Complex::new(self.u, self.v), chart }, z_rad: self.z_rad }
@@ -65,14 +65,19 @@ fn vectors() -> Vec<Vector> {
     serde_json::from_str(include_str!("../../docs/conventions.json")).unwrap()
 }
 
-/// The same numbers, or all of them with the other sign.
-fn assert_rotation(name: &str, got: [f64; 4], want: [f64; 4]) {
-    let apart = |sign: f64| got.iter().zip(want).map(|(got, want)| (got - sign * want).abs()).fold(0.0, f64::max);
-    assert!(apart(1.0).min(apart(-1.0)) < SAME, "{name}: {got:?} is not {want:?}");
+/// Asserts equal quaternions up to their common sign.
+fn assert_rotation(name: &str, actual: [f64; 4], expected: [f64; 4]) {
+    let difference = |sign: f64| {
+        actual.iter().zip(expected).map(|(actual, expected)| (actual - sign * expected).abs()).fold(0.0, f64::max)
+    };
+    assert!(difference(1.0).min(difference(-1.0)) < TOLERANCE, "{name}: found {actual:?}, expected {expected:?}");
 }
 
-fn assert_angle(name: &str, got_rad: f64, want_rad: f64) {
-    assert!(wrapped_rad(got_rad - want_rad).abs() < SAME, "{name}: {got_rad} is not {want_rad}");
+fn assert_angle(name: &str, actual_rad: f64, expected_rad: f64) {
+    assert!(
+        wrapped_rad(actual_rad - expected_rad).abs() < TOLERANCE,
+        "{name}: found {actual_rad}, expected {expected_rad}"
+    );
 }
 
 fn wxyz(q: Quaternion<f64>) -> [f64; 4] {
@@ -80,90 +85,108 @@ fn wxyz(q: Quaternion<f64>) -> [f64; 4] {
 }
 
 #[test]
-fn there_are_a_dozen_attitudes_some_of_them_inverted_and_some_vertical() {
+fn vectors_include_inverted_and_vertical_attitudes() {
     let vectors = vectors();
     assert!(vectors.len() >= 12);
-    assert!(vectors.iter().filter(|it| it.chart == "inverted").count() >= 3);
-    assert_eq!(vectors.iter().filter(|it| it.near_gimbal).count(), 2);
+    assert!(vectors.iter().filter(|vector| vector.chart == "inverted").count() >= 3);
+    assert_eq!(vectors.iter().filter(|vector| vector.near_gimbal).count(), 2);
 }
 
 #[test]
-fn w_and_z_in_their_chart_give_matrix_quaternion_and_angles() {
-    for it in vectors() {
-        let (name, attitude) = (&it.name, it.attitude());
-        assert!((attitude.matrix() - it.matrix()).amax() < SAME, "{name}: {}", attitude.matrix());
-        assert_rotation(name, wxyz(attitude.quaternion()), it.quaternion_wxyz);
+fn point_and_z_give_matrix_quaternion_and_angles() {
+    for vector in vectors() {
+        let (name, attitude) = (&vector.name, vector.attitude());
+        assert!((attitude.matrix() - vector.matrix()).amax() < TOLERANCE, "{name}: {}", attitude.matrix());
+        assert_rotation(name, wxyz(attitude.quaternion()), vector.quaternion_wxyz);
         let angles = attitude.angles();
-        assert_angle(name, angles.pitch_rad, it.pitch_rad);
-        if it.near_gimbal {
-            // Yaw and roll are not told apart, but together they are the attitude.
-            assert!((Attitude::from_angles(angles).matrix() - it.matrix()).amax() < SAME, "{name}: {angles:?}");
+        assert_angle(name, angles.pitch_rad, vector.pitch_rad);
+        if vector.near_gimbal {
+            // Yaw and roll are ambiguous, but together they give the attitude.
+            assert!(
+                (Attitude::from_angles(angles).matrix() - vector.matrix()).amax() < TOLERANCE,
+                "{name}: {angles:?}"
+            );
         } else {
-            assert_angle(name, angles.yaw_rad, it.yaw_rad);
-            assert_angle(name, angles.roll_rad, it.roll_rad);
+            assert_angle(name, angles.yaw_rad, vector.yaw_rad);
+            assert_angle(name, angles.roll_rad, vector.roll_rad);
         }
         let force_m_s2 = attitude.up.direction() * attitude::GRAVITY_M_S2;
-        assert!((force_m_s2 - attitude::Vector3::from(it.force_at_rest_m_s2)).amax() < 10.0 * SAME, "{name}");
+        assert!((force_m_s2 - attitude::Vector3::from(vector.force_at_rest_m_s2)).amax() < 10.0 * TOLERANCE, "{name}");
         let up = attitude.up.direction();
-        assert_angle(name, up.x.hypot(up.y).atan2(up.z), it.inclination_rad);
+        assert_angle(name, up.x.hypot(up.y).atan2(up.z), vector.inclination_rad);
     }
 }
 
 #[test]
-fn quaternion_and_angles_give_w_and_z_in_their_chart() {
-    for it in vectors() {
-        let [w, x, y, z] = it.quaternion_wxyz;
-        let angles = Angles { yaw_rad: it.yaw_rad, pitch_rad: it.pitch_rad, roll_rad: it.roll_rad };
-        for got in [Attitude::from_quaternion(Quaternion::new(w, x, y, z)), Attitude::from_angles(angles)] {
-            let want = it.attitude();
-            assert!((got.matrix() - it.matrix()).amax() < SAME, "{}", it.name);
-            // On the equator either chart is right.
-            if (it.inclination_rad - std::f64::consts::FRAC_PI_2).abs() > 1e-9 {
-                assert_eq!(got.up.chart, want.up.chart, "{}", it.name);
-                assert!((got.up.w - want.up.w).norm_sqr().sqrt() < SAME, "{}: {:?}", it.name, got.up.w);
-                assert_angle(&it.name, got.z_rad, want.z_rad);
+fn quaternion_and_angles_give_point_and_z() {
+    for vector in vectors() {
+        let [w, x, y, z] = vector.quaternion_wxyz;
+        let angles = Angles { yaw_rad: vector.yaw_rad, pitch_rad: vector.pitch_rad, roll_rad: vector.roll_rad };
+        for actual in [Attitude::from_quaternion(Quaternion::new(w, x, y, z)), Attitude::from_angles(angles)] {
+            let expected = vector.attitude();
+            assert!((actual.matrix() - vector.matrix()).amax() < TOLERANCE, "{}", vector.name);
+            // On the equator both charts are valid.
+            if (vector.inclination_rad - std::f64::consts::FRAC_PI_2).abs() > 1e-9 {
+                assert_eq!(actual.up.chart, expected.up.chart, "{}", vector.name);
+                assert!(
+                    (actual.up.w - expected.up.w).norm_sqr().sqrt() < TOLERANCE,
+                    "{}: {:?}",
+                    vector.name,
+                    actual.up.w
+                );
+                assert_angle(&vector.name, actual.z_rad, expected.z_rad);
             }
         }
     }
 }
 
 #[test]
-fn others_get_their_own_frames() {
-    for it in vectors() {
-        assert_eq!(it.frames.len() + 1, Frame::NAMES.len());
-        for (frame_name, want) in &it.frames {
+fn output_frames_match_vectors() {
+    for vector in vectors() {
+        assert_eq!(vector.frames.len() + 1, Frame::NAMES.len());
+        for (frame_name, expected) in &vector.frames {
             let frame = Frame::NAMES.iter().find(|(other, _)| other == frame_name).unwrap().1;
-            let name = format!("{}, {frame_name}", it.name);
-            let state = FusedState { bias_rad_s: it.rate_rad_s, ..fused(&it) };
-            let output = AttitudeOutput { rate_rad_s: it.rate_rad_s, jump: it.quaternion_wxyz, ..published(&it) };
-            let (given, fused) = (attitude_to_frame(frame, output), fused_to_frame(frame, state));
-            assert_rotation(&name, given.quaternion, want.quaternion_wxyz);
-            assert_rotation(&name, frames::quaternion_to_native(frame.earth(), frame.body(), given.quaternion), it.quaternion_wxyz);
-            assert_angle(&name, given.pitch_rad, want.pitch_rad);
-            if !it.near_gimbal {
-                assert_angle(&name, given.yaw_rad, want.yaw_rad);
-                assert_angle(&name, given.roll_rad, want.roll_rad);
+            let name = format!("{}, {frame_name}", vector.name);
+            let state = FusedState { bias_rad_s: vector.rate_rad_s, ..fused(&vector) };
+            let output =
+                AttitudeOutput { rate_rad_s: vector.rate_rad_s, jump: vector.quaternion_wxyz, ..published(&vector) };
+            let (output_in_frame, fused) = (attitude_to_frame(frame, output), fused_to_frame(frame, state));
+            assert_rotation(&name, output_in_frame.quaternion, expected.quaternion_wxyz);
+            assert_rotation(
+                &name,
+                frames::quaternion_to_native(frame.earth(), frame.body(), output_in_frame.quaternion),
+                vector.quaternion_wxyz,
+            );
+            assert_angle(&name, output_in_frame.pitch_rad, expected.pitch_rad);
+            if !vector.near_gimbal {
+                assert_angle(&name, output_in_frame.yaw_rad, expected.yaw_rad);
+                assert_angle(&name, output_in_frame.roll_rad, expected.roll_rad);
             }
-            let apart =
-                |got: &[f64], want: &[f64]| got.iter().zip(want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let difference = |actual: &[f64], expected: &[f64]| {
+                actual.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
             assert!(
-                apart(&given.rate_rad_s, &want.rate_rad_s) == 0.0 && fused.bias_rad_s == given.rate_rad_s,
+                difference(&output_in_frame.rate_rad_s, &expected.rate_rad_s) == 0.0
+                    && fused.bias_rad_s == output_in_frame.rate_rad_s,
                 "{name}"
             );
             assert_eq!(
-                given.jump[1..],
+                output_in_frame.jump[1..],
                 frame.body().vector([output.jump[1], output.jump[2], output.jump[3]]),
                 "{name}"
             );
-            assert!(apart(&fused.w, &[want.u, want.v]) < SAME, "{name}: {:?}", fused.w);
-            assert_angle(&name, fused.z_rad, want.z_rad);
-            assert_eq!((given.course_rad, given.header, fused.chart), (output.course_rad, output.header, state.chart));
+            assert!(difference(&fused.w, &[expected.u, expected.v]) < TOLERANCE, "{name}: {:?}", fused.w);
+            assert_angle(&name, fused.z_rad, expected.z_rad);
+            assert_eq!(
+                (output_in_frame.course_rad, output_in_frame.header, fused.chart),
+                (output.course_rad, output.header, state.chart)
+            );
         }
     }
 }
 
-fn fused(it: &Vector) -> FusedState {
-    let attitude = it.attitude();
+fn fused(vector: &Vector) -> FusedState {
+    let attitude = vector.attitude();
     FusedState {
         w: [attitude.up.w.re, attitude.up.w.im],
         z_rad: attitude.z_rad,
@@ -172,8 +195,8 @@ fn fused(it: &Vector) -> FusedState {
     }
 }
 
-/// What the course slot publishes for an attitude.
-fn published(it: &Vector) -> AttitudeOutput {
+/// Returns the output of the course slot for an attitude.
+fn published(vector: &Vector) -> AttitudeOutput {
     let config = ServiceConfig {
         launch: Launch::default(),
         rate_hz: 100.0,
@@ -188,34 +211,34 @@ fn published(it: &Vector) -> AttitudeOutput {
         supervisor_pid: 0,
     };
     let mut output = None;
-    course::slot(&config).unwrap().offer(fused(it).into(), &mut |published| output = Some(published));
+    course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 
 #[test]
-fn the_attitude_that_is_published_is_in_our_conventions() {
-    for it in vectors() {
-        let output = published(&it);
-        assert_rotation(&it.name, output.quaternion, it.quaternion_wxyz);
-        assert_angle(&it.name, output.pitch_rad, it.pitch_rad);
-        assert_eq!(output.header.flags.any(Flags::NEAR_GIMBAL), it.near_gimbal, "{}", it.name);
-        if !it.near_gimbal {
-            assert_angle(&it.name, output.yaw_rad, it.yaw_rad);
-            assert_angle(&it.name, output.roll_rad, it.roll_rad);
-            assert_angle(&it.name, output.course_rad, it.course_rad);
+fn published_attitude_matches_vectors() {
+    for vector in vectors() {
+        let output = published(&vector);
+        assert_rotation(&vector.name, output.quaternion, vector.quaternion_wxyz);
+        assert_angle(&vector.name, output.pitch_rad, vector.pitch_rad);
+        assert_eq!(output.header.flags.any(Flags::NEAR_GIMBAL), vector.near_gimbal, "{}", vector.name);
+        if !vector.near_gimbal {
+            assert_angle(&vector.name, output.yaw_rad, vector.yaw_rad);
+            assert_angle(&vector.name, output.roll_rad, vector.roll_rad);
+            assert_angle(&vector.name, output.course_rad, vector.course_rad);
         }
-        assert!((0.0..std::f64::consts::TAU).contains(&output.course_rad), "{}: {}", it.name, output.course_rad);
+        assert!((0.0..std::f64::consts::TAU).contains(&output.course_rad), "{}: {}", vector.name, output.course_rad);
     }
 }
 
 #[test]
-fn the_file_that_is_written_has_w_x_y_z() {
+fn attitude_file_has_w_x_y_z_order() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.csv");
     let mut collector = Collector::new(Some(&AttitudeFile::new(&path))).unwrap();
     let vectors = vectors();
-    for (tick, it) in (0..).zip(&vectors) {
-        let mut output = published(it);
+    for (tick, vector) in (0..).zip(&vectors) {
+        let mut output = published(vector);
         output.header.tick = tick;
         output.header.t_end_ns = tick as i64 * 250_000_000;
         collector.record_attitude(&output);
@@ -224,10 +247,10 @@ fn the_file_that_is_written_has_w_x_y_z() {
     let text = std::fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("t_s,qw,qx,qy,qz"));
-    for (tick, it) in (0..).zip(&vectors) {
+    for (tick, vector) in (0..).zip(&vectors) {
         let row: Vec<f64> = lines.next().unwrap().split(',').map(|x| x.parse().unwrap()).collect();
         assert_eq!(row[0], f64::from(tick) * 0.25);
-        assert_rotation(&it.name, [row[1], row[2], row[3], row[4]], it.quaternion_wxyz);
+        assert_rotation(&vector.name, [row[1], row[2], row[3], row[4]], vector.quaternion_wxyz);
     }
     assert_eq!(lines.next(), None);
 }

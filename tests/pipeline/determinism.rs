@@ -1,10 +1,11 @@
-//! The same input gives the same bytes: in one process or five, at any speed, whatever the order of start and the scheduler do.
+//! Identical input gives identical output bytes: in one process or five, at any speed, regardless
+//! of scheduling and start order.
 use std::{fs, time::Duration};
 
 use crate::common::{System, signal};
 use rustix::process::Signal;
 
-/// A generator of test choices: the run's number is the seed.
+/// Pseudo-random choices of a test, with a seed.
 struct Choices(u64);
 
 impl Choices {
@@ -21,20 +22,20 @@ impl Choices {
     }
 }
 
-/// Buffers that bear the longest stop a loaded machine makes: what is tested is the bytes, not the limits.
+/// Returns a launch file whose buffers outlast any stall of a loaded machine.
 fn launch(order: [&str; 5], source: &str) -> String {
     format!("services = {order:?}\nbuffer_s = 20.0\nlateness_s = 10.0\n{source}")
 }
 
 const ORDER: [&str; 5] = ["ingest", "gyro", "accel", "fuser", "course"];
 
-/// The bytes of the run in one process, and what the report calls them.
+/// Returns the output and the digest line of a run in one process.
 fn in_one_process(source: &str, arguments: &[&str]) -> (Vec<u8>, String) {
     let system = System::new(&launch(ORDER, source));
     let out = system.path("out.csv");
     let out_text = out.to_str().unwrap();
     let run = system.run(&[&["--in-process", "--speed", "max", "--out", out_text], arguments].concat());
-    run.assert_whole();
+    run.assert_complete();
     (fs::read(out).unwrap(), run.line("digest").to_owned())
 }
 
@@ -54,14 +55,14 @@ fn assert_same_in_five(seed: u64, source: &str, arguments: &[&str], expected: &(
         std::thread::sleep(Duration::from_millis(choices.below(120)));
     }
     let run = running.wait();
-    run.assert_whole();
-    assert_eq!(run.line("digest"), expected.1, "seed {seed}: {}", run.people);
+    run.assert_complete();
+    assert_eq!(run.line("digest"), expected.1, "seed {seed}: {}", run.stderr);
     assert!(fs::read(out).unwrap() == expected.0, "seed {seed}: the files differ");
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
-fn a_simulation_at_speed_1_gives_the_same_bytes_whatever_the_scheduler_does() {
+fn simulation_at_speed_1_is_deterministic() {
     let arguments = ["--for", "3s"];
     let expected = in_one_process("", &arguments);
     assert_eq!(expected.0.iter().filter(|byte| **byte == b'\n').count(), 3001);
@@ -71,7 +72,7 @@ fn a_simulation_at_speed_1_gives_the_same_bytes_whatever_the_scheduler_does() {
 }
 
 #[test]
-fn lockstep_gives_the_same_bytes_whatever_the_scheduler_does() {
+fn lockstep_is_deterministic() {
     let source = "[ingest.sim]\nscenario = \"tumble\"\nseed = 5";
     let arguments = ["--for", "300s"];
     let expected = in_one_process(source, &arguments);
@@ -81,7 +82,7 @@ fn lockstep_gives_the_same_bytes_whatever_the_scheduler_does() {
 }
 
 #[test]
-fn a_bad_recording_gives_the_same_bytes_at_any_speed() {
+fn bad_recording_is_deterministic_at_any_speed() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("bad.csv");
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az\n");
@@ -111,12 +112,14 @@ fn a_bad_recording_gives_the_same_bytes_at_any_speed() {
 }
 
 #[test]
-fn fields_and_fixes_give_the_same_bytes_from_one_process_and_five() {
+fn fields_and_fixes_are_deterministic() {
     let flight =
         "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n[course]\nstage = \"track\"";
     let field = "[ingest.sim]\nscenario = \"s3\"\n[fuser]\nstage = \"wz\"\nset.magnetometer_delay_s = 0.01";
-    let usual = "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200";
-    for (seeds, source, length) in [(300..303, flight, "120s"), (310..313, field, "15s"), (315..317, usual, "120s")] {
+    let default_stages = "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200";
+    for (seeds, source, length) in
+        [(300..303, flight, "120s"), (310..313, field, "15s"), (315..317, default_stages, "120s")]
+    {
         let arguments = ["--for", length, "--speed", "max"];
         let expected = in_one_process(source, &arguments[..2]);
         for seed in seeds {
@@ -126,7 +129,7 @@ fn fields_and_fixes_give_the_same_bytes_from_one_process_and_five() {
 }
 
 #[test]
-fn a_recorded_flight_gives_the_same_bytes_with_its_fixes_and_others_without() {
+fn recorded_flight_is_deterministic_and_depends_on_fixes() {
     let Some(data) = crate::common::data() else { return };
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");
     let replay = ["--replay", file.to_str().unwrap()];
@@ -134,11 +137,11 @@ fn a_recorded_flight_gives_the_same_bytes_with_its_fixes_and_others_without() {
     let expected = in_one_process(stage, &replay);
     assert_same_in_five(320, stage, &[&replay[..], &["--speed", "max"]].concat(), &expected);
     let without = in_one_process(&format!("[ingest.replay]\ngnss = \"off\"\n{stage}"), &replay);
-    assert!(without.0 != expected.0, "the fixes do nothing");
+    assert!(without.0 != expected.0, "the fixes have no effect");
 }
 
 #[test]
-fn faults_of_every_kind_give_the_same_bytes_from_one_process_and_five() {
+fn injected_faults_are_deterministic() {
     let kinds = [
         "\"off\"",
         "\"stuck\"",
@@ -149,25 +152,25 @@ fn faults_of_every_kind_give_the_same_bytes_from_one_process_and_five() {
         "\"intermittent\"\nshare = 0.61\nseed = 9",
     ];
     let sensors = ["gyro", "accel", "mag", "gnss", "all"];
-    let mut script = String::new();
+    let mut fault_entries = String::new();
     for (i, (sensor, kind)) in sensors.iter().flat_map(|sensor| kinds.map(|kind| (sensor, kind))).enumerate() {
         let from_s = 1.0 + 0.37 * i as f64;
         let until_s = from_s + 0.61;
-        script +=
+        fault_entries +=
             &format!("[[ingest.fault]]\nsensor = {sensor:?}\nkind = {kind}\nfrom_s = {from_s}\nuntil_s = {until_s}\n");
     }
     let flight =
         "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n[course]\nstage = \"track\"";
     let field = "[ingest.sim]\nscenario = \"s3\"\n[fuser]\nstage = \"wz\"";
     for (seeds, source, length) in [(330..333, flight, "60s"), (340..342, field, "18s")] {
-        let source = format!("faults = true\n{source}\n{script}");
+        let source = format!("faults = true\n{source}\n{fault_entries}");
         let arguments = ["--for", length, "--speed", "max"];
         let expected = in_one_process(&source, &arguments[..2]);
         for seed in seeds {
             assert_same_in_five(seed, &source, &arguments, &expected);
         }
     }
-    let whole = in_one_process(flight, &["--for", "60s"]);
-    let failing = in_one_process(&format!("faults = true\n{flight}\n{script}"), &["--for", "60s"]);
-    assert!(whole.0 != failing.0, "the script does nothing");
+    let clean = in_one_process(flight, &["--for", "60s"]);
+    let faulty = in_one_process(&format!("faults = true\n{flight}\n{fault_entries}"), &["--for", "60s"]);
+    assert!(clean.0 != faulty.0, "the faults have no effect");
 }

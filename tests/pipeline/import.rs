@@ -1,24 +1,24 @@
-//! A recording of another system: imported, or read where ours would be.
+//! Recordings of other systems: imported, or read directly like our own.
 use std::{fs, io::Read, path::Path};
 
 use crate::common::{System, data, plumb};
 use flate2::read::GzDecoder;
 use serde_json::Value;
 
-/// Inclination of `wz` against PX4's own estimate, degrees.
-const INCLINATION_LIMIT_DEG: f64 = 0.3;
+/// Maximum inclination error of `wz` against PX4's own estimate, degrees.
+const MAX_INCLINATION_ERROR_DEG: f64 = 0.3;
 
 fn inclination_deg(files: &[&str]) -> f64 {
     let output = plumb(&["score", "--fuser", "wz", "--json"]).args(files).output().unwrap();
-    let people = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{people}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
     let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
     let rmse = scores.pointer("/stages/0/trials/0/inclination").and_then(Value::as_f64);
     rmse.unwrap_or_else(|| panic!("{scores}"))
 }
 
 #[test]
-fn a_flight_of_px4_is_scored_replayed_and_imported_alike() {
+fn px4_log_is_scored_replayed_and_imported_alike() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");
     let log = log.to_str().unwrap();
@@ -26,37 +26,37 @@ fn a_flight_of_px4_is_scored_replayed_and_imported_alike() {
     let imported = system.path("flight_imu.csv.gz");
     let imported = imported.to_str().unwrap();
     let output = plumb(&["import", log, "-o", imported]).output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
+    let summary = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("17070 samples") && said.contains("with reference"), "{said}");
-    let [direct, by_way] = [log, imported].map(|file| inclination_deg(&[file]));
+    assert!(summary.contains("17070 samples") && summary.contains("with reference"), "{summary}");
+    let [direct, via_import] = [log, imported].map(|file| inclination_deg(&[file]));
     println!("inclination against PX4: {direct:.3}°");
-    assert!(direct < INCLINATION_LIMIT_DEG && direct == by_way, "{direct} and {by_way}");
+    assert!(direct < MAX_INCLINATION_ERROR_DEG && direct == via_import, "{direct} and {via_import}");
 
     let copy = system.path("flight.ulg");
     fs::copy(log, &copy).unwrap();
     let run = system.run(&["--replay", copy.to_str().unwrap(), "--speed", "max", "--out", copy.to_str().unwrap()]);
-    assert_eq!(run.code, Some(2), "{}", run.people);
-    assert_eq!(fs::read(&copy).unwrap(), fs::read(log).unwrap(), "it is not written over");
+    assert_eq!(run.code, Some(2), "{}", run.stderr);
+    assert_eq!(fs::read(&copy).unwrap(), fs::read(log).unwrap(), "the recording was overwritten");
 
     let outs = [log, imported].map(|file| {
         let out = system.path("out.csv");
         let run = system.run(&["--replay", file, "--in-process", "--speed", "max", "--out", out.to_str().unwrap()]);
-        run.assert_whole();
+        run.assert_complete();
         fs::read(out).unwrap()
     });
     assert!(outs[0] == outs[1] && outs[0].len() > 1_000_000);
 }
 
-/// `plumb import`; the file that it has written.
-fn imported(system: &System, file: &str, out: &str) -> String {
+/// Runs `plumb import` and returns the path of the file that it wrote.
+fn import(system: &System, file: &str, out: &str) -> String {
     let out = system.path(out);
     let output = plumb(&["import", file, "-o", out.to_str().unwrap()]).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     out.to_str().unwrap().to_owned()
 }
 
-/// Names of the columns, and the numbers.
+/// Returns the header and the numbers of a CSV file.
 fn table(file: &Path) -> (String, Vec<Vec<f64>>) {
     let is_packed = file.extension().is_some_and(|ending| ending == "gz");
     let mut text = String::new();
@@ -69,69 +69,69 @@ fn table(file: &Path) -> (String, Vec<Vec<f64>>) {
     (names.to_owned(), rows.lines().map(numbers).collect())
 }
 
-fn is_same(told: f64, came: f64) -> bool {
-    told == came || told.is_nan() && came.is_nan()
+fn is_same(original: f64, returned: f64) -> bool {
+    original == returned || original.is_nan() && returned.is_nan()
 }
 
 #[test]
-fn a_recording_of_ours_goes_to_mcap_and_comes_back_number_for_number() {
+fn recording_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");
-    // With gaps in the reference, and with fixes beside it.
+    // The first one has gaps in its reference, the second one has a file of fixes.
     for file in ["broad/02_undisturbed_slow_rotation_B.csv.gz", "flights/apm_plane_log2_imu.csv.gz"] {
         let file = data.join(file);
-        let back = imported(&system, &imported(&system, file.to_str().unwrap(), "way.mcap"), "back_imu.csv");
-        let [(names, told), (same_names, came)] = [&file, Path::new(&back)].map(table);
-        assert_eq!((&names, told.len()), (&same_names, came.len()));
-        assert!(names.starts_with("t_s,gx,gy,gz,ax,ay,az,mx,my,mz,qw,qx,qy,qz,mov") && told.len() > 10_000);
-        for (told, came) in told.iter().zip(&came) {
-            let length = told[10..14].iter().map(|part| part * part).sum::<f64>().sqrt();
-            let t_s = told[0];
-            for (column, (told, came)) in told.iter().zip(came).enumerate() {
-                let is_there = match column {
-                    // Of unit length.
-                    10..14 => is_same(*told, *came) || (told / length - came).abs() < 1e-15,
-                    _ => is_same(*told, *came),
+        let back = import(&system, &import(&system, file.to_str().unwrap(), "way.mcap"), "back_imu.csv");
+        let [(names, original), (same_names, returned)] = [&file, Path::new(&back)].map(table);
+        assert_eq!((&names, original.len()), (&same_names, returned.len()));
+        assert!(names.starts_with("t_s,gx,gy,gz,ax,ay,az,mx,my,mz,qw,qx,qy,qz,mov") && original.len() > 10_000);
+        for (original, returned) in original.iter().zip(&returned) {
+            let length = original[10..14].iter().map(|part| part * part).sum::<f64>().sqrt();
+            let t_s = original[0];
+            for (column, (original, returned)) in original.iter().zip(returned).enumerate() {
+                let is_equal = match column {
+                    // Imported quaternions are normalised.
+                    10..14 => is_same(*original, *returned) || (original / length - returned).abs() < 1e-15,
+                    _ => is_same(*original, *returned),
                 };
-                assert!(is_there, "column {column} at {t_s} s: {told} and {came}");
+                assert!(is_equal, "column {column} at {t_s} s: {original} and {returned}");
             }
         }
         let attitudes = [file.to_str().unwrap(), &back].map(|file| {
             let out = system.path("out.csv");
             let arguments = ["--replay", file, "--in-process", "--speed", "max", "--out", out.to_str().unwrap()];
-            system.run(&arguments).assert_whole();
+            system.run(&arguments).assert_complete();
             fs::read(out).unwrap()
         });
         assert!(attitudes[0] == attitudes[1] && attitudes[0].len() > 500_000, "the attitudes differ");
     }
-    let (names, told) = table(&data.join("flights/apm_plane_log2_gnss.csv"));
-    assert_eq!(table(&system.path("back_gnss.csv")), (names, told));
+    let (names, original) = table(&data.join("flights/apm_plane_log2_gnss.csv"));
+    assert_eq!(table(&system.path("back_gnss.csv")), (names, original));
 }
 
 #[test]
-fn a_log_of_px4_goes_to_mcap_and_comes_back_number_for_number() {
+fn px4_log_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");
     let log = data.join("logs/px4_sample.ulg");
-    let direct = imported(&system, log.to_str().unwrap(), "direct_imu.csv");
-    let through = imported(&system, &imported(&system, log.to_str().unwrap(), "log.mcap"), "through_imu.csv");
-    let [(names, told), (same_names, came)] = [&direct, &through].map(|file| table(Path::new(file)));
-    assert_eq!((&names, told.len(), came.len()), (&same_names, 17070, 17070));
-    for (told, came) in told.iter().zip(&came) {
-        // The reference is of single precision, and of unit length only to that.
-        let is_there = |(column, (told, came)): (usize, (&f64, &f64))| {
-            is_same(*told, *came) || (10..14).contains(&column) && (told - came).abs() < 1e-6
+    let direct = import(&system, log.to_str().unwrap(), "direct_imu.csv");
+    let through = import(&system, &import(&system, log.to_str().unwrap(), "log.mcap"), "through_imu.csv");
+    let [(names, original), (same_names, returned)] = [&direct, &through].map(|file| table(Path::new(file)));
+    assert_eq!((&names, original.len(), returned.len()), (&same_names, 17070, 17070));
+    for (original, returned) in original.iter().zip(&returned) {
+        // The reference has single precision, and unit length only to that precision.
+        let is_equal = |(column, (original, returned)): (usize, (&f64, &f64))| {
+            is_same(*original, *returned) || (10..14).contains(&column) && (original - returned).abs() < 1e-6
         };
-        assert!(told.iter().zip(came).enumerate().all(is_there), "{told:?} and {came:?}");
+        assert!(original.iter().zip(returned).enumerate().all(is_equal), "{original:?} and {returned:?}");
     }
     let files = [direct.as_str(), system.path("log.mcap").to_str().unwrap()].map(|file| inclination_deg(&[file]));
     assert_eq!(files[0], files[1]);
 }
 
 #[test]
-fn columns_of_another_name_unit_and_frame_are_mapped() {
+fn foreign_columns_units_and_frame_are_mapped() {
     let system = System::new("");
-    let (file, out) = (system.path("phone.csv"), system.path("ours.csv"));
+    let (file, out) = (system.path("phone.csv"), system.path("imported.csv"));
     let rows: String = (0..200).map(|row| format!("{};0,0;0,0;{};0,0;0,0;-1,0\n", row * 10, 0.5)).collect();
     fs::write(&file, format!("ms;wx;wy;wz;fx;fy;fz\n{}", rows.replace("0.5", "0,5"))).unwrap();
     let map = "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz";
@@ -147,12 +147,12 @@ fn columns_of_another_name_unit_and_frame_are_mapped() {
     let replayed = |file: &str, mapping: &[&str]| {
         let attitudes = system.path("attitudes.csv");
         let replay = ["--replay", file, "--in-process", "--speed", "max", "--out", attitudes.to_str().unwrap()];
-        system.run(&[&replay[..], mapping].concat()).assert_whole();
+        system.run(&[&replay[..], mapping].concat()).assert_complete();
         fs::read(attitudes).unwrap()
     };
-    let by_way = replayed(out.to_str().unwrap(), &[]);
-    assert!(replayed(file.to_str().unwrap(), &arguments[..6]) == by_way && by_way.len() > 5000);
-    // Level all the way, and so is the reference that is mapped.
+    let via_import = replayed(out.to_str().unwrap(), &[]);
+    assert!(replayed(file.to_str().unwrap(), &arguments[..6]) == via_import && via_import.len() > 5000);
+    // Level throughout, as is the mapped reference.
     let rows: String = (0..200).map(|row| format!("{},0,0,0,0,0,-9.8,1,0,0,0\n", row * 10)).collect();
     fs::write(&file, format!("ms,wx,wy,wz,fx,fy,fz,a,b,c,d\n{rows}")).unwrap();
     let output = plumb(&["score", file.to_str().unwrap(), "--json", "--map", map, "--map", "qw=a,qx=b,qy=c,qz=d"])
@@ -166,7 +166,7 @@ fn columns_of_another_name_unit_and_frame_are_mapped() {
 }
 
 #[test]
-fn what_cannot_be_imported_is_named_with_the_remedy() {
+fn unreadable_input_is_rejected_with_remedy() {
     let system = System::new("");
     let (bag, text, out) = (system.path("bag.mcap"), system.path("other.csv"), system.path("out.csv"));
     let archive = system.path("bag.zip");
@@ -174,10 +174,10 @@ fn what_cannot_be_imported_is_named_with_the_remedy() {
     fs::write(&archive, b"PK\x03\x04rest").unwrap();
     fs::write(&text, "a,b\n1,2\n").unwrap();
     let [bag, text, out, archive] = [&bag, &text, &out, &archive].map(|path| path.to_str().unwrap());
-    let refused = system.run(&["--replay", archive, "--in-process"]);
-    assert!(refused.json["error"].as_str().unwrap().contains("unpack it"), "{}", refused.json);
-    for (arguments, code, why) in [
-        (&["import", bag, "-o", out][..], 3, "bag.mcap is damaged: byte 8: unexpected end of the file"),
+    let rejected = system.run(&["--replay", archive, "--in-process"]);
+    assert!(rejected.json["error"].as_str().unwrap().contains("unpack it"), "{}", rejected.json);
+    for (arguments, code, message) in [
+        (&["import", bag, "-o", out][..], 3, "bag.mcap is damaged: byte 8"),
         (&["score", bag], 3, "found no sample of rate and force"),
         (&["up", "--replay", archive], 3, "unpack it"),
         (&["import", text, "-o", out, "--topic", "/imu"], 2, "leave out --topic"),
@@ -187,8 +187,8 @@ fn what_cannot_be_imported_is_named_with_the_remedy() {
         (&["import", text, "-o", out, "--map", "gx"], 2, "gx"),
     ] {
         let output = plumb(arguments).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(why), "{arguments:?}: {said}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(message), "{arguments:?}: {stderr}");
     }
 }

@@ -1,13 +1,13 @@
 //! The data path on real processes: recordings, bad input, determinism, conventions, scores.
 
 mod bad_input;
+mod bus_source;
 mod conventions;
 mod determinism;
 mod drivers;
-mod fault_script;
+mod fault_injection;
 mod import;
 mod notebook;
-mod orchestrated;
 mod output;
 mod python_sensor;
 mod replay;
@@ -15,7 +15,7 @@ mod score;
 mod score_errors;
 mod score_files;
 mod score_report;
-mod serial_walk;
+mod serial_tutorial;
 mod sources;
 mod true_north;
 mod warm_start;

@@ -1,4 +1,4 @@
-//! The attitude as it is given to others: the frame of `[output]`, and the columns of `--out`.
+//! Attitude output: the frame of `[output]` and the columns of `--out`.
 use std::{fs, path::Path};
 
 use attitude::{
@@ -11,74 +11,76 @@ use serde_json::Value;
 
 use crate::common::{System, attitudes, data, plumb, python::python, rms};
 
-const HEAD: &str = "t_s,qw,qx,qy,qz,chart,u,v,z_rad,yaw_rad,pitch_rad,roll_rad,course_rad,course_reference,\
+const HEADER: &str = "t_s,qw,qx,qy,qz,chart,u,v,z_rad,yaw_rad,pitch_rad,roll_rad,course_rad,course_reference,\
                     bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,inclination_sd_rad,course_sd_rad,flags";
 
-/// The text of the file that a run writes.
+/// Returns the attitude file that a run writes.
 fn written(system: &System, arguments: &[&str]) -> String {
     let out = system.path("out.csv");
     let _ = fs::remove_file(&out);
     system
         .run(&[arguments, &["--speed", "max", "--for", "3s", "--out", out.to_str().unwrap()]].concat())
-        .assert_whole();
+        .assert_complete();
     fs::read_to_string(out).unwrap()
 }
 
-/// The numbers of a line by the names in the head; words are not among them.
-fn number(head: &str, line: &str, name: &str) -> f64 {
-    let place = head.split(',').position(|column| column == name).unwrap_or_else(|| panic!("no {name} in {head}"));
-    line.split(',').nth(place).unwrap().parse().unwrap()
+/// Returns the number in a named column of a line.
+fn number(header: &str, line: &str, name: &str) -> f64 {
+    let index = header.split(',').position(|column| column == name).unwrap_or_else(|| panic!("no {name} in {header}"));
+    line.split(',').nth(index).unwrap().parse().unwrap()
 }
 
 #[test]
-fn every_column_is_the_same_with_processes_and_in_one_and_the_default_has_none() {
+fn all_columns_are_equal_in_one_process_and_five() {
     let system = System::new("ingest.sim.scenario = \"tumble\"");
     let plain = written(&system, &["--in-process"]);
-    let [by_processes, in_one] =
-        [&[][..], &["--in-process"]].map(|way| written(&system, &[way, &["--columns", "all"]].concat()));
-    assert!(by_processes == in_one, "the bytes differ");
-    assert_eq!((plain.lines().next(), in_one.lines().next()), (Some("t_s,qw,qx,qy,qz"), Some(HEAD)));
+    let [in_five, in_one] =
+        [&[][..], &["--in-process"]].map(|mode| written(&system, &[mode, &["--columns", "all"]].concat()));
+    assert!(in_five == in_one, "the bytes differ");
+    assert_eq!((plain.lines().next(), in_one.lines().next()), (Some("t_s,qw,qx,qy,qz"), Some(HEADER)));
     assert_eq!((plain.lines().count(), in_one.lines().count()), (3001, 3001));
     for (short, long) in plain.lines().zip(in_one.lines()).skip(1) {
         assert!(long.starts_with(&format!("{short},")) && !long.contains("nan"), "{short}\n{long}");
     }
-    // What the columns say is one attitude.
+    // All columns of a line describe the same attitude.
     for line in in_one.lines().skip(1).step_by(97) {
-        let of = |name: &str| number(HEAD, line, name);
-        let (q, chart) = ([of("qw"), of("qx"), of("qy"), of("qz")], line.split(',').nth(5).unwrap());
-        let inverted = match chart {
+        let value = |name: &str| number(HEADER, line, name);
+        let (q, chart) = ([value("qw"), value("qx"), value("qy"), value("qz")], line.split(',').nth(5).unwrap());
+        let sign = match chart {
             "upright" => 1.0,
             "inverted" => -1.0,
             other => panic!("{other}"),
         };
         let up = [2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1])];
         let along = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]);
-        let [u, v] = [up[0], inverted * up[1]].map(|part| part / (1.0 + inverted * along));
-        assert!((u - of("u")).abs() < 1e-9 && (v - of("v")).abs() < 1e-9, "{u} {v}: {line}");
-        assert!((up[1].asin() - of("pitch_rad")).abs() < 1e-9, "{line}");
-        assert!(of("inclination_sd_rad") > 0.0 && of("course_sd_rad") > 0.0, "{line}");
+        let [u, v] = [up[0], sign * up[1]].map(|part| part / (1.0 + sign * along));
+        assert!((u - value("u")).abs() < 1e-9 && (v - value("v")).abs() < 1e-9, "{u} {v}: {line}");
+        assert!((up[1].asin() - value("pitch_rad")).abs() < 1e-9, "{line}");
+        assert!(value("inclination_sd_rad") > 0.0 && value("course_sd_rad") > 0.0, "{line}");
     }
-    assert!(in_one.lines().skip(1).any(|line| number(HEAD, line, "bias_x_rad_s") != 0.0));
+    assert!(in_one.lines().skip(1).any(|line| number(HEADER, line, "bias_x_rad_s") != 0.0));
     assert!(in_one.contains(",inverted,") && in_one.contains(",upright,") && in_one.contains(",arbitrary,"));
     assert!(in_one.lines().nth(1).unwrap().ends_with("rate-instant aligned"), "{:?}", in_one.lines().nth(1));
 }
 
 #[test]
-fn a_frame_of_others_is_that_of_every_column_and_nothing_is_minus_zero() {
-    let ours = written(&System::new(""), &["--in-process", "--columns", "all"]);
+fn output_frame_applies_to_all_columns_without_minus_zero() {
+    let native = written(&System::new(""), &["--in-process", "--columns", "all"]);
     for (name, frame) in Frame::NAMES.into_iter().skip(1) {
         let system = System::new(&format!("output = {{ frame = {name:?}, quaternion = \"xyzw\" }}"));
-        let theirs = written(&system, &["--in-process", "--columns", "all"]);
-        let head = HEAD.replacen("qw,qx,qy,qz", "qx,qy,qz,qw", 1);
-        assert_eq!(theirs.lines().next(), Some(head.as_str()));
-        assert!(!theirs.contains(",-0,") && theirs.lines().count() == ours.lines().count());
-        for (our, their) in ours.lines().zip(theirs.lines()).skip(1).step_by(53) {
-            let (from, to) = (|name: &str| number(HEAD, our, name), |name: &str| number(&head, their, name));
-            let four = ["qw", "qx", "qy", "qz"];
-            let q = frame.quaternion(four.map(from));
-            assert_eq!(four.map(to), q, "{name}");
-            let place: Vec<f64> = their.split(',').skip(1).take(4).map(|part| part.parse().unwrap()).collect();
-            assert_eq!(place, QuaternionOrder::Xyzw.ordered(q));
+        let converted = written(&system, &["--in-process", "--columns", "all"]);
+        let header = HEADER.replacen("qw,qx,qy,qz", "qx,qy,qz,qw", 1);
+        assert_eq!(converted.lines().next(), Some(header.as_str()));
+        assert!(!converted.contains(",-0,") && converted.lines().count() == native.lines().count());
+        for (native_line, converted_line) in native.lines().zip(converted.lines()).skip(1).step_by(53) {
+            let (from, to) =
+                (|name: &str| number(HEADER, native_line, name), |name: &str| number(&header, converted_line, name));
+            let names = ["qw", "qx", "qy", "qz"];
+            let q = frame.quaternion(names.map(from));
+            assert_eq!(names.map(to), q, "{name}");
+            let ordered: Vec<f64> =
+                converted_line.split(',').skip(1).take(4).map(|part| part.parse().unwrap()).collect();
+            assert_eq!(ordered, QuaternionOrder::Xyzw.ordered(q));
             let [yaw_rad, pitch_rad, roll_rad] = ["yaw_rad", "pitch_rad", "roll_rad"].map(from);
             let angles = frame.angles(Angles { yaw_rad, pitch_rad, roll_rad });
             assert_eq!(
@@ -94,35 +96,36 @@ fn a_frame_of_others_is_that_of_every_column_and_nothing_is_minus_zero() {
 }
 
 #[test]
-fn a_flight_that_is_flown_again_writes_the_same_columns_and_the_frame_is_told_in_it() {
+fn replayed_flight_writes_same_columns_and_records_frame() {
     let system = System::new("output.frame = \"ned-frd\"");
     let flights = system.path("flights");
-    let flown = written(&system, &["--columns", "bias,uvz", "--record", flights.to_str().unwrap()]);
+    let recorded = written(&system, &["--columns", "bias,uvz", "--record", flights.to_str().unwrap()]);
     let flight = fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
-    let again = written(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
-    assert!(flown == again, "the bytes differ");
-    assert!(flown.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
-    // The topics of the flight are in the system's own frame: imported, its reference is the simulation's.
+    let replayed = written(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
+    assert!(recorded == replayed, "the bytes differ");
+    assert!(recorded.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
+    // The topics of a flight stay in native axes, so an import does not need the output frame.
     let info = plumb(&["info", flight.to_str().unwrap(), "--json"]).output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
-    let told = info.to_string();
-    assert!(told.contains("\"output_frame\":\"ned-frd\"") && told.contains("\"topics_frame\":\"enu-rfu\""), "{told}");
+    let text = info.to_string();
+    assert!(text.contains("\"output_frame\":\"ned-frd\"") && text.contains("\"topics_frame\":\"enu-rfu\""), "{text}");
 }
 
 #[test]
-fn columns_that_are_none_are_refused_with_those_there_are() {
-    for (columns, said) in
+fn unknown_columns_are_rejected_with_suggestions() {
+    for (columns, message) in
         [("angels", "did you mean \"angles\"?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
     {
         let output = plumb(&["up", "--in-process", "--out", "x.csv", "--columns", columns]).output().unwrap();
         assert_eq!(output.status.code(), Some(2));
-        let people = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(people.contains(said), "{people}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(stderr.contains(message), "{stderr}");
     }
 }
 
-/// PX4's own estimate of the attitude, w x y z from forward, right, down to north, east, down, at its times; read without a line of the importer.
-const READ: &str = "
+/// Prints PX4's own attitude estimates with pyulog, independently of the importer: time, then w x y
+/// z, forward-right-down to north-east-down.
+const PRINT_ESTIMATES: &str = "
 import sys
 from pyulog import ULog
 topic = ULog(sys.argv[1], ['vehicle_attitude']).data_list[0].data
@@ -131,27 +134,27 @@ for row in zip(topic['timestamp'], *(topic[f'q[{i}]'] for i in range(4))):
 ";
 
 #[test]
-fn what_is_given_as_ned_frd_is_what_px4_estimates_of_the_same_flight() {
+fn ned_frd_output_matches_px4_estimate() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");
     let Some(interpreter) = python() else { return };
-    let read = std::process::Command::new(interpreter).args(["-c", READ]).arg(&log).output().unwrap();
-    assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
-    let px4 = estimates(&String::from_utf8(read.stdout).unwrap());
+    let output = std::process::Command::new(interpreter).args(["-c", PRINT_ESTIMATES]).arg(&log).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let px4 = estimates(&String::from_utf8(output.stdout).unwrap());
     assert!(px4.len() > 1000);
     let error = |frame: &str| {
         let system = System::new(&format!("output.frame = {frame:?}"));
         let out = system.path("out.csv");
         let arguments =
             ["--replay", log.to_str().unwrap(), "--in-process", "--speed", "max", "--out", out.to_str().unwrap()];
-        system.run(&arguments).assert_whole();
+        system.run(&arguments).assert_complete();
         error_deg(&attitudes(Path::new(&out)), &px4)
     };
     let [inclination, total] = error("ned-frd");
     println!("ned-frd against PX4's quaternion: inclination {inclination:.3}°, total {total:.2}° (RMS)");
     assert!(inclination < 0.3 && total < 3.0, "{inclination}° {total}°");
     let [_, total] = error("nwu-flu");
-    assert!(total > 45.0, "another frame is told from it: {total}°");
+    assert!(total > 45.0, "another frame has a similar error: {total}°");
 }
 
 fn estimates(text: &str) -> Vec<(f64, [f64; 4])> {
@@ -170,17 +173,18 @@ fn estimates(text: &str) -> Vec<(f64, [f64; 4])> {
         .collect()
 }
 
-/// Inclination and total angle, RMS from ten seconds on, of what is nearest in time.
-fn error_deg(ours: &[(f64, [f64; 4])], theirs: &[(f64, [f64; 4])]) -> [f64; 2] {
-    let from_s = ours[0].0 + 10.0;
+/// Returns the RMS inclination and total error after the first 10 s, degrees, paired by nearest
+/// time.
+fn error_deg(attitudes: &[(f64, [f64; 4])], reference: &[(f64, [f64; 4])]) -> [f64; 2] {
+    let from_s = attitudes[0].0 + 10.0;
     let (mut next, mut errors) = (0, Vec::new());
-    for (t_s, q) in ours.iter().filter(|(t_s, _)| *t_s > from_s) {
-        while next + 1 < theirs.len() && theirs[next].0 < *t_s {
+    for (t_s, q) in attitudes.iter().filter(|(t_s, _)| *t_s > from_s) {
+        while next + 1 < reference.len() && reference[next].0 < *t_s {
             next += 1;
         }
-        if (theirs[next].0 - t_s).abs() < 0.01 {
+        if (reference[next].0 - t_s).abs() < 0.01 {
             let quaternion = |[w, x, y, z]: [f64; 4]| Quaternion::new(w, x, y, z);
-            errors.push(AttitudeError::between(quaternion(*q), quaternion(theirs[next].1)));
+            errors.push(AttitudeError::between(quaternion(*q), quaternion(reference[next].1)));
         }
     }
     assert!(errors.len() > 1000, "{}", errors.len());
@@ -188,30 +192,33 @@ fn error_deg(ours: &[(f64, [f64; 4])], theirs: &[(f64, [f64; 4])]) -> [f64; 2] {
 }
 
 #[test]
-fn a_robot_of_ros_reads_what_is_given_as_enu_flu() {
+fn enu_flu_angles_follow_rep_103() {
     let Some(interpreter) = python() else { return };
     let system =
         System::new("output = { frame = \"enu-flu\", quaternion = \"xyzw\" }\ningest.sim.scenario = \"tumble\"");
-    let out = system.path("given.csv");
+    let out = system.path("out.csv");
     fs::write(&out, written(&system, &["--in-process", "--columns", "angles"])).unwrap();
-    // Yaw, pitch and roll by REP 103: about z, y and x, each after it has turned.
+    // REP 103: intrinsic rotations about z, y and x.
     let check = "
 import csv, sys
 from scipy.spatial.transform import Rotation
 rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(open(sys.argv[1]))]
-far = 0.0
+largest = 0.0
 for row in rows:
     angles = [row[name] for name in ('yaw_rad', 'pitch_rad', 'roll_rad')]
-    turn = Rotation.from_quat([row[name] for name in ('qx', 'qy', 'qz', 'qw')])
-    far = max(far, (turn * Rotation.from_euler('ZYX', angles).inv()).magnitude())
-print(len(rows), far)
+    rotation = Rotation.from_quat([row[name] for name in ('qx', 'qy', 'qz', 'qw')])
+    largest = max(largest, (rotation * Rotation.from_euler('ZYX', angles).inv()).magnitude())
+print(len(rows), largest)
 ";
     let output = std::process::Command::new(interpreter).args(["-c", check]).arg(&out).output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
-    let (rows, far_rad) =
-        said.trim().split_once(' ').unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let (rows, largest_rad) =
+        text.trim().split_once(' ').unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     assert_eq!(rows, "3000");
-    assert!(far_rad.parse::<f64>().unwrap() < 1e-7, "{said}");
-    let ours = frames::quaternion_to_native(frames::Earth::Enu, frames::Body::Flu, [1.0, 0.0, 0.0, 0.0]);
-    assert!(ours[0] > 0.0 && ours[3] < 0.0, "level and facing east: {ours:?}");
+    assert!(largest_rad.parse::<f64>().unwrap() < 1e-7, "{text}");
+    let native_quaternion = frames::quaternion_to_native(frames::Earth::Enu, frames::Body::Flu, [1.0, 0.0, 0.0, 0.0]);
+    assert!(
+        native_quaternion[0] > 0.0 && native_quaternion[3] < 0.0,
+        "attitude of a level body facing east: {native_quaternion:?}"
+    );
 }

@@ -8,7 +8,7 @@ use std::{
     thread,
 };
 
-use crate::common::{System, python::python, signal, until};
+use crate::common::{System, python::python, signal, wait_for};
 use bus::{Bus, SystemName};
 use messages::{Message, ReceiverReading, SensorReading, TakenReading};
 use rustix::process::Signal;
@@ -52,7 +52,7 @@ impl Feeder {
 /// Starts a feeder that joins the system, and returns it with its first line of output.
 fn join(python: &Path, system: &System) -> (Feeder, Value) {
     let mut joined = None;
-    until("the topic", || {
+    wait_for("the topic", || {
         let feeder = Feeder::start(python, &system.name);
         let line = feeder.line();
         match serde_json::from_str(&line) {
@@ -84,7 +84,7 @@ fn python_readings_reach_ingest_bit_for_bit() {
     bus.wake_all();
     let mut received: Vec<TakenReading> = Vec::new();
     let mut sent: Vec<Value> = Vec::new();
-    until("readings", || {
+    wait_for("readings", || {
         sent.push(serde_json::from_str(&feeder.line()).unwrap());
         while let Some(reading) = readings.receive().unwrap() {
             received.push(reading);
@@ -93,7 +93,7 @@ fn python_readings_reach_ingest_bit_for_bit() {
     });
     drop((readings, bus));
     sent.extend(feeder.stop());
-    let first = sent.iter().position(|one| one["t"] == received[0].t_sensor_ns).unwrap();
+    let first = sent.iter().position(|entry| entry["t"] == received[0].t_sensor_ns).unwrap();
     for (received, sent) in received.iter().zip(&sent[first..]) {
         assert_eq!(sent["t"], received.t_sensor_ns, "a reading is missing");
         assert_eq!(bits(&sent["rate"]), Some(received.rate_rad_s.map(f64::to_bits)));
@@ -102,15 +102,16 @@ fn python_readings_reach_ingest_bit_for_bit() {
     }
     // Ingest combines a fix with the next reading.
     let is_with_fix = |reading: &&TakenReading| reading.brings & 2 != 0;
-    let fixes: Vec<_> = received.iter().filter(is_with_fix).map(|fix| Some(fix.velocity_m_s.map(f64::to_bits))).collect();
-    let velocities: Vec<_> = sent.iter().map(|one| bits(&one["velocity"])).filter(Option::is_some).collect();
+    let fixes: Vec<_> =
+        received.iter().filter(is_with_fix).map(|fix| Some(fix.velocity_m_s.map(f64::to_bits))).collect();
+    let velocities: Vec<_> = sent.iter().map(|entry| bits(&entry["velocity"])).filter(Option::is_some).collect();
     assert!(fixes.len() > 5 && fixes.iter().all(|fix| velocities.contains(fix)), "{fixes:?} of {velocities:?}");
     let places = received.iter().filter(is_with_fix).map(|fix| (fix.latitude_rad, fix.velocity_sd_m_s));
     assert!(places.clone().all(|place| place == (0.9, 0.3)));
     running.interrupt();
     let run = running.wait();
-    assert_eq!(run.code, Some(0), "{}", run.people);
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
@@ -120,13 +121,13 @@ fn python_sensor_follows_restarted_system() {
     let running = system.start(&[]);
     let (feeder, _) = join(python, &system);
     let course_has = |ticks: u64| {
-        until("ticks", || {
-            let course = system.ps().into_iter().find(|one| one["service"] == "course");
+        wait_for("ticks", || {
+            let course = system.ps().into_iter().find(|entry| entry["service"] == "course");
             course.is_some_and(|course| course["ticks"].as_u64() >= Some(ticks))
         });
     };
     course_has(50);
-    for name in system.remains() {
+    for name in system.leftovers() {
         let path = Path::new("/dev/shm").join(name);
         if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
     }
@@ -134,16 +135,16 @@ fn python_sensor_follows_restarted_system() {
     course_has(300);
     running.interrupt();
     let run = running.wait();
-    assert!(run.people.contains("restarting every service"), "{}", run.people);
+    assert!(run.stderr.contains("restarting every service"), "{}", run.stderr);
     // The feeder leaves the ended run, then joins the next run of the same name.
     feeder.lines.try_iter().for_each(drop);
-    until("the end to be noticed", || feeder.line().contains("gone"));
+    wait_for("the end to be noticed", || feeder.line().contains("gone"));
     let again = system.start(&[]);
     course_has(50);
     feeder.stop();
     again.interrupt();
     assert_eq!(again.wait().number("/lost"), 0.0);
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 /// Runs a program as the sensor of a system until attitudes are published.
@@ -152,19 +153,19 @@ fn assert_feeds_system(mut program: Command) {
     let running = system.start(&[]);
     program.arg(&system.name).stderr(Stdio::null());
     let mut child = program.spawn().unwrap();
-    until("attitudes", || {
+    wait_for("attitudes", || {
         // The program exits if ingest has not opened the topic yet.
         if child.try_wait().unwrap().is_some() {
             child = program.spawn().unwrap();
         }
-        let course = system.ps().into_iter().find(|one| one["service"] == "course");
+        let course = system.ps().into_iter().find(|entry| entry["service"] == "course");
         course.is_some_and(|course| course["ticks"].as_u64() >= Some(500))
     });
     child.kill().unwrap();
     child.wait().unwrap();
     running.interrupt();
-    running.wait().assert_whole();
-    assert_eq!(system.remains(), Vec::<String>::new());
+    running.wait().assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
@@ -184,10 +185,10 @@ fn unavailable_system_is_reported_with_remedy() {
     assert!(Feeder::start(python, &system.name).line().contains("it is not running; start it with `plumb up`"));
     assert!(Feeder::start(python, "No Name").line().contains("use 1 to 32 characters of a-z"));
     let running = system.start(&[]);
-    system.all_run();
+    system.wait_until_running();
     let message = Feeder::start(python, &system.name).line();
     assert!(message.contains("its topic \"sensor\" is not open; set source = \"bus\" in [ingest]"), "{message}");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }

@@ -1,4 +1,4 @@
-//! Real recordings: accuracy against the cameras, and the same bytes from every way to run them.
+//! Real recordings: accuracy against a camera reference, and equal bytes from every kind of run.
 use std::{
     f64::consts::FRAC_1_SQRT_2,
     fs::{self, File},
@@ -6,20 +6,21 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
+use crate::common::{Run, System, assert_valid_attitudes, attitudes, inclination_deg, rms};
 use attitude::Quaternion;
 use flate2::read::MultiGzDecoder;
 
-/// Mean over the ten trials of BROAD, degrees; VQF without magnetometer: 0.665° (benches/README.md).
-const BROAD_LIMIT_DEG: f64 = 0.64;
+/// Maximum mean over the ten BROAD trials, degrees. VQF without magnetometer: 0.665°
+/// (benches/README.md).
+const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "07_undisturbed_fast_rotation_B.csv.gz";
 
-/// Replays as fast as possible, writing to `out.csv`; everything must come out once.
+/// Replays at full speed to `out.csv` and asserts a complete output.
 fn replay(system: &System, file: &Path, arguments: &[&str]) -> Run {
     let out = system.path("out.csv");
     let paths = ["--replay", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--speed", "max"];
     let run = system.run(&[&paths, arguments].concat());
-    run.assert_whole();
+    run.assert_complete();
     run
 }
 
@@ -29,16 +30,16 @@ fn unpacked(file: &Path) -> String {
     text
 }
 
-/// The reference of each row, where it is one and counts.
+/// Returns the reference of each row, or `None` if it is missing or not scored.
 fn scored_references(text: &str) -> Vec<Option<[f64; 4]>> {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let place = |name: &str| header.iter().position(|column| *column == name).unwrap();
-    let (q, mov) = (["qw", "qx", "qy", "qz"].map(place), place("mov"));
+    let index = |name: &str| header.iter().position(|column| *column == name).unwrap();
+    let (q, mov) = (["qw", "qx", "qy", "qz"].map(index), index("mov"));
     lines
         .map(|line| {
             let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
-            let q = q.map(|place| fields[place]);
+            let q = q.map(|index| fields[index]);
             let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
             (fields[mov] == 1.0 && length.is_finite()).then(|| q.map(|x| x / length))
         })
@@ -53,7 +54,7 @@ fn broad(data: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn broad_is_met_within_0_64_degrees() {
+fn broad_mean_inclination_is_below_limit() {
     let Some(data) = crate::common::data() else { return };
     let system = System::new("");
     let mut rmses_deg = Vec::new();
@@ -68,11 +69,11 @@ fn broad_is_met_within_0_64_degrees() {
     assert_eq!(rmses_deg.len(), 10);
     let mean_deg = rmses_deg.iter().sum::<f64>() / rmses_deg.len() as f64;
     println!("| mean | {mean_deg:.3} | |");
-    assert!(mean_deg <= BROAD_LIMIT_DEG, "{mean_deg}°");
+    assert!(mean_deg <= MAX_BROAD_ERROR_DEG, "{mean_deg}°");
 }
 
 #[test]
-fn a_recording_gives_the_same_bytes_packed_or_not_in_one_process_or_five() {
+fn recording_gives_same_bytes_packed_or_plain() {
     let Some(data) = crate::common::data() else { return };
     let packed = data.join("broad").join(TRIAL);
     let system = System::new("");
@@ -80,57 +81,58 @@ fn a_recording_gives_the_same_bytes_packed_or_not_in_one_process_or_five() {
     fs::write(&plain, unpacked(&packed)).unwrap();
     let run = replay(&system, &packed, &[]);
     let bytes = fs::read(system.path("out.csv")).unwrap();
-    for (file, how) in [(&packed, &["--in-process"][..]), (&plain, &["--in-process"]), (&plain, &[])] {
-        let other = replay(&system, file, how);
-        assert_eq!(other.line("digest"), run.line("digest"), "{} {how:?}", file.display());
-        assert!(fs::read(system.path("out.csv")).unwrap() == bytes, "{} {how:?}: the files differ", file.display());
+    for (file, mode) in [(&packed, &["--in-process"][..]), (&plain, &["--in-process"]), (&plain, &[])] {
+        let other = replay(&system, file, mode);
+        assert_eq!(other.line("digest"), run.line("digest"), "{} {mode:?}", file.display());
+        assert!(fs::read(system.path("out.csv")).unwrap() == bytes, "{} {mode:?}: the files differ", file.display());
     }
 }
 
-/// The recording as a sensor with the axes forward, right, down would have made it, its reference being that of the sensor.
-fn by_a_sensor_of_frd(text: &str) -> String {
+/// Converts a recording to that of a sensor with the axes forward, right, down, whose reference is
+/// that of the sensor.
+fn to_frd_sensor(text: &str) -> String {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let places = |names: [&str; 3]| names.map(|name| header.iter().position(|column| *column == name));
-    let vectors = [["gx", "gy", "gz"], ["ax", "ay", "az"], ["mx", "my", "mz"]].map(places);
+    let indices = |names: [&str; 3]| names.map(|name| header.iter().position(|column| *column == name));
+    let vectors = [["gx", "gy", "gz"], ["ax", "ay", "az"], ["mx", "my", "mz"]].map(indices);
     let quaternion = ["qw", "qx", "qy", "qz"].map(|name| header.iter().position(|column| *column == name).unwrap());
-    // Half a turn about the line between the first two axes.
+    // Half a turn about the bisector of the first two axes.
     let mounting = Quaternion::new(0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0);
-    let turned = lines.map(|line| {
+    let rotated = lines.map(|line| {
         let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
-        let number = |fields: &[String], place: usize| fields[place].parse::<f64>().unwrap();
+        let number = |fields: &[String], index: usize| fields[index].parse::<f64>().unwrap();
         for [x, y, z] in vectors {
             let [x, y, z] = [x, y, z].map(Option::unwrap);
             fields.swap(x, y);
             fields[z] = (-number(&fields, z)).to_string();
         }
-        let [w, i, j, k] = quaternion.map(|place| number(&fields, place));
+        let [w, i, j, k] = quaternion.map(|index| number(&fields, index));
         let sensor = Quaternion::new(w, i, j, k) * mounting;
-        for (place, part) in quaternion.into_iter().zip([sensor.w, sensor.i, sensor.j, sensor.k]) {
-            fields[place] = part.to_string();
+        for (index, part) in quaternion.into_iter().zip([sensor.w, sensor.i, sensor.j, sensor.k]) {
+            fields[index] = part.to_string();
         }
         fields.join(",") + "\n"
     });
-    header.join(",") + "\n" + &turned.collect::<String>()
+    header.join(",") + "\n" + &rotated.collect::<String>()
 }
 
 #[test]
-fn a_mounting_turns_the_reference_with_the_sensors() {
+fn mounting_rotates_reference_with_sensors() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join("broad").join(TRIAL);
     let system = System::new("[ingest.mounting]\naxes = \"frd\"");
-    let turned = system.path("turned.csv");
-    fs::write(&turned, by_a_sensor_of_frd(&unpacked(&trial))).unwrap();
-    let run = replay(&system, &turned, &["--in-process", "--for", "60s"]);
+    let rotated = system.path("rotated.csv");
+    fs::write(&rotated, to_frd_sensor(&unpacked(&trial))).unwrap();
+    let run = replay(&system, &rotated, &["--in-process", "--for", "60s"]);
     let plain = replay(&System::new(""), &trial, &["--in-process", "--for", "60s"]);
     for error in ["/error_deg/inclination_rmse", "/error_deg/inclination_max"] {
-        let [turned_deg, plain_deg] = [&run, &plain].map(|run| run.number(error));
-        assert!((turned_deg - plain_deg).abs() < 1e-9, "{error}: {turned_deg} and {plain_deg}");
+        let [rotated_deg, plain_deg] = [&run, &plain].map(|run| run.number(error));
+        assert!((rotated_deg - plain_deg).abs() < 1e-9, "{error}: {rotated_deg} and {plain_deg}");
     }
 }
 
 #[test]
-fn the_error_reported_is_that_of_the_attitudes_written() {
+fn reported_error_matches_written_attitudes() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join("broad").join(TRIAL);
     let system = System::new("");
@@ -139,7 +141,7 @@ fn the_error_reported_is_that_of_the_attitudes_written() {
     let attitudes = attitudes(&system.path("out.csv"));
     assert_eq!(run.number("/ticks_out"), references.len() as f64);
     assert_eq!(attitudes.len(), references.len());
-    assert_sound(&attitudes);
+    assert_valid_attitudes(&attitudes);
     let errors_deg: Vec<f64> = attitudes
         .iter()
         .zip(&references)
@@ -147,18 +149,18 @@ fn the_error_reported_is_that_of_the_attitudes_written() {
         .collect();
     let largest_deg = errors_deg.iter().copied().fold(0.0, f64::max);
     let rmse_deg = rms(errors_deg);
-    assert!((run.number("/error_deg/inclination_rmse") - rmse_deg).abs() < 1e-6, "{rmse_deg}: {}", run.people);
-    assert!((run.number("/error_deg/inclination_max") - largest_deg).abs() < 1e-6, "{largest_deg}: {}", run.people);
+    assert!((run.number("/error_deg/inclination_rmse") - rmse_deg).abs() < 1e-6, "{rmse_deg}: {}", run.stderr);
+    assert!((run.number("/error_deg/inclination_max") - largest_deg).abs() < 1e-6, "{largest_deg}: {}", run.stderr);
 }
 
 #[test]
-fn a_real_flight_passes_sound() {
+fn real_flight_gives_valid_attitudes() {
     let Some(data) = crate::common::data() else { return };
     let flight = data.join("flights/apm_plane_log2_imu.csv.gz");
     let system = System::new("");
     let run = replay(&system, &flight, &[]);
     let attitudes = attitudes(&system.path("out.csv"));
-    assert_sound(&attitudes);
+    assert_valid_attitudes(&attitudes);
     assert_eq!(attitudes.len(), scored_references(&unpacked(&flight)).len());
-    println!("{}", run.people);
+    println!("{}", run.stderr);
 }

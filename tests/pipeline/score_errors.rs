@@ -1,13 +1,13 @@
-//! `plumb score`: the errors of each angle, of the course as the course stage tells it, of the gyro's bias; the drift of a heading from nowhere; errors over
-//! their own standard deviations.
+//! `plumb score`: errors of angles, course and gyro bias, drift of an arbitrary heading, and errors
+//! normalised by the reported standard deviations.
 use std::fmt::Write;
 
 use serde_json::Value;
 
 use super::score::{folder_with, number, score, scores};
 
-/// A body at rest and level whose reference turns by so much, as a bias that no sensor shows would turn the heading.
-fn turning_reference(deg_s: f64) -> String {
+/// Returns a recording at rest whose reference rotates, as if the gyro had an unobservable bias.
+fn rotating_reference(deg_s: f64) -> String {
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
     for row in 0..3000 {
         let t_s = f64::from(row) * 0.01;
@@ -22,22 +22,25 @@ fn table(folder: &std::path::Path, arguments: &[&str]) -> String {
 }
 
 #[test]
-fn a_heading_from_nowhere_is_told_by_its_drift_and_not_by_its_offset() {
-    let folder = folder_with(&[("turning.csv", turning_reference(-0.05))]);
-    let scores = scores(folder.path(), &["turning.csv"]);
+fn arbitrary_heading_is_scored_by_its_drift() {
+    let folder = folder_with(&[("rotating.csv", rotating_reference(-0.05))]);
+    let scores = scores(folder.path(), &["rotating.csv"]);
     let trial = |key: &str| number(&scores, &format!("/stages/0/trials/0/{key}"));
     assert!((trial("drift_deg_min") - 3.0).abs() < 0.01 && (trial("drift_end_deg") - 1.5).abs() < 0.01, "{scores}");
     assert_eq!(scores.pointer("/stages/0/trials/0/heading_is_known"), Some(&Value::Bool(false)));
     for error in ["yaw", "heading", "total"] {
         assert_eq!(scores.pointer(&format!("/stages/0/trials/0/{error}")), Some(&Value::Null), "{error}: {scores}");
     }
-    let table = table(folder.path(), &["turning.csv"]);
-    assert!(table.contains("arb.") && !table.contains("39."), "the offset means nothing:\n{table}");
+    let table = table(folder.path(), &["rotating.csv"]);
+    assert!(
+        table.contains("arb.") && !table.contains("39."),
+        "the offset of an arbitrary heading is printed:\n{table}"
+    );
     assert!(table.contains("drift +3.000°/min") && table.contains("+1.50° at the end"), "{table}");
 }
 
 #[test]
-fn a_search_that_begins_with_the_best_value_ends_with_it() {
+fn search_from_best_value_keeps_it() {
     let folder = folder_with(&[]);
     let search = ["sim:s1", "--fuser", "wz-closed", "--tune", "time_constant_s=1..2"];
     let scores = scores(folder.path(), &search);
@@ -50,30 +53,34 @@ fn a_search_that_begins_with_the_best_value_ends_with_it() {
         .iter()
         .map(|point| point["value"].as_f64().unwrap())
         .collect();
-    let all = tried.len();
+    let count = tried.len();
     tried.dedup();
-    assert_eq!(tried.len(), all, "no value is tried twice: {tried:?}");
+    assert_eq!(tried.len(), count, "a value was tried twice: {tried:?}");
 }
 
 #[test]
-fn the_course_that_counts_is_that_of_the_course_stage() {
+fn scored_course_is_that_of_course_stage() {
     let folder = folder_with(&[]);
     let flight = ["sim:cruise?duration_s=240&gyro_bias_deg_s=0.3", "--mag", "off", "--fuser", "levelling"];
-    let of = |course: &str| scores(folder.path(), &[&flight[..], &["--course", course]].concat());
-    let (angles, track) = (of("angles"), of("track"));
-    assert_eq!(angles.pointer("/stages/0/trials/0/course"), Some(&Value::Null), "counted from nowhere");
+    let scores_with = |course: &str| scores(folder.path(), &[&flight[..], &["--course", course]].concat());
+    let (angles, track) = (scores_with("angles"), scores_with("track"));
+    assert_eq!(
+        angles.pointer("/stages/0/trials/0/course"),
+        Some(&Value::Null),
+        "a course error without a course reference"
+    );
     let course = number(&track, "/stages/0/trials/0/course");
-    assert!((3.0..20.0).contains(&course), "T b = 15° of S4's equation at most: {course}");
+    assert!((3.0..20.0).contains(&course), "S4 predicts at most T b = 15°: {course}");
     for key in ["roll", "pitch", "inclination", "drift_deg_min", "gyro_bias_deg_s"] {
         let [a, b] = [&angles, &track].map(|scores| number(scores, &format!("/stages/0/trials/0/{key}")));
-        assert_eq!(a, b, "{key} is the fuser's");
+        assert_eq!(a, b, "{key} depends on the course stage");
     }
     assert!(number(&track, "/stages/0/normalised/course/samples") > 1e4);
     assert_eq!(track.pointer("/stages/0/normalised/heading"), Some(&Value::Null));
 }
 
 #[test]
-fn the_bias_of_a_stage_that_estimates_none_is_wrong_by_all_of_it() {
+fn missing_bias_estimate_counts_as_full_error() {
     let folder = folder_with(&[]);
     let trial = ["sim:s1?duration_s=60&gyro_bias_deg_s=0.2", "--fuser", "madgwick", "--fuser", "wz"];
     let scores = scores(folder.path(), &trial);
@@ -89,7 +96,7 @@ fn the_bias_of_a_stage_that_estimates_none_is_wrong_by_all_of_it() {
 }
 
 #[test]
-fn many_seeds_spread_every_error_and_name_the_worst_of_each() {
+fn seeds_give_spread_and_worst_of_every_error() {
     let folder = folder_with(&[]);
     let query = |seed: &str| format!("sim:s1?duration_s=10&seed={seed}&accel_noise_g=0.05");
     let each = [3, 4, 5].map(|seed: u64| {
@@ -103,5 +110,5 @@ fn many_seeds_spread_every_error_and_name_the_worst_of_each() {
     let worst = each.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     assert_eq!(trial("spread/worst_seed_by_error/pitch"), worst.0 as f64);
     let samples = each.iter().map(|(_, _, samples)| samples).sum::<f64>();
-    assert_eq!(trial("normalised/inclination/samples"), samples, "of all seeds together");
+    assert_eq!(trial("normalised/inclination/samples"), samples, "total of all seeds");
 }

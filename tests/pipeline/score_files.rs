@@ -1,54 +1,55 @@
-//! `plumb score --csv`, `--plot` and ranges in `--set`: tables that say what the scores say, figures of a window, of any size, of all fusers together, and the
-//! error over the range of a setting.
+//! `plumb score --csv`, `--plot` and ranges in `--set`: tables that reproduce the scores, figures
+//! with a window and a size, and error curves over a parameter.
 use std::{collections::HashMap, fs, ops::Range, path::Path};
 
 use serde_json::Value;
 
-use super::score::{assert_refused, at_rest, folder_with, number, scores};
+use super::score::{assert_rejected, at_rest, folder_with, number, scores};
 
-/// The columns of a CSV file by their names; what is no number is NaN.
+/// Returns the columns of a CSV file by name. Other values than numbers are NaN.
 fn columns(file: &Path) -> HashMap<String, Vec<f64>> {
     let text = fs::read_to_string(file).unwrap();
     let mut lines = text.lines();
-    let head: Vec<_> = lines.next().unwrap().split(',').collect();
+    let header: Vec<_> = lines.next().unwrap().split(',').collect();
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
-    assert!(rows.iter().all(|row| row.len() == head.len()), "{}", head.len());
-    let column = |at: usize| rows.iter().map(|row| row[at].parse().unwrap_or(f64::NAN)).collect();
-    head.iter().enumerate().map(|(at, name)| ((*name).to_owned(), column(at))).collect()
+    assert!(rows.iter().all(|row| row.len() == header.len()), "{}", header.len());
+    let column = |index: usize| rows.iter().map(|row| row[index].parse().unwrap_or(f64::NAN)).collect();
+    header.iter().enumerate().map(|(index, name)| ((*name).to_owned(), column(index))).collect()
 }
 
-fn rms(of: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = of.fold((0.0, 0), |(sum, count), x| (sum + x * x, count + 1));
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), x| (sum + x * x, count + 1));
     (sum / f64::from(count)).sqrt()
 }
 
 #[test]
-fn the_errors_can_be_computed_again_from_the_table() {
+fn scores_can_be_recomputed_from_table() {
     let folder = folder_with(&[]);
     let trial = "sim:s1?duration_s=20";
     let scores = scores(folder.path(), &[trial, "--fuser", "wz", "--fuser", "madgwick", "--csv", "tables"]);
     for (stage, fuser) in ["wz", "madgwick"].into_iter().enumerate() {
         let columns = columns(&folder.path().join(format!("tables/{fuser}/sim_s1_duration_s_20.csv")));
         let scored = || columns["scored"].iter().enumerate().filter(|(_, scored)| **scored == 1.0).map(|(row, _)| row);
-        let off = |name: &str| rms(scored().map(|row| columns[name][row] - columns[&format!("true_{name}")][row]));
-        let told = |key: &str| number(&scores, &format!("/stages/{stage}/trials/0/{key}"));
-        assert_eq!(columns["t_s"].len() as f64, told("ticks"));
+        let error = |name: &str| rms(scored().map(|row| columns[name][row] - columns[&format!("true_{name}")][row]));
+        let reported = |key: &str| number(&scores, &format!("/stages/{stage}/trials/0/{key}"));
+        assert_eq!(columns["t_s"].len() as f64, reported("ticks"));
         for (column, key) in [("roll_rad", "roll"), ("pitch_rad", "pitch")] {
-            assert!((off(column).to_degrees() - told(key)).abs() < 1e-9, "{fuser} {key}");
+            assert!((error(column).to_degrees() - reported(key)).abs() < 1e-9, "{fuser} {key}");
         }
-        let bias = ["x", "y", "z"].map(|axis| off(&format!("bias_{axis}_rad_s")).to_degrees());
+        let bias = ["x", "y", "z"].map(|axis| error(&format!("bias_{axis}_rad_s")).to_degrees());
         let length = bias.iter().map(|x| x * x).sum::<f64>().sqrt();
-        assert!((length - told("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
+        assert!((length - reported("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
         assert!(columns["true_u"].iter().chain(&columns["inclination_sd_rad"]).all(|value| value.is_finite()));
         assert_eq!(columns["course_rad"].len(), columns["true_course_rad"].len());
-        // The gyro begins where the accelerometer sees up, and drifts; the accelerometer is as good at any time.
-        let away = |of: &str, row: usize| {
+        // The open-loop gyro starts at the accelerometer's up vector and drifts. The
+        // accelerometer's error stays the same.
+        let distance = |of: &str, row: usize| {
             let off = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
             off("u").hypot(off("v"))
         };
-        assert_eq!(away("gyro", 0), away("accel", 0));
+        assert_eq!(distance("gyro", 0), distance("accel", 0));
         let mean =
-            |of: &str, rows: Range<usize>| rows.clone().map(|row| away(of, row)).sum::<f64>() / rows.len() as f64;
+            |of: &str, rows: Range<usize>| rows.clone().map(|row| distance(of, row)).sum::<f64>() / rows.len() as f64;
         assert!(mean("gyro", 1800..2000) > 2.0 * mean("gyro", 1..200), "{fuser}");
         let accel = mean("accel", 1800..2000) / mean("accel", 1..200);
         assert!((0.5..2.0).contains(&accel), "{fuser}: {accel}");
@@ -56,22 +57,22 @@ fn the_errors_can_be_computed_again_from_the_table() {
 }
 
 #[test]
-fn a_table_without_a_truth_says_that_there_is_none() {
+fn table_without_reference_has_empty_truth() {
     let text = "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n".to_owned();
     let folder = folder_with(&[("plain.csv", text)]);
     scores(folder.path(), &["plain.csv", "--csv", "tables"]);
     let columns = columns(&folder.path().join("tables/plain.csv"));
     assert_eq!((columns["scored"].clone(), columns["roll_rad"].len()), (vec![0.0; 2], 2));
     assert!(columns.iter().filter(|(name, _)| name.starts_with("true_")).all(|(_, of)| of.iter().all(|x| x.is_nan())));
-    assert_refused(folder.path(), &["plain.csv", "--csv", "."], 2, &["this is the recording itself", "--csv"]);
+    assert_rejected(folder.path(), &["plain.csv", "--csv", "."], 2, &["this is the recording itself", "--csv"]);
 }
 
 #[test]
-fn several_fusers_and_the_reference_are_in_one_picture_and_differ_in_colour_and_line() {
+fn stages_and_reference_share_one_figure() {
     let folder = folder_with(&[]);
     scores(folder.path(), &["sim:s1?duration_s=20", "--fuser", "wz", "--fuser", "vqf", "--plot", "figures"]);
     let text = |name: &str| fs::read_to_string(folder.path().join("figures").join(name)).unwrap();
-    for (name, said) in [
+    for (name, labels) in [
         ("angles", &["wz", "vqf", "reference", "yaw ψ, °", "course H, °"][..]),
         ("signed", &["wz", "vqf", "roll γ, °", "arbitrary yaw"]),
         ("error", &["wz", "vqf", "inclination, °"]),
@@ -80,9 +81,9 @@ fn several_fusers_and_the_reference_are_in_one_picture_and_differ_in_colour_and_
         ("uvz", &["wz", "vqf", "reference", "z, °"]),
     ] {
         let svg = text(&format!("sim_s1_duration_s_20.{name}.svg"));
-        said.iter().for_each(|words| assert!(svg.contains(words), "no {words:?} in {name}"));
+        labels.iter().for_each(|words| assert!(svg.contains(words), "no {words:?} in {name}"));
         assert!(svg.len() < 500_000, "{name}: {} bytes", svg.len());
-        // The first is a line without gaps, the second is broken: many pieces of one colour.
+        // The first line is solid, the second one dashed: many pieces of one colour.
         let pieces = |color: &str| svg.matches(&format!("stroke=\"{color}\"")).count();
         assert!(pieces("#CC79A7") > 3 * pieces("#0072B2"), "{name}: {} {}", pieces("#CC79A7"), pieces("#0072B2"));
     }
@@ -92,7 +93,7 @@ fn several_fusers_and_the_reference_are_in_one_picture_and_differ_in_colour_and_
 }
 
 #[test]
-fn figures_have_the_window_size_and_format_that_are_asked_for() {
+fn figures_have_requested_window_size_and_format() {
     let folder = folder_with(&[]);
     let trial = ["sim:s1?duration_s=20", "--plot", "figures", "--from", "8", "--to", "11.5", "--size", "640x480"];
     scores(folder.path(), &trial);
@@ -103,42 +104,39 @@ fn figures_have_the_window_size_and_format_that_are_asked_for() {
     scores(folder.path(), &[&trial[..], &["--format", "png"]].concat());
     let png = fs::read(folder.path().join("figures/sim_s1_duration_s_20.sphere.png")).unwrap();
     let size = [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().unwrap()));
-    assert_eq!((&png[..8], size), (&b"\x89PNG\r\n\x1a\n"[..], [1280, 960]), "every length is doubled");
-    let refused = |more: &[&str], said: &str| {
-        assert_refused(folder.path(), &[&["sim:s1"], more].concat(), 2, &[said]);
+    assert_eq!((&png[..8], size), (&b"\x89PNG\r\n\x1a\n"[..], [1280, 960]), "lengths are not doubled");
+    let rejected = |more: &[&str], message: &str| {
+        assert_rejected(folder.path(), &[&["sim:s1"], more].concat(), 2, &[message]);
     };
-    refused(&["--plot", "figures", "--from", "5", "--to", "5"], "--to must be later than --from");
-    refused(&["--plot", "figures", "--size", "640"], "expected WIDTHxHEIGHT");
-    refused(&["--plot", "figures", "--size", "300x200"], "from 480x320 to 8000x8000");
-    refused(
-        &["--plot", "figures", "--from", "500"],
-        "no sample of sim:s1 to draw from 500 s: the trial ends at 100.000 s",
-    );
-    refused(&["--from", "5"], "--plot");
+    rejected(&["--plot", "figures", "--from", "5", "--to", "5"], "--to must be later than --from");
+    rejected(&["--plot", "figures", "--size", "640"], "expected WIDTHxHEIGHT");
+    rejected(&["--plot", "figures", "--size", "300x200"], "from 480x320 to 8000x8000");
+    rejected(&["--plot", "figures", "--from", "500"], "the trial ends at 100.000 s; change --from or --to");
+    rejected(&["--from", "5"], "--plot");
 }
 
 #[test]
-fn a_range_of_a_setting_is_a_curve_and_leaves_the_scores_as_they_are() {
+fn parameter_range_gives_curve_and_keeps_scores() {
     let folder = folder_with(&[]);
     let trial = ["sim:s1?duration_s=20", "--fuser", "madgwick"];
     let range = ["--set", "fuser.beta_rad_s=0.01..0.5", "--plot", "figures"];
     let swept = scores(folder.path(), &[&trial[..], &range].concat());
     let curve = swept.pointer("/swept/0/curve").and_then(Value::as_array).unwrap();
-    let of = |point: &Value, key: &str| point.get(key).and_then(Value::as_f64).unwrap();
-    assert_eq!(curve.len(), 26, "25 over the range, and the value before");
-    let [first, last] = [&curve[0], &curve[25]].map(|point| of(point, "value"));
+    let field = |point: &Value, key: &str| point.get(key).and_then(Value::as_f64).unwrap();
+    assert_eq!(curve.len(), 26, "expected 25 values over the range and the value before");
+    let [first, last] = [&curve[0], &curve[25]].map(|point| field(point, "value"));
     assert_eq!((first, last), (0.01, 0.5));
-    let least = curve.iter().map(|point| of(point, "inclination")).fold(f64::INFINITY, f64::min);
+    let least = curve.iter().map(|point| field(point, "inclination")).fold(f64::INFINITY, f64::min);
     assert_eq!(number(&swept, "/swept/0/best/error_deg"), least);
-    let one = scores(folder.path(), &[&trial[..], &["--set", &format!("beta_rad_s={last}")]].concat());
-    assert!((number(&one, "/stages/0/mean/roll") - of(&curve[25], "roll")).abs() < 1e-9);
-    let usual = scores(folder.path(), &trial);
-    assert_eq!(usual.pointer("/stages/0/mean"), swept.pointer("/stages/0/mean"), "the value is as before");
+    let last_scores = scores(folder.path(), &[&trial[..], &["--set", &format!("beta_rad_s={last}")]].concat());
+    assert!((number(&last_scores, "/stages/0/mean/roll") - field(&curve[25], "roll")).abs() < 1e-9);
+    let unchanged = scores(folder.path(), &trial);
+    assert_eq!(unchanged.pointer("/stages/0/mean"), swept.pointer("/stages/0/mean"), "the range changed the scores");
     let svg = fs::read_to_string(folder.path().join("figures/sweep.fuser.beta_rad_s.svg")).unwrap();
     for words in ["fuser.beta_rad_s, rad/s", "inclination error, °", "madgwick"] {
         assert!(svg.contains(words), "no {words:?}");
     }
     let plain = folder_with(&[("a.csv", at_rest(0.0, 0.0))]);
-    assert_refused(plain.path(), &["a.csv", "--set", "declination_deg=5..400"], 2, &["expected -180 to 180 °"]);
-    assert_refused(plain.path(), &["a.csv", "--set", "declination_deg=5..1"], 2, &["with a below b"]);
+    assert_rejected(plain.path(), &["a.csv", "--set", "declination_deg=5..400"], 2, &["expected -180 to 180 °"]);
+    assert_rejected(plain.path(), &["a.csv", "--set", "declination_deg=5..1"], 2, &["with a below b"]);
 }

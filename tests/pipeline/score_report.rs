@@ -1,5 +1,5 @@
-//! `plumb score --report`, `--tune` and `--launch`: a page that says what the scores say and asks nobody, the value that is best by every other score,
-//! and the calibration that the running system applies.
+//! `plumb score --report`, `--tune` and `--launch`: a self-contained page that shows the scores, a
+//! search for the best parameter value, and the calibration of a launch file.
 use std::{
     fs,
     os::unix::fs::{PermissionsExt, symlink},
@@ -9,10 +9,10 @@ use std::{
 use roxmltree::{Document, Node, ParsingOptions};
 use serde_json::Value;
 
-use super::score::{assert_refused, at_rest, folder_with, number, score, scores};
+use super::score::{assert_rejected, at_rest, folder_with, number, score, scores};
 use crate::common::{attitudes, data};
 
-/// Turns of a body that nobody knows, with a gyro whose bias the stages take differently.
+/// Returns a recording without a reference, with a gyro bias that the stages estimate differently.
 fn without_reference() -> String {
     let row = |i: i32| {
         let t_s = f64::from(i) * 0.01;
@@ -24,7 +24,7 @@ fn without_reference() -> String {
 
 fn page(path: &Path) -> String {
     let mode = fs::metadata(path).unwrap().permissions().mode();
-    assert_eq!(mode & 0o777, 0o600, "the page is this user's alone");
+    assert_eq!(mode & 0o777, 0o600, "the page is accessible to other users");
     fs::read_to_string(path).unwrap()
 }
 
@@ -32,14 +32,18 @@ fn parsed(page: &str) -> Document<'_> {
     Document::parse_with_options(page, ParsingOptions { allow_dtd: true, ..ParsingOptions::default() }).unwrap()
 }
 
-/// It has all that it shows, and there is nothing in it that could be asked for.
+/// Asserts that the page loads nothing: no external resource, script or form.
 fn assert_self_contained(page: &str) {
     let document = parsed(page);
     for node in document.descendants() {
         let name = node.tag_name().name();
         assert!(!["script", "img", "link", "iframe", "object", "embed", "base", "form"].contains(&name), "{name}");
-        let asks = ["src", "href", "action", "srcset", "data", "poster"];
-        assert!(node.attributes().all(|it| !asks.contains(&it.name()) && !it.name().starts_with("on")), "{node:?}");
+        let loading = ["src", "href", "action", "srcset", "data", "poster"];
+        assert!(
+            node.attributes()
+                .all(|attribute| !loading.contains(&attribute.name()) && !attribute.name().starts_with("on")),
+            "{node:?}"
+        );
     }
     for word in ["://", "@import", "url(h", "url(/", "url(\""] {
         assert!(!page.contains(word), "{word}");
@@ -52,7 +56,7 @@ fn texts<'d>(document: &'d Document<'_>, element: &str) -> Vec<&'d str> {
     document.descendants().filter(|node| node.has_tag_name(element)).filter_map(|node| node.text()).collect()
 }
 
-/// The classes of the lines of each chart over time.
+/// Returns the classes of the lines in each time chart.
 fn lines_of(document: &Document<'_>) -> Vec<Vec<String>> {
     let charts =
         document.descendants().filter(|node| node.has_tag_name("svg") && node.attribute("aria-label").is_some());
@@ -67,7 +71,7 @@ fn lines_of(document: &Document<'_>) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn a_report_shows_every_stage_over_the_reference_with_the_errors_that_are_scored() {
+fn report_shows_stages_reference_and_scored_errors() {
     let folder = tempfile::tempdir().unwrap();
     let trial = "sim:s1?duration_s=20&rate_hz=100";
     let scores = scores(folder.path(), &[trial, "--fuser", "wz", "--fuser", "vqf", "--report", "out.html"]);
@@ -78,7 +82,7 @@ fn a_report_shows_every_stage_over_the_reference_with_the_errors_that_are_scored
     let titles = texts(&document, "h3");
     let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/inclination")));
     assert_eq!(titles[0], format!("inclination error, RMS over scored samples: wz {wz:.3}°, vqf {vqf:.3}°"));
-    assert_eq!(titles[1..], ["roll", "pitch", "yaw"], "heading and total mean nothing where no heading is known");
+    assert_eq!(titles[1..], ["roll", "pitch", "yaw"], "charts of heading or total error without a known heading");
     let both = ["stage0", "stage1"].map(str::to_owned);
     let all = ["reference", "stage0", "stage1"].map(str::to_owned);
     let lines = lines_of(&document);
@@ -90,7 +94,7 @@ fn a_report_shows_every_stage_over_the_reference_with_the_errors_that_are_scored
 }
 
 #[test]
-fn the_launch_file_of_the_advice_is_one() {
+fn recommended_launch_file_is_valid() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["sim:s1?duration_s=20&rate_hz=100", "--fuser", "madgwick", "--tune", "beta_rad_s=0.005..0.5"];
     let scores = scores(folder.path(), &arguments);
@@ -102,26 +106,23 @@ fn the_launch_file_of_the_advice_is_one() {
 }
 
 #[test]
-fn without_a_reference_the_report_tells_how_far_the_stages_are_apart() {
+fn report_without_reference_shows_stage_differences() {
     let folder = folder_with(&[("plain.csv", without_reference()), ("turned.csv", at_rest(30.0, 0.0))]);
     let arguments = ["plain.csv", "--fuser", "wz", "--fuser", "madgwick", "--report", "out.html"];
     let scores = scores(folder.path(), &arguments);
-    let apart = number(&scores, "/differences/0/inclination");
-    assert!(apart > 0.01, "{scores}");
+    let difference_deg = number(&scores, "/differences/0/inclination");
+    assert!(difference_deg > 0.01, "{scores}");
     let page = page(&folder.path().join("out.html"));
     assert_self_contained(&page);
     let document = parsed(&page);
-    let title = format!("inclination difference from the first stage, RMS: madgwick {apart:.3}°");
+    let title = format!("inclination difference from the first stage, RMS: madgwick {difference_deg:.3}°");
     assert!(texts(&document, "h3").contains(&title.as_str()), "{:?}", texts(&document, "h3"));
     let lines = lines_of(&document);
     assert_eq!(lines[0], ["stage1"]);
     assert_eq!(lines[3], ["stage0", "stage1"]);
     let text = String::from_utf8(score(folder.path(), &arguments).stdout).unwrap();
-    assert!(
-        text.contains("no reference, so no ranking") && text.contains("madgwick differs from wz"),
-        "{text}"
-    );
-    assert_refused(
+    assert!(text.contains("no reference, so no ranking") && text.contains("madgwick differs from wz"), "{text}");
+    assert_rejected(
         folder.path(),
         &["plain.csv", "--fuser", "madgwick", "--tune", "beta_rad_s=0..1"],
         2,
@@ -130,7 +131,7 @@ fn without_a_reference_the_report_tells_how_far_the_stages_are_apart() {
 }
 
 #[test]
-fn a_real_recording_makes_a_page() {
+fn report_of_real_recording_ranks_by_total_error() {
     let Some(data) = data() else { return };
     let folder = tempfile::tempdir().unwrap();
     let trial = data.join("broad/07_undisturbed_fast_rotation_B.csv.gz");
@@ -147,28 +148,28 @@ fn a_real_recording_makes_a_page() {
     }
     let both = ["stage0", "stage1"].map(str::to_owned);
     assert!(lines_of(&document)[..3].iter().all(|lines| *lines == both));
-    // With a magnetometer the heading is known, and counts.
+    // With a magnetometer the heading is known, so the total error ranks the stages.
     let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();
     assert!(advice.contains("total error"), "{advice}");
 }
 
 #[test]
-fn a_page_is_put_in_the_place_of_a_link_and_never_in_that_of_a_recording() {
+fn report_replaces_link_but_never_recording() {
     let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0)), ("precious.txt", "mine".into())]);
     symlink(folder.path().join("precious.txt"), folder.path().join("out.html")).unwrap();
     scores(folder.path(), &["turned.csv", "--report", "out.html"]);
     assert_eq!(fs::read_to_string(folder.path().join("precious.txt")).unwrap(), "mine");
     assert!(!fs::symlink_metadata(folder.path().join("out.html")).unwrap().is_symlink());
     assert_self_contained(&page(&folder.path().join("out.html")));
-    let said = ["turned.csv", "this is the recording itself", "--report"];
-    assert_refused(folder.path(), &["turned.csv", "--report", "turned.csv"], 2, &said);
+    let messages = ["turned.csv", "this is the recording itself", "--report"];
+    assert_rejected(folder.path(), &["turned.csv", "--report", "turned.csv"], 2, &messages);
     assert_eq!(fs::read_to_string(folder.path().join("turned.csv")).unwrap(), at_rest(30.0, 0.0));
-    let nowhere = ["turned.csv", "--report", "nowhere/out.html"];
-    assert_refused(folder.path(), &nowhere, 1, &["nowhere/out.html"]);
+    let missing_folder = ["turned.csv", "--report", "missing_folder/out.html"];
+    assert_rejected(folder.path(), &missing_folder, 1, &["missing_folder/out.html"]);
 }
 
 #[test]
-fn what_a_recording_is_called_stands_for_itself_in_a_page() {
+fn recording_name_is_escaped_in_report() {
     let folder = folder_with(&[("<b onload='x'>&.csv", at_rest(30.0, 0.0))]);
     scores(folder.path(), &["<b onload='x'>&.csv", "--report", "out.html"]);
     let page = page(&folder.path().join("out.html"));
@@ -177,7 +178,7 @@ fn what_a_recording_is_called_stands_for_itself_in_a_page() {
 }
 
 #[test]
-fn a_search_finds_the_value_that_no_other_score_beats() {
+fn search_finds_value_with_lowest_error() {
     let folder = tempfile::tempdir().unwrap();
     let trial = ["sim:s1?duration_s=30&rate_hz=100", "--fuser", "madgwick"];
     let tuned =
@@ -186,15 +187,15 @@ fn a_search_finds_the_value_that_no_other_score_beats() {
     let least = number(&tuned, "/tuned/0/best/error_deg");
     assert_eq!(tuned.pointer("/tuned/0/setting").unwrap(), "fuser.beta_rad_s");
     assert_eq!(tuned.pointer("/tuned/0/at_range_end").unwrap(), false);
-    let of = |value: f64| {
+    let error_at = |value: f64| {
         let scores = scores(folder.path(), &[&trial[..], &["--set", &format!("beta_rad_s={value}")]].concat());
         number(&scores, "/stages/0/mean/inclination")
     };
-    assert!((of(best) - least).abs() < 1e-9, "what is told of the best value is its score");
-    assert_eq!(number(&tuned, "/stages/0/mean/inclination"), of(best), "the scores are with the best value");
-    assert!((number(&tuned, "/tuned/0/before/error_deg") - of(0.08)).abs() < 1e-9);
+    assert!((error_at(best) - least).abs() < 1e-9, "the reported error of the best value differs from its score");
+    assert_eq!(number(&tuned, "/stages/0/mean/inclination"), error_at(best), "the scores do not use the best value");
+    assert!((number(&tuned, "/tuned/0/before/error_deg") - error_at(0.08)).abs() < 1e-9);
     for value in [0.001, 0.003, 0.01, 0.0125, 0.0135, 0.017, 0.02, 0.03, 0.08, 0.2, 1.0] {
-        assert!(of(value) >= least * 0.995, "{value} is better than {best}: {} < {least}", of(value));
+        assert!(error_at(value) >= least * 0.995, "{value} is better than {best}: {} < {least}", error_at(value));
     }
     let page = page(&folder.path().join("out.html"));
     let document = parsed(&page);
@@ -204,11 +205,11 @@ fn a_search_finds_the_value_that_no_other_score_beats() {
 }
 
 #[test]
-fn a_search_says_when_the_best_is_beyond_its_range_and_what_it_cannot_search() {
+fn search_reports_end_of_range_and_invalid_ranges() {
     let folder = tempfile::tempdir().unwrap();
     let trial = "sim:s1?duration_s=20&rate_hz=100";
     let scores = scores(folder.path(), &[trial, "--fuser", "madgwick", "--tune", "fuser.beta_rad_s=0.5..1"]);
-    assert_eq!(number(&scores, "/tuned/0/best/value"), 0.08, "the value before is one of those");
+    assert_eq!(number(&scores, "/tuned/0/best/value"), 0.08, "the initial value is not a candidate");
     let scores = super::score::scores(
         folder.path(),
         &[trial, "--fuser", "madgwick", "--set", "beta_rad_s=0.9", "--tune", "beta_rad_s=0.5..1"],
@@ -216,18 +217,19 @@ fn a_search_says_when_the_best_is_beyond_its_range_and_what_it_cannot_search() {
     assert_eq!(number(&scores, "/tuned/0/best/value"), 0.5);
     let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();
     assert!(advice.contains("at the end of the range: extend the range"), "{advice}");
-    for (range, said) in [
+    for (range, message) in [
         ("beta_rad_s=0..11", "expected 0 to 10 rad/s, found 11"),
         ("beta=0..1", "did you mean `beta_rad_s`?"),
         ("beta_rad_s=1..0", "with a below b"),
     ] {
-        assert_refused(folder.path(), &[trial, "--fuser", "madgwick", "--tune", range], 2, &[said]);
+        assert_rejected(folder.path(), &[trial, "--fuser", "madgwick", "--tune", range], 2, &[message]);
     }
 }
 
 #[test]
-fn the_calibration_and_mounting_of_a_launch_file_are_applied() {
-    // A unit that lies on its head, forward, right, down, and whose accelerometer reads 1 m/s² too much forwards.
+fn launch_file_calibration_and_mounting_are_applied() {
+    // The unit is mounted upside down, forward-right-down, and its accelerometer has a bias of 1
+    // m/s² forward.
     let level = "0,0.7071067811865476,0.7071067811865476,0";
     let row = |i: i32| format!("{},0,0,0,1,0,-9.80665,{level},1\n", f64::from(i) * 0.01);
     let text = "t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n".to_owned() + &(0..500).map(row).collect::<String>();
@@ -239,7 +241,7 @@ fn the_calibration_and_mounting_of_a_launch_file_are_applied() {
     let launched = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out", "out", "--report", "out.html"]);
     assert!(number(&launched, "/stages/0/mean/inclination") < 1e-3, "{launched}");
     let [.., (_, [w, x, y, _])] = &attitudes(&folder.path().join("out/unit.csv"))[..] else { panic!("no attitude") };
-    assert!(w.abs() > 0.999 && x.hypot(*y) < 1e-3, "the body is level, not the unit on its head");
+    assert!(w.abs() > 0.999 && x.hypot(*y) < 1e-3, "the mounting is not applied");
     assert_eq!(launched.pointer("/stages/0/fuser").unwrap(), "madgwick");
     assert_eq!(number(&launched, "/stages/0/settings/fuser.beta_rad_s"), 0.5);
     let page = page(&folder.path().join("out.html"));
@@ -247,7 +249,7 @@ fn the_calibration_and_mounting_of_a_launch_file_are_applied() {
     let cells = parsed(&page).descendants().filter_map(|node| Some(node.text()?.to_owned())).collect::<Vec<_>>();
     assert!(cells.iter().any(|cell| cell.contains("bias [1.0, 0.0, 0.0]")), "{cells:?}");
     assert!(cells.contains(&"[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]".to_owned()), "{cells:?}");
-    // Another stage than the file's has its own settings.
+    // Settings of the launch file apply to its own stage only.
     let other = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--fuser", "wz"]);
     assert_eq!(other.pointer("/stages/0/settings").unwrap(), &serde_json::json!({}));
     assert!(number(&other, "/stages/0/mean/inclination") < 1e-3, "{other}");

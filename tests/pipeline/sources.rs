@@ -1,5 +1,5 @@
-//! Live sources end to end: bytes as devices send them, encoded by other projects where one does, become attitudes; what is wrong with a device
-//! is named by `plumb doctor`.
+//! Live sources end to end: bytes in device formats, encoded by other projects if available, become
+//! attitudes, and `plumb doctor` reports faults of a device.
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
@@ -23,53 +23,54 @@ use serde_json::Value;
 use wire::v1;
 use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 
-use super::drivers::plugged_in;
-use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until};
+use super::drivers::open_serial_device;
+use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, wait_for};
 
 const GRAVITY_M_S2: f64 = 9.80665;
 const LEVEL: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
-/// Something that is done until it is dropped.
-struct Doing {
-    ends: Arc<AtomicBool>,
+/// Background thread that repeats an action until it is dropped.
+struct BackgroundTask {
+    is_stopped: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,
 }
 
-impl Doing {
-    /// `each` is called with its number until it says that nobody listens any more.
+impl BackgroundTask {
+    /// Calls `each` with its index until it returns `false`.
     fn start(pause: Duration, each: impl FnMut(u64) -> bool + Send + 'static) -> Self {
-        Self::made(pause, || each)
+        Self::start_on_thread(pause, || each)
     }
 
-    /// What is called is made by the thread that calls it.
-    fn made<F: FnMut(u64) -> bool>(pause: Duration, make: impl FnOnce() -> F + Send + 'static) -> Self {
-        let ends = Arc::new(AtomicBool::new(false));
-        let ended = ends.clone();
+    /// Creates the action on the thread that calls it.
+    fn start_on_thread<F: FnMut(u64) -> bool>(pause: Duration, create: impl FnOnce() -> F + Send + 'static) -> Self {
+        let is_stopped = Arc::new(AtomicBool::new(false));
+        let stopped = is_stopped.clone();
         let thread = thread::spawn(move || {
-            let mut each = make();
+            let mut each = create();
             for n in 0.. {
-                if ended.load(Ordering::SeqCst) || !each(n) {
+                if stopped.load(Ordering::SeqCst) || !each(n) {
                     return;
                 }
                 thread::sleep(pause);
             }
         });
-        Self { ends, thread: Some(thread) }
+        Self { is_stopped, thread: Some(thread) }
     }
 }
 
-impl Drop for Doing {
+impl Drop for BackgroundTask {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::SeqCst);
+        self.is_stopped.store(true, Ordering::SeqCst);
         self.thread.take().into_iter().for_each(|thread| drop(thread.join()));
     }
 }
 
-/// A program of another project that speaks for a device.
+/// Simulated device of another project.
 struct Device(Child);
 
 impl Device {
-    /// None where there is no Python for it. One that serves is ready when this returns.
+    /// Starts the device, or returns `None` without a suitable Python. Waits until a server is
+    /// ready.
     fn start(kind: &str, port: u16, serves: bool) -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/devices.py");
         let mut command = Command::new(python()?);
@@ -105,65 +106,65 @@ fn free_tcp_port() -> u16 {
 }
 
 fn ticks(system: &System, service: &str) -> u64 {
-    let of_service = system.ps().into_iter().find(|one| one["service"] == service);
-    of_service.map_or(0, |one| one["ticks"].as_u64().unwrap())
+    let of_service = system.ps().into_iter().find(|entry| entry["service"] == service);
+    of_service.map_or(0, |entry| entry["ticks"].as_u64().unwrap())
 }
 
-fn await_ticks(system: &System, count: u64) {
-    until("attitudes", || ticks(system, "course") >= count);
+fn wait_for_ticks(system: &System, count: u64) {
+    wait_for("attitudes", || ticks(system, "course") >= count);
 }
 
-/// Ends the run, whose attitudes must be level.
-fn end_level(running: Running, out: &Path) -> Run {
+/// Stops the run and asserts that its attitudes are level.
+fn stop_and_assert_level(running: Running, out: &Path) -> Run {
     running.interrupt();
     let run = running.wait();
-    assert_eq!(run.code, Some(0), "{}", run.people);
-    let told = attitudes(out);
-    assert!(told.windows(2).all(|pair| pair[1].0 > pair[0].0), "the times grow");
-    let worst = told.iter().map(|(_, q)| inclination_deg(*q, LEVEL)).fold(0.0, f64::max);
-    assert!(worst < 0.2, "inclined by {worst}°");
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    let attitudes = attitudes(out);
+    assert!(attitudes.windows(2).all(|pair| pair[1].0 > pair[0].0), "the timestamps do not increase");
+    let worst = attitudes.iter().map(|(_, q)| inclination_deg(*q, LEVEL)).fold(0.0, f64::max);
+    assert!(worst < 0.2, "inclination {worst}°");
     run
 }
 
-/// Kills the process that reads the device, and waits for the next one.
+/// Kills the drivers process and waits for its restart.
 fn kill_drivers(system: &System, running: &Running) {
     signal(running.service("drivers"), Signal::KILL);
     let restarts =
-        || system.ps().into_iter().find(|one| one["service"] == "drivers").map(|one| one["restarts"].as_u64());
-    until("a restart", || restarts().flatten() == Some(1));
+        || system.ps().into_iter().find(|entry| entry["service"] == "drivers").map(|entry| entry["restarts"].as_u64());
+    wait_for("a restart", || restarts().flatten() == Some(1));
 }
 
-/// The only flight in the folder gives the attitudes that it gave.
-fn assert_flown_again(flights: &Path, out: &Path) {
+/// Asserts that a replay of the only flight in the folder writes the same attitudes.
+fn assert_replay_is_identical(flights: &Path, out: &Path) {
     let flight = fs::read_dir(flights).unwrap().next().unwrap().unwrap().path();
-    let again = out.with_file_name("again.csv");
+    let replayed = out.with_file_name("replayed.csv");
     let mut command = plumb(&["up", "--speed", "max", "--json"]);
-    command.arg("--replay").arg(flight).arg("--out").arg(&again).current_dir(flights);
-    let run = Run::of(command.output().unwrap());
-    assert_eq!(run.code, Some(0), "{}", run.people);
-    assert!(fs::read(out).unwrap() == fs::read(&again).unwrap(), "the same bytes: {}", run.people);
+    command.arg("--replay").arg(flight).arg("--out").arg(&replayed).current_dir(flights);
+    let run = Run::from_output(command.output().unwrap());
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    assert!(fs::read(out).unwrap() == fs::read(&replayed).unwrap(), "the bytes differ: {}", run.stderr);
 }
 
-/// What the doctor found wrong with the source, with the remedies.
-fn source_troubles(system: &System) -> Vec<String> {
+/// Returns the doctor's findings about the source, with their remedies.
+fn source_findings(system: &System) -> Vec<String> {
     let output = plumb(&["doctor", "--seconds", "0.2", "--json", "--system", &system.name]).output().unwrap();
-    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let checks = said["checks"].as_array().unwrap().iter().filter(|check| check["check"] == "source");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let checks = report["checks"].as_array().unwrap().iter().filter(|check| check["check"] == "source");
     checks.map(|check| format!("{} → {}", check["found"], check["remedy"])).collect()
 }
 
-fn await_trouble(system: &System, what: &str) {
+fn wait_for_finding(system: &System, what: &str) {
     let mut found = Vec::new();
-    until(what, || {
-        found = source_troubles(system);
-        found.iter().any(|trouble| trouble.contains(what))
+    wait_for(what, || {
+        found = source_findings(system);
+        found.iter().any(|finding| finding.contains(what))
     });
 }
 
-/// A fix as it is on the topic `receiver`, once there is one.
-fn await_fix(system: &System) -> Value {
+/// Waits for a fix on the topic `receiver` and returns it.
+fn wait_for_fix(system: &System) -> Value {
     let mut fix = Value::Null;
-    until("a fix", || {
+    wait_for("a fix", || {
         let echo = plumb(&["topic", "echo", "receiver", "--count", "1", "--json", "--system", &system.name]);
         let output = { echo }.output().unwrap();
         let line = String::from_utf8(output.stdout).unwrap();
@@ -174,16 +175,16 @@ fn await_fix(system: &System) -> Value {
 }
 
 fn assert_fix(fix: &Value, velocity_m_s: [f64; 3], has_altitude: bool) {
-    let near = |found: &Value, wanted: f64| (found.as_f64().unwrap() - wanted).abs() < 2e-3;
-    for (found, wanted) in fix["velocity_m_s"].as_array().unwrap().iter().zip(velocity_m_s) {
-        assert!(near(found, wanted), "{fix}");
+    let near = |found: &Value, expected: f64| (found.as_f64().unwrap() - expected).abs() < 2e-3;
+    for (found, expected) in fix["velocity_m_s"].as_array().unwrap().iter().zip(velocity_m_s) {
+        assert!(near(found, expected), "{fix}");
     }
     assert!(near(&fix["latitude_rad"], 48.1f64.to_radians()), "{fix}");
     assert!(near(&fix["longitude_rad"], 11.5f64.to_radians()), "{fix}");
     assert!(!has_altitude || near(&fix["altitude_m"], 520.0), "{fix}");
 }
 
-/// What the `n`th reading of a device says that lies level and turns by 10 °/s.
+/// Encodes a reading of a level device that rotates at 10 °/s.
 fn witmotion_cycle(_: u64) -> Vec<u8> {
     let frame = |kind: u8, numbers: [i16; 4]| {
         let mut bytes = vec![0x55, kind];
@@ -213,7 +214,7 @@ fn xsens_message(n: u64) -> Vec<u8> {
 }
 
 fn rvc_frame(n: u64) -> Vec<u8> {
-    // Each 10 ms 0.1° further.
+    // 0.1° per 10 ms.
     let yaw = ((10 * n as i64 + 18_000).rem_euclid(36_000) - 18_000) as i16;
     let numbers = [yaw, 0, 0, 0, 0, 1000].map(i16::to_le_bytes).concat();
     let covered = [&[n as u8][..], &numbers, &[0; 3]].concat();
@@ -225,44 +226,45 @@ fn sum(bytes: &[u8]) -> u8 {
 }
 
 #[test]
-fn sensors_on_a_serial_line_need_one_command() {
-    type Sends = fn(u64) -> Vec<u8>;
-    let sensors: [(&str, u32, Sends); 3] =
+fn serial_sensors_are_read_with_one_command() {
+    type Encode = fn(u64) -> Vec<u8>;
+    let sensors: [(&str, u32, Encode); 3] =
         [("witmotion", 200, witmotion_cycle), ("xsens", 200, xsens_message), ("rvc", 100, rvc_frame)];
-    for (format, rate_hz, sent) in sensors {
+    for (format, rate_hz, encode) in sensors {
         let system = System::new("");
         let out = system.path("out.csv");
         let port = system.path("imu");
-        let mut device = plugged_in(&port);
+        let mut device = open_serial_device(&port);
         let line = format!("serial:{}?format={format}&baud=115200&rate_hz={rate_hz}", port.display());
         let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
         let pause = Duration::from_secs(1) / rate_hz;
-        let doing = Doing::start(pause, move |n| device.write_all(&sent(n)).is_ok());
-        await_ticks(&system, 300);
-        assert_eq!(source_troubles(&system), Vec::<String>::new(), "{format}");
+        let task = BackgroundTask::start(pause, move |n| device.write_all(&encode(n)).is_ok());
+        wait_for_ticks(&system, 300);
+        assert_eq!(source_findings(&system), Vec::<String>::new(), "{format}");
         running.interrupt();
-        drop(doing);
-        let run = end_level(running, &out);
+        drop(task);
+        let run = stop_and_assert_level(running, &out);
         assert_eq!(run.number("/lost"), 0.0, "{format}");
-        // Those with no time of their own are counted, and what comes together is spread evenly.
-        let told = attitudes(&out);
-        let half = &told[told.len() / 2..];
+        // Formats without timestamps are paced by sample count, so samples that arrive together are
+        // evenly spaced.
+        let attitudes = attitudes(&out);
+        let half = &attitudes[attitudes.len() / 2..];
         let longest = half.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
-        assert!(longest < 0.05, "{format}: an interval of {longest} s");
+        assert!(longest < 0.05, "{format}: interval of {longest} s");
         let [(first_s, first), (last_s, last)] = [half[0], half[half.len() - 1]];
-        let rate_deg_s = heading_deg(first, last) / (last_s - first_s);
-        assert!((rate_deg_s - 10.0).abs() < 0.2, "{format}: it turns by {rate_deg_s} °/s");
+        let rate_deg_s = yaw_change_deg(first, last) / (last_s - first_s);
+        assert!((rate_deg_s - 10.0).abs() < 0.2, "{format}: yaw rate {rate_deg_s} °/s");
     }
 }
 
-/// How far it has turned about the vertical, less than half a turn.
-fn heading_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
+/// Returns the rotation about the vertical, degrees, within half a turn.
+fn yaw_change_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
     let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
     (yaw(to) - yaw(from)).sin_cos().0.atan2((yaw(to) - yaw(from)).cos()).to_degrees()
 }
 
 #[test]
-fn an_autopilot_as_pymavlink_speaks_for_it_gives_its_imu_and_its_receiver() {
+fn autopilot_over_mavlink_delivers_imu_and_fixes() {
     let port = free_udp_port();
     let Some(_device) = Device::start("mavlink", port, false) else { return };
     let system = System::new("");
@@ -271,17 +273,17 @@ fn an_autopilot_as_pymavlink_speaks_for_it_gives_its_imu_and_its_receiver() {
     let flights = system.path("flights");
     let recorded = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap()];
     let running = system.start(&[&["--source", &line][..], &recorded].concat());
-    await_ticks(&system, 300);
-    assert_fix(&await_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
-    assert_eq!(source_troubles(&system), Vec::<String>::new());
+    wait_for_ticks(&system, 300);
+    assert_fix(&wait_for_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
+    assert_eq!(source_findings(&system), Vec::<String>::new());
     kill_drivers(&system, &running);
-    await_ticks(&system, 600);
-    end_level(running, &out);
-    assert_flown_again(&flights, &out);
+    wait_for_ticks(&system, 600);
+    stop_and_assert_level(running, &out);
+    assert_replay_is_identical(&flights, &out);
 }
 
 #[test]
-fn receivers_as_pyubx2_and_pynmeagps_speak_for_them_stand_beside_any_source() {
+fn receivers_add_fixes_to_any_source() {
     for format in ["ubx", "nmea"] {
         let (imu, gnss) = (free_udp_port(), free_tcp_port());
         let Some(_device) = Device::start(format, gnss, true) else { return };
@@ -291,19 +293,19 @@ fn receivers_as_pyubx2_and_pynmeagps_speak_for_them_stand_beside_any_source() {
         let line = format!("udp:127.0.0.1:{imu}?rate_hz=200");
         let running = system.start(&["--source", &line, "--receiver", &receiver, "--out", out.to_str().unwrap()]);
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let doing = Doing::start(Duration::from_millis(5), move |n| {
+        let task = BackgroundTask::start(Duration::from_millis(5), move |n| {
             let _ = socket.send_to(format!("{},0,0,0.1,0,0,9.8", n as f64 / 200.0).as_bytes(), ("127.0.0.1", imu));
             true
         });
-        await_ticks(&system, 100);
-        assert_fix(&await_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], format == "ubx");
-        drop(doing);
-        end_level(running, &out);
+        wait_for_ticks(&system, 100);
+        assert_fix(&wait_for_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], format == "ubx");
+        drop(task);
+        stop_and_assert_level(running, &out);
     }
 }
 
 #[test]
-fn a_receiver_stands_beside_a_program_of_ones_own() {
+fn receiver_adds_fixes_to_user_defined_source() {
     let gnss = free_tcp_port();
     let Some(_device) = Device::start("ubx", gnss, true) else { return };
     let system = System::new(&format!(
@@ -312,7 +314,7 @@ fn a_receiver_stands_beside_a_program_of_ones_own() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     let name = system.name.clone();
-    let doing = Doing::made(Duration::from_millis(5), move || {
+    let task = BackgroundTask::start_on_thread(Duration::from_millis(5), move || {
         let mut sensor = None;
         move |n| {
             if sensor.is_none() {
@@ -324,35 +326,36 @@ fn a_receiver_stands_beside_a_program_of_ones_own() {
             true
         }
     });
-    await_ticks(&system, 100);
-    assert_fix(&await_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
-    drop(doing);
-    end_level(running, &out);
+    wait_for_ticks(&system, 100);
+    assert_fix(&wait_for_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
+    drop(task);
+    stop_and_assert_level(running, &out);
 }
 
 #[test]
-fn lines_of_another_program_over_a_connection_have_their_names_units_and_axes() {
+fn tcp_lines_are_mapped_with_names_units_and_axes() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let system = System::new("");
     let out = system.path("out.csv");
     let line = format!("tcp:{}?rate_hz=200", listener.local_addr().unwrap());
     let map = ["--map", "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz", "--units", "deg/s,g,ms", "--frame", "frd"];
     let running = system.start(&[&["--source", &line, "--out", out.to_str().unwrap()][..], &map].concat());
-    // A connection that is lost is made again.
+    // The source reconnects after a lost connection.
     for round in 1..=2 {
         let (mut stream, _) = listener.accept().unwrap();
         writeln!(stream, "ms;fx;fy;fz;wx;wy;wz;temperature").unwrap();
-        let doing =
-            Doing::start(Duration::from_millis(5), move |n| writeln!(stream, "{},5;0;0;-1;0;0;5,7;21", 5 * n).is_ok());
-        await_ticks(&system, 200 * round);
-        drop(doing);
+        let task = BackgroundTask::start(Duration::from_millis(5), move |n| {
+            writeln!(stream, "{},5;0;0;-1;0;0;5,7;21", 5 * n).is_ok()
+        });
+        wait_for_ticks(&system, 200 * round);
+        drop(task);
     }
-    let run = end_level(running, &out);
+    let run = stop_and_assert_level(running, &out);
     assert_eq!(run.number("/lost"), 0.0);
 }
 
 #[test]
-fn messages_of_the_schema_on_standard_input_give_what_the_lines_give() {
+fn protobuf_on_stdin_equals_csv_lines() {
     let vector = |[x, y, z]: [f64; 3]| Some(v1::Vector3 { x, y, z });
     let (mut lines, mut messages) = (String::from("t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n"), Vec::new());
     for n in 0..5000_i64 {
@@ -368,25 +371,25 @@ fn messages_of_the_schema_on_standard_input_give_what_the_lines_give() {
         };
         measurement.encode_length_delimited(&mut messages).unwrap();
     }
-    let of = |source: &str, input: &[u8]| {
+    let output = |source: &str, input: &[u8]| {
         let system = System::new("");
         let (file, out) = (system.path("input"), system.path("out.csv"));
         fs::write(&file, input).unwrap();
         let mut command = system.command(&["--source", source, "--out", out.to_str().unwrap()]);
         command.stdin(File::open(&file).unwrap());
-        Running::of(command).wait().assert_whole();
+        Running::spawn(command).wait().assert_complete();
         fs::read(out).unwrap()
     };
-    let found = of("stdin?rate_hz=200&format=protobuf", &messages);
-    assert!(found == of("stdin?rate_hz=200", lines.as_bytes()), "the bytes differ");
+    let from_protobuf = output("stdin?rate_hz=200&format=protobuf", &messages);
+    assert!(from_protobuf == output("stdin?rate_hz=200", lines.as_bytes()), "the bytes differ");
 }
 
-/// A device of industrial I/O as the kernel makes it, whose records come through a FIFO.
+/// Creates the files of an industrial I/O device and returns the FIFO that carries its records.
 fn iio_device(root: &Path) -> File {
     let device = root.join("iio:device0");
     fs::create_dir_all(device.join("scan_elements")).unwrap();
     fs::create_dir_all(device.join("buffer")).unwrap();
-    let put = |name: &str, text: &str| fs::write(device.join(name), format!("{text}\n")).unwrap();
+    let write = |name: &str, text: &str| fs::write(device.join(name), format!("{text}\n")).unwrap();
     for (name, text) in [
         ("name", "bmi160"),
         ("buffer/enable", "0"),
@@ -398,14 +401,14 @@ fn iio_device(root: &Path) -> File {
         // Mounted upside down.
         ("in_mount_matrix", "1, 0, 0; 0, -1, 0; 0, 0, -1"),
     ] {
-        put(name, text);
+        write(name, text);
     }
     let vectors =
         ["in_anglvel", "in_accel"].into_iter().flat_map(|name| ["x", "y", "z"].map(|axis| format!("{name}_{axis}")));
     for (index, name) in vectors.chain(["in_timestamp".into()]).enumerate() {
-        put(&format!("scan_elements/{name}_en"), "0");
-        put(&format!("scan_elements/{name}_type"), if index < 6 { "le:s16/16>>0" } else { "le:s64/64>>0" });
-        put(&format!("scan_elements/{name}_index"), &index.to_string());
+        write(&format!("scan_elements/{name}_en"), "0");
+        write(&format!("scan_elements/{name}_type"), if index < 6 { "le:s16/16>>0" } else { "le:s64/64>>0" });
+        write(&format!("scan_elements/{name}_index"), &index.to_string());
     }
     let fifo = root.join("dev/iio:device0");
     fs::create_dir_all(fifo.parent().unwrap()).unwrap();
@@ -414,7 +417,7 @@ fn iio_device(root: &Path) -> File {
 }
 
 #[test]
-fn a_device_of_industrial_io_is_switched_on_and_read() {
+fn iio_device_is_enabled_and_read() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let mut records = iio_device(root);
@@ -422,50 +425,53 @@ fn a_device_of_industrial_io_is_switched_on_and_read() {
     let system = System::new(&format!("[ingest.iio]\n{text}"));
     let out = system.path("out.csv");
     let running = system.start(&["--source", "iio:bmi160", "--out", out.to_str().unwrap()]);
-    let doing = Doing::start(Duration::from_millis(5), move |n| {
+    let task = BackgroundTask::start(Duration::from_millis(5), move |n| {
         let numbers: [i16; 6] = [0, 0, -100, 0, 0, -981];
         let mut record = numbers.map(i16::to_le_bytes).concat();
         record.resize(16, 0);
         record.extend((1_000_000_000 + n as i64 * 5_000_000).to_le_bytes());
         records.write_all(&record).is_ok()
     });
-    await_ticks(&system, 300);
+    wait_for_ticks(&system, 300);
     kill_drivers(&system, &running);
-    await_ticks(&system, 600);
-    let said = |name: &str| fs::read_to_string(root.join("iio:device0").join(name)).unwrap();
-    assert_eq!(["buffer/enable", "sampling_frequency", "current_timestamp_clock"].map(said), ["1", "200", "monotonic"]);
-    let run = end_level(running, &out);
-    drop(doing);
+    wait_for_ticks(&system, 600);
+    let content = |name: &str| fs::read_to_string(root.join("iio:device0").join(name)).unwrap();
+    assert_eq!(
+        ["buffer/enable", "sampling_frequency", "current_timestamp_clock"].map(content),
+        ["1", "200", "monotonic"]
+    );
+    let run = stop_and_assert_level(running, &out);
+    drop(task);
     assert_eq!(run.number("/lost"), 0.0);
-    // The times are the kernel's.
+    // The timestamps are those of the kernel.
     assert!((attitudes(&out)[0].0 - 1.0).abs() < 1.0);
 }
 
 #[test]
-fn what_is_wrong_with_a_device_is_named_by_the_doctor_and_told_once() {
-    // Of another speed: bytes, and no message among them.
+fn doctor_reports_device_fault_that_is_announced_once() {
+    // Wrong baud rate: bytes arrive, but no valid message.
     let system = System::new("");
     let port = system.path("imu");
-    let mut device = plugged_in(&port);
+    let mut device = open_serial_device(&port);
     let line = format!("serial:{}?format=witmotion&rate_hz=200", port.display());
     let running = system.start(&["--source", &line]);
-    let garbage = Doing::start(Duration::from_millis(5), move |n| {
+    let garbage = BackgroundTask::start(Duration::from_millis(5), move |n| {
         let noise: Vec<u8> =
             (0..33).map(|i| (n.wrapping_mul(2_654_435_761).wrapping_add(i * 97) >> 3) as u8 | 0x80).collect();
         device.write_all(&noise).is_ok()
     });
-    await_trouble(&system, "but no witmotion message");
-    assert!(source_troubles(&system).iter().any(|trouble| trouble.contains("baud")), "the remedy");
-    // Unplugged.
+    wait_for_finding(&system, "but no witmotion message");
+    assert!(source_findings(&system).iter().any(|finding| finding.contains("baud")), "no remedy with baud");
+    // The device is unplugged.
     drop(garbage);
-    await_trouble(&system, "it is retried automatically");
+    wait_for_finding(&system, "it is retried automatically");
     running.interrupt();
     let run = running.wait();
-    assert_eq!(run.people.matches("but no witmotion message").count(), 1, "{}", run.people);
+    assert_eq!(run.stderr.matches("but no witmotion message").count(), 1, "{}", run.stderr);
 }
 
 #[test]
-fn a_second_sender_is_named_and_left_out() {
+fn second_datagram_sender_is_reported_and_ignored() {
     let port = free_udp_port();
     let system = System::new("");
     let out = system.path("out.csv");
@@ -473,49 +479,49 @@ fn a_second_sender_is_named_and_left_out() {
         system.start(&["--source", &format!("udp:127.0.0.1:{port}?rate_hz=200"), "--out", out.to_str().unwrap()]);
     let sender = |force: &'static str| {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        Doing::start(Duration::from_millis(5), move |n| {
+        BackgroundTask::start(Duration::from_millis(5), move |n| {
             let _ = socket.send_to(format!("{},0,0,0.1,{force}", n as f64 / 200.0).as_bytes(), ("127.0.0.1", port));
             true
         })
     };
     let first = sender("0,0,9.8");
-    await_ticks(&system, 100);
+    wait_for_ticks(&system, 100);
     let second = sender("9.8,0,0");
-    await_trouble(&system, "datagrams from another sender");
-    await_ticks(&system, 400);
+    wait_for_finding(&system, "datagrams from another sender");
+    wait_for_ticks(&system, 400);
     drop(second);
-    end_level(running, &out);
+    stop_and_assert_level(running, &out);
     drop(first);
 }
 
 #[test]
-fn a_host_that_is_not_there_is_named_and_found_when_it_comes() {
+fn unreachable_host_is_reported_and_retried() {
     let port = free_tcp_port();
     let system = System::new("");
     let out = system.path("out.csv");
     let running =
         system.start(&["--source", &format!("tcp:127.0.0.1:{port}?rate_hz=200"), "--out", out.to_str().unwrap()]);
-    await_trouble(&system, "start the program that listens there");
+    wait_for_finding(&system, "start the program that listens there");
     let listener = TcpListener::bind(("127.0.0.1", port)).unwrap();
     let (mut stream, _): (TcpStream, _) = listener.accept().unwrap();
-    let doing = Doing::start(Duration::from_millis(5), move |n| {
+    let task = BackgroundTask::start(Duration::from_millis(5), move |n| {
         writeln!(stream, "{},0,0,0.1,0,0,{GRAVITY_M_S2}", n as f64 / 200.0).is_ok()
     });
-    await_ticks(&system, 100);
-    until("all well", || source_troubles(&system).is_empty());
-    end_level(running, &out);
-    drop(doing);
+    wait_for_ticks(&system, 100);
+    wait_for("no findings", || source_findings(&system).is_empty());
+    stop_and_assert_level(running, &out);
+    drop(task);
 }
 
 #[test]
-fn a_device_that_falls_silent_is_named() {
+fn silent_device_is_reported() {
     let system = System::new("");
     let port = system.path("imu");
-    let mut device = plugged_in(&port);
+    let mut device = open_serial_device(&port);
     let running = system.start(&["--source", &format!("serial:{}?format=rvc&rate_hz=100", port.display())]);
-    await_trouble(&system, "is open but sends no data");
+    wait_for_finding(&system, "is open but sends no data");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    // The other end stayed open.
+    // Keeps the device open until here.
     let _ = device.read(&mut []);
 }

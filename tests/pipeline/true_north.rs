@@ -1,4 +1,5 @@
-//! A magnetic course becomes a true one, and the same one in every process, after every restart, on any day.
+//! True north: a magnetic course is converted alike in every process, after a restart and on any
+//! day.
 use std::{
     fs,
     io::{BufRead, BufReader, Write},
@@ -10,17 +11,17 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{System, data, signal, until};
+use crate::common::{System, data, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
-const PLACE: &str = "position = { latitude_deg = 80, longitude_deg = 0 }";
+const POSITION: &str = "position = { latitude_deg = 80, longitude_deg = 0 }";
 
 fn launch(course: &str) -> String {
     format!("[course]\n{course}\n")
 }
 
-/// Course and what it is counted from, of each line.
+/// Returns the course and its reference in each line.
 fn courses(path: &Path) -> Vec<(f64, String)> {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
@@ -32,114 +33,118 @@ fn courses(path: &Path) -> Vec<(f64, String)> {
     lines.map(course).collect()
 }
 
-/// What a run writes of a launch file, and where.
+/// Runs a launch file and returns the system with the path of its output.
 fn written(launch: &str, arguments: &[&str]) -> (System, PathBuf) {
     let system = System::new(launch);
     let out = system.path("out.csv");
     let run = system.run(&[arguments, &["--out", out.to_str().unwrap(), "--columns", "course"]].concat());
-    run.assert_whole();
+    run.assert_complete();
     (system, out)
 }
 
 #[test]
-fn a_magnetic_course_becomes_a_true_one_by_the_declination_of_the_place() {
+fn magnetic_course_is_corrected_by_local_declination() {
     let arguments = ["--source", "sim:s3?seed=3", "--for", "15s", "--speed", "max"];
     let (_magnetic, magnetic) = written("", &arguments);
-    let north = launch(&format!("north = \"true\"\ndate = 2025-01-01\n{PLACE}"));
+    let north = launch(&format!("north = \"true\"\ndate = 2025-01-01\n{POSITION}"));
     let (_true, true_) = written(&north, &arguments);
     let (_alone, alone) = written(&north, &[&arguments[..], &["--in-process"]].concat());
     assert!(fs::read(&true_).unwrap() == fs::read(alone).unwrap(), "one process and five differ");
     let pairs: Vec<_> = courses(&magnetic).into_iter().zip(courses(&true_)).collect();
     assert!(pairs.iter().filter(|((_, reference), _)| reference == "magnetic").count() > 10_000);
-    for ((course_rad, reference), (true_rad, said)) in pairs {
-        let turned_deg = (true_rad - course_rad).to_degrees().rem_euclid(360.0);
+    for ((course_rad, reference), (true_rad, found_reference)) in pairs {
+        let rotation_deg = (true_rad - course_rad).to_degrees().rem_euclid(360.0);
         let (expected_deg, expected) = if reference == "magnetic" { (1.28, "true") } else { (0.0, &*reference) };
-        assert_eq!(said, expected);
-        assert!((turned_deg - expected_deg).abs() < 0.01, "{turned_deg}");
+        assert_eq!(found_reference, expected);
+        assert!((rotation_deg - expected_deg).abs() < 0.01, "{rotation_deg}");
     }
 }
 
 #[test]
-fn the_place_of_the_newest_fix_counts_and_outlives_a_restart() {
+fn declination_follows_newest_fix_and_survives_restart() {
     let Some(data) = data() else { return };
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");
     let arguments = ["--replay", file.to_str().unwrap(), "--for", "200s", "--speed"];
     let (_magnetic, magnetic) = written("", &[&arguments[..], &["max", "--in-process"]].concat());
-    // The place of the launch file is on the other side of the earth.
-    let north = launch(&format!("north = \"true\"\ndate = 2026-06-01\n{PLACE}"));
+    // The position in the launch file is on the other side of the earth.
+    let north = launch(&format!("north = \"true\"\ndate = 2026-06-01\n{POSITION}"));
     let (_alone, alone) = written(&north, &[&arguments[..], &["max", "--in-process"]].concat());
     let system = System::new(&north);
     let out = system.path("out.csv");
     let to = ["40", "--out", out.to_str().unwrap(), "--columns", "course"];
     let running = system.start(&[&arguments[..], &to[..]].concat());
-    until("some flight", || {
-        let course = system.ps().into_iter().find(|one| one["service"] == "course");
+    wait_for("the first 5000 ticks", || {
+        let course = system.ps().into_iter().find(|entry| entry["service"] == "course");
         course.is_some_and(|course| course["ticks"].as_u64() > Some(5000))
     });
     signal(running.service("course"), Signal::KILL);
     let run = running.wait();
-    run.assert_whole();
-    let restarts = run.json["services"].as_array().unwrap().iter().find(|one| one["name"] == "course").unwrap();
+    run.assert_complete();
+    let restarts = run.json["services"].as_array().unwrap().iter().find(|entry| entry["name"] == "course").unwrap();
     assert_eq!(restarts["restarts"], 1);
     assert!(fs::read(out).unwrap() == fs::read(&alone).unwrap(), "the bytes differ");
     let (magnetic, true_) = (courses(&magnetic), courses(&alone));
     let last = magnetic.iter().zip(&true_).rev().find(|((_, reference), _)| reference == "magnetic").unwrap();
-    let turned_deg = (last.1.0 - last.0.0).to_degrees().rem_euclid(360.0);
-    // 37.96° S, 144.76° E: 11.91° east, as by another implementation of the model.
-    assert!((turned_deg - 11.91).abs() < 0.01 && last.1.1 == "true", "{turned_deg}");
+    let rotation_deg = (last.1.0 - last.0.0).to_degrees().rem_euclid(360.0);
+    // 37.96° S, 144.76° E: 11.91° east according to another implementation of the model.
+    assert!((rotation_deg - 11.91).abs() < 0.01 && last.1.1 == "true", "{rotation_deg}");
 }
 
 #[test]
-fn a_live_flight_is_flown_again_with_the_date_on_which_it_was_flown() {
+fn replayed_live_flight_uses_its_recorded_date() {
     let source = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 100\n";
     let system = System::new(&format!("{source}{}", launch("north = \"true\"")));
     let (out, flights) = (system.path("out.csv"), system.path("flights"));
     let to = ["--out", out.to_str().unwrap(), "--columns", "course", "--record", flights.to_str().unwrap()];
     let running = system.start(&to);
     let mut opened = None;
-    until("the topics", || {
+    wait_for("the topics", || {
         opened = driver::Sensor::open(&system.name).ok().zip(driver::Receiver::open(&system.name).ok());
         opened.is_some()
     });
     let (mut sensor, mut receiver) = opened.unwrap();
     let mut t = 0;
-    until("ticks", || {
+    wait_for("ticks", || {
         t += 1;
         if t % 100 == 0 {
-            let known =
-                driver::FixMetadata { latitude_rad: Some(0.9), longitude_rad: Some(-1.2), ..driver::FixMetadata::default() };
-            receiver.send([0.0; 3], known).unwrap();
+            let metadata = driver::FixMetadata {
+                latitude_rad: Some(0.9),
+                longitude_rad: Some(-1.2),
+                ..driver::FixMetadata::default()
+            };
+            receiver.send([0.0; 3], metadata).unwrap();
         }
         let rate_rad_s = [0.001 * f64::from(t % 7), 0.0, 0.1];
         sensor.send(i64::from(t) * 10_000_000, rate_rad_s, [0.0, 0.01, 9.8], Some([0.0, 20.0, -40.0])).unwrap();
         sleep(Duration::from_millis(2));
-        let course = system.ps().into_iter().find(|one| one["service"] == "course");
+        let course = system.ps().into_iter().find(|entry| entry["service"] == "course");
         course.is_some_and(|course| course["ticks"].as_u64() >= Some(300))
     });
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
     let flight = fs::read_dir(flights).unwrap().next().unwrap().unwrap().path();
-    let again = system.path("again.csv");
-    let replay = ["up", "--replay", flight.to_str().unwrap(), "--out", again.to_str().unwrap(), "--columns", "course"];
+    let replayed = system.path("replayed.csv");
+    let replay =
+        ["up", "--replay", flight.to_str().unwrap(), "--out", replayed.to_str().unwrap(), "--columns", "course"];
     let output = crate::common::plumb(&[&replay[..], &["--speed", "max"]].concat())
         .current_dir(system.folder.path().join(".."))
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(fs::read(&again).unwrap() == fs::read(&out).unwrap(), "the bytes differ");
-    let courses = courses(&again);
-    assert!(courses.iter().any(|(_, reference)| reference == "magnetic"), "before the first fix");
+    assert!(fs::read(&replayed).unwrap() == fs::read(&out).unwrap(), "the bytes differ");
+    let courses = courses(&replayed);
+    assert!(courses.iter().any(|(_, reference)| reference == "magnetic"), "no magnetic course before the first fix");
     assert_eq!(courses.last().unwrap().1, "true");
 }
 
-/// A line of a receiver at 48.1° N, 11.5° E, with its checksum.
+/// Returns an NMEA sentence for 48.1° N, 11.5° E, with its checksum.
 fn recommended_minimum() -> String {
     let text = "GPRMC,101010.00,A,4806.00000,N,01130.00000,E,0.02,0.0,010626,,,A";
     format!("${text}*{:02X}\r\n", text.bytes().fold(0, |sum, byte| sum ^ byte))
 }
 
 #[test]
-fn a_receiver_beside_the_source_tells_the_place() {
+fn receiver_provides_position_for_declination() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let receiver = format!("receiver = {{ endpoint = \"tcp:{}\", format = \"nmea\" }}", listener.local_addr().unwrap());
     let source = format!("[ingest]\nsource = \"bus\"\nbus.rate_hz = 100\n{receiver}\n");
@@ -147,7 +152,7 @@ fn a_receiver_beside_the_source_tells_the_place() {
     let running = system.start(&[]);
     let (mut line, _) = listener.accept().unwrap();
     let mut sensor = None;
-    until("the topic", || {
+    wait_for("the topic", || {
         sensor = driver::Sensor::open(&system.name).ok();
         sensor.is_some()
     });
@@ -156,11 +161,11 @@ fn a_receiver_beside_the_source_tells_the_place() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    let said = BufReader::new(echo.stdout.take().unwrap());
-    let (tell, attitudes) = mpsc::channel();
-    thread::spawn(move || said.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
+    let found_reference = BufReader::new(echo.stdout.take().unwrap());
+    let (sender, attitudes) = mpsc::channel();
+    thread::spawn(move || found_reference.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
     let (mut t, mut last) = (0, Value::Null);
-    until("a true course", || {
+    wait_for("a true course", || {
         t += 1;
         if t % 20 == 0 {
             line.write_all(recommended_minimum().as_bytes()).unwrap();
@@ -172,16 +177,16 @@ fn a_receiver_beside_the_source_tells_the_place() {
     });
     echo.kill().unwrap();
     echo.wait().unwrap();
-    // 4.30° east, as by another implementation of the model.
+    // 4.30° east according to another implementation of the model.
     let declination_deg = last["declination_rad"].as_f64().unwrap().to_degrees();
     assert!((declination_deg - 4.30).abs() < 0.01, "{declination_deg}");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
-fn what_is_read_again_needs_its_date() {
+fn repeatable_source_without_date_is_rejected() {
     let run = System::new(&launch("north = \"true\"")).run(&["--for", "1s"]);
-    assert_eq!(run.code, Some(3), "{}", run.people);
-    assert!(run.people.contains("set its date in [course] of the launch file, as date = 2026-11-23"), "{}", run.people);
+    assert_eq!(run.code, Some(3), "{}", run.stderr);
+    assert!(run.stderr.contains("set its date in [course]"), "{}", run.stderr);
 }

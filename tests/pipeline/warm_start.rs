@@ -1,36 +1,41 @@
-//! A stop of the whole system: the gyro's bias is there at the next start, although the body moves.
+//! Warm start: the gyro bias of an earlier run is available at the start, even if the body moves.
 use std::{fs, os::unix::fs::symlink, path::PathBuf};
 
-use super::orchestrated::{BUFFER, Bench, LAUNCH, RATE_HZ, readings};
-use crate::common::{Run, System, until};
+use super::bus_source::{BUFFER_MESSAGES, BUS_LAUNCH, Bench, RATE_HZ, readings};
+use crate::common::{Run, System, wait_for};
 use messages::{FusedState, HASH_START, SensorReading, hash};
-use scenario::{SensorErrors, Motion};
+use scenario::{Motion, SensorErrors};
 use serde_json::{Value, json};
 
-/// As fast as the readings come: they say themselves when they were taken.
-const SENT_HZ: f64 = 2000.0;
-/// Two seconds of readings.
-const START: usize = 2 * RATE_HZ as usize;
-/// Standard deviation of a bias that is known, rad/s: as S1's slow motion lets it be told from the gyro's scale.
-const KNOWN_RAD_S: f64 = 7e-4;
-/// Of the gyro, on each axis.
+/// Rate at which readings are sent, Hz. Their timestamps keep the nominal rate.
+const SEND_RATE_HZ: f64 = 2000.0;
+/// Number of readings in 2 s.
+const START_READINGS: usize = 2 * RATE_HZ as usize;
+/// Standard deviation of a known bias, rad/s. S1 is slow, so the bias is hard to separate from the
+/// scale error.
+const KNOWN_BIAS_SD_RAD_S: f64 = 7e-4;
+/// Gyro bias on each axis, °/s.
 const BIAS_DEG_S: f64 = 0.1;
-/// What is wrong with the bias at most: after a warm start from the first tick on, and at least after a cold one, °/s.
-const WARM_DEG_S: f64 = 0.02;
-const COLD_DEG_S: f64 = 0.05;
+/// Maximum bias error throughout a warm start, and minimum bias error after a cold one, °/s.
+const MAX_WARM_ERROR_DEG_S: f64 = 0.02;
+const MIN_COLD_ERROR_DEG_S: f64 = 0.05;
 
-/// A body that never rests.
-fn moving(seconds: u64) -> Vec<SensorReading> {
-    readings(Motion::S1, SensorErrors { gyro_bias_rad_s: BIAS_DEG_S.to_radians(), ..SensorErrors::S1 }, seconds * RATE_HZ as u64)
+/// Returns readings of a moving body.
+fn readings_in_motion(seconds: u64) -> Vec<SensorReading> {
+    readings(
+        Motion::S1,
+        SensorErrors { gyro_bias_rad_s: BIAS_DEG_S.to_radians(), ..SensorErrors::S1 },
+        seconds * RATE_HZ as u64,
+    )
 }
 
-/// A body at rest: its gyro's bias is soon known.
-fn still(seconds: u64) -> Vec<SensorReading> {
+/// Returns readings of a body at rest, from which the gyro bias is found quickly.
+fn readings_at_rest(seconds: u64) -> Vec<SensorReading> {
     let reading = |count: u64| {
         let t_s = count as f64 / RATE_HZ;
         SensorReading {
             t_sensor_ns: (t_s * 1e9).round() as i64,
-            // Sensors that repeat themselves to the last bit are dead.
+            // Constant values would be flagged as a stuck sensor.
             rate_rad_s: [1e-4 * (300.0 * t_s).sin(); 3],
             force_m_s2: [0.01 * (400.0 * t_s).sin(), 0.0, 9.81],
             field_ut: [f64::NAN; 3],
@@ -43,12 +48,12 @@ fn error_deg_s(bias_rad_s: [f64; 3]) -> f64 {
     bias_rad_s.map(|x| (x.to_degrees() - BIAS_DEG_S).abs()).into_iter().fold(0.0, f64::max)
 }
 
-/// A system on the bus; `top` is said above its tables.
+/// Returns a system fed over the bus. `top` precedes its tables, `below` follows them.
 fn system(top: &str, below: &str) -> System {
-    System::new(&format!("{top}{LAUNCH}gyro_samples = \"instants\"\n{below}"))
+    System::new(&format!("{top}{BUS_LAUNCH}gyro_samples = \"instants\"\n{below}"))
 }
 
-/// Where the state is kept by itself.
+/// Returns the default path of the state file.
 fn state_file(system: &System) -> PathBuf {
     system.path("plumbline").join(format!("{}.state", system.name))
 }
@@ -57,121 +62,118 @@ fn body(file: &PathBuf) -> Option<Value> {
     serde_json::from_str(fs::read_to_string(file).ok()?.lines().nth(1)?).ok()
 }
 
-/// Gives the file another content with the right checksum.
+/// Replaces the body of the file and updates its checksum.
 fn rewrite(file: &PathBuf, body: &Value) {
     let body = format!("{body}\n");
     fs::write(file, format!("plumbline state 2 {:016x}\n{body}", hash(HASH_START, body.as_bytes()))).unwrap();
 }
 
-/// The errors of the bias over the first two seconds of a run in motion: largest, and last.
-fn start(bench: &Bench) -> (f64, f64) {
-    let fused = bench.bus.subscriber::<FusedState>(BUFFER).unwrap();
-    bench.send_at(SENT_HZ, &moving(2), |_| {});
+/// Returns the largest and the last bias error over the first two seconds in motion, °/s.
+fn start_errors_deg_s(bench: &Bench) -> (f64, f64) {
+    let fused = bench.bus.subscriber::<FusedState>(BUFFER_MESSAGES).unwrap();
+    bench.send_at(SEND_RATE_HZ, &readings_in_motion(2), |_| {});
     let mut errors = Vec::new();
-    until("two seconds of attitudes", || {
+    wait_for("2 s of attitudes", || {
         while let Some(state) = fused.receive().unwrap() {
             errors.push(error_deg_s(state.bias_rad_s));
         }
-        errors.len() >= START
+        errors.len() >= START_READINGS
     });
-    (errors.iter().copied().fold(0.0, f64::max), errors[START - 1])
+    (errors.iter().copied().fold(0.0, f64::max), errors[START_READINGS - 1])
 }
 
 #[test]
-fn the_bias_outlives_a_kill_of_the_supervisor_and_a_cold_start_does_without() {
-    let bench = Bench::of(system("", ""), &[]);
-    let system = bench.killed_once_it_knows();
+fn gyro_bias_survives_killed_supervisor_but_not_cold_start() {
+    let bench = Bench::start_system(system("", ""), &[]);
+    let system = bench.run_until_known_and_kill();
     let file = state_file(&system);
 
-    let bench = Bench::of(system, &[]);
-    let (largest, last) = start(&bench);
-    println!("warm: bias wrong by {largest:.4} °/s at most, {last:.4} °/s after 2 s");
-    assert!(largest < WARM_DEG_S, "{largest} °/s");
-    let (system, run) = bench.ended();
-    assert!(run.line("warm start: gyro bias within ").ends_with(file.to_str().unwrap()), "{}", run.people);
-    // What an orderly end leaves is newer than what was found there.
+    let bench = Bench::start_system(system, &[]);
+    let (largest, last) = start_errors_deg_s(&bench);
+    println!("warm: bias error {largest:.4} °/s at most, {last:.4} °/s after 2 s");
+    assert!(largest < MAX_WARM_ERROR_DEG_S, "{largest} °/s");
+    let (system, run) = bench.stop_in_order();
+    assert!(run.line("warm start: gyro bias within ").ends_with(file.to_str().unwrap()), "{}", run.stderr);
+    // The state written at the orderly end is newer than the state read at the start.
     assert!(
         error_deg_s(serde_json::from_value(body(&file).unwrap()["prior"]["bias_rad_s"]["mean"].clone()).unwrap())
-            < WARM_DEG_S
+            < MAX_WARM_ERROR_DEG_S
     );
 
-    // A scale that was known is there for the next run and for the one after, whether or not this one has found it anew.
+    // A known scale error is kept for later runs, whether or not a run estimates it again.
     let mut known = body(&file).unwrap();
     known["prior"]["gyro_scale"] = json!({ "mean": [0.002, -0.001, 0.0005], "sd": 5e-4 });
     rewrite(&file, &known);
-    let bench = Bench::of(system, &[]);
-    start(&bench);
-    let (system, run) = bench.ended();
-    assert!(run.line("warm start: gyro bias within ").contains(" and gyro scale, written "), "{}", run.people);
+    let bench = Bench::start_system(system, &[]);
+    start_errors_deg_s(&bench);
+    let (system, run) = bench.stop_in_order();
+    assert!(run.line("warm start: gyro bias within ").contains(" and gyro scale, written "), "{}", run.stderr);
     assert!(body(&file).unwrap()["prior"]["gyro_scale"]["mean"].is_array(), "{:?}", body(&file));
 
-    let good = fs::read_to_string(&file).unwrap();
-    let bench = Bench::of(system, &["--cold"]);
-    let (_, last) = start(&bench);
-    println!("cold: bias wrong by {last:.4} °/s after 2 s");
-    assert!(last > COLD_DEG_S, "{last} °/s");
-    let (mut system, run) = bench.ended();
-    assert!(!run.people.contains(" start: "), "{}", run.people);
+    let valid = fs::read_to_string(&file).unwrap();
+    let bench = Bench::start_system(system, &["--cold"]);
+    let (_, last) = start_errors_deg_s(&bench);
+    println!("cold: bias error {last:.4} °/s after 2 s");
+    assert!(last > MIN_COLD_ERROR_DEG_S, "{last} °/s");
+    let (mut system, run) = bench.stop_in_order();
+    assert!(!run.stderr.contains(" start: "), "{}", run.stderr);
 
-    type Spoil = fn(&mut Value);
-    let spoilt: [(Spoil, &str); 5] = [
-        (
-            |body| body["kept"]["since_boot_s"] = (-1e7).into(),
-            "days old, too old",
-        ),
+    type Corruption = fn(&mut Value);
+    let corruptions: [(Corruption, &str); 5] = [
+        (|body| body["kept"]["since_boot_s"] = (-1e7).into(), "days old, too old"),
         (|body| body["kept"]["since_boot_s"] = 1e9.into(), "it is from the future"),
         (|body| body["kept"]["boot"] = "another".into(), "its age is unknown"),
         (|body| body["sensors"] = 1.into(), "it is from other sensors"),
         (|body| body["prior"]["bias_rad_s"]["sd"] = (-1.0).into(), "it is damaged"),
     ];
-    for (spoil, said) in spoilt {
-        fs::write(&file, &good).unwrap();
+    for (corrupt, reason) in corruptions {
+        fs::write(&file, &valid).unwrap();
         let mut body = body(&file).unwrap();
-        if said.contains("unknown") {
+        if reason.contains("unknown") {
             body["kept"]["is_set"] = false.into();
         }
-        spoil(&mut body);
+        corrupt(&mut body);
         rewrite(&file, &body);
         let run;
-        (system, run) = Bench::of(system, &[]).ended();
+        (system, run) = Bench::start_system(system, &[]).stop_in_order();
         let line = run.line("cold start: ");
-        assert!(line.contains(said) && line.contains(file.to_str().unwrap()), "{said}: {line}");
+        assert!(line.contains(reason) && line.contains(file.to_str().unwrap()), "{reason}: {line}");
     }
 }
 
 #[test]
-fn a_file_that_is_not_this_programs_is_named_and_stays_as_it_is() {
-    let launch = system("state_file = \"kept\"\n", "");
-    let (kept, target) = (launch.path("kept"), launch.path("target"));
+fn foreign_state_file_is_reported_and_left_unchanged() {
+    let system = system("state_file = \"state\"\n", "");
+    let (state, target) = (system.path("state"), system.path("target"));
     fs::write(&target, "plumbline state 2 0\n{}\n").unwrap();
-    symlink(&target, &kept).unwrap();
-    let (launch, run) = Bench::of(launch, &[]).ended();
-    assert!(run.line("state file ").contains("it is a symbolic link"), "{}", run.people);
-    assert!(fs::symlink_metadata(&kept).unwrap().is_symlink());
-    fs::remove_file(&kept).unwrap();
-    fs::write(&kept, "my notes\n").unwrap();
-    let bench = Bench::of(launch, &[]);
-    bench.send_at(SENT_HZ, &still(10), |_| {});
-    let (launch, run) = bench.ended();
-    assert!(run.line("state file ").contains("it is not a state file; it is left unchanged"), "{}", run.people);
-    assert_eq!(fs::read_to_string(&kept).unwrap(), "my notes\n");
-    drop(launch);
+    symlink(&target, &state).unwrap();
+    let (system, run) = Bench::start_system(system, &[]).stop_in_order();
+    assert!(run.line("state file ").contains("it is a symbolic link"), "{}", run.stderr);
+    assert!(fs::symlink_metadata(&state).unwrap().is_symlink());
+    fs::remove_file(&state).unwrap();
+    fs::write(&state, "my notes\n").unwrap();
+    let bench = Bench::start_system(system, &[]);
+    bench.send_at(SEND_RATE_HZ, &readings_at_rest(10), |_| {});
+    let (system, run) = bench.stop_in_order();
+    assert!(run.line("state file ").contains("it is not a state file; it is left unchanged"), "{}", run.stderr);
+    assert_eq!(fs::read_to_string(&state).unwrap(), "my notes\n");
+    drop(system);
 }
 
 #[test]
-fn a_simulation_and_a_replay_do_not_depend_on_what_an_earlier_run_has_left() {
-    let kept = |launch: &System| fs::write(launch.path("kept"), "plumbline state 2 0\n{}\n").unwrap();
-    let out = |launch: &System, arguments: &[&str]| {
-        let out = launch.path("out.csv");
-        let run = launch.run(&[arguments, &["--out", out.to_str().unwrap()]].concat());
-        run.assert_whole();
-        assert!(!run.people.contains("state file") && !run.people.contains(" start: "), "{}", run.people);
+fn simulation_and_replay_ignore_state_file() {
+    let write_state = |system: &System| fs::write(system.path("state"), "plumbline state 2 0\n{}\n").unwrap();
+    let out = |system: &System, arguments: &[&str]| {
+        let out = system.path("out.csv");
+        let run = system.run(&[arguments, &["--out", out.to_str().unwrap()]].concat());
+        run.assert_complete();
+        assert!(!run.stderr.contains("state file") && !run.stderr.contains(" start: "), "{}", run.stderr);
         fs::read(out).unwrap()
     };
-    let (plain, with_file) = (System::new(""), System::new("state_file = \"kept\"\n"));
-    kept(&with_file);
+    let (plain, with_file) = (System::new(""), System::new("state_file = \"state\"\n"));
+    write_state(&with_file);
     let recording = plain.path("recording.csv");
-    let rows = moving(4).into_iter().map(|reading| {
+    let rows = readings_in_motion(4).into_iter().map(|reading| {
         let ([gx, gy, gz], [ax, ay, az]) = (reading.rate_rad_s, reading.force_m_s2);
         format!("{},{gx},{gy},{gz},{ax},{ay},{az}\n", reading.t_sensor_ns as f64 * 1e-9)
     });
@@ -184,32 +186,32 @@ fn a_simulation_and_a_replay_do_not_depend_on_what_an_earlier_run_has_left() {
         &["--for", "4s", "--speed", "max", "--in-process"],
     ] {
         assert!(out(&plain, arguments) == out(&with_file, arguments), "{arguments:?}");
-        assert_eq!(fs::read_to_string(with_file.path("kept")).unwrap(), "plumbline state 2 0\n{}\n", "{arguments:?}");
+        assert_eq!(fs::read_to_string(with_file.path("state")).unwrap(), "plumbline state 2 0\n{}\n", "{arguments:?}");
     }
 }
 
 impl Bench {
-    /// Lets it fly until it has kept a bias that is well known, and kills it.
-    fn killed_once_it_knows(self) -> System {
+    /// Runs until the state file holds a well-known bias, then kills the system.
+    fn run_until_known_and_kill(self) -> System {
         let file = state_file(&self.system);
         let sd_rad_s =
             || body(&file).and_then(|body| body["prior"]["bias_rad_s"]["sd"].as_f64()).unwrap_or(f64::INFINITY);
-        for part in moving(120).chunks(1000) {
-            self.send_at(SENT_HZ, part, |_| {});
-            if sd_rad_s() < KNOWN_RAD_S {
+        for part in readings_in_motion(120).chunks(1000) {
+            self.send_at(SEND_RATE_HZ, part, |_| {});
+            if sd_rad_s() < KNOWN_BIAS_SD_RAD_S {
                 break;
             }
         }
-        until("a bias that is known", || sd_rad_s() < KNOWN_RAD_S);
-        self.killed()
+        wait_for("a known bias", || sd_rad_s() < KNOWN_BIAS_SD_RAD_S);
+        self.kill()
     }
 
-    /// Ends it in order.
-    fn ended(mut self) -> (System, Run) {
+    /// Stops the system in order.
+    fn stop_in_order(mut self) -> (System, Run) {
         let running = self.running.take().unwrap();
         running.interrupt();
         let run = running.wait();
-        assert_eq!(run.code, Some(0), "{}", run.people);
+        assert_eq!(run.code, Some(0), "{}", run.stderr);
         (self.system, run)
     }
 }

@@ -1,14 +1,14 @@
-//! What disturbs a running system: kills, freezes, swaps that succeed and that fail, stages of one's own.
+//! Disturbances of a running system: kills, freezes, swaps and user-defined stages.
 
 mod aborted;
-mod damage;
-mod files;
+mod file_access;
 mod flight;
-mod flown_again;
+mod flight_replay;
 mod notify;
 mod own_stage;
-mod record;
+mod removed_files;
 mod rescue;
 mod restart;
+mod run_report;
 mod swap;
 mod watch;

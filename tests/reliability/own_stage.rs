@@ -7,7 +7,9 @@ use std::{
     thread,
 };
 
-use crate::common::{Running, System, attitudes, children_of, copied, faulty, plumb, signal, until};
+use crate::common::{
+    Running, System, attitudes, children_of, copy_program, faulty_executable, plumb, signal, wait_for,
+};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -48,7 +50,7 @@ fn build_stage(system: &System, name: &str, compiler: &str, slot: &str) -> Strin
 fn system_with_stage(compiler: &str, rest: &str) -> System {
     let system = System::new("");
     let command = build_stage(&system, "my-fuser", compiler, "fuser");
-    system.add(&format!("{rest}\n[stages.my-fuser]\nslot = \"fuser\"\ncommand = {command}\n"));
+    system.append_launch(&format!("{rest}\n[stages.my-fuser]\nslot = \"fuser\"\ncommand = {command}\n"));
     system
 }
 
@@ -83,14 +85,14 @@ fn pid(system: &System, slot: &str) -> u32 {
 
 fn start_system(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    system.all_run();
+    system.wait_until_running();
     running
 }
 
 /// Checks that the ticks are 5 ms apart, complete and in order. Returns their number.
 fn assert_in_order(path: &Path) -> usize {
     let attitudes = attitudes(path);
-    crate::common::assert_sound(&attitudes);
+    crate::common::assert_valid_attitudes(&attitudes);
     for (tick, (t_s, _)) in attitudes.iter().enumerate() {
         assert!((t_s - tick as f64 * 0.005).abs() < 1e-6, "tick {tick} at {t_s} s");
     }
@@ -116,14 +118,14 @@ fn stage_in_any_language_swaps_without_loss() {
         }
         running.interrupt();
         let run = running.wait();
-        run.assert_whole();
+        run.assert_complete();
         for text in
             ["unknown parameter; available: time_constant_s", "time_constant_s: expected 0.01 to 1000 s, found 0"]
         {
-            assert!(run.people.contains(text), "{text}: {}", run.people);
+            assert!(run.stderr.contains(text), "{text}: {}", run.stderr);
         }
         assert_eq!(assert_in_order(&out) as f64, run.number("/ticks_out"));
-        assert_eq!(system.remains(), Vec::<String>::new());
+        assert_eq!(system.leftovers(), Vec::<String>::new());
     }
 }
 
@@ -134,10 +136,10 @@ fn output_bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System
     let running = system.start(&[&["--for", "24s", "--out", out.to_str().unwrap()], arguments].concat());
     disturb(&system);
     let run = running.wait();
-    run.assert_whole();
+    run.assert_complete();
     assert_eq!(assert_in_order(&out), 4800);
-    assert_eq!(system.remains(), Vec::<String>::new());
-    (fs::read(out).unwrap(), run.people)
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+    (fs::read(out).unwrap(), run.stderr)
 }
 
 #[test]
@@ -151,13 +153,13 @@ fn killed_or_frozen_stage_changes_no_byte() {
 
 fn assert_output_unaffected_by_faults(compiler: &str) {
     let (undisturbed, _) = output_bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
-    let (disturbed, people) = output_bytes(compiler, &[], |system| {
-        system.all_run();
+    let (disturbed, stderr) = output_bytes(compiler, &[], |system| {
+        system.wait_until_running();
         for (program, how) in [(false, Signal::KILL), (true, Signal::KILL), (false, Signal::STOP), (true, Signal::STOP)]
         {
             let fuser = pid(system, "fuser");
             signal(if program { children_of(fuser)[0] } else { fuser }, how);
-            until("another incarnation", || {
+            wait_for("another incarnation", || {
                 let now = service(system, "fuser");
                 now["state"] == "running" && now["pid"] != fuser
             });
@@ -166,12 +168,14 @@ fn assert_output_unaffected_by_faults(compiler: &str) {
         assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
         assert_eq!(swap_stage(system, "fuser", "my-fuser")["jump_deg"], 0.0);
     });
-    for text in ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"] {
-        assert!(people.contains(text), "{text}: {people}");
+    for text in
+        ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"]
+    {
+        assert!(stderr.contains(text), "{text}: {stderr}");
     }
     let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
     let differing = lines(&undisturbed).into_iter().zip(lines(&disturbed)).find(|(one, other)| one != other);
-    assert!(disturbed == undisturbed, "the bytes differ: {differing:?}\n{people}");
+    assert!(disturbed == undisturbed, "the bytes differ: {differing:?}\n{stderr}");
 }
 
 #[test]
@@ -183,14 +187,14 @@ fn program_ends_with_its_service() {
         let fuser = pid(&system, "fuser");
         programs.push(children_of(fuser)[0]);
         signal(fuser, how);
-        until("another incarnation", || {
+        wait_for("another incarnation", || {
             ![0, fuser].contains(&pid(&system, "fuser")) && service(&system, "fuser")["state"] == "running"
         });
     }
     programs.push(children_of(pid(&system, "fuser"))[0]);
     running.interrupt();
-    running.wait().assert_whole();
-    until("no program to be left", || programs.iter().all(|program| !crate::common::lives(*program)));
+    running.wait().assert_complete();
+    wait_for("no program to be left", || programs.iter().all(|program| !crate::common::is_alive(*program)));
 }
 
 #[test]
@@ -204,7 +208,7 @@ fn external_stage_reports_difference_as_shadow() {
         let text = String::from_utf8(output.stdout).unwrap();
         let last: Value = text.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default();
         println!("{last}");
-        // A shadow that ends by itself reports the reason and has cost nothing.
+        // A shadow that aborts reports the reason and loses no tick.
         let ended = (&last["outcome"], &last["lost"], &last["duplicated"]) == (&"aborted".into(), &0.into(), &0.into());
         assert!(output.status.success() || ended, "{text}{}", String::from_utf8_lossy(&output.stderr));
         last
@@ -215,7 +219,7 @@ fn external_stage_reports_difference_as_shadow() {
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
     assert!((1e-6..5.0).contains(&rms_deg), "{difference}");
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }
 
 #[test]
@@ -224,11 +228,11 @@ fn watch_promotes_external_stage() {
     let watch = format!("[[watch]]\nslot = \"fuser\"\nstage = \"my-fuser\"\nmeasure = \"angle\"\n{near}\n");
     let system = system_with_stage("cc", &format!("{SIM}{watch}"));
     let running = start_system(&system, &[]);
-    until("the promotion", || service(&system, "fuser")["stage"] == "my-fuser");
+    wait_for("the promotion", || service(&system, "fuser")["stage"] == "my-fuser");
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
-    assert!(run.people.contains("watch fuser: promoting my-fuser"), "{}", run.people);
+    run.assert_complete();
+    assert!(run.stderr.contains("watch fuser: promoting my-fuser"), "{}", run.stderr);
 }
 
 /// Returns the inclination error of each requested fuser, degrees.
@@ -273,7 +277,7 @@ fn new_c_stage_conforms_in_every_slot() {
     for (slot, _) in SLOTS {
         let name = format!("my-{slot}");
         let command = build_stage(&system, &name, "cc", slot);
-        system.add(&format!("[stages.{name}]\nslot = \"{slot}\"\ncommand = {command}\n"));
+        system.append_launch(&format!("[stages.{name}]\nslot = \"{slot}\"\ncommand = {command}\n"));
     }
     for (slot, _) in SLOTS {
         let result = test_stage(&format!("my-{slot}"), &system.path("launch.toml"));
@@ -320,43 +324,42 @@ fn stage_with_defects_fails_their_checks() {
     assert!(Command::new("cc").args(compile).current_dir(system.path("my-fuser")).status().unwrap().success());
     let (passed, failed) = test_stage("my-fuser", &system.path("launch.toml"));
     assert!(!passed);
-    for check in
-        ["a restored run is bit-identical", "outputs are valid under accelerometer outage"]
-    {
+    for check in ["a restored run is bit-identical", "outputs are valid under accelerometer outage"] {
         assert!(failed.iter().any(|failed| failed == check), "{check} passed; failed: {failed:?}");
     }
 }
 
-/// Creates a system whose course stage is an external program with this fault.
+/// Creates a system with a faulty external course stage.
 fn system_with_fault(fault: &str, rest: &str) -> System {
-    let own = format!("[stages.own]\nslot = \"course\"\ncommand = [{:?}, \"hosted\", {fault:?}]\n", faulty());
+    let own =
+        format!("[stages.own]\nslot = \"course\"\ncommand = [{:?}, \"hosted\", {fault:?}]\n", faulty_executable());
     System::new(&format!("{SIM}[course]\nstage = \"own\"\n{own}{rest}"))
 }
 
 #[test]
 fn endless_output_is_drained_and_its_end_shown() {
-    let system = system_with_fault("talks", "");
+    let system = system_with_fault("prints-endlessly", "");
     let out = system.path("out.csv");
     let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let course = || service(&system, "course");
     // More than a pipe holds: 1 MiB at one step and 4 KiB at every other step.
-    until("400 ticks", || course()["ticks"].as_u64() > Some(400));
+    wait_for("400 ticks", || course()["ticks"].as_u64() > Some(400));
     let first = course();
     assert_eq!(first["restarts"], 0, "{first}");
     signal(pid(&system, "course"), Signal::KILL);
-    until("another incarnation", || course()["restarts"] == 1 && course()["state"] == "running");
+    wait_for("another incarnation", || course()["restarts"] == 1 && course()["state"] == "running");
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
-    assert!(run.people.contains("earlier bytes omitted)\n") && run.people.contains("xxx"), "{}", run.people);
+    run.assert_complete();
+    assert!(run.stderr.contains("earlier bytes omitted)\n") && run.stderr.contains("xxx"), "{}", run.stderr);
     assert_eq!(assert_in_order(&out) as f64, run.number("/ticks_out"));
 }
 
 #[test]
 fn invalid_output_resets_stage_and_is_flagged() {
     let run = system_with_fault("gives-nan", "").run(&["--for", "2s"]);
-    run.assert_whole();
-    assert!(run.line("flags").contains("reset"), "{}", run.people);
+    run.assert_complete();
+    assert!(run.line("flags").contains("reset"), "{}", run.stderr);
 }
 
 #[test]
@@ -369,8 +372,8 @@ fn permanent_failure_stops_system_if_configured() {
         ("hangs", "has not responded to the request to step for"),
     ] {
         let run = system_with_fault(fault, rule).run(&["--for", "60s"]);
-        assert_eq!(run.code, Some(1), "{fault}: {}", run.people);
-        assert!(run.people.contains(text) && run.people.contains("the system was stopped"), "{fault}: {}", run.people);
+        assert_eq!(run.code, Some(1), "{fault}: {}", run.stderr);
+        assert!(run.stderr.contains(text) && run.stderr.contains("the system was stopped"), "{fault}: {}", run.stderr);
     }
 }
 
@@ -391,13 +394,13 @@ fn program_errors_are_reported() {
     for (command, code, text) in cases {
         for arguments in [&["--in-process"][..], &[]] {
             let run = with(command).run(arguments);
-            assert_eq!(run.code, Some(code), "{command}: {}", run.people);
-            assert!(run.people.contains(text), "{command}: {}", run.people);
+            assert_eq!(run.code, Some(code), "{command}: {}", run.stderr);
+            assert!(run.stderr.contains(text), "{command}: {}", run.stderr);
         }
     }
-    let other = format!("[{:?}, \"hosted\", \"none\"]", faulty());
+    let other = format!("[{:?}, \"hosted\", \"none\"]", faulty_executable());
     let run = with(&other).run(&["--in-process"]);
-    assert!(run.people.contains("it is a stage of the slot course, not of fuser"), "{}", run.people);
+    assert!(run.stderr.contains("it is a stage of the slot course, not of fuser"), "{}", run.stderr);
     let output = plumb(&["stage", "new", "My Fuser", "--lang", "python"]).output().unwrap();
     assert_eq!(output.status.code(), Some(2));
 }
@@ -426,13 +429,15 @@ fn new_rust_stage_conforms_and_swaps_in_every_slot() {
         fs::copy(Path::new(source).join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
         for verb in ["test", "build"] {
             let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-            command.args([verb, "--release", "--offline"]).args(BUILD_OPTIONS.iter().flat_map(|option| ["--config", option]));
+            command
+                .args([verb, "--release", "--offline"])
+                .args(BUILD_OPTIONS.iter().flat_map(|option| ["--config", option]));
             command.current_dir(&folder).env("CARGO_TARGET_DIR", &target);
             let output = command.output().unwrap();
             let text = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
             assert!(output.status.success() && !text.contains("warning"), "{text}");
         }
-        copied(&target.join("release").join(&name), &system.path(&format!("{name}-program")));
+        copy_program(&target.join("release").join(&name), &system.path(&format!("{name}-program")));
     };
     // Cargo builds one stage at a time. One is tested while the next is built.
     thread::scope(|scope| {
@@ -447,6 +452,6 @@ fn new_rust_stage_conforms_and_swaps_in_every_slot() {
         swap_stage(&system, slot, ours);
     }
     running.interrupt();
-    running.wait().assert_whole();
-    assert_eq!(system.remains(), Vec::<String>::new());
+    running.wait().assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }

@@ -1,7 +1,9 @@
-//! Swapping what fills a slot of a running system: nothing lost, nothing twice, and the old stage untouched where it fails.
+//! Swaps of stages in a running system.
+//!
+//! No tick is lost or duplicated, and the old stage stays if the swap fails.
 use std::{fs, time::Duration};
 
-use crate::common::{Running, System, children_of, signal, until};
+use crate::common::{Running, System, children_of, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -10,11 +12,11 @@ fn ps(system: &System) -> Vec<Value> {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// What fills the slot.
+/// Returns the stage in the slot.
 fn stage_in(system: &System, slot: &str) -> String {
     let mut stage = None;
-    // Where the machine stood still it does not answer at once.
-    until("the system to answer", || {
+    // After a stall the machine may not respond immediately.
+    wait_for("the system to respond", || {
         let services = ps(system);
         let one = services.iter().find(|one| one["service"] == slot);
         stage = one.and_then(|one| one["stage"].as_str().map(str::to_owned));
@@ -23,10 +25,10 @@ fn stage_in(system: &System, slot: &str) -> String {
     stage.unwrap()
 }
 
-/// The system runs and answers.
-fn started(system: &System, arguments: &[&str]) -> Running {
+/// Starts the system and waits until it runs.
+fn start_system(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    system.all_run();
+    system.wait_until_running();
     running
 }
 
@@ -36,7 +38,7 @@ fn assert_committed(report: &Value) {
 }
 
 #[test]
-fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
+fn swap_to_every_stage_loses_nothing() {
     let slots: [(&str, &[&str]); 4] = [
         ("gyro", &["mobius-coning", "rk4", "euler", "mobius"]),
         ("accel", &["inclinometer-matrix", "inclinometer-quaternion", "projector"]),
@@ -59,7 +61,7 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
         ("course", &["track", "angles"]),
     ];
     let system = System::new("");
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     for (slot, stages) in slots {
         for stage in stages {
             let report = system.swap(&[slot, stage]);
@@ -71,16 +73,16 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
     }
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
+    run.assert_complete();
     assert_eq!((run.number("/lost"), run.number("/duplicated")), (0.0, 0.0));
-    assert_eq!(system.remains(), Vec::<String>::new());
+    assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
 #[test]
-fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
+fn swap_to_same_stage_changes_no_byte() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     for (slot, stage) in [("fuser", "multiple-model"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")]
     {
         let report = system.swap(&[slot, stage]);
@@ -90,15 +92,15 @@ fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
     signal(running.service("fuser"), Signal::KILL);
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
+    run.assert_complete();
+    run.assert_undisturbed_output(&out, "");
 }
 
 #[test]
-fn what_cannot_be_is_refused_and_changes_no_byte() {
+fn invalid_swap_is_rejected_and_changes_no_byte() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     for (arguments, reason) in [
         (&["wing", "wz"][..], "no slot `wing`"),
         (&["ingest", "wz"], "no slot `ingest`"),
@@ -110,18 +112,18 @@ fn what_cannot_be_is_refused_and_changes_no_byte() {
         (&["fuser", "wz", "--set", "colour=3"], "unknown parameter"),
         (&["fuser", "wz", "--set", "hard_iron_sd_ut=-3"], "hard_iron_sd_ut"),
     ] {
-        let report = system.ask_swap(arguments);
+        let report = system.swap_once(arguments);
         assert_eq!(report["outcome"], "refused", "{report}");
         assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
     }
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
+    run.assert_complete();
+    run.assert_undisturbed_output(&out, "");
 }
 
-/// The processes of a slot: its owner, and whoever is to take over.
-fn lives(running: &Running, slot: &str) -> Vec<u32> {
+/// Returns the processes of a slot: its owner and the candidate, if any.
+fn slot_processes(running: &Running, slot: &str) -> Vec<u32> {
     let is = |pid: &u32| {
         let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         let mut words = line.split(|byte| *byte == 0).skip(1);
@@ -131,53 +133,54 @@ fn lives(running: &Running, slot: &str) -> Vec<u32> {
 }
 
 #[test]
-fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() {
+fn kill_of_candidate_or_owner_keeps_old_stage() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let owner = running.service("fuser");
     for victim_is_owner in [false, true] {
         let shadow = || {
             let mut command = crate::common::plumb(&["shadow", "fuser", "vqf", "--system", &system.name]);
             command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap()
         };
-        let asking = shadow();
-        until("a candidate", || lives(&running, "fuser").len() == 2);
+        let client = shadow();
+        wait_for("a candidate", || slot_processes(&running, "fuser").len() == 2);
         std::thread::sleep(Duration::from_millis(300));
-        let second = system.ask_swap(&["fuser", "aided"]);
-        assert_eq!(second["outcome"], "refused", "two at once: {second}");
+        let second = system.swap_once(&["fuser", "aided"]);
+        assert_eq!(second["outcome"], "refused", "two swaps at the same time: {second}");
         let reason = second["reason"].as_str().unwrap();
         assert!(reason.contains("is in progress") && reason.contains("Ctrl-C"), "{reason}");
-        let victim = lives(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
+        let victim =
+            slot_processes(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
         signal(victim, Signal::KILL);
-        let said = String::from_utf8(asking.wait_with_output().unwrap().stderr).unwrap();
-        assert!(said.contains("unchanged (multiple-model)"), "{said}");
-        until("one fuser", || lives(&running, "fuser").len() == 1);
+        let text = String::from_utf8(client.wait_with_output().unwrap().stderr).unwrap();
+        assert!(text.contains("unchanged (multiple-model)"), "{text}");
+        wait_for("one fuser", || slot_processes(&running, "fuser").len() == 1);
         assert_eq!(stage_in(&system, "fuser"), "multiple-model");
     }
     running.interrupt();
     let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
+    run.assert_complete();
+    run.assert_undisturbed_output(&out, "");
 }
 
 #[test]
-fn a_shadow_tells_the_difference_and_is_promoted_without_a_restart() {
+fn shadow_reports_difference_and_is_promoted_in_place() {
     let system = System::new("");
-    let running = started(&system, &[]);
+    let running = start_system(&system, &[]);
     let mut command = crate::common::plumb(&["shadow", "fuser", "wz-open", "--json", "--system", &system.name]);
     let shadow = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
-    until("a candidate", || lives(&running, "fuser").len() == 2);
-    let candidate = *lives(&running, "fuser").iter().max().unwrap();
+    wait_for("a candidate", || slot_processes(&running, "fuser").len() == 2);
+    let candidate = *slot_processes(&running, "fuser").iter().max().unwrap();
     std::thread::sleep(Duration::from_millis(2500));
     let report = system.swap(&["fuser", "wz-open"]);
     assert_committed(&report);
     assert_eq!(ps(&system).iter().find(|one| one["service"] == "fuser").unwrap()["pid"], candidate);
-    let said = String::from_utf8(shadow.wait_with_output().unwrap().stdout).unwrap();
-    let difference: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    let text = String::from_utf8(shadow.wait_with_output().unwrap().stdout).unwrap();
+    let difference: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
     assert!(difference["ticks"].as_u64() > Some(100), "{difference}");
     let angle = |what: &str| difference[what]["angle"].as_f64().unwrap();
     assert!(0.0 < angle("mean_deg") && angle("mean_deg") <= angle("rms_deg") && angle("rms_deg") <= angle("max_deg"));
     running.interrupt();
-    running.wait().assert_whole();
+    running.wait().assert_complete();
 }

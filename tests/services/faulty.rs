@@ -1,13 +1,14 @@
-//! `plumb` with a course service, and a course stage, that do what none may.
+//! `plumb` with a course service and an external course stage that have faults.
 //!
-//! Where a system of this executable has a stage `[stages.NAME]` with `command = [FAULTY, FAULT]` in the slot course, the service itself has that
-//! fault. `command = [FAULTY, "hosted", FAULT]` is a program with the fault, hosted by a sound service.
-#![allow(clippy::unwrap_used, reason = "a service of tests may panic")]
+//! If the slot course of a system has the stage `command = [FAULTY, FAULT]`, the service itself has
+//! that fault. With `command = [FAULTY, "hosted", FAULT]`, a correct service hosts a program with
+//! the fault.
+#![allow(clippy::unwrap_used, reason = "a test executable may panic")]
 
 use std::{io::Write, process::ExitCode, rc::Rc, time::Duration};
 
 use attitude::{
-    course::{Course, CourseInput, LastReading, CourseReading},
+    course::{Course, CourseInput, CourseReading, LastReading},
     stage::{RestoreError, Stage},
 };
 use bus::Subscriber;
@@ -26,7 +27,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// The program: sound until its hundredth step.
+/// Runs the external stage, which is correct until its hundredth step.
 fn hosted(fault: &str) -> ExitCode {
     let stage = Course::from_name("angles").unwrap();
     sdk::course(Program { stage, fault: fault.into(), steps: 0 })
@@ -37,7 +38,8 @@ fn service() {
     let program = context.config.launch.external_stage(Service::Course).map(|program| program.command[1].clone());
     let Some(fault) = program.filter(|fault| fault != "hosted") else {
         let slot = course::slot(&context.config).unwrap();
-        let (fused, gnss) = (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
+        let (fused, gnss) =
+            (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
         return serve(context, slot, &[&fused, &gnss]).unwrap();
     };
     "angles".clone_into(&mut context.config.launch.course.stage);
@@ -64,7 +66,7 @@ fn service() {
     }
 }
 
-/// `angles`, and what it does wrong.
+/// Stage `angles` with a fault.
 #[derive(Clone)]
 struct Program {
     stage: Course,
@@ -85,7 +87,9 @@ impl Stage for Program {
         self.steps += 1;
         let reading = self.stage.step(input);
         match self.fault.as_str() {
-            "talks" => std::io::stderr().write_all(&vec![b'x'; if self.steps == 20 { 1 << 20 } else { 4096 }]).unwrap(),
+            "prints-endlessly" => {
+                std::io::stderr().write_all(&vec![b'x'; if self.steps == 20 { 1 << 20 } else { 4096 }]).unwrap()
+            }
             "hangs" if self.steps == 100 => std::thread::sleep(Duration::from_secs(3600)),
             "dies" if self.steps == 100 => panic!("on purpose"),
             "gives-nan" if self.steps == 100 => return CourseReading { course_rad: f64::NAN, ..reading },
@@ -169,7 +173,7 @@ impl Slot for Faulty {
 }
 
 impl Faulty {
-    /// The decision that names this stage finds it asleep.
+    /// Sleeps when the decision that names this incarnation arrives.
     fn sleep_when_decided(&mut self) {
         let (mut named, incarnation) = (false, self.incarnation);
         self.control.drain(64, |control| named |= control.owner == incarnation).unwrap();
@@ -179,7 +183,7 @@ impl Faulty {
     }
 }
 
-/// `FusedState` as another version might define it.
+/// `FusedState` as another version could define it.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct OtherState {

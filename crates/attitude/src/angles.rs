@@ -7,7 +7,7 @@
 //! Failure: none. At ϑ = ±90° yaw and roll are not unique; only their sum or difference is
 //! meaningful.
 
-use crate::{Vector3, state::Attitude, rotation::Rotation};
+use crate::{Vector3, rotation::Rotation, state::Attitude};
 
 /// Smallest cos ϑ at which yaw and roll are separated. Below it they would consist of rounding
 /// errors.

@@ -47,12 +47,12 @@ pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
 pub mod metrics;
-pub mod scalars;
 pub mod parameters;
 pub mod point;
+pub mod rotation;
+pub mod scalars;
 pub mod stage;
 pub mod state;
-pub mod rotation;
 
 pub use nalgebra::{Complex, Matrix3, Quaternion, Vector3};
 

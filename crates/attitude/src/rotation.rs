@@ -5,7 +5,7 @@
 //! Output: the pair (p, s), which stands for the unit quaternion δ = d0 + d1 i + d2 j + d3 k with p
 //! = d0 + j d3 and s = d1 + j d2.
 
-use crate::{Complex, Quaternion, Vector3, scalars::Scalars, point::Chart};
+use crate::{Complex, Quaternion, Vector3, point::Chart, scalars::Scalars};
 
 /// Rotation of the body in its own axes. It acts on an attitude as a Möbius map.
 #[derive(Debug, Clone, Copy, PartialEq)]

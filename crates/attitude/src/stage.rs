@@ -12,8 +12,8 @@ use core::fmt;
 
 use crate::{
     Vector3,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError},
+    scalars::Scalars,
     state::Attitude,
 };
 

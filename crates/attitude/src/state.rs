@@ -10,9 +10,9 @@ use core::f64::consts::{PI, TAU};
 
 use crate::{
     Complex, J, Matrix3, Quaternion, Vector3,
-    scalars::Scalars,
     point::{Chart, Point},
     rotation::Rotation,
+    scalars::Scalars,
 };
 
 /// Maximum |w|². Beyond it the chart changes.
@@ -149,7 +149,12 @@ impl Attitude {
     /// l the tilt: the composition of both maps. With the azimuth r⁺ = r M²/|M|² the axes need one
     /// division, by |M|² + |N|².
     #[inline]
-    pub(crate) fn rotate_and_tilt(&mut self, rotation: Rotation, tilt: Complex<f64>, azimuth: &mut Complex<f64>) -> BodyAxes {
+    pub(crate) fn rotate_and_tilt(
+        &mut self,
+        rotation: Rotation,
+        tilt: Complex<f64>,
+        azimuth: &mut Complex<f64>,
+    ) -> BodyAxes {
         let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
         let (n, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
@@ -237,7 +242,10 @@ impl Attitude {
         let size2 = numerator.norm_sqr();
         let up = Point { w: m * numerator.conj() / size2, chart: self.up.chart.other() };
         let z_rad = wrapped_rad(self.z_rad + double_arg(J * numerator));
-        AttitudeUpdate { attitude: Self { up, z_rad }, level_frame_rotation: -numerator.conj() * numerator.conj() / size2 }
+        AttitudeUpdate {
+            attitude: Self { up, z_rad },
+            level_frame_rotation: -numerator.conj() * numerator.conj() / size2,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use crate::machine_limits::{REQUIRED_OPEN_FILES, OPEN_FILES_REMEDY, SHARED_MEMORY_REMEDY, Mib, SharedMemory};
+use crate::machine_limits::{Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
 
 /// Error of a bus operation.
 #[derive(Debug, thiserror::Error)]

@@ -3,7 +3,7 @@
 use iceoryx2::{node::Node, prelude::ipc};
 use messages::Message;
 
-use crate::{BusError, Publisher, SystemName, port::BusTopic, topic, session::ObserverSession};
+use crate::{BusError, Publisher, SystemName, port::BusTopic, session::ObserverSession, topic};
 
 /// Publisher of `M` in one run of a system, without being part of the system.
 #[derive(Debug)]

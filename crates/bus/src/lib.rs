@@ -13,25 +13,27 @@
 //! a hop and can lose a wake-up, so each topic has a futex word in shared memory instead.
 
 mod bootstrap;
-mod removed_files;
 mod error;
 mod feeder;
 mod machine_limits;
-mod process_lease;
 mod observer;
 mod owned_files;
-mod shared_state;
 mod port;
+mod process_lease;
+mod removed_files;
+mod session;
+mod shared_state;
 mod stale_resources;
 mod system_name;
 mod tap;
 mod topic;
-mod session;
 mod wake;
 
 pub use error::BusError;
 pub use feeder::Feeder;
-pub use machine_limits::{REQUIRED_OPEN_FILES, OPEN_FILES_REMEDY, SHARED_MEMORY_REMEDY, Mib, SharedMemory, report_memory_exhaustion};
+pub use machine_limits::{
+    Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory, report_memory_exhaustion,
+};
 pub use observer::Observer;
 pub use port::MAX_OBSERVERS;
 pub use stale_resources::{StaleResources, SystemLiveness};

@@ -115,7 +115,9 @@ pub(crate) fn describe_cause(cause: &dyn fmt::Debug) -> String {
     let allowed = getrlimit(Resource::Nofile).current.filter(|allowed| open + MIN_SPARE_FILES > *allowed);
     let memory = SharedMemory::query().filter(|memory| memory.free_bytes < MIN_SPARE_MEMORY_BYTES);
     match (allowed, memory) {
-        (Some(allowed), _) => format!("{open} of {allowed} allowed files are open; {OPEN_FILES_REMEDY} (iceoryx2: {cause:?})"),
+        (Some(allowed), _) => {
+            format!("{open} of {allowed} allowed files are open; {OPEN_FILES_REMEDY} (iceoryx2: {cause:?})")
+        }
         (_, Some(memory)) => format!("{memory}; {SHARED_MEMORY_REMEDY} (iceoryx2: {cause:?})"),
         _ => format!("{cause:?}"),
     }

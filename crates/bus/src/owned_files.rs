@@ -75,7 +75,11 @@ fn check_access(path: &Path, found: &fs::Metadata, kind: &str, is_kind: bool) ->
     }
     check_uid(path, found)?;
     if found.mode() & GROUP_AND_OTHERS != 0 {
-        return Err(foreign_file(path, format!("it is accessible to other users (mode {:o})", found.mode() & 0o7777), found));
+        return Err(foreign_file(
+            path,
+            format!("it is accessible to other users (mode {:o})", found.mode() & 0o7777),
+            found,
+        ));
     }
     if found.is_file() && found.nlink() > 1 {
         return Err(foreign_file(path, "it has a second name (a hard link)".into(), found));
@@ -94,7 +98,9 @@ fn check_uid(path: &Path, found: &fs::Metadata) -> Result<(), BusError> {
 fn foreign_file(path: &Path, why: String, found: &fs::Metadata) -> BusError {
     let hint = match found.uid() {
         uid if uid == geteuid().as_raw() => String::new(),
-        uid => format!("if that user's system is running, run plumb as that user (sudo -u '#{uid}' plumb …); otherwise "),
+        uid => {
+            format!("if that user's system is running, run plumb as that user (sudo -u '#{uid}' plumb …); otherwise ")
+        }
     };
     BusError::ForeignFile { path: path.into(), why, hint }
 }

@@ -128,7 +128,12 @@ impl BusTopic {
         Ok(Self { name: topic, bytes, factory })
     }
 
-    fn open_existing(node: &Node<ipc::Service>, topic: &'static str, bytes: usize, layout: &str) -> Result<Self, BusError> {
+    fn open_existing(
+        node: &Node<ipc::Service>,
+        topic: &'static str,
+        bytes: usize,
+        layout: &str,
+    ) -> Result<Self, BusError> {
         let (name, builder) = builder(node, topic)?;
         let opened = builder.open_with_attributes(&required_layout(topic, layout)?);
         let factory = opened.map_err(|cause| match cause {

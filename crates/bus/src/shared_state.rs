@@ -51,7 +51,14 @@ impl SharedState {
         // SAFETY: a new shared mapping of a file that is long enough. It holds only atomics, for
         // which every bit pattern is valid.
         let address = unsafe {
-            mmap(std::ptr::null_mut(), SHARED_STATE_BYTES, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)?
+            mmap(
+                std::ptr::null_mut(),
+                SHARED_STATE_BYTES,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                file,
+                0,
+            )?
         };
         NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mapped at zero"))
     }

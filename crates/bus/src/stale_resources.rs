@@ -13,11 +13,10 @@ use iceoryx2::{
 };
 
 use crate::{
-    BusError, MAX_OBSERVERS, Port, SystemName,
+    BusError, MAX_OBSERVERS, Port, SystemName, owned_files,
     removed_files::DELETED_SUFFIX,
-    owned_files,
-    system_name::{NAME_PREFIX, POLL_INTERVAL, OWNER_START_TIMEOUT, SHARED_MEMORY},
     session::list_processes,
+    system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
 };
 
 /// Files of one system.
@@ -90,7 +89,13 @@ impl StaleResources {
         let mut dead = if files.is_empty() { Vec::new() } else { list_processes(system_name, &system_name.config())? };
         dead.retain(|(_, port)| !port.alive);
         let dead = dead.into_iter().map(|(_, port)| port).collect();
-        Ok(Self { system_name: system_name.clone(), liveness, files, dead, incomplete_segment: system_name.incomplete_segment() })
+        Ok(Self {
+            system_name: system_name.clone(),
+            liveness,
+            files,
+            dead,
+            incomplete_segment: system_name.incomplete_segment(),
+        })
     }
 
     /// Removes all files of a dead system, or the leftovers of killed processes of a running one.

@@ -135,7 +135,9 @@ impl SystemName {
         };
         match flock(&file, FlockOperation::NonBlockingLockShared) {
             Ok(()) => Ok(None),
-            Err(rustix::io::Errno::WOULDBLOCK) => Ok(Some(SharedState::map(&file).map_or(0, |state| state.owner_pid()))),
+            Err(rustix::io::Errno::WOULDBLOCK) => {
+                Ok(Some(SharedState::map(&file).map_or(0, |state| state.owner_pid())))
+            }
             Err(cause) => Err(self.shared_state_error("locking", cause.into())),
         }
     }
@@ -164,7 +166,9 @@ impl SystemName {
     /// held, no later owner removes the system's files.
     pub(crate) fn lock_running(&self) -> Result<File, BusError> {
         let file = match owned_files::open_file(&self.members_path(), false) {
-            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Err(self.absence_error()),
+            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => {
+                return Err(self.absence_error());
+            }
             other => other?,
         };
         let deadline = Instant::now() + OBSERVERS_TIMEOUT;
@@ -290,7 +294,8 @@ impl Claim {
     /// Fails like [`SystemName::claim`].
     pub fn renew(self) -> Result<Self, BusError> {
         let system_name = self.system_name.clone();
-        let map = |file: &File| SharedState::map(file).map_err(|cause| system_name.shared_state_error("mapping", cause));
+        let map =
+            |file: &File| SharedState::map(file).map_err(|cause| system_name.shared_state_error("mapping", cause));
         let previous = map(&self.lock)?;
         drop(self);
         let claim = system_name.claim()?;

@@ -6,7 +6,7 @@ use iceoryx2::{node::Node, prelude::ipc};
 
 use crate::{
     BusError,
-    port::{InPort, BusTopic},
+    port::{BusTopic, InPort},
     session::ObserverSession,
 };
 
@@ -51,7 +51,11 @@ pub struct Port {
 }
 
 impl Tap {
-    pub(crate) fn open(node: &Node<ipc::Service>, topic: graph::Topic, session: Rc<ObserverSession>) -> Result<Self, BusError> {
+    pub(crate) fn open(
+        node: &Node<ipc::Service>,
+        topic: graph::Topic,
+        session: Rc<ObserverSession>,
+    ) -> Result<Self, BusError> {
         let topic = messages::dispatch!(topic, M => BusTopic::open::<M>(node))?;
         // History is not requested, because delivering it would cost the publishers time.
         let port = topic.subscriber(MAX_BUFFER.min(topic.buffer()), 0)?;

@@ -17,10 +17,10 @@ use messages::Message;
 
 use crate::{
     BusError, SystemName, WaitOutcome,
-    machine_limits::{raise_open_file_limit, describe_cause},
+    machine_limits::{describe_cause, raise_open_file_limit},
+    port::{BusTopic, InPort, OutPort},
     process_lease::ProcessLease,
     shared_state::SharedState,
-    port::{InPort, OutPort, BusTopic},
     wake::TopicWaker,
 };
 
@@ -102,7 +102,8 @@ impl Bus {
 pub(crate) fn create_node(system_name: &SystemName, process_name: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
     raise_open_file_limit()?;
-    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: describe_cause(cause) };
+    let failed =
+        |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: describe_cause(cause) };
     NodeBuilder::new()
         .name(&NodeName::new(process_name).map_err(|cause| failed(&cause))?)
         .config(&system_name.config())

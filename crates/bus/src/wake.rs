@@ -90,8 +90,8 @@ impl TopicWaker {
         let word = self.word();
         word.waiting.store(1, SeqCst);
         let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
-        let timed_out =
-            futex::wait(&word.wake_count, futex::Flags::empty(), seen, Some(&limit)) == Err(rustix::io::Errno::TIMEDOUT);
+        let timed_out = futex::wait(&word.wake_count, futex::Flags::empty(), seen, Some(&limit))
+            == Err(rustix::io::Errno::TIMEDOUT);
         match (self.current() != seen, timed_out) {
             (true, false) => WaitOutcome::Published,
             (true, true) => WaitOutcome::LateWake,

@@ -11,7 +11,7 @@ use bus::{BusError, SystemName};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use serde::de::DeserializeOwned;
 
-use crate::{ControlRequest, MAX_LINE_BYTES, Response, RESPONSE_TIMEOUT, completion_timeout};
+use crate::{ControlRequest, MAX_LINE_BYTES, RESPONSE_TIMEOUT, Response, completion_timeout};
 
 /// Error of a request to a running system.
 #[derive(Debug, thiserror::Error)]

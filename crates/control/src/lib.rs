@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 pub use client::{ControlError, send_request};
 pub use server::ControlSocket;
-pub use supervision::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest, Diagnostic};
+pub use supervision::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use swap::SwapOutcome;
 
 /// Maximum length of a request or response, bytes.
@@ -46,7 +46,9 @@ fn is_long_running(request: &ControlRequest) -> bool {
 /// when its client disconnects.
 fn completion_timeout(request: &ControlRequest) -> Option<Duration> {
     match request {
-        ControlRequest::Swap(SwapRequest { timeout_ms: limit_ms, .. }) => Some(SWAP_TIMEOUT + Duration::from_millis((*limit_ms)?)),
+        ControlRequest::Swap(SwapRequest { timeout_ms: limit_ms, .. }) => {
+            Some(SWAP_TIMEOUT + Duration::from_millis((*limit_ms)?))
+        }
         _ => Some(RESPONSE_TIMEOUT),
     }
 }

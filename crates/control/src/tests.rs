@@ -15,7 +15,12 @@ use launch::StageConfig;
 use super::{client::connect_socket, *};
 
 /// Control socket of a claimed system that no other test uses.
-struct TestSystem(SystemName, String, ControlSocket, #[expect(dead_code, reason = "held until the end of the test")] Claim);
+struct TestSystem(
+    SystemName,
+    String,
+    ControlSocket,
+    #[expect(dead_code, reason = "held until the end of the test")] Claim,
+);
 
 impl TestSystem {
     fn new() -> Self {

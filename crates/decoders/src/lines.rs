@@ -146,7 +146,8 @@ impl Lines {
         if !self.is_synchronised || self.indices.is_some() || self.mapping.is_explicit() {
             return None;
         }
-        let unnamed = DEFAULT_COLUMNS.get(..fields.len()).filter(|names| DEFAULT_COLUMN_COUNTS.contains(&names.len()))?;
+        let unnamed =
+            DEFAULT_COLUMNS.get(..fields.len()).filter(|names| DEFAULT_COLUMN_COUNTS.contains(&names.len()))?;
         self.indices = ColumnIndices::find(&self.mapping, unnamed).ok();
         let row = self.parse_row(&row, measurements);
         if row.is_none() {
@@ -285,7 +286,8 @@ impl ColumnIndices {
         };
         let three_indices = |[x, y, z]: [&'static str; 3]| Ok([index_of(x)?, index_of(y)?, index_of(z)?]);
         let [latitude, longitude, altitude] = POSITION;
-        let optional_index = |target| if mapping.column(target).is_some() { optional(mapping, index_of(target)) } else { Ok(None) };
+        let optional_index =
+            |target| if mapping.column(target).is_some() { optional(mapping, index_of(target)) } else { Ok(None) };
         let optional_group = |targets| optional(mapping, three_indices(targets));
         Ok(Self {
             count: names.len(),

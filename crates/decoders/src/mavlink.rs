@@ -34,7 +34,7 @@ use mavlink::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
     framed::{Format, ParseOutcome},
 };
 
@@ -153,7 +153,11 @@ impl Mavlink {
     }
 
     /// Decodes a message of `kind` if that kind is selected, or selects it if it is the first.
-    fn accept_imu(&mut self, kind: ImuMessage, measurement: impl FnOnce() -> Option<Measurement>) -> Option<Measurement> {
+    fn accept_imu(
+        &mut self,
+        kind: ImuMessage,
+        measurement: impl FnOnce() -> Option<Measurement>,
+    ) -> Option<Measurement> {
         // RAW_IMU has no unit, so it is never selected automatically.
         let is_selected = match self.imu {
             Some(selected) => selected == kind,
@@ -315,8 +319,11 @@ fn gps_raw(message: &GPS_RAW_INT_DATA) -> Option<Measurement> {
 
 fn global_position(message: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
     let [north, east, down] = [message.vx, message.vy, message.vz].map(|part| f64::from(part) / 100.0);
-    let value =
-        Value::Fix { velocity_m_s: [east, north, -down], sd_m_s: None, position: position(message.lat, message.lon, message.alt) };
+    let value = Value::Fix {
+        velocity_m_s: [east, north, -down],
+        sd_m_s: None,
+        position: position(message.lat, message.lon, message.alt),
+    };
     Some(Measurement { time: Some(since_boot(message.time_boot_ms)), value })
 }
 

@@ -14,7 +14,7 @@
 //! is then 0, above it there is no fix.
 
 use crate::{
-    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
     framed::{Format, ParseOutcome},
 };
 
@@ -68,7 +68,8 @@ impl Nmea {
             "RMC" => {
                 self.has_rmc = true;
                 let (time, status, mode) = (fields.nth(0), fields.nth(1), fields.nth(11));
-                let value = (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.position(2)))??;
+                let value =
+                    (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.position(2)))??;
                 Some(Measurement { time: unix_time(fields.nth(8), time), value })
             }
             "VTG" if !self.has_rmc && is_measured(fields.nth(8)) => {
@@ -116,7 +117,11 @@ impl<'a> Fields<'a> {
     /// Returns the position from four fields: latitude, N or S, longitude, E or W.
     fn position(&self, index: usize) -> Position {
         let or_nan = |angle_deg: Option<f64>| angle_deg.unwrap_or(f64::NAN);
-        Position::from_degrees(or_nan(self.degrees(index, "N", "S")), or_nan(self.degrees(index + 2, "E", "W")), f64::NAN)
+        Position::from_degrees(
+            or_nan(self.degrees(index, "N", "S")),
+            or_nan(self.degrees(index + 2, "E", "W")),
+            f64::NAN,
+        )
     }
 
     /// Returns the signed angle of `dddmm.mm` and the hemisphere letter in the next field, degrees.

@@ -23,7 +23,7 @@
 
 use crate::{
     DeviceTime, Measurement, Value,
-    framed::{Format, ParseOutcome, wrapping_sum, three_i16},
+    framed::{Format, ParseOutcome, three_i16, wrapping_sum},
 };
 
 const SYNC: u8 = 0xaa;
@@ -52,7 +52,9 @@ impl Format for Rvc {
         if wrapping_sum(&frame[2..FRAME_BYTES - 1]) != frame[FRAME_BYTES - 1] {
             return ParseOutcome::Rejected;
         }
-        let (Some(angles), Some(force)) = (three_i16(frame, 3), three_i16(frame, 9)) else { return ParseOutcome::Rejected };
+        let (Some(angles), Some(force)) = (three_i16(frame, 3), three_i16(frame, 9)) else {
+            return ParseOutcome::Rejected;
+        };
         if angles.iter().zip(MAX_ANGLES_CENTIDEG).any(|(angle, max)| angle.abs() > max) {
             return ParseOutcome::Rejected;
         }

@@ -22,7 +22,7 @@ use ublox::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
     framed::{Format, ParseOutcome},
 };
 
@@ -49,7 +49,9 @@ impl Format for Ubx {
             [SYNC_1, SYNC_2, ..] => {}
             _ => return ParseOutcome::Skip(1),
         }
-        let Some(&[_, _, class, id, low, high]) = bytes.first_chunk::<HEADER_BYTES>() else { return ParseOutcome::Incomplete };
+        let Some(&[_, _, class, id, low, high]) = bytes.first_chunk::<HEADER_BYTES>() else {
+            return ParseOutcome::Incomplete;
+        };
         let length = usize::from(u16::from_le_bytes([low, high]));
         let is_pvt = (class, id) == (CLASS_NAV, ID_PVT);
         if length > MAX_PAYLOAD_BYTES || (is_pvt && !PVT_LENGTHS_BYTES.contains(&length)) {

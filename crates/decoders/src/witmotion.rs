@@ -24,7 +24,7 @@
 
 use crate::{
     DeviceTime, Measurement, Value,
-    framed::{Format, ParseOutcome, wrapping_sum, three_i16},
+    framed::{Format, ParseOutcome, three_i16, wrapping_sum},
 };
 
 const FRAME_BYTES: usize = 11;
@@ -90,7 +90,8 @@ impl WitMotion {
             }
             FIELD => {
                 let field_ut = self.ranges.field_ut?;
-                measurements.push(Measurement { time: self.time[1], value: Value::Field(three.map(|part| part * field_ut)) });
+                measurements
+                    .push(Measurement { time: self.time[1], value: Value::Field(three.map(|part| part * field_ut)) });
             }
             _ => {}
         }

@@ -63,9 +63,14 @@ impl Format for Xsens {
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
         // The fourth byte decides whether the length has one or two bytes.
         let (length, head_bytes) = match *bytes {
-            [PREAMBLE] | [PREAMBLE, MASTER_BUS_ID] | [PREAMBLE, MASTER_BUS_ID, MTDATA2] => return ParseOutcome::Incomplete,
-            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH] | [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, _] => return ParseOutcome::Incomplete,
-            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, high, low, ..] => (usize::from(u16::from_be_bytes([high, low])), 6),
+            [PREAMBLE] | [PREAMBLE, MASTER_BUS_ID] | [PREAMBLE, MASTER_BUS_ID, MTDATA2] => {
+                return ParseOutcome::Incomplete;
+            }
+            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH]
+            | [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, _] => return ParseOutcome::Incomplete,
+            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, high, low, ..] => {
+                (usize::from(u16::from_be_bytes([high, low])), 6)
+            }
             [PREAMBLE, MASTER_BUS_ID, MTDATA2, length, ..] => (usize::from(length), 4),
             _ => return ParseOutcome::Skip(1),
         };
@@ -76,7 +81,9 @@ impl Format for Xsens {
         if wrapping_sum(&frame[1..]) != 0 {
             return ParseOutcome::Rejected;
         }
-        let Some(packets) = Packets::parse(&frame[head_bytes..head_bytes + length]) else { return ParseOutcome::Rejected };
+        let Some(packets) = Packets::parse(&frame[head_bytes..head_bytes + length]) else {
+            return ParseOutcome::Rejected;
+        };
         measurements.extend(packets.measurement(self.field_ut));
         ParseOutcome::Frame(frame.len())
     }

@@ -121,7 +121,8 @@ impl ClockFit {
         let stamp = stamp.or_else(|| self.next_count_stamp());
         let earliest_ns = self.t_ns.map_or(i64::MIN, |t_ns| t_ns.saturating_add(1));
         let last = self.last.filter(|last| last.is_counted == is_counted);
-        let (Some(now), Some(LastSample { stamp: Some(previous), point: last, .. }), Some(last_ns)) = (stamp, last, self.t_ns)
+        let (Some(now), Some(LastSample { stamp: Some(previous), point: last, .. }), Some(last_ns)) =
+            (stamp, last, self.t_ns)
         else {
             return self.restart(stamp, is_counted, arrival_ns, arrival_ns.max(earliest_ns));
         };
@@ -150,7 +151,8 @@ impl ClockFit {
             return self.restart(stamp, is_counted, arrival_ns, arrival_ns.max(earliest_ns));
         }
         let max_correction_ns = (elapsed_ns as f64 * MAX_CORRECTION) as i64;
-        let t_ns = expected_ns.saturating_add(correction_ns.clamp(-max_correction_ns, max_correction_ns)).max(earliest_ns);
+        let t_ns =
+            expected_ns.saturating_add(correction_ns.clamp(-max_correction_ns, max_correction_ns)).max(earliest_ns);
         self.record(LastSample { stamp, is_counted, point }, t_ns)
     }
 

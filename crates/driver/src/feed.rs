@@ -6,7 +6,7 @@ use std::time::Instant;
 use bus::{BusError, Feeder, SystemName};
 use messages::Message;
 
-use crate::{DriverError, CHECK_INTERVAL};
+use crate::{CHECK_INTERVAL, DriverError};
 
 /// Publisher of `M` that follows the system's name.
 #[derive(Debug)]
@@ -53,7 +53,9 @@ impl<M: Message> Feed<M> {
             Err(error) => {
                 self.feeder = None;
                 Err(match error {
-                    BusError::TopicNotOpen { topic } => DriverError::TopicNotOpen { system: self.system.name().into(), topic },
+                    BusError::TopicNotOpen { topic } => {
+                        DriverError::TopicNotOpen { system: self.system.name().into(), topic }
+                    }
                     error => DriverError::Bus(error),
                 })
             }

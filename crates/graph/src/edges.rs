@@ -56,7 +56,10 @@ impl Graph {
         };
         let may_subscribe = move |consumer: &Service| {
             *consumer != service
-                && self.0.iter().any(|topic| may_publish(topic) && (consumer.carries_ticks() || topic.is_subscribed_by(*consumer)))
+                && self
+                    .0
+                    .iter()
+                    .any(|topic| may_publish(topic) && (consumer.carries_ticks() || topic.is_subscribed_by(*consumer)))
         };
         Service::ALL.into_iter().filter(may_subscribe)
     }

@@ -17,7 +17,7 @@ use rustix::{
         sockopt::{Timeout, set_socket_timeout},
     },
 };
-use sdk::frame::{MAX_FRAME_BYTES, FrameError, FrameHeader, RequestKind};
+use sdk::frame::{FrameError, FrameHeader, MAX_FRAME_BYTES, RequestKind};
 
 /// Timeout for each response during the start of a program.
 pub const START_TIMEOUT: Duration = Duration::from_secs(10);
@@ -118,7 +118,11 @@ impl Child {
 
     /// Sends a request and returns the payload of its response, or `None` if the program rejects
     /// it.
-    pub(crate) fn request(&mut self, kind: RequestKind, write: impl FnOnce(&mut Vec<u8>)) -> Result<Option<&[u8]>, HostError> {
+    pub(crate) fn request(
+        &mut self,
+        kind: RequestKind,
+        write: impl FnOnce(&mut Vec<u8>),
+    ) -> Result<Option<&[u8]>, HostError> {
         self.number += 1;
         FrameHeader { kind, rejected: false, request_number: self.number }.start_frame(&mut self.frame);
         write(&mut self.frame);
@@ -134,7 +138,8 @@ impl Child {
         let (head, payload) =
             FrameHeader::parse(self.response.get(..len).unwrap_or_default()).map_err(|e| invalid(&self.program, e))?;
         if (head.kind, head.request_number) != (kind, self.number) {
-            let mismatch = FrameError::RequestMismatch { found: head.request_number, kind: head.kind, expected: self.number };
+            let mismatch =
+                FrameError::RequestMismatch { found: head.request_number, kind: head.kind, expected: self.number };
             return Err(invalid(&self.program, mismatch));
         }
         Ok((!head.rejected).then_some(payload))
@@ -142,7 +147,11 @@ impl Child {
 
     /// Builds the error for an invalid response to a request.
     pub(crate) fn invalid_response(&self, kind: RequestKind, cause: &dyn std::fmt::Display) -> HostError {
-        HostError::InvalidResponse { program: self.program.clone(), request: request_name(kind), cause: cause.to_string() }
+        HostError::InvalidResponse {
+            program: self.program.clone(),
+            request: request_name(kind),
+            cause: cause.to_string(),
+        }
     }
 
     /// Receives the next packet and returns its length.
@@ -155,7 +164,11 @@ impl Child {
                 Err(Errno::INTR) if started.elapsed() < self.timeout => {}
                 Err(Errno::AGAIN | Errno::INTR) => {
                     let waited_ms = started.elapsed().as_millis();
-                    return Err(HostError::Timeout { program: self.program.clone(), request: request_name(kind), waited_ms });
+                    return Err(HostError::Timeout {
+                        program: self.program.clone(),
+                        request: request_name(kind),
+                        waited_ms,
+                    });
                 }
                 Ok(_) | Err(_) => return Err(self.ended(kind)),
             }

@@ -10,9 +10,9 @@ use std::{
 use attitude::{
     fuser::{Fuser, FuserStage},
     gyro::{Gyro, GyroStage},
-    scalars::Scalars,
     parameters::{Parameter, ParameterError},
-    stage::{RestoreError, MAX_STATE_VALUES, Snapshot, Validate, Stage},
+    scalars::Scalars,
+    stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage, Validate},
     state::Attitude,
 };
 use launch::ExternalStage;
@@ -28,9 +28,15 @@ use crate::{
 };
 
 /// Stage whose slot can run an external program: its input, output and common state are numbers.
-pub trait HostableStage: Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default> {}
+pub trait HostableStage:
+    Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>
+{
+}
 
-impl<S: Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>> HostableStage for S {}
+impl<S: Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>> HostableStage
+    for S
+{
+}
 
 /// External program in place of a built-in stage `B`.
 ///
@@ -182,7 +188,9 @@ impl<B: HostableStage> Stage for HostedStage<B> {
         let parameter = self.parameters.get(index).ok_or(unknown)?;
         let in_range = (parameter.min..=parameter.max).contains(&value);
         // A value that the program rejects is reported as out of range, too.
-        let write = |frame: &mut Vec<u8>| [index as f64, value].into_iter().for_each(|number| frame::write_value(frame, number));
+        let write = |frame: &mut Vec<u8>| {
+            [index as f64, value].into_iter().for_each(|number| frame::write_value(frame, number))
+        };
         if !in_range || self.request_ack(RequestKind::Set, write).is_err() {
             return Err(ParameterError::OutOfRange { parameter, value });
         }
@@ -192,7 +200,9 @@ impl<B: HostableStage> Stage for HostedStage<B> {
 
     fn step(&mut self, input: &B::Input) -> B::Output {
         let input = input.finite();
-        let output = self.request(RequestKind::Step, |frame| frame::write_value(frame, input), frame::read_value).and_then(Response::accepted);
+        let output = self
+            .request(RequestKind::Step, |frame| frame::write_value(frame, input), frame::read_value)
+            .and_then(Response::accepted);
         output.unwrap_or_else(nan_value)
     }
 
@@ -214,7 +224,8 @@ impl<B: HostableStage> Stage for HostedStage<B> {
     }
 
     fn snapshot(&self) -> Snapshot {
-        let mut record = Snapshot { stage: self.name, values: [0.0; MAX_STATE_VALUES], len: self.state_len, checksum: 0 };
+        let mut record =
+            Snapshot { stage: self.name, values: [0.0; MAX_STATE_VALUES], len: self.state_len, checksum: 0 };
         let values = &mut record.values[..self.state_len];
         self.request(
             RequestKind::Snapshot,

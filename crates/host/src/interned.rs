@@ -30,7 +30,14 @@ pub(crate) fn text(text: &str) -> Option<&'static str> {
 pub(crate) fn parameters(description: &Description) -> Option<&'static [Parameter]> {
     let table = description.parameters.iter().map(|parameter| {
         let (name, unit, about) = (text(&parameter.name)?, text(&parameter.unit)?, text(&parameter.description)?);
-        Some(Parameter { name, unit, default: parameter.default, min: parameter.min, max: parameter.max, description: about })
+        Some(Parameter {
+            name,
+            unit,
+            default: parameter.default,
+            min: parameter.min,
+            max: parameter.max,
+            description: about,
+        })
     });
     let table = table.collect::<Option<Vec<_>>>()?;
     let mut interned = TABLES.lock().unwrap_or_else(PoisonError::into_inner);

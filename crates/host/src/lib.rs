@@ -27,5 +27,5 @@ pub mod slot_stage;
 
 pub use child::HostError;
 pub use finite_input::FiniteInput;
-pub use hosted::{HostedStage, HostableStage};
+pub use hosted::{HostableStage, HostedStage};
 pub use slot_stage::AnyStage;

@@ -8,7 +8,7 @@ use attitude::{
     state::Attitude,
 };
 
-use crate::hosted::{HostedStage, HostableStage};
+use crate::hosted::{HostableStage, HostedStage};
 
 /// Built-in or external stage of a slot.
 #[derive(Debug, Clone)]

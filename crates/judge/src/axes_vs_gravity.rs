@@ -181,7 +181,9 @@ impl GyroAxesCheck {
         }
         // Among equally good hypotheses, those with the smallest change come first.
         all.retain(|hypothesis| hypothesis.residual < TIE_RATIO * best + TIE_DIFFERENCE);
-        all.sort_by(|one, other| simplicity(other).total_cmp(&simplicity(one)).then(one.residual.total_cmp(&other.residual)));
+        all.sort_by(|one, other| {
+            simplicity(other).total_cmp(&simplicity(one)).then(one.residual.total_cmp(&other.residual))
+        });
         Some(diagnosis::gyro_mismatch(unchanged, self.motion_s(), &all))
     }
 }

@@ -61,7 +61,11 @@ impl AxisMonitor {
     pub(crate) fn diagnose(&self, has_rotated: bool, unit_is_wrong: bool) -> Option<Diagnosis> {
         let is_active = self.changes.iter().any(|changes| *changes as f64 >= ACTIVE_SHARE * self.samples as f64);
         let stuck_axes: Vec<_> = (0..3).filter(|axis| self.changes[*axis] == 0).collect();
-        if has_rotated && self.samples >= MIN_STUCK_SAMPLES && !stuck_axes.is_empty() && (is_active || self.last == Some([0.0; 3])) {
+        if has_rotated
+            && self.samples >= MIN_STUCK_SAMPLES
+            && !stuck_axes.is_empty()
+            && (is_active || self.last == Some([0.0; 3]))
+        {
             return Some(diagnosis::stuck(self.quantity, self.sensor, &stuck_axes, self.samples));
         }
         if unit_is_wrong {

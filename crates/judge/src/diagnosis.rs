@@ -115,9 +115,8 @@ fn unit_remedy(sensor: &str, factor: f64, unit: &str) -> String {
 const DEGREE_RAD: f64 = 0.017_453_292_52;
 
 pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
-    let evidence = format!(
-        "{clipped} rates are at or beyond rate_max_deg_s, and {implausible} were rejected as implausible"
-    );
+    let evidence =
+        format!("{clipped} rates are at or beyond rate_max_deg_s, and {implausible} were rejected as implausible");
     let causes = vec![cause("rates in °/s", unit_remedy("gyro", DEGREE_RAD, "deg/s"))];
     Diagnosis { issue: InputIssue::RateUnit, evidence, causes }
 }
@@ -149,10 +148,7 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
             cause("a very slow sensor", "too slow to keep an attitude: sample at 50 Hz or faster"),
         ],
         // No sensor is sampled once a minute, so the times are in µs or ns.
-        50.0.. => vec![
-            cause("times in µs, read as s", import("us")),
-            cause("times in ns, read as ms", import("ns")),
-        ],
+        50.0.. => vec![cause("times in µs, read as s", import("us")), cause("times in ns, read as ms", import("ns"))],
         _ => vec![
             cause("times in s, read as ms or a smaller unit", import("s")),
             cause("times in µs, read as ns", import("us")),
@@ -168,10 +164,7 @@ pub(crate) fn timestamps(rejected: u64, leaps: u64, samples: u64) -> Diagnosis {
         "repeated or out-of-order readings were rejected before {rejected} of {samples} samples, and {leaps} timestamps stalled, jumped or went back"
     );
     let causes = vec![
-        cause(
-            "an unsorted recording, or one with duplicate rows",
-            "sort the rows by time and remove duplicates",
-        ),
+        cause("an unsorted recording, or one with duplicate rows", "sort the rows by time and remove duplicates"),
         cause("timestamps taken on arrival at the host, or from an adjusted clock", "use the sensor's own timestamps"),
     ];
     Diagnosis { issue: InputIssue::Timestamps, evidence, causes }
@@ -202,9 +195,10 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
             (InputIssue::ForceUnit, vec![cause("m/s² read as g", unit_remedy("accel", GRAVITY_M_S2.recip(), "m/s2"))])
         }
         // Near 1000 at rest means thousandths of g, within the error of a scale.
-        (850.0..1200.0, _) => {
-            (InputIssue::ForceUnit, vec![cause("forces in thousandths of g", scale_remedy("accel", GRAVITY_M_S2 / 1000.0))])
-        }
+        (850.0..1200.0, _) => (
+            InputIssue::ForceUnit,
+            vec![cause("forces in thousandths of g", scale_remedy("accel", GRAVITY_M_S2 / 1000.0))],
+        ),
         _ => (
             InputIssue::ForceUnit,
             vec![cause("a wrong scale, such as raw converter counts", scale_remedy("accel", per_g.recip()))],
@@ -353,6 +347,7 @@ pub(crate) fn clipped(quantity: &str, sensor: &str, axis: usize, limit: f64, run
     };
     let evidence =
         format!("{name} of the {quantity} stays at its limit {limit:.3} in {runs} runs while other axes change");
-    let remedy = format!("select a larger range in the {sensor}, or declare its range: `ingest.limits.{key} = {value:.1}`");
+    let remedy =
+        format!("select a larger range in the {sensor}, or declare its range: `ingest.limits.{key} = {value:.1}`");
     Diagnosis { issue, evidence, causes: vec![cause("a measuring range that is too small", remedy)] }
 }

@@ -19,23 +19,23 @@
 //! | `axis_faults` | stuck and clipped axes |
 #![forbid(unsafe_code)]
 
-mod axis_faults;
-mod field_queue;
-pub mod diagnosis;
-mod magnitude;
-mod rate_unit;
 mod axes_vs_gravity;
+mod axis_faults;
+pub mod diagnosis;
+mod field_queue;
+mod magnitude;
 mod orientation;
+mod rate_unit;
 
 use messages::{Flags, ImuSample, MagSample};
 
-use axis_faults::AxisMonitor;
-pub use field_queue::FieldQueue;
-pub use diagnosis::{Diagnosis, InputIssue, PossibleCause};
-use magnitude::MagnitudeCheck;
-use rate_unit::RateUnitCheck;
 use axes_vs_gravity::GyroAxesCheck;
+use axis_faults::AxisMonitor;
+pub use diagnosis::{Diagnosis, InputIssue, PossibleCause};
+pub use field_queue::FieldQueue;
+use magnitude::MagnitudeCheck;
 use orientation::OrientationCheck;
+use rate_unit::RateUnitCheck;
 
 /// Interval between two evaluations, s of the samples' time. Equal to the longest window.
 const EVALUATION_INTERVAL_S: f64 = 2.0;

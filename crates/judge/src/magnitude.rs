@@ -64,11 +64,13 @@ impl MagnitudeCheck {
     pub(crate) fn diagnose_interval(&self, leaps: u64, samples: u64) -> Option<Diagnosis> {
         let median_s = self.interval_s.quantile(0.5)?;
         let is_leaping = leaps * LEAP_FACTOR > samples;
-        (is_leaping || !PLAUSIBLE_INTERVAL_S.contains(&median_s)).then(|| diagnosis::time_unit(median_s, leaps, samples))
+        (is_leaping || !PLAUSIBLE_INTERVAL_S.contains(&median_s))
+            .then(|| diagnosis::time_unit(median_s, leaps, samples))
     }
 
     pub(crate) fn diagnose_force(&self, span_s: f64) -> Option<Diagnosis> {
-        let [low, median, high] = [self.force_m_s2.quantile(0.1)?, self.force_m_s2.quantile(0.5)?, self.force_m_s2.quantile(0.9)?];
+        let [low, median, high] =
+            [self.force_m_s2.quantile(0.1)?, self.force_m_s2.quantile(0.5)?, self.force_m_s2.quantile(0.9)?];
         let is_shaken = high > SHAKEN_RATIO * low;
         let is_steady = low > STEADY_RATIOS[0] * median && high < STEADY_RATIOS[1] * median;
         if PLAUSIBLE_FORCE_G.contains(&(median / GRAVITY_M_S2)) || is_shaken && span_s < MIN_SHAKEN_SPAN_S {
@@ -78,7 +80,9 @@ impl MagnitudeCheck {
     }
 
     pub(crate) fn diagnose_field(&self) -> Option<Diagnosis> {
-        if self.rejected_fields > MIN_REJECTED_FIELDS && self.rejected_fields > MIN_REJECTED_FIELDS * self.field_ut.count {
+        if self.rejected_fields > MIN_REJECTED_FIELDS
+            && self.rejected_fields > MIN_REJECTED_FIELDS * self.field_ut.count
+        {
             return Some(diagnosis::rejected_fields(self.rejected_fields));
         }
         let median_ut = self.field_ut.quantile(0.5)?;

@@ -79,7 +79,8 @@ impl RateUnitCheck {
     }
 
     pub(crate) fn diagnose(&self) -> Option<Diagnosis> {
-        let is_wrong = self.mismatches >= MIN_MISMATCHES && f64::from(self.mismatches) > MIN_MISMATCH_SHARE * f64::from(self.windows);
+        let is_wrong = self.mismatches >= MIN_MISMATCHES
+            && f64::from(self.mismatches) > MIN_MISMATCH_SHARE * f64::from(self.windows);
         is_wrong.then(|| diagnosis::unobserved_rotation(self.mismatches, WINDOW_S))
     }
 }

@@ -86,12 +86,21 @@ impl AccessList {
         let mut commands = Vec::new();
         for vehicle in of(Role::Vehicle) {
             commands.push(format!("plumbline/v1/{}/command/*", vehicle.name()));
-            let imports =
-                imports.iter().filter(|import| [&import.exporter, &import.importer].iter().all(|it| parties.contains(it)));
-            list.add_parties(&vehicle.to_string(), [vehicle], [vehicle_rules(vehicle), carry_rules(vehicle, imports)].concat());
+            let imports = imports
+                .iter()
+                .filter(|import| [&import.exporter, &import.importer].iter().all(|it| parties.contains(it)));
+            list.add_parties(
+                &vehicle.to_string(),
+                [vehicle],
+                [vehicle_rules(vehicle), carry_rules(vehicle, imports)].concat(),
+            );
         }
         list.add_parties("viewers", of(Role::Viewer), reader_rules("viewers"));
-        list.add_parties("operators", of(Role::Operator), [reader_rules("operators"), command_rules(&commands)].concat());
+        list.add_parties(
+            "operators",
+            of(Role::Operator),
+            [reader_rules("operators"), command_rules(&commands)].concat(),
+        );
         list
     }
 
@@ -108,13 +117,24 @@ impl AccessList {
         rules.push(allow(format!("{ANONYMOUS} see queryables"), "egress", &["declare_queryable"], QUERYABLE_KEYS));
         if exports {
             let carry = [format!("plumbline/v1/{vehicle}/@carry")];
-            rules.push(allow(format!("{ANONYMOUS} request ticks"), "ingress", &["declare_subscriber", "query"], &carry));
-            rules.push(allow(format!("{ANONYMOUS} receive ticks"), "egress", &["put", "reply", "declare_queryable"], &carry));
+            rules.push(allow(
+                format!("{ANONYMOUS} request ticks"),
+                "ingress",
+                &["declare_subscriber", "query"],
+                &carry,
+            ));
+            rules.push(allow(
+                format!("{ANONYMOUS} receive ticks"),
+                "egress",
+                &["put", "reply", "declare_queryable"],
+                &carry,
+            ));
         }
         list.add_subject(ANONYMOUS, vec![], "tcp", rules);
         if certified {
             let keys = [TELEMETRY_KEYS, LIVELINESS_KEYS, CARRY_KEYS];
-            let rules = ["ingress", "egress"].map(|flow| allow(format!("certified {flow}"), flow, &ALL_MESSAGE_KINDS, keys));
+            let rules =
+                ["ingress", "egress"].map(|flow| allow(format!("certified {flow}"), flow, &ALL_MESSAGE_KINDS, keys));
             list.add_subject("certified", vec![], "quic", rules.into());
         }
         list
@@ -166,7 +186,8 @@ fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
 fn carry_rules<'a>(vehicle: &Party, imports: impl Iterator<Item = &'a Import> + Clone) -> Vec<Rule> {
     let carry = |party: &Party| format!("plumbline/v1/{}/@carry", party.name());
     let id = |what: &str| format!("{vehicle} {what}");
-    let sources: Vec<_> = imports.clone().filter(|import| import.importer == *vehicle).map(|it| carry(&it.exporter)).collect();
+    let sources: Vec<_> =
+        imports.clone().filter(|import| import.importer == *vehicle).map(|it| carry(&it.exporter)).collect();
     let mut rules = Vec::new();
     if imports.clone().any(|import| import.exporter == *vehicle) {
         let own = [carry(vehicle)];
@@ -187,7 +208,12 @@ fn reader_rules(subject: &str) -> Vec<Rule> {
         allow(id("receive samples"), "egress", &["put"], [TELEMETRY_KEYS]),
         allow(id("query"), "ingress", &["query"], QUERYABLE_KEYS),
         allow(id("receive replies"), "egress", &["reply"], QUERYABLE_KEYS),
-        allow(id("query liveliness"), "ingress", &["liveliness_query", "declare_liveliness_subscriber"], [LIVELINESS_KEYS]),
+        allow(
+            id("query liveliness"),
+            "ingress",
+            &["liveliness_query", "declare_liveliness_subscriber"],
+            [LIVELINESS_KEYS],
+        ),
         allow(id("receive liveliness"), "egress", &["liveliness_token"], [LIVELINESS_KEYS]),
     ]
 }

@@ -200,7 +200,10 @@ mod tests {
         let (authority, _) = Authority::new().unwrap();
         let party = Party::new(Role::Viewer, "a").unwrap();
         for days in [0, AUTHORITY_DAYS + 1, u32::MAX] {
-            assert!(matches!(authority.issue_party(&party, &[], days), Err(KeysError::InvalidValidity { .. })), "{days}");
+            assert!(
+                matches!(authority.issue_party(&party, &[], days), Err(KeysError::InvalidValidity { .. })),
+                "{days}"
+            );
         }
     }
 

@@ -3,14 +3,14 @@
 //! ```text
 //! DIR/authority.pem, authority.key    the authority; its key stays here
 //! DIR/router/                         ca.pem, cert.pem, key.pem, router.json5
-//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; access.json5 if the
-//!                                     vehicle listens; imports, one party per line, if it imports
-//!                                     ticks of other vehicles
+//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; access.json5 if
+//!                                     the vehicle listens; imports, one party per line, if it
+//!                                     imports ticks of other vehicles
 //! DIR/operator.NAME/, viewer.NAME/    ca.pem, cert.pem, key.pem, ground.json5
 //! DIR/revoked/                        folders of revoked parties
 //! ```
 //!
-//! The access list contains the parties whose folders exist.
+//! Every party with a folder is on the access list.
 
 use std::{
     fs::{self, DirBuilder, OpenOptions},
@@ -87,7 +87,12 @@ impl Keys {
     /// Returns [`KeysError::Exists`] if there is an authority and `force` is not set,
     /// [`KeysError::InvalidValidity`] if `days` is out of range, and [`KeysError::Io`] if a file
     /// cannot be written.
-    pub fn init(folder: &Path, hosts: &[Host], days: u32, force: bool) -> Result<(Self, [WrittenFolder; 2]), KeysError> {
+    pub fn init(
+        folder: &Path,
+        hosts: &[Host],
+        days: u32,
+        force: bool,
+    ) -> Result<(Self, [WrittenFolder; 2]), KeysError> {
         let paths = [AUTHORITY_CERTIFICATE, AUTHORITY_KEY].map(|file| folder.join(file));
         if let Some(path) = paths.iter().find(|path| path.exists() && !force) {
             let consequence = ", which invalidates every certificate it signed";
@@ -104,8 +109,13 @@ impl Keys {
         write(key, &issued.key, PRIVATE)?;
         write(certificate, &issued.certificate, PUBLIC)?;
         let until = keys.read(certificate)?.not_after.date().to_string();
-        let own =
-            WrittenFolder { name: "authority".into(), until, folder: folder.into(), files: paths.to_vec(), copy_to: None };
+        let own = WrittenFolder {
+            name: "authority".into(),
+            until,
+            folder: folder.into(),
+            files: paths.to_vec(),
+            copy_to: None,
+        };
         let router = keys.write_folder(ROUTER, &router, "router.json5", configuration::ROUTER)?;
         keys.write_access_lists()?;
         Ok((keys, [own, router]))
@@ -227,8 +237,11 @@ impl Keys {
         let (now, imports) = (time::OffsetDateTime::now_utc(), self.read_imports(&self.parties()?)?);
         let holder = |path: &PathBuf, revoked| {
             let Contents { common_name: name, not_after: until, .. } = self.read(path)?;
-            let imports =
-                imports.iter().filter(|import| import.importer.to_string() == name).map(|it| it.exporter.clone()).collect();
+            let imports = imports
+                .iter()
+                .filter(|import| import.importer.to_string() == name)
+                .map(|it| it.exporter.clone())
+                .collect();
             Ok(Holder {
                 name,
                 until: until.date().to_string(),
@@ -259,7 +272,13 @@ impl Keys {
         Ok(())
     }
 
-    fn write_folder(&self, name: &str, issued: &IssuedCertificate, file: &str, text: &str) -> Result<WrittenFolder, KeysError> {
+    fn write_folder(
+        &self,
+        name: &str,
+        issued: &IssuedCertificate,
+        file: &str,
+        text: &str,
+    ) -> Result<WrittenFolder, KeysError> {
         let folder = self.folder.join(name);
         create_folder(&folder)?;
         let files = ["key.pem", "cert.pem", "ca.pem", file].map(|file| folder.join(file));

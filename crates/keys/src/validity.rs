@@ -14,8 +14,7 @@ use crate::{KeysError, certificate::Contents};
 /// [`KeysError::Expired`] or [`KeysError::NotYetValid`], each with a remedy, if the certificate is
 /// not valid now.
 pub fn check(path: &Path) -> Result<(), KeysError> {
-    let text =
-        fs::read_to_string(path).map_err(|cause| KeysError::Io { action: "read", path: path.into(), cause })?;
+    let text = fs::read_to_string(path).map_err(|cause| KeysError::Io { action: "read", path: path.into(), cause })?;
     let contents = Contents::from_pem(&text).map_err(|why| KeysError::InvalidFile { path: path.into(), why })?;
     let now = OffsetDateTime::now_utc();
     let (name, path, today) = (contents.common_name.clone(), path.into(), now.date().to_string());

@@ -80,7 +80,10 @@ fn router_list_follows_parties_and_keeps_manual_edits() {
     keys.revoke(&party("vehicle.alpha")).unwrap();
     assert!(!names("vehicle.alpha") && names("10.0.0.1:7447"));
     fs::write(&path, "{}").unwrap();
-    assert!(matches!(keys.issue(&party("vehicle.beta"), &[], &[], 30, false), Err(KeysError::MissingListMarkers { .. })));
+    assert!(matches!(
+        keys.issue(&party("vehicle.beta"), &[], &[], 30, false),
+        Err(KeysError::MissingListMarkers { .. })
+    ));
 }
 
 #[test]

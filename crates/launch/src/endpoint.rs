@@ -45,9 +45,7 @@ fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_
             },
             Some(Endpoint::Quic { .. }) if security.tls && security.access => continue,
             Some(Endpoint::Quic { .. }) if security.tls => Problem {
-                help: Some(
-                    "set access to an access list; `plumb keys vehicle NAME --host HOST` writes one".into(),
-                ),
+                help: Some("set access to an access list; `plumb keys vehicle NAME --host HOST` writes one".into()),
                 ..endpoint_problem(endpoint, key, "has no access list", "needs access")
             },
             Some(Endpoint::Quic { .. }) => Problem {
@@ -59,11 +57,22 @@ fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_
                 let help = Some(format!(
                     "use \"quic/…\" with certificates ({CERTIFICATES}), or the loopback ({LOOPBACK}); for an encrypted tunnel, list its network in tunnel"
                 ));
-                Problem { help, ..endpoint_problem(endpoint, key, "is not secured", "outside the loopback only mutual TLS is allowed") }
+                Problem {
+                    help,
+                    ..endpoint_problem(
+                        endpoint,
+                        key,
+                        "is not secured",
+                        "outside the loopback only mutual TLS is allowed",
+                    )
+                }
             }
             None => {
                 let note = Some(format!("for example {LOOPBACK} or \"quic/station.example:7447\""));
-                Problem { note, ..endpoint_problem(endpoint, key, "is not an endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT") }
+                Problem {
+                    note,
+                    ..endpoint_problem(endpoint, key, "is not an endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT")
+                }
             }
         };
         section.report(problem);
@@ -85,7 +94,12 @@ fn tunnels(section: &mut Section<'_, '_>) -> Vec<Network> {
     for text in &listed {
         match Network::parse(text.get_ref()) {
             Some(network) => tunnels.push(network),
-            None => section.report(endpoint_problem(text, "tunnel", "is not a network", "expected ADDRESS/BITS, such as \"10.9.0.0/24\"")),
+            None => section.report(endpoint_problem(
+                text,
+                "tunnel",
+                "is not a network",
+                "expected ADDRESS/BITS, such as \"10.9.0.0/24\"",
+            )),
         }
     }
     tunnels

@@ -52,8 +52,11 @@ impl Launch {
 /// `folder` is known.
 pub(crate) fn external_stages(section: &mut Section<'_, '_>, folder: Option<&Path>, launch: &mut Launch) {
     section.named_tables("stages", |section, name, span| {
-        let mut stage =
-            ExternalStage { slot: Service::Ingest, command: Vec::new(), folder: folder.unwrap_or(Path::new("")).into() };
+        let mut stage = ExternalStage {
+            slot: Service::Ingest,
+            command: Vec::new(),
+            folder: folder.unwrap_or(Path::new("")).into(),
+        };
         let is_valid = is_free(section, name, &span) & slot(section, name, &span, &mut stage);
         command(section, name, &span, folder, &mut stage);
         // A stage with an invalid command is kept, so that a slot with this stage causes no second
@@ -110,7 +113,8 @@ fn command(
     };
     if let Some(error) = &error {
         let span = section.span("command").unwrap_or_default();
-        let note = Some("a path is relative to the launch file's folder; a name without a slash is searched in PATH".into());
+        let note =
+            Some("a path is relative to the launch file's folder; a name without a slash is searched in PATH".into());
         let title = format!("stages.{name}.command: {error}");
         section.report(Problem { note, ..Problem::new(span, title, "invalid command") });
     }
@@ -155,7 +159,11 @@ mod tests {
             (COMPLETE.replace("my-fuser", "wz"), ":1:", "belongs to a built-in stage"),
             (COMPLETE.replace("my-fuser", "\"My fuser\""), ":1:", "expected a name of 1 to 32"),
             (COMPLETE.replace("\"fuser\"", "\"fusr\""), ":2:8\n", "did you mean \"fuser\"?"),
-            (COMPLETE.replace("\"fuser\"", "\"ingest\""), ":2:8\n", "allowed: \"gyro\", \"accel\", \"fuser\", \"course\""),
+            (
+                COMPLETE.replace("\"fuser\"", "\"ingest\""),
+                ":2:8\n",
+                "allowed: \"gyro\", \"accel\", \"fuser\", \"course\"",
+            ),
             (COMPLETE.replace("slot = \"fuser\"", ""), ":1:", "stages.my-fuser: slot is missing"),
             (COMPLETE.replace("command = [\"python3\", \"my_fuser.py\"]", ""), ":1:", "command is missing"),
             (COMPLETE.replace("[\"python3\", \"my_fuser.py\"]", "\"python3\""), ":3:11\n", "an array of strings"),

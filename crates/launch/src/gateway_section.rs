@@ -6,7 +6,7 @@ use graph::{Buffer, Entry, Topic};
 
 use crate::{
     endpoint,
-    gateway::{Gateway, TopicRate, Tls},
+    gateway::{Gateway, Tls, TopicRate},
     model::system_name,
     split,
     toml_reader::Section,
@@ -96,7 +96,10 @@ mod tests {
         assert_eq!((gateway.listen.len(), gateway.connect.len(), gateway.messages_hz), (4, 1, 50.0));
         assert_eq!(gateway.tls, Some(Tls { ca: "ca.pem".into(), cert: "me.pem".into(), key: "me.key".into() }));
         let rate = |topic: &str| gateway.rates.get(topic).copied();
-        assert_eq!((rate("attitude"), rate("fused"), rate("imu")), (Some(TopicRate::All), None, Some(TopicRate::Hz(100.0))));
+        assert_eq!(
+            (rate("attitude"), rate("fused"), rate("imu")),
+            (Some(TopicRate::All), None, Some(TopicRate::Hz(100.0)))
+        );
         assert_eq!(rate("health"), Some(TopicRate::All), "a missing key keeps its default");
     }
 
@@ -104,10 +107,7 @@ mod tests {
     fn insecure_or_invalid_endpoint_is_rejected_with_remedy() {
         for (text, expected) in [
             ("listen = [\"tcp/0.0.0.0:7447\"]", "outside the loopback only mutual TLS"),
-            (
-                "listen = [\"tcp/127.0.0.1:7447\", \"tcp/192.168.1.4:7447\"]",
-                "\"tcp/192.168.1.4:7447\" is not secured",
-            ),
+            ("listen = [\"tcp/127.0.0.1:7447\", \"tcp/192.168.1.4:7447\"]", "\"tcp/192.168.1.4:7447\" is not secured"),
             ("connect = [\"tcp/station.example:7447\"]", "set ca, cert and key in [gateway.tls]"),
             ("listen = [\"quic/0.0.0.0:7447\"]", "needs [gateway.tls]"),
             ("listen = [\"quic/0.0.0.0:7447\"]\ntls = { ca = \"a\", cert = \"b\", key = \"c\" }", "has no access list"),

@@ -31,8 +31,8 @@
 
 mod cockpit;
 mod endpoint;
+mod external_stage;
 mod fault;
-mod slot_stage;
 mod format;
 mod gateway;
 mod gateway_section;
@@ -41,30 +41,30 @@ mod model;
 mod north;
 mod output;
 mod problem;
-mod external_stage;
+mod promotion_rule;
 mod schema;
 mod sensors;
+mod slot_stage;
 mod source_uri;
 mod split;
 mod toml_reader;
-mod promotion_rule;
 
 pub use graph::Service;
 
 pub use cockpit::{Cockpit, CockpitTls};
+pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
-pub use slot_stage::UnknownStage;
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
-pub use gateway::{Gateway, Import, TopicRate, Tls};
+pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{
-    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
-    Source, StageConfig, StateFile, MAX_TOPIC_MESSAGES,
+    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, MAX_TOPIC_MESSAGES, OnLimit,
+    Replay, Restart, Sim, Source, StageConfig, StateFile,
 };
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
-pub use problem::{LaunchError, Problems, pluralize, nearest};
-pub use external_stage::ExternalStage;
+pub use problem::{LaunchError, Problems, nearest, pluralize};
+pub use promotion_rule::{Measure, PromotionRule};
+pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;
-pub use promotion_rule::{Measure, PromotionRule};

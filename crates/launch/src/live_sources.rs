@@ -128,7 +128,10 @@ impl Default for LiveSources {
             stdin: PortSource { port: Some(Port::Stdin), stream: Stream::with_clock(Clock::Device) },
             udp: PortSource { port: loopback(14_560), stream: stream() },
             tcp: PortSource { port: None, stream: stream() },
-            serial: PortSource { port: Some(Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD }), stream: stream() },
+            serial: PortSource {
+                port: Some(Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD }),
+                stream: stream(),
+            },
             mavlink: PortSource {
                 port: loopback(14_540),
                 stream: Stream { format: Format::mavlink(), rate_hz: 50.0, ..stream() },

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
-    cockpit::Cockpit, fault::Fault, gateway::Gateway, live_sources::LiveSources, north::NorthReference, output::Output, external_stage::ExternalStage,
-    promotion_rule::PromotionRule,
+    cockpit::Cockpit, external_stage::ExternalStage, fault::Fault, gateway::Gateway, live_sources::LiveSources,
+    north::NorthReference, output::Output, promotion_rule::PromotionRule,
 };
 
 /// Maximum number of messages that a topic holds for a subscriber: 13 MB of the largest.

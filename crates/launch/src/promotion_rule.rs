@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, ops::Range};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Launch, Service, StageConfig, slot_stage::stage_config, problem::Problem, toml_reader::Section};
+use crate::{Launch, Service, StageConfig, problem::Problem, slot_stage::stage_config, toml_reader::Section};
 
 /// Rule that promotes a shadow stage by its measured difference, and rolls it back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -72,8 +72,16 @@ fn promotion_rule(section: &mut Section<'_, '_>, span: &Range<usize>, launch: &L
         rollback_after_s: 1.0,
         limit: 1,
     };
-    let PromotionRule { slot, stage, measure, promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, limit } =
-        &mut rule;
+    let PromotionRule {
+        slot,
+        stage,
+        measure,
+        promote_below_deg,
+        promote_after_s,
+        rollback_above_deg,
+        rollback_after_s,
+        limit,
+    } = &mut rule;
     let slots: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
     let mut valid = section.choice("slot", slots, slot) & stage_config(section, *slot, &launch.stages, stage);
     valid &= section.choice("measure", MEASURES, measure);

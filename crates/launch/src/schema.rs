@@ -3,20 +3,20 @@
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
     cockpit::cockpit,
+    external_stage::external_stages,
     fault,
-    slot_stage::stage_config,
     gateway::{Gateway, Tls},
     gateway_section::gateway,
     live_sources::{RATE_RANGE_HZ, live_sources},
-    model::{Gnss, Ingest, Replay, StateFile, MAX_TOPIC_MESSAGES, system_name},
+    model::{Gnss, Ingest, MAX_TOPIC_MESSAGES, Replay, StateFile, system_name},
     north,
     output::output,
     problem::{Problem, quoted},
-    external_stage::external_stages,
+    promotion_rule::promotion_rules,
     sensors::{calibration, mounting},
+    slot_stage::stage_config,
     split,
     toml_reader::{self, Section},
-    promotion_rule::promotion_rules,
 };
 use scenario::{Motion, PARAMETERS, Parameter, ScenarioError};
 use std::{fs, path::Path};
@@ -155,7 +155,9 @@ fn require_complete_path(section: &mut Section<'_, '_>, services: &[Service]) {
         Service::PATH.into_iter().filter(|service| !services.contains(service)).map(Service::name).collect();
     if let Some(span) = section.span("services").filter(|_| !missing.is_empty()) {
         section.report(Problem {
-            note: Some("every service of the data path must run exactly once, here or on the host of [gateway.import]".into()),
+            note: Some(
+                "every service of the data path must run exactly once, here or on the host of [gateway.import]".into(),
+            ),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
         });
     }

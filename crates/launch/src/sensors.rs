@@ -176,7 +176,10 @@ mod tests {
         ];
         for (text, expected, location) in cases {
             let shown = Launch::parse("launch.toml", text).unwrap_err().to_string();
-            assert!(shown.contains(expected) && shown.contains(location) && shown.ends_with("1 problem"), "{expected}:\n{shown}");
+            assert!(
+                shown.contains(expected) && shown.contains(location) && shown.ends_with("1 problem"),
+                "{expected}:\n{shown}"
+            );
         }
     }
 }

@@ -12,7 +12,7 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 
-use crate::{Launch, ExternalStage, Service, StageConfig, problem::nearest, toml_reader::Section};
+use crate::{ExternalStage, Launch, Service, StageConfig, problem::nearest, toml_reader::Section};
 
 impl Launch {
     /// Checks that the slot has a stage of this name, built-in or external.

@@ -18,7 +18,8 @@ impl Launch {
     /// Returns `true` if the service runs here and processes every tick. Upstream services must
     /// then resend what it needs when they restart.
     pub fn consumes_ticks(&self, service: Service) -> bool {
-        self.services.contains(&service) && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())
+        self.services.contains(&service)
+            && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())
     }
 
     /// Returns the service that publishes the first tick topics: the gateway if ticks are imported,
@@ -38,7 +39,9 @@ pub(crate) fn split_keys(section: &mut Section<'_, '_>, out: &mut Gateway) {
         let vehicle_valid = section.parsed("vehicle", expected, system_name, &mut import.vehicle);
         let topics_valid = topics(section, "topics", &mut import.topics);
         match ["vehicle", "topics"].into_iter().find(|key| !section.has(key)) {
-            Some(key) => section.report_table(&format!("gateway.import: {key:?} is missing"), "needs vehicle and topics"),
+            Some(key) => {
+                section.report_table(&format!("gateway.import: {key:?} is missing"), "needs vehicle and topics")
+            }
             None if vehicle_valid && topics_valid => out.import = Some(import),
             None => {}
         }
@@ -57,7 +60,8 @@ fn topics(section: &mut Section<'_, '_>, key: &'static str, out: &mut Vec<String
         let [dense, sparse] = [true, false].map(|dense| {
             Topic::carried().filter(|topic| has_every_tick(*topic) == dense).map(Topic::name).collect::<Vec<_>>()
         });
-        let note = Some(format!("{} have messages only for some ticks, marked by flags of the others", sparse.join(" and ")));
+        let note =
+            Some(format!("{} have messages only for some ticks, marked by flags of the others", sparse.join(" and ")));
         let title = format!("{key}: one of {} must be among the topics", quoted(&dense));
         section.report(Problem { note, ..Problem::new(span, title, "no topic with every tick") });
         return false;
@@ -98,7 +102,12 @@ pub(crate) fn validate(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
             let topic = topic.name();
             if let Some(publisher) = publisher.filter(|publisher| !is_local(*publisher)) {
                 let label = format!("list \"{publisher}\", or import {topic:?} in [gateway.import]");
-                report(format!("services: \"{service}\" needs the topic {topic:?}, which is neither published here nor imported"), &label);
+                report(
+                    format!(
+                        "services: \"{service}\" needs the topic {topic:?}, which is neither published here nor imported"
+                    ),
+                    &label,
+                );
             }
         }
     }

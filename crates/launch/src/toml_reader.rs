@@ -22,7 +22,11 @@ pub(crate) struct Section<'t, 'p> {
 }
 
 /// Reads the outermost table of the file.
-pub(crate) fn read_root<'t>(table: &'t DeTable<'t>, problems: &mut Vec<Problem>, read: impl FnOnce(&mut Section<'t, '_>)) {
+pub(crate) fn read_root<'t>(
+    table: &'t DeTable<'t>,
+    problems: &mut Vec<Problem>,
+    read: impl FnOnce(&mut Section<'t, '_>),
+) {
     read_table(String::new(), table, problems, read);
 }
 

@@ -4,7 +4,7 @@ use std::net::TcpStream;
 
 use zenoh::Wait;
 
-use crate::{Endpoints, endpoints::is_secured, admission::MAX_SESSIONS};
+use crate::{Endpoints, admission::MAX_SESSIONS, endpoints::is_secured};
 
 /// Timeout of the attempt, ms.
 const ATTEMPT_TIMEOUT_MS: &str = "3000";

@@ -76,7 +76,8 @@ impl Endpoints {
     /// Fails if no free port is found.
     pub fn with_free_ports(mut self) -> Result<Self, LinkError> {
         for endpoint in &mut self.listen {
-            let address = endpoint.strip_prefix("tcp/").filter(|it| LOOPBACK_PREFIXES.iter().any(|host| it.starts_with(host)));
+            let address =
+                endpoint.strip_prefix("tcp/").filter(|it| LOOPBACK_PREFIXES.iter().any(|host| it.starts_with(host)));
             if let Some(address) = address {
                 *endpoint = format!("tcp/{}", with_free_port(address)?);
             }

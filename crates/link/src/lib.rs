@@ -18,20 +18,20 @@
 //! | [`remote`] | the remote side: subscriptions and queries |
 #![forbid(unsafe_code)]
 
-pub mod endpoints;
 mod admission;
-pub mod publisher;
 mod diagnosis;
+pub mod endpoints;
+pub mod publisher;
 pub mod remote;
 
 use std::time::{Duration, Instant};
 
 use zenoh::{Session, Wait};
 
-pub use endpoints::Endpoints;
 pub use admission::MAX_SESSIONS;
-pub use publisher::{QueryHandler, Liveliness, MessagePublisher, IncomingQuery};
-pub use remote::{RemoteMessage, MessageStream};
+pub use endpoints::Endpoints;
+pub use publisher::{IncomingQuery, Liveliness, MessagePublisher, QueryHandler};
+pub use remote::{MessageStream, RemoteMessage};
 
 /// Timeout for closing a session. The process ends in any case.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
@@ -85,7 +85,10 @@ impl Link {
             }
             let was_answered = attempt_started.elapsed() < MIN_UNANSWERED_ATTEMPT;
             if started.elapsed() > if was_answered { REJECTED_TIMEOUT } else { UNANSWERED_TIMEOUT } {
-                return Err(LinkError::Unreachable { limit_s: started.elapsed().as_secs(), reason: diagnosis::diagnose(endpoints) });
+                return Err(LinkError::Unreachable {
+                    limit_s: started.elapsed().as_secs(),
+                    reason: diagnosis::diagnose(endpoints),
+                });
             }
             std::thread::sleep(RETRY_INTERVAL);
         }
@@ -170,9 +173,7 @@ pub enum LinkError {
     #[error(transparent)]
     Certificate(#[from] keys::KeysError),
     /// The endpoint has an IPv6 address, which is not supported over QUIC.
-    #[error(
-        "connecting to {endpoint}: IPv6 addresses are not supported over QUIC; use a DNS name or an IPv4 address"
-    )]
+    #[error("connecting to {endpoint}: IPv6 addresses are not supported over QUIC; use a DNS name or an IPv4 address")]
     Ipv6 {
         /// Endpoint with the address.
         endpoint: String,
@@ -186,7 +187,9 @@ pub enum LinkError {
         cause: String,
     },
     /// All ports that were tried are in use.
-    #[error("listening at {endpoint}: this port and the next {tried} ports are in use; set another one in [gateway] listen")]
+    #[error(
+        "listening at {endpoint}: this port and the next {tried} ports are in use; set another one in [gateway] listen"
+    )]
     NoFreePort {
         /// First endpoint tried.
         endpoint: String,
@@ -204,9 +207,7 @@ pub enum LinkError {
         cause: String,
     },
     /// The query had no response.
-    #[error(
-        "querying {key}: no response within {limit_s:.0} s; `plumb station` lists the visible vehicles"
-    )]
+    #[error("querying {key}: no response within {limit_s:.0} s; `plumb station` lists the visible vehicles")]
     NoResponse {
         /// Key of the query.
         key: String,

@@ -72,7 +72,8 @@ impl Link {
         key: &str,
         handler: impl Fn(IncomingQuery) + Send + Sync + 'static,
     ) -> Result<QueryHandler, LinkError> {
-        let queryable = self.session.declare_queryable(key.to_owned()).callback(move |query| handler(IncomingQuery(query)));
+        let queryable =
+            self.session.declare_queryable(key.to_owned()).callback(move |query| handler(IncomingQuery(query)));
         queryable.wait().map(QueryHandler).map_err(at_key("handling queries at", key))
     }
 }

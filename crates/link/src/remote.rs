@@ -44,7 +44,8 @@ impl Link {
     /// Subscribes to liveliness: existing tokens first, then all changes.
     pub fn subscribe_liveliness(&self, keys: &str) -> Result<MessageStream, LinkError> {
         let liveliness = self.session.liveliness();
-        let subscriber = liveliness.declare_subscriber(keys.to_owned()).history(true).with(RingChannel::new(MAX_BUFFERED));
+        let subscriber =
+            liveliness.declare_subscriber(keys.to_owned()).history(true).with(RingChannel::new(MAX_BUFFERED));
         subscriber.wait().map(MessageStream).map_err(at_key("subscribing to liveliness at", keys))
     }
 

@@ -289,7 +289,8 @@ impl Mapping {
 
     /// Converts a quaternion w, x, y, z to native axes. `None` unless it has unit length.
     pub fn reference(&self, quaternion: [f64; 4]) -> Option<[f64; 4]> {
-        is_rotation(quaternion).then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body, quaternion))
+        is_rotation(quaternion)
+            .then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body, quaternion))
     }
 
     /// Returns the body rate, rad/s, right, forward, up, from the columns of [`RATE`].

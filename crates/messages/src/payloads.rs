@@ -708,7 +708,10 @@ mod tests {
     fn layouts_match_the_golden_file() {
         let now: String = layouts().iter().map(|l| format!("{:016x} {l}\n", l.fingerprint())).collect();
         let golden = include_str!("../golden/layouts.txt");
-        assert_eq!(now, golden, "a layout changed: raise the version in its name, then copy the left side to the golden file");
+        assert_eq!(
+            now, golden,
+            "a layout changed: raise the version in its name, then copy the left side to the golden file"
+        );
     }
 
     #[test]

@@ -59,8 +59,16 @@ impl CsvWriter {
         let (batches, receiver) = mpsc::sync_channel(MAX_BATCHES);
         let written_bytes = Arc::new(AtomicU64::new(0));
         let written = written_bytes.clone();
-        let writer = thread::Builder::new().name("out".into()).spawn(move || write_batches(file, &receiver, &written))?;
-        Ok(Self { path: path.into(), buffer, batches: Some(batches), writer: Some(writer), written_bytes, stall_timeout })
+        let writer =
+            thread::Builder::new().name("out".into()).spawn(move || write_batches(file, &receiver, &written))?;
+        Ok(Self {
+            path: path.into(),
+            buffer,
+            batches: Some(batches),
+            writer: Some(writer),
+            written_bytes,
+            stall_timeout,
+        })
     }
 
     /// Returns the buffer to which the next line is appended.

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use messages::{AttitudeOutput, FusedState};
 
-use crate::{CollectorError, columns::AttitudeFile, attitude_csv::CsvWriter};
+use crate::{CollectorError, attitude_csv::CsvWriter, columns::AttitudeFile};
 
 /// Maximum number of attitudes, and of fused states, that wait for each other: twice the capacity
 /// of a topic.

@@ -11,7 +11,7 @@ use hdrhistogram::{CreationError, Histogram};
 use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
-use crate::{columns::AttitudeFile, attitude_lines::AttitudeLines};
+use crate::{attitude_lines::AttitudeLines, columns::AttitudeFile};
 
 /// Maximum number of references that wait for their attitudes: twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;

@@ -20,16 +20,16 @@
 //! | `attitude_csv` | writer thread of the attitude file |
 #![forbid(unsafe_code)]
 
+mod attitude_csv;
+mod attitude_lines;
 pub mod collector;
 pub mod columns;
-mod attitude_lines;
-mod attitude_csv;
 pub mod path;
 pub mod schedule;
 mod slot_runner;
 
-pub use collector::{Collector, CollectorError};
-pub use columns::{Column, AttitudeFile};
 pub use attitude_csv::is_same_file;
+pub use collector::{Collector, CollectorError};
+pub use columns::{AttitudeFile, Column};
 pub use path::Path;
 pub use schedule::{ReplayWarning, Schedule};

@@ -148,7 +148,8 @@ impl Schedule {
     fn on_restarted(&mut self, slot: Service, event: &SystemEvent) {
         let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
         if is_fresh || event.adopted_filling != event.filling {
-            let from_tick = self.slot(slot).and_then(|own| own.owner_changes.last()).map_or(0, |change| change.from_tick);
+            let from_tick =
+                self.slot(slot).and_then(|own| own.owner_changes.last()).map_or(0, |change| change.from_tick);
             let tick = if is_fresh { from_tick } else { event.adopted_tick };
             self.add_warning(tick, &format!("the slot `{slot}` was restarted without a checkpoint of its own"));
         }
@@ -181,7 +182,9 @@ mod tests {
 
     fn owner(tick: u64, filling: u32, adopted: (u64, u32)) -> SystemEvent {
         let event = SystemEvent { tick, service: Service::Fuser as u32, ..SystemEvent::new(EventKind::OWNER) };
-        event.with_instance(filling, Some(adopted.0), adopted.1, false).with_stage("vqf", [("gain", 0.1), ("fade_s", 1e-9)])
+        event
+            .with_instance(filling, Some(adopted.0), adopted.1, false)
+            .with_stage("vqf", [("gain", 0.1), ("fade_s", 1e-9)])
     }
 
     #[test]
@@ -196,7 +199,11 @@ mod tests {
         assert_eq!([0, 2, 3].map(|instance| fuser.needed_until(instance)), [140, 300, u64::MAX]);
         assert_eq!(fuser.activations[&2].stage.set.iter().collect::<Vec<_>>().len(), 2);
         let warnings: Vec<_> = schedule.warnings().iter().map(|warning| warning.tick).collect();
-        assert_eq!((warnings, schedule.slot(Service::Gyro).is_none()), (vec![90], true), "the subscribers of the first decision are unknown");
+        assert_eq!(
+            (warnings, schedule.slot(Service::Gyro).is_none()),
+            (vec![90], true),
+            "the subscribers of the first decision are unknown"
+        );
     }
 
     #[test]

@@ -18,7 +18,7 @@ use runtime::{
     slot_service::SlotService,
 };
 
-use crate::schedule::{StageActivation, Schedule, SlotSchedule, OwnerChange};
+use crate::schedule::{OwnerChange, Schedule, SlotSchedule, StageActivation};
 
 /// Slot with one stage or a sequence of stages.
 pub(crate) enum SlotRunner<S: Slot> {
@@ -59,7 +59,11 @@ impl<S: Slot<Input: Clone>> SlotRunner<S> {
             slot,
             build,
             services: vec![(0, first)],
-            pending_activations: schedule.activations.iter().map(|(instance, stage)| (*instance, stage.clone())).collect(),
+            pending_activations: schedule
+                .activations
+                .iter()
+                .map(|(instance, stage)| (*instance, stage.clone()))
+                .collect(),
             pending_changes: schedule.owner_changes.iter().copied().collect(),
             schedule: schedule.clone(),
             config,

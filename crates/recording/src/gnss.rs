@@ -12,9 +12,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
+    atomic_file::{AtomicFile, decimal},
     columns::group_indices,
     error::RecordingError,
-    atomic_file::{AtomicFile, decimal},
     table::Table,
     time,
 };

@@ -38,8 +38,11 @@ impl Lines {
         // `next` subtracts one from the line number, which requires a newline after the last line,
         // too.
         let final_newline = &b"\n"[..];
-        let inner: Box<dyn Read + Send> =
-            if is_gzip { Box::new(MultiGzDecoder::new(bytes).chain(final_newline)) } else { Box::new(bytes.chain(final_newline)) };
+        let inner: Box<dyn Read + Send> = if is_gzip {
+            Box::new(MultiGzDecoder::new(bytes).chain(final_newline))
+        } else {
+            Box::new(bytes.chain(final_newline))
+        };
         let records = ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)

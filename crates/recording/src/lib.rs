@@ -14,11 +14,11 @@
 //! ([`References`]). A [`Writer`] writes a recording that [`Reader`] reads back unchanged.
 #![forbid(unsafe_code)]
 
+mod atomic_file;
 mod columns;
 mod error;
 pub mod gnss;
 mod input;
-mod atomic_file;
 mod reader;
 mod reference;
 mod survey;
@@ -26,8 +26,8 @@ mod table;
 mod time;
 mod writer;
 
-pub use error::{ParseError, Position, RecordingError};
 pub use atomic_file::{temporary_path, write_atomic};
+pub use error::{ParseError, Position, RecordingError};
 pub use reader::{Reader, Reference, Row};
 pub use reference::{MAX_GAP_NS, References};
 pub use survey::{Survey, survey};

@@ -15,7 +15,7 @@ use std::path::Path;
 use crate::{
     columns::group_indices,
     error::{ParseError, Position, RecordingError},
-    reader::{Reference, parse_flag, normalized},
+    reader::{Reference, normalized, parse_flag},
     table::{Fields, Table},
     time,
 };
@@ -151,8 +151,9 @@ mod tests {
     fn missing_quaternion_makes_neighbourhood_unknown() {
         let text = "t_s,qw,qx,qy,qz,mov\n0,1,0,0,0,1\n0.1,nan,nan,nan,nan,1\n0.2,1,0,0,0,0\n0.3,1,0,0,0,1\n";
         let mut references = open(text).unwrap();
-        let scored = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
-            .map(|t_s: f64| references.interpolate((t_s * 1e9).round() as i64).unwrap().map(|reference| reference.scored));
+        let scored = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3].map(|t_s: f64| {
+            references.interpolate((t_s * 1e9).round() as i64).unwrap().map(|reference| reference.scored)
+        });
         assert_eq!(scored, [Some(true), None, None, None, Some(false), Some(false), Some(true)]);
         assert!(open("t_s,qw,qx,qy\n").is_err());
         assert!(open("t_s,qw,qx,qy,qz\n0,1,0,0,x\n").is_err());

@@ -72,7 +72,11 @@ impl<C> Table<C> {
         row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, ParseError)>,
     ) -> Result<Option<T>, (Position, ParseError)> {
         let Some(line) = self.lines.next(&mut self.record)? else {
-            return if self.rows == 0 { Err((Position::line(self.lines.line() - 1), ParseError::NoRows)) } else { Ok(None) };
+            return if self.rows == 0 {
+                Err((Position::line(self.lines.line() - 1), ParseError::NoRows))
+            } else {
+                Ok(None)
+            };
         };
         self.rows += 1;
         let fields = Fields { record: &self.record, names: &self.names, line };

@@ -137,8 +137,11 @@ impl Prior {
 
     /// Returns the values with their names.
     pub fn named_values(&self) -> Vec<(&'static str, f64)> {
-        let present = self.estimates().into_iter().zip(VALUE_NAMES).filter_map(|(estimate, names)| Some((estimate?, names)));
-        present.flat_map(|(PriorEstimate { mean: [x, y, z], sd }, names)| names.into_iter().zip([x, y, z, sd])).collect()
+        let present =
+            self.estimates().into_iter().zip(VALUE_NAMES).filter_map(|(estimate, names)| Some((estimate?, names)));
+        present
+            .flat_map(|(PriorEstimate { mean: [x, y, z], sd }, names)| names.into_iter().zip([x, y, z, sd]))
+            .collect()
     }
 
     /// Creates a prior from named values; returns `None` if a name is unknown or missing, or a

@@ -20,10 +20,15 @@ const MAX_POLL_NS: u64 = 50_000_000;
 /// # Errors
 ///
 /// Fails if the bus fails or the stage fails permanently.
-pub fn serve<S: Slot>(context: ServiceContext, slot: S, inputs: &[&dyn SlotInput<S::Input>]) -> Result<(), RuntimeError> {
+pub fn serve<S: Slot>(
+    context: ServiceContext,
+    slot: S,
+    inputs: &[&dyn SlotInput<S::Input>],
+) -> Result<(), RuntimeError> {
     let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
     let output: Publisher<S::Output> = context.publisher()?;
-    let (service, resume_error) = SlotService::new(slot, context.service, &context.config, input_tick, output.next_tick());
+    let (service, resume_error) =
+        SlotService::new(slot, context.service, &context.config, input_tick, output.next_tick());
     if let Some(error) = resume_error {
         eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
     }
@@ -109,7 +114,8 @@ where
         let Self { context, service, output, control, .. } = self;
         let (mut failed, mut decided) = (None, false);
         control.drain(CONTROL_BUFFER, |control| {
-            decided |= service.apply_decision(&control, &mut |out| failed = failed.take().or(publish(output, out).err()));
+            decided |=
+                service.apply_decision(&control, &mut |out| failed = failed.take().or(publish(output, out).err()));
         })?;
         if decided {
             output.wake();

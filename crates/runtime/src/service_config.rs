@@ -1,7 +1,7 @@
 //! Start-up configuration of a service, and values derived from it.
 
 use graph::{Buffer, Entry, Participant, Topic};
-use launch::{GyroSamples, Launch, Source, MAX_TOPIC_MESSAGES};
+use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
 use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
 pub use swap::{FIRST_EPOCH, Role};

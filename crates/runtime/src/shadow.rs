@@ -11,7 +11,9 @@ use attitude::{Quaternion, metrics::AttitudeError};
 use bus::{Publisher, Subscriber};
 use messages::{Difference, Header, Ticked};
 
-use crate::{RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::CONTROL_BUFFER};
+use crate::{
+    RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::CONTROL_BUFFER,
+};
 
 /// Interval of the reports.
 const INTERVAL_NS: u64 = 100_000_000;
@@ -69,7 +71,8 @@ impl<O: Ticked + Comparable> ShadowComparison<O> {
             let Header { tick, incarnation, .. } = *output.header();
             while pending.pop_front_if(|(pending_tick, _)| *pending_tick < tick).is_some() {}
             let candidate = pending.pop_front_if(|(pending_tick, _)| *pending_tick == tick);
-            if let (Some((_, candidate)), Some(owner), true) = (candidate, output.attitude(), incarnation != message.incarnation)
+            if let (Some((_, candidate)), Some(owner), true) =
+                (candidate, output.attitude(), incarnation != message.incarnation)
             {
                 sums.add(AttitudeError::between(candidate, owner), message);
                 (message.tick, message.turn) = (tick, rotation_between(owner, candidate));

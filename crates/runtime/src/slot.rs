@@ -1,6 +1,6 @@
 //! Processing of a slot without clock or bus: messages in, messages out, in tick order.
 
-use attitude::stage::{Validate, Stage};
+use attitude::stage::{Stage, Validate};
 use messages::{Header, Ticked};
 use swap::Sequence;
 

@@ -111,8 +111,9 @@ impl<S: Slot> SlotService<S> {
         on_computed: &mut dyn FnMut(&S::Output),
         publish: &mut dyn FnMut(S::Output),
     ) {
-        let Self { slot, gate, swapped_at, missed_at, resumed_tick, published_end_tick, flags, invalid_outputs, .. } =
-            self;
+        let Self {
+            slot, gate, swapped_at, missed_at, resumed_tick, published_end_tick, flags, invalid_outputs, ..
+        } = self;
         slot.offer(message, &mut |output| {
             *flags |= output.header().flags;
             *invalid_outputs += u64::from(output.attitude().is_none());

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use attitude::stage::{Snapshot, Stage, Validate};
-use host::{AnyStage, HostedStage, HostableStage};
+use host::{AnyStage, HostableStage, HostedStage};
 use launch::{Launch, Service};
 
 use crate::RuntimeError;
@@ -30,11 +30,13 @@ pub fn build_stage<B: HostableStage + Clone>(
     let mut stage = match launch.external_stage(slot) {
         Some(program) => {
             let timeout = response_timeout(launch);
-            let hosted = HostedStage::start(&configured.stage, program, timeout).map_err(RuntimeError::ExternalStage)?;
+            let hosted =
+                HostedStage::start(&configured.stage, program, timeout).map_err(RuntimeError::ExternalStage)?;
             AnyStage::Hosted(hosted)
         }
         None => AnyStage::BuiltIn(
-            built_in(&configured.stage).ok_or_else(|| RuntimeError::UnknownStage { slot, stage: configured.stage.clone() })?,
+            built_in(&configured.stage)
+                .ok_or_else(|| RuntimeError::UnknownStage { slot, stage: configured.stage.clone() })?,
         ),
     };
     for (name, value) in &configured.set {
@@ -95,9 +97,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
     pub fn failure(&self) -> Option<String> {
         match (self.stage.failure(), self.output_error) {
             (Some(error), _) => Some(error.to_string()),
-            (None, fault) => {
-                fault.map(|fault| format!("`{}` returned {fault}, also after a reset", self.stage.name()))
-            }
+            (None, fault) => fault.map(|fault| format!("`{}` returned {fault}, also after a reset", self.stage.name())),
         }
     }
 }
@@ -145,8 +145,9 @@ mod tests {
     #[test]
     fn stage_with_invalid_output_is_reset_and_flagged() {
         let mut resetting = ResettingStage::new(Counter { steps: 0.0, bad_from: 3.0 });
-        let outputs: Vec<_> =
-            (0..5).map(|_| resetting.step(&Vector3::zeros()).map(|(out, is_reset)| (out.norm_m_s2, is_reset))).collect();
+        let outputs: Vec<_> = (0..5)
+            .map(|_| resetting.step(&Vector3::zeros()).map(|(out, is_reset)| (out.norm_m_s2, is_reset)))
+            .collect();
         let expected = [(1.0, false), (2.0, false), (1.0, true), (2.0, false), (1.0, true)];
         assert_eq!(outputs, expected.map(Some));
         assert_eq!(resetting.failure(), None);

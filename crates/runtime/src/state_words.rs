@@ -5,7 +5,7 @@
 
 use attitude::{
     Quaternion, Vector3,
-    course::{CourseEstimate, LastReading, CourseReference},
+    course::{CourseEstimate, CourseReference, LastReading},
     fuser::Estimate,
     point::{Chart, Point},
     state::Attitude,
@@ -154,8 +154,11 @@ impl StateWords for Estimate {
 impl StateWords for LastReading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.quaternion.visit(visit);
-        let CourseEstimate { mut course_rad, mut sd_rad, mut reference } =
-            self.course.unwrap_or(CourseEstimate { course_rad: 0.0, sd_rad: 0.0, reference: CourseReference::Arbitrary });
+        let CourseEstimate { mut course_rad, mut sd_rad, mut reference } = self.course.unwrap_or(CourseEstimate {
+            course_rad: 0.0,
+            sd_rad: 0.0,
+            reference: CourseReference::Arbitrary,
+        });
         let mut some = self.course.is_some();
         some.visit(visit);
         course_rad.visit(visit);

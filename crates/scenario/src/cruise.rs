@@ -10,7 +10,7 @@
 
 use core::f64::consts::TAU;
 
-use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, state::Attitude, rotation::Rotation};
+use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, rotation::Rotation, state::Attitude};
 
 use crate::{
     Truth,

@@ -35,5 +35,5 @@ pub use motion::{Motion, Truth};
 pub use scenario::{PARAMETERS, Parameter, Scenario, ScenarioError};
 pub use sensors::{
     Reading, Sensors,
-    errors::{Coverage, SensorErrors, Magnetometer, Receiver},
+    errors::{Coverage, Magnetometer, Receiver, SensorErrors},
 };

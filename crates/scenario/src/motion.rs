@@ -1,6 +1,6 @@
 //! Motions of a body and the true state at a given time.
 
-use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, rotation::Rotation};
+use attitude::{GRAVITY_M_S2, Vector3, rotation::Rotation, state::Attitude};
 
 use crate::{
     coning::Coning,

@@ -6,7 +6,7 @@
 
 use core::f64::consts::TAU;
 
-use attitude::{Vector3, state::Attitude, rotation::Rotation};
+use attitude::{Vector3, rotation::Rotation, state::Attitude};
 
 /// Magnetic field, µT, reference axes: 20 µT north and 44 µT down, an inclination of 66°.
 pub const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];

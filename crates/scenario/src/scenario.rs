@@ -11,7 +11,7 @@ use core::fmt;
 
 use attitude::{GRAVITY_M_S2, gyro::RateKind};
 
-use crate::{Coverage, SensorErrors, Motion, Reading, Receiver, Sensors, s3};
+use crate::{Coverage, Motion, Reading, Receiver, SensorErrors, Sensors, s3};
 
 /// Motion with its sampling rate, duration and sensor errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,7 +94,9 @@ pub const PARAMETERS: [Parameter; 12] = [
         min: 0.0,
         max: 1000.0,
         description: "white noise of the magnetometer on each axis and sample, µT",
-        set: |scenario, value| assign(&mut scenario.errors.magnetometer.as_mut().ok_or("magnetometer")?.noise_ut, value),
+        set: |scenario, value| {
+            assign(&mut scenario.errors.magnetometer.as_mut().ok_or("magnetometer")?.noise_ut, value)
+        },
     },
     Parameter {
         name: "gnss_noise_m_s",
@@ -240,9 +242,12 @@ impl Scenario {
             Motion::Tumble(_) => (100.0, 5.0, SensorErrors::S1, RateKind::Instant),
             Motion::S3 => (s3::DURATION_S, 0.0, SensorErrors::s3(), RateKind::Mean),
             Motion::Coning(_) => (60.0, 0.0, SensorErrors::NONE, RateKind::Mean),
-            Motion::Cruise(flight) => {
-                (1800.0, 120.0, if flight.hard { SensorErrors::CRUISE_HARD } else { SensorErrors::CRUISE }, RateKind::Instant)
-            }
+            Motion::Cruise(flight) => (
+                1800.0,
+                120.0,
+                if flight.hard { SensorErrors::CRUISE_HARD } else { SensorErrors::CRUISE },
+                RateKind::Instant,
+            ),
         };
         Some(Self { name, motion, rate_hz: 100.0, duration_s, scored_from_s, seed: 1, errors, rate_kind })
     }

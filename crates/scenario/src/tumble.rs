@@ -1,6 +1,6 @@
 //! Tumbling: a constant rate about a body-fixed axis, from level, through the inverted attitude.
 
-use attitude::{Vector3, state::Attitude, rotation::Rotation};
+use attitude::{Vector3, rotation::Rotation, state::Attitude};
 
 /// Returns the body rate of the scenario `tumble`, rad/s: 500 °/s about (3, −2, 1).
 ///

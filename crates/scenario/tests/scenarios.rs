@@ -1,8 +1,8 @@
 //! Checks that rates match attitudes, forces match velocities and readings match their seeds.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, state::Attitude, rotation::Rotation};
-use scenario::{Coverage, SensorErrors, Motion, Scenario, Sensors};
+use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, rotation::Rotation, state::Attitude};
+use scenario::{Coverage, Motion, Scenario, SensorErrors, Sensors};
 
 fn sample_times(name: &str) -> impl Iterator<Item = f64> + use<> {
     let duration_s = Scenario::parse(name).unwrap().duration_s;
@@ -41,8 +41,10 @@ fn single_sample_integration_of_coning_drifts_as_published() {
     let (mut attitude, mut two_sample) = (motion.at(0.0).attitude, motion.at(0.0).attitude);
     for k in 0..1000 {
         let t_s = f64::from(k) * 0.01;
-        attitude = attitude.rotated(Rotation::from_rotation_vector(motion.mean_rate_rad_s(t_s, t_s + 0.01) * 0.01)).attitude;
-        let [first, second] = [0.0, 0.005].map(|offset_s| motion.mean_rate_rad_s(t_s + offset_s, t_s + offset_s + 0.005) * 0.005);
+        attitude =
+            attitude.rotated(Rotation::from_rotation_vector(motion.mean_rate_rad_s(t_s, t_s + 0.01) * 0.01)).attitude;
+        let [first, second] =
+            [0.0, 0.005].map(|offset_s| motion.mean_rate_rad_s(t_s + offset_s, t_s + offset_s + 0.005) * 0.005);
         let rotation_rad = first + second + first.cross(&second) * (2.0 / 3.0);
         two_sample = two_sample.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
     }
@@ -71,7 +73,8 @@ fn flight_force_matches_derivative_of_velocity() {
         for three in readings.windows(3) {
             let [before, now, after] = three else { unreachable!() };
             let acceleration_m_s2 = (velocity(after) - velocity(before)) / 0.02;
-            let expected_m_s2 = now.truth.attitude.matrix().transpose() * now.truth.force_m_s2 - Vector3::z() * GRAVITY_M_S2;
+            let expected_m_s2 =
+                now.truth.attitude.matrix().transpose() * now.truth.force_m_s2 - Vector3::z() * GRAVITY_M_S2;
             let error_m_s2 = (acceleration_m_s2 - expected_m_s2).norm();
             assert!(error_m_s2 < 1e-3, "{name}: {acceleration_m_s2}, expected {expected_m_s2}");
         }
@@ -158,7 +161,10 @@ fn invalid_scenario_is_rejected_with_alternatives() {
         ),
         ("cruise?seed=-1", "invalid scenario parameter seed: found `-1`, expected a natural number"),
         ("cruise?rate_hz=NaN", "invalid scenario parameter rate_hz: found `NaN`, expected a number from 1 to 10000"),
-        ("cruise?gnss=often", "invalid scenario parameter gnss: found `often`, expected one of always, gaps, start, never"),
+        (
+            "cruise?gnss=often",
+            "invalid scenario parameter gnss: found `often`, expected one of always, gaps, start, never",
+        ),
         ("s1?gnss=gaps", "scenario `s1` has no satellite receiver; remove `gnss`"),
         ("s1?field_noise_ut=1", "scenario `s1` has no magnetometer; remove `field_noise_ut`"),
         ("cruise?amplitude_deg=9", "scenario `cruise` has no amplitude; remove `amplitude_deg`"),
@@ -182,13 +188,19 @@ fn parameters_change_only_what_they_name() {
         ),
         (
             "tumble?accel_noise_g=0.5",
-            Scenario { errors: SensorErrors { accel_noise_m_s2: 0.5 * GRAVITY_M_S2, ..SensorErrors::S1 }, ..parse("tumble") },
+            Scenario {
+                errors: SensorErrors { accel_noise_m_s2: 0.5 * GRAVITY_M_S2, ..SensorErrors::S1 },
+                ..parse("tumble")
+            },
         ),
         // Noise parameters apply at the final sampling rate, whatever the order of the keys.
         ("cruise?gyro_noise_deg_s=1&rate_hz=400&accel_noise_g=0.1", {
             let cruise = parse("cruise?rate_hz=400");
-            let errors =
-                SensorErrors { gyro_noise_rad_s: 1f64.to_radians(), accel_noise_m_s2: 0.1 * GRAVITY_M_S2, ..cruise.errors };
+            let errors = SensorErrors {
+                gyro_noise_rad_s: 1f64.to_radians(),
+                accel_noise_m_s2: 0.1 * GRAVITY_M_S2,
+                ..cruise.errors
+            };
             Scenario { errors, ..cruise }
         }),
     ] {

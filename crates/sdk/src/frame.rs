@@ -39,7 +39,7 @@ pub enum RequestKind {
     Set = 2,
     /// Processes one tick. Input of the slot → output of the slot.
     Step = 3,
-    /// Requests the state. Empty → numbers, whose count is constant.
+    /// Requests the state. Empty → a constant count of numbers.
     Snapshot = 4,
     /// Restores a state. Numbers of a snapshot → empty, or rejected.
     Restore = 5,
@@ -74,7 +74,9 @@ pub enum FrameError {
     #[error("the frame has {0} bytes, expected at least {HEADER_BYTES}")]
     TooShort(usize),
     /// The frame has another version.
-    #[error("the frame has version {0}, expected {VERSION}; update the stage's package or header with `plumb stage new`")]
+    #[error(
+        "the frame has version {0}, expected {VERSION}; update the stage's package or header with `plumb stage new`"
+    )]
     UnsupportedVersion(u16),
     /// The request kind is unknown.
     #[error("unknown request kind {0}")]
@@ -127,7 +129,8 @@ impl FrameHeader {
         if version != VERSION {
             return Err(FrameError::UnsupportedVersion(version));
         }
-        let kind = RequestKind::ALL.into_iter().find(|known| *known as u16 == kind).ok_or(FrameError::UnknownKind(kind))?;
+        let kind =
+            RequestKind::ALL.into_iter().find(|known| *known as u16 == kind).ok_or(FrameError::UnknownKind(kind))?;
         let rejected = u32::from_le_bytes([s0, s1, s2, s3]) == REJECTED;
         Ok((Self { kind, rejected, request_number: u64::from_le_bytes(*number) }, payload))
     }
@@ -203,7 +206,10 @@ mod tests {
         assert_eq!(with(2, 77), Err(FrameError::UnknownKind(77)));
         for found in [0, 7, 8, 1000] {
             let short = read_value::<FuserInput>(&vec![0; found]);
-            assert!(matches!(short, Err(FrameError::PayloadLength { found: length, .. }) if length == found), "{short:?}");
+            assert!(
+                matches!(short, Err(FrameError::PayloadLength { found: length, .. }) if length == found),
+                "{short:?}"
+            );
         }
     }
 }

@@ -23,5 +23,5 @@ pub mod frame;
 mod program;
 pub mod template;
 
-pub use description::{ParameterDescription, Description, DescriptionError};
+pub use description::{Description, DescriptionError, ParameterDescription};
 pub use program::{accel, course, fuser, gyro};

@@ -15,11 +15,11 @@ use std::{
 use attitude::{
     Vector3,
     accel::Inclination,
-    course::{CourseInput, LastReading, CourseReading},
+    course::{CourseInput, CourseReading, LastReading},
     fuser::FuserStage,
     gyro::GyroStage,
-    scalars::Scalars,
     point::Point,
+    scalars::Scalars,
     stage::{MAX_STATE_VALUES, Snapshot, Stage},
     state::Attitude,
 };
@@ -30,7 +30,7 @@ use rustix::{
 
 use crate::{
     description,
-    frame::{self, MAX_FRAME_BYTES, FrameError, FrameHeader, RequestKind},
+    frame::{self, FrameError, FrameHeader, MAX_FRAME_BYTES, RequestKind},
 };
 
 /// Runs a gyro stage until the service closes the socket.
@@ -61,7 +61,9 @@ pub fn fuser<S: FuserStage>(stage: S) -> ExitCode {
 }
 
 /// Runs a course stage until the service closes the socket.
-pub fn course<S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone>(stage: S) -> ExitCode {
+pub fn course<S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone>(
+    stage: S,
+) -> ExitCode {
     run("course", stage, |_, kind, _| Err(ProgramError::UnsupportedRequest(kind)))
 }
 
@@ -76,7 +78,11 @@ enum ProgramError {
     UnsupportedRequest(RequestKind),
 }
 
-fn run<S>(slot: &str, stage: S, handle_slot_request: impl Fn(&mut S, RequestKind, &[u8]) -> Result<(), ProgramError>) -> ExitCode
+fn run<S>(
+    slot: &str,
+    stage: S,
+    handle_slot_request: impl Fn(&mut S, RequestKind, &[u8]) -> Result<(), ProgramError>,
+) -> ExitCode
 where
     S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
@@ -142,7 +148,8 @@ fn set(stage: &mut impl Stage, payload: &[u8]) -> Result<bool, FrameError> {
 
 /// Restores a state. Returns `false` if it is rejected.
 fn restore(stage: &mut (impl Stage + Clone), payload: &[u8]) -> Result<bool, FrameError> {
-    let mut snapshot = Snapshot { stage: stage.name(), values: [0.0; MAX_STATE_VALUES], len: payload.len() / 8, checksum: 0 };
+    let mut snapshot =
+        Snapshot { stage: stage.name(), values: [0.0; MAX_STATE_VALUES], len: payload.len() / 8, checksum: 0 };
     let length = FrameError::PayloadLength { found: payload.len(), expected: 8 * MAX_STATE_VALUES };
     let (values, numbers) = (snapshot.values.get_mut(..snapshot.len), frame::read_numbers(payload));
     let (values, numbers) = values.zip(numbers).ok_or(length)?;

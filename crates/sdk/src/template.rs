@@ -120,7 +120,7 @@ pub enum Slot {
 }
 
 impl Slot {
-    /// Returns the slot with this name, or `None` if there is none.
+    /// Returns the slot with this name, or `None` if the name is unknown.
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Gyro, Self::Accel, Self::Fuser, Self::Course].into_iter().find(|slot| slot.name() == name)
     }
@@ -234,7 +234,8 @@ impl Template {
             return Err(TemplateError::InvalidName(name.clone()));
         }
         let name_taken = |meaning| Err(TemplateError::NameTaken { name: name.clone(), meaning });
-        let mut built_in = [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
+        let mut built_in =
+            [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
         if built_in.any(|built_in| built_in == name) {
             return name_taken("the name of a built-in stage");
         }
@@ -263,7 +264,9 @@ impl Template {
         files.push(("launch.toml".into(), include_str!("../templates/launch.toml")));
         let mut files: Vec<_> = files.into_iter().map(|(file, text)| (file, self.fill_placeholders(text))).collect();
         match language {
-            Language::Python => files.extend(PYTHON_PACKAGE.map(|(file, text)| (format!("plumbline/{file}"), text.into()))),
+            Language::Python => {
+                files.extend(PYTHON_PACKAGE.map(|(file, text)| (format!("plumbline/{file}"), text.into())))
+            }
             Language::C => files.push(("plumbline.h".into(), C_HEADER.into())),
             Language::Rust { .. } => {}
         }

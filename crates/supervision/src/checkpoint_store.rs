@@ -39,7 +39,8 @@ impl CheckpointStore {
     /// Creates an empty store for the services of a launch file.
     pub(crate) fn new(launch: &Launch) -> Self {
         let empty = |_| VecDeque::with_capacity(MAX_CHECKPOINTS);
-        let subscribers = |service: Service| service.downstream().filter(|subscriber| launch.consumes_ticks(*subscriber)).collect();
+        let subscribers =
+            |service: Service| service.downstream().filter(|subscriber| launch.consumes_ticks(*subscriber)).collect();
         Self {
             subscribers: Service::ALL.map(subscribers),
             owners: std::array::from_fn(empty),
@@ -193,7 +194,9 @@ fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
 /// Appends a checkpoint and removes later ones, because a new process may be behind its
 /// predecessor.
 fn push(checkpoints: &mut VecDeque<Checkpoint>, checkpoint: Checkpoint) {
-    while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick) || checkpoints.len() >= MAX_CHECKPOINTS {
+    while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick)
+        || checkpoints.len() >= MAX_CHECKPOINTS
+    {
         if checkpoints.len() >= MAX_CHECKPOINTS {
             checkpoints.pop_front()
         } else {
@@ -234,13 +237,12 @@ mod tests {
         store.record(checkpoint(Service::Course, 0));
         store.record(checkpoint(Service::Fuser, 85));
         store.on_output(19);
-        assert_eq!(
-            tick_of(&store.resume(Service::Fuser, 0)),
-            Some(85),
-            "earlier output is on the bus or lost"
-        );
+        assert_eq!(tick_of(&store.resume(Service::Fuser, 0)), Some(85), "earlier output is on the bus or lost");
         store.on_positions(Default::default(), 0);
-        assert!(matches!(store.resume(Service::Fuser, 0), Resume::Fresh), "the publisher of the earlier output may be gone");
+        assert!(
+            matches!(store.resume(Service::Fuser, 0), Resume::Fresh),
+            "the publisher of the earlier output may be gone"
+        );
         assert_eq!(tick_of(&store.resume(Service::Ingest, 0)), Some(0));
         store.record(checkpoint(Service::Course, 90));
         store.on_output(90);

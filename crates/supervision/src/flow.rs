@@ -53,7 +53,16 @@ impl Flow {
     pub(crate) fn new(now: Duration) -> Self {
         let (phase, stop_requested, first_ready) = (Phase::Starting, false, None);
         let (granted_ticks, next_tick) = (0, 0);
-        Self { phase, stop_requested, first_ready, granted_ticks, next_tick, last_progress: now, last_starting: now, last_extra_window: now }
+        Self {
+            phase,
+            stop_requested,
+            first_ready,
+            granted_ticks,
+            next_tick,
+            last_progress: now,
+            last_starting: now,
+            last_extra_window: now,
+        }
     }
 
     pub(crate) fn request_stop(&mut self) {
@@ -122,7 +131,8 @@ impl Supervision {
             self.grant(next_tick + window_ticks);
         }
         let origin = self.config.launch.tick_source();
-        let is_time_up = self.config.stop_after.zip(self.flow.first_ready).is_some_and(|(limit, ready)| self.now > ready + limit);
+        let is_time_up =
+            self.config.stop_after.zip(self.flow.first_ready).is_some_and(|(limit, ready)| self.now > ready + limit);
         if (self.flow.stop_requested || is_time_up) && self.flow.phase == Phase::Running {
             self.flow.phase = Phase::Stopping;
             self.flow.last_progress = self.now;
@@ -211,7 +221,9 @@ impl Supervision {
         self.abort_requests("the system is shutting down");
         self.flow.phase = Phase::Ended;
         let reason = failure.as_ref().map_or(String::new(), Failure::to_string);
-        self.publish_event(SystemEvent { tick: self.next_tick(), ..SystemEvent::new(EventKind::FINISHED) }.with_reason(&reason));
+        self.publish_event(
+            SystemEvent { tick: self.next_tick(), ..SystemEvent::new(EventKind::FINISHED) }.with_reason(&reason),
+        );
         self.actions.push(Action::Finish(failure));
     }
 
@@ -277,7 +289,8 @@ mod tests {
             };
             let mut events: Vec<_> = healths.map(health).collect();
             let (status, stderr) = (String::from("was killed by signal 9"), String::new());
-            let exited = |incarnation| Event::Exited { incarnation, exit_status: status.clone(), stderr: stderr.clone() };
+            let exited =
+                |incarnation| Event::Exited { incarnation, exit_status: status.clone(), stderr: stderr.clone() };
             events.extend(killed.drain(..).map(exited));
             events.push(Event::Published { service: Service::Ingest, next_tick: credit });
             events.push(Event::Output(OutputProgress { next_tick, ..OutputProgress::default() }));

@@ -45,7 +45,12 @@ impl StageHistory {
     }
 
     /// Creates the instance for a new candidate.
-    pub(crate) fn new_candidate(&mut self, stage: StageConfig, resume: &Resume, predecessor_end: Option<u64>) -> StageInstance {
+    pub(crate) fn new_candidate(
+        &mut self,
+        stage: StageConfig,
+        resume: &Resume,
+        predecessor_end: Option<u64>,
+    ) -> StageInstance {
         let number = self.next_number;
         self.next_number += 1;
         let restored_tick = resume_tick(resume);
@@ -123,7 +128,12 @@ impl Supervision {
         let event = match instance {
             Some(instance) => {
                 let StageInstance { number, stage, restored_tick, restored_from, predecessor_end } = instance;
-                with_stage(event, stage).with_instance(*number, *restored_tick, *restored_from, predecessor_end.is_some())
+                with_stage(event, stage).with_instance(
+                    *number,
+                    *restored_tick,
+                    *restored_from,
+                    predecessor_end.is_some(),
+                )
             }
             None => event,
         };

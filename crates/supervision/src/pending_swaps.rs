@@ -68,13 +68,16 @@ impl Pending {
     /// collected or are overdue.
     fn is_settled(&self, now_ms: u64, next_tick: u64) -> bool {
         self.completion.as_ref().is_some_and(|Completion { report, completed_ms, .. }| {
-            report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER_COMMIT || now_ms > completed_ms + COMMIT_WAIT_TIMEOUT_MS)
+            report.commit_tick.is_none_or(|tick| {
+                next_tick > tick + TICKS_AFTER_COMMIT || now_ms > completed_ms + COMMIT_WAIT_TIMEOUT_MS
+            })
         })
     }
 
     fn report(self, output: &OutputProgress) -> (u64, Requester, SwapReport) {
         let Self { id, requester, service, from, to, lost, duplicated, max_gap_ns, completion } = self;
-        let (report, reason) = completion.map_or((None, None), |completion| (Some(completion.report), completion.reason));
+        let (report, reason) =
+            completion.map_or((None, None), |completion| (Some(completion.report), completion.reason));
         let commit_tick = report.as_ref().and_then(|report| report.commit_tick);
         let jump_rad = output.last_swap.filter(|(tick, _)| Some(*tick) == commit_tick).map_or(0.0, |(_, jump)| jump);
         let report = SwapReport {
@@ -124,7 +127,9 @@ impl PendingSwaps {
             swap.service == service && swap.completion.is_none() && (!busy || swap.id == report.id)
         };
         let reason = report.reason.as_ref().map(|reason| match reason {
-            FailureReason::CandidateExited if !last_stderr.is_empty() => format!("{reason}; its stderr:\n{last_stderr}"),
+            FailureReason::CandidateExited if !last_stderr.is_empty() => {
+                format!("{reason}; its stderr:\n{last_stderr}")
+            }
             _ => reason.to_string(),
         });
         let completion = Completion { report: report.clone(), reason, completed_ms: now_ms };

@@ -316,12 +316,16 @@ impl ProcessEntry {
     pub(crate) fn kill_silent(&mut self, service: Service, rule: &Restart, now: Duration, actions: &mut Vec<Action>) {
         // Before its first health report a candidate has the deadline of its swap instead.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.health.is_some());
-        let first_timeout = if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(rule) };
+        let first_timeout =
+            if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(rule) };
         for process in self.owner.iter_mut().chain(candidate) {
             let (timeout, what) = match &process.health {
                 Some(_) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
-                    (if service.is_low_priority() { limit.max(AUX_SILENCE_TIMEOUT) } else { limit }, "reported no health")
+                    (
+                        if service.is_low_priority() { limit.max(AUX_SILENCE_TIMEOUT) } else { limit },
+                        "reported no health",
+                    )
                 }
                 None => (first_timeout, "not opened its topics"),
             };

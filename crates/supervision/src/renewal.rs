@@ -64,7 +64,11 @@ impl Supervision {
         }
         let count = self.renewals.count_recent(self.now) + 1;
         if count > MAX_RENEWALS {
-            return self.finish(Some(Failure::FilesRemovedRepeatedly { path, count, within_s: RENEWAL_WINDOW.as_secs() }));
+            return self.finish(Some(Failure::FilesRemovedRepeatedly {
+                path,
+                count,
+                within_s: RENEWAL_WINDOW.as_secs(),
+            }));
         }
         self.renewals.renewals.push_back(self.now);
         (self.renewals.under_way, self.renewals.announced) = (true, false);
@@ -94,7 +98,8 @@ impl Supervision {
                 self.spawn_owner(service, Some(resume));
             }
         }
-        let interrupted: Vec<_> = Service::SLOTS.into_iter().filter(|slot| self.swaps.candidate_instance(*slot).is_some()).collect();
+        let interrupted: Vec<_> =
+            Service::SLOTS.into_iter().filter(|slot| self.swaps.candidate_instance(*slot).is_some()).collect();
         self.init_slots();
         interrupted.into_iter().for_each(|slot| self.publish_owner_unchanged(slot));
         for service in Service::ALL {

@@ -68,7 +68,11 @@ impl Supervision {
         let Some(service) = self.table.service_of(incarnation) else { return };
         // The event that caused a requested exit has been published already.
         if !self.table.entry(service).is_terminating(incarnation) {
-            self.publish_service_event(service, incarnation, SystemEvent::new(EventKind::ENDED).with_reason(&exit_status));
+            self.publish_service_event(
+                service,
+                incarnation,
+                SystemEvent::new(EventKind::ENDED).with_reason(&exit_status),
+            );
         }
         match self.table.entry_mut(service).remove_exited(incarnation) {
             Some(ExitedProcess::Owner(process)) => {
@@ -124,10 +128,16 @@ impl Supervision {
         let process_label = if pid == 0 { String::new() } else { format!("process {pid} ") };
         match verdict {
             RestartVerdict::StopSystem if pid == 0 => self.finish(Some(Failure::SpawnFailed { cause: exit_status })),
-            RestartVerdict::StopSystem => self.finish(Some(Failure::ServiceExited { service, pid, exit_status, stderr })),
+            RestartVerdict::StopSystem => {
+                self.finish(Some(Failure::ServiceExited { service, pid, exit_status, stderr }))
+            }
             RestartVerdict::GiveUp => {
                 entry.given_up = true;
-                self.publish_service_event(service, process.incarnation, SystemEvent::new(EventKind::GIVEN_UP).with_reason(&exit_status));
+                self.publish_service_event(
+                    service,
+                    process.incarnation,
+                    SystemEvent::new(EventKind::GIVEN_UP).with_reason(&exit_status),
+                );
                 self.announce(format!(
                     "{service}: {process_label}{exit_status}; restart limit reached, not restarted{}{stderr}",
                     remedy(service)

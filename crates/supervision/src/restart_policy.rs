@@ -126,7 +126,10 @@ mod tests {
     fn failed_first_start_exhausts_the_limit() {
         assert_eq!(RestartPolicy::default().on_failed_first_start(&RULE), RestartVerdict::StopSystem);
         let hold = Restart { on_limit: OnLimit::Retry, ..RULE };
-        assert_eq!(RestartPolicy::default().on_failed_first_start(&hold), RestartVerdict::Restart(Duration::from_millis(500)));
+        assert_eq!(
+            RestartPolicy::default().on_failed_first_start(&hold),
+            RestartVerdict::Restart(Duration::from_millis(500))
+        );
     }
 
     #[test]
@@ -154,7 +157,10 @@ mod tests {
         let mut policy = RestartPolicy::default();
         assert_eq!(policy.on_exit(None, &rule), RestartVerdict::Restart(Duration::ZERO));
         assert_eq!(policy.on_exit(None, &rule), RestartVerdict::StopSystem);
-        assert_eq!(RestartPolicy::default().on_exit(Some(Duration::ZERO), &rule), RestartVerdict::Restart(Duration::ZERO));
+        assert_eq!(
+            RestartPolicy::default().on_exit(Some(Duration::ZERO), &rule),
+            RestartVerdict::Restart(Duration::ZERO)
+        );
     }
 
     #[test]

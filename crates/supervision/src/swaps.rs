@@ -184,8 +184,10 @@ impl Supervision {
         let request =
             swap::Request { id, stage: stage.stage.clone(), shadow_only: shadow, deadline_ms, previous_attempts: 0 };
         let Some(slot) = self.swaps.slot(service) else { return id };
-        if matches!(slot.coordinator.state(), SwapState::Committed { .. } | SwapState::Retiring { .. } | SwapState::Aborting)
-            && !self.swaps.queued.iter().any(|(queued, ..)| *queued == service)
+        if matches!(
+            slot.coordinator.state(),
+            SwapState::Committed { .. } | SwapState::Retiring { .. } | SwapState::Aborting
+        ) && !self.swaps.queued.iter().any(|(queued, ..)| *queued == service)
         {
             self.swaps.queued.push((service, stage, request));
             return id;
@@ -215,12 +217,9 @@ impl Supervision {
         }
         let epoch = self.swaps.epoch(service).unwrap_or(0);
         match request.expected_epoch.filter(|expected| *expected != epoch) {
-            Some(expected) => Err((
-                from,
-                format!(
-                    "the epoch of `{service}` is {epoch}, not {expected}; read its status and retry"
-                ),
-            )),
+            Some(expected) => {
+                Err((from, format!("the epoch of `{service}` is {epoch}, not {expected}; read its status and retry")))
+            }
             None => Ok((service, from)),
         }
     }
@@ -239,7 +238,8 @@ impl Supervision {
     /// shadow promotes it.
     fn start_swap(&mut self, service: Service, stage: StageConfig, request: swap::Request) {
         let Some(slot) = self.swaps.slot_mut(service) else { return };
-        let is_running = matches!(slot.coordinator.state(), SwapState::Starting | SwapState::CatchingUp | SwapState::Shadowing);
+        let is_running =
+            matches!(slot.coordinator.state(), SwapState::Starting | SwapState::CatchingUp | SwapState::Shadowing);
         let promotes = slot.candidate.as_ref() == Some(&stage) && !request.shadow_only && is_running;
         let is_idle = slot.coordinator.state() == SwapState::Idle;
         if is_idle {
@@ -377,7 +377,8 @@ impl Supervision {
         slot.ready_reported = false;
         let stage = slot.candidate.clone();
         let predecessor_end = (role != Role::Candidate).then(|| self.published[service as usize]);
-        slot.candidate_instance = stage.clone().map(|stage| slot.history.new_candidate(stage, &resume, predecessor_end));
+        slot.candidate_instance =
+            stage.clone().map(|stage| slot.history.new_candidate(stage, &resume, predecessor_end));
         let incarnation = self.table.next_incarnation();
         let candidate = Process::new(incarnation, role != Role::Candidate, Some(&resume), self.now);
         let entry = self.table.entry_mut(service);
@@ -420,8 +421,10 @@ impl Supervision {
 
     /// Queues a request again if its hand-over was reverted as late and attempts remain.
     fn retry_if_late(&mut self, service: Service, report: &swap::Report) -> bool {
-        let is_late =
-            matches!(report.reason, Some(FailureReason::NotConfirmed { .. } | FailureReason::ActiveMissed | FailureReason::CandidateMissed));
+        let is_late = matches!(
+            report.reason,
+            Some(FailureReason::NotConfirmed { .. } | FailureReason::ActiveMissed | FailureReason::CandidateMissed)
+        );
         let (now_ms, Some(slot)) = (self.now_ms(), self.swaps.slot_mut(service)) else { return false };
         let Attempt { id, deadline_ms, count } = slot.attempt;
         if !is_late || count >= MAX_ATTEMPTS || now_ms >= deadline_ms {
@@ -430,7 +433,13 @@ impl Supervision {
         let Some(stage) = slot.candidate.take() else { return false };
         // In lockstep the source waits for the decision, so the margin need not grow.
         let attempts_before = if self.config.lockstep { 0 } else { count };
-        let request = swap::Request { id, stage: stage.stage.clone(), shadow_only: false, deadline_ms, previous_attempts: attempts_before };
+        let request = swap::Request {
+            id,
+            stage: stage.stage.clone(),
+            shadow_only: false,
+            deadline_ms,
+            previous_attempts: attempts_before,
+        };
         self.swaps.queued.push((service, stage, request));
         self.announce(format!("{service}: the hand-over was not confirmed in time; retrying"));
         true
@@ -539,10 +548,7 @@ mod tests {
                             self.candidates.push(spawn.incarnation);
                         }
                         self.processes.push((spawn.incarnation, spawn.service));
-                        self.handle(
-                            now,
-                            Event::Spawned { incarnation: spawn.incarnation, pid: spawn.incarnation },
-                        );
+                        self.handle(now, Event::Spawned { incarnation: spawn.incarnation, pid: spawn.incarnation });
                     }
                     Action::Terminate { incarnation } | Action::Kill { incarnation } => {
                         self.processes.retain(|(process, _)| *process != incarnation);
@@ -588,10 +594,7 @@ mod tests {
             let stage = StageConfig { stage: "vqf".into(), ..Launch::default().fuser };
             let request =
                 SwapRequest { slot: "fuser".into(), stage, shadow: false, expected_epoch: None, timeout_ms: None };
-            self.handle(
-                Duration::from_secs(1),
-                Event::Request { client: 1, request: ControlRequest::Swap(request) },
-            );
+            self.handle(Duration::from_secs(1), Event::Request { client: 1, request: ControlRequest::Swap(request) });
             (100..2000).for_each(|tick| self.step(tick));
             let [report] = <[SwapReport; 1]>::try_from(self.reports).unwrap();
             (report, self.candidates.len())

@@ -47,7 +47,14 @@ struct PromotionRule {
 pub(crate) fn from_launch(launch: &Launch) -> Vec<WatchRunner> {
     let runner = |watch: &launch::PromotionRule| {
         let default_stage = launch.stage(watch.slot)?.clone();
-        let rule = PromotionRule { config: watch.clone(), default_stage, is_promoted: false, promotions: 0, bound_met_since_s: None, ended: false };
+        let rule = PromotionRule {
+            config: watch.clone(),
+            default_stage,
+            is_promoted: false,
+            promotions: 0,
+            bound_met_since_s: None,
+            ended: false,
+        };
         let (reports, next_attempt) = (Vec::new(), Duration::ZERO);
         Some(WatchRunner { rule, shadow: None, takeover: None, reports, attempts: 0, next_attempt })
     };
@@ -163,7 +170,8 @@ impl PromotionRule {
 
     /// Updates the rule with a difference and returns `true` if the shadow shall take over.
     fn should_take_over(&mut self, difference: &Difference, at_s: f64) -> bool {
-        let launch::PromotionRule { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } = self.config;
+        let launch::PromotionRule { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } =
+            self.config;
         let now_deg = self.measured_deg(difference);
         let (is_bound_met, required_s) = if self.is_promoted {
             (now_deg > rollback_above_deg, rollback_after_s)
@@ -220,14 +228,23 @@ mod tests {
             rollback_after_s: 0.5,
             limit: 2,
         };
-        PromotionRule { config: watch, default_stage: stage("wz"), is_promoted: false, promotions: 0, bound_met_since_s: None, ended: false }
+        PromotionRule {
+            config: watch,
+            default_stage: stage("wz"),
+            is_promoted: false,
+            promotions: 0,
+            bound_met_since_s: None,
+            ended: false,
+        }
     }
 
     /// Returns the indices at which the shadow shall take over, for differences published every 0.1
     /// s.
     fn takeovers(rule: &mut PromotionRule, headings_deg: &[f64]) -> Vec<usize> {
         let difference = |deg: &f64| Difference { now_rad: [9.0, 9.0, deg.to_radians()], ..Difference::zeroed() };
-        (0..headings_deg.len()).filter(|i| rule.should_take_over(&difference(&headings_deg[*i]), *i as f64 * 0.1)).collect()
+        (0..headings_deg.len())
+            .filter(|i| rule.should_take_over(&difference(&headings_deg[*i]), *i as f64 * 0.1))
+            .collect()
     }
 
     #[test]

@@ -14,8 +14,8 @@ use crate::{
     event::{Action, Event, FailureReason, Request, SwapLimits, SwapOutcome},
 };
 
-pub use state::SwapState;
 use state::Swap;
+pub use state::SwapState;
 
 /// Coordinator of the swaps of one slot.
 #[derive(Debug, Clone)]
@@ -113,7 +113,9 @@ impl Coordinator {
             }
             Event::Published { next_tick } => self.published_tick = self.published_tick.max(next_tick),
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
-            Event::SubscribersCheckpointed { next_tick } => self.subscribers_tick = self.subscribers_tick.max(next_tick),
+            Event::SubscribersCheckpointed { next_tick } => {
+                self.subscribers_tick = self.subscribers_tick.max(next_tick)
+            }
             Event::TimePassed => {}
             Event::Cancel => {
                 // A shadow that was promoted no longer belongs to the client that cancels it.
@@ -164,7 +166,11 @@ impl Coordinator {
                     swap.enter(if is_takeover { SwapState::TakingOver } else { SwapState::CatchingUp }, now_ms);
                     if is_takeover {
                         let (epoch, from_tick) = (self.epoch, self.from_tick);
-                        actions.push(Action::PublishDecision(OwnershipDecision { epoch, owner: incarnation, from_tick }));
+                        actions.push(Action::PublishDecision(OwnershipDecision {
+                            epoch,
+                            owner: incarnation,
+                            from_tick,
+                        }));
                     }
                 }
             }
@@ -191,7 +197,8 @@ impl Coordinator {
     fn on_exited(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
         if self.active == Some(incarnation) {
             (self.active, self.status) = (None, None);
-            let continues = |swap: &Swap| swap.is_open() && swap.state != SwapState::Aborting && !swap.request.shadow_only;
+            let continues =
+                |swap: &Swap| swap.is_open() && swap.state != SwapState::Aborting && !swap.request.shadow_only;
             if self.swap.as_ref().is_some_and(continues) {
                 self.replace_owner(now_ms, actions);
             } else {
@@ -202,7 +209,8 @@ impl Coordinator {
             if swap.candidate == Some(incarnation) {
                 swap.candidate = None;
                 self.abort(now_ms, FailureReason::CandidateExited, actions);
-            } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation) {
+            } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation)
+            {
                 // A stage with a pending stop request has stayed long enough for its subscribers.
                 let unrequested = matches!(swap.state, SwapState::Committed { .. });
                 self.swap = None;
@@ -271,7 +279,9 @@ impl Coordinator {
             SwapState::Shadowing => {}
             SwapState::TakingOver => self.confirm_takeover(now_ms, waited_ms, actions),
             SwapState::Armed { from_tick } => self.confirm(now_ms, from_tick, waited_ms, actions),
-            SwapState::Committed { previous } if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.subscribers_tick) => {
+            SwapState::Committed { previous }
+                if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.subscribers_tick) =>
+            {
                 swap.enter(SwapState::Retiring { previous }, now_ms);
                 actions.push(Action::RetirePrevious { incarnation: previous });
             }

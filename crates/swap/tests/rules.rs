@@ -90,7 +90,11 @@ fn messages_of_displaced_owner_are_rejected() {
 }
 
 /// Pushes `ticks`, then applies a decision; returns the response and what the decision published.
-fn decide(gate: &mut OutputGate<Tick>, ticks: std::ops::Range<u64>, decision: OwnershipDecision) -> (Option<DecisionResponse>, Vec<Tick>) {
+fn decide(
+    gate: &mut OutputGate<Tick>,
+    ticks: std::ops::Range<u64>,
+    decision: OwnershipDecision,
+) -> (Option<DecisionResponse>, Vec<Tick>) {
     ticks.for_each(|tick| gate.push(Tick(tick, 0, 0), &mut |_| ()));
     let mut published = Vec::new();
     let response = gate.apply(decision, &mut |message| published.push(message));
@@ -116,7 +120,10 @@ fn candidate_without_decided_tick_misses_decision() {
 #[test]
 fn former_owner_publishes_history_on_return_of_slot() {
     let mut gate = OutputGate::owner(1, 1, 0, 8);
-    assert_eq!(decide(&mut gate, 0..3, OwnershipDecision { epoch: 2, owner: 2, from_tick: 4 }).0, Some(DecisionResponse::Armed));
+    assert_eq!(
+        decide(&mut gate, 0..3, OwnershipDecision { epoch: 2, owner: 2, from_tick: 4 }).0,
+        Some(DecisionResponse::Armed)
+    );
     let back = OwnershipDecision { epoch: 3, owner: 1, from_tick: 4 };
     let result = decide(&mut gate, 3..7, back);
     assert_eq!(result, (Some(DecisionResponse::Armed), vec![Tick(4, 3, 1), Tick(5, 3, 1), Tick(6, 3, 1)]));
@@ -126,7 +133,10 @@ fn former_owner_publishes_history_on_return_of_slot() {
 #[test]
 fn owner_beyond_tick_misses_decision_and_can_republish() {
     let mut gate = OutputGate::owner(1, 1, 0, 8);
-    assert_eq!(decide(&mut gate, 0..6, OwnershipDecision { epoch: 2, owner: 2, from_tick: 4 }).0, Some(DecisionResponse::Missed));
+    assert_eq!(
+        decide(&mut gate, 0..6, OwnershipDecision { epoch: 2, owner: 2, from_tick: 4 }).0,
+        Some(DecisionResponse::Missed)
+    );
     assert!(gate.owns_next_tick());
     let result = decide(&mut gate, 6..6, OwnershipDecision { epoch: 3, owner: 1, from_tick: 4 });
     assert_eq!(result, (Some(DecisionResponse::Armed), vec![Tick(4, 3, 1), Tick(5, 3, 1)]));

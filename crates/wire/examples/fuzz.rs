@@ -47,7 +47,8 @@ fn corpus() -> Vec<Seed> {
     fn seeds<M: RandomMessage>() -> Vec<Seed> {
         let mut rng = TestRng::new(11);
         let messages: Vec<M> = (0..4).map(|_| M::random(&mut rng)).collect();
-        let batch = wire::encode_batch(&Envelope { sequence: 1, ..Envelope::default() }, &wire::encode_samples(&messages));
+        let batch =
+            wire::encode_batch(&Envelope { sequence: 1, ..Envelope::default() }, &wire::encode_samples(&messages));
         let single = messages.iter().map(|message| (message.to_bytes(), decode_message::<M> as Decoder));
         single.chain([(batch, decode_batch::<M> as Decoder)]).collect()
     }
@@ -91,7 +92,9 @@ fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
             // Lengths and varints without an end.
             4 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, rng.below(11) as usize))),
             5 => drop(bytes.splice(at..at, (0..rng.below(9)).map(|i| (i * 37) as u8))),
-            _ if rng.below(512) == 0 => bytes.resize(wire::MAX_MESSAGE_BYTES + rng.below(2) as usize, rng.next_u64() as u8),
+            _ if rng.below(512) == 0 => {
+                bytes.resize(wire::MAX_MESSAGE_BYTES + rng.below(2) as usize, rng.next_u64() as u8)
+            }
             _ => bytes.rotate_left(at),
         }
     }

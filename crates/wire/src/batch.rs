@@ -7,8 +7,8 @@ use prost::{
 };
 
 use crate::{
-    MAX_MESSAGE_BYTES, Payload, DecodeError, MAX_SAMPLES,
-    error::{malformed, check_sample_count, check_size},
+    DecodeError, MAX_MESSAGE_BYTES, MAX_SAMPLES, Payload,
+    error::{check_sample_count, check_size, malformed},
     v1::Envelope,
 };
 
@@ -63,7 +63,8 @@ pub fn decode_batch<M: Payload>(bytes: &[u8]) -> Result<(Envelope, Vec<M>), Deco
             }
             SAMPLES_FIELD => {
                 let mut sample = M::Proto::default();
-                encoding::message::merge(wire_type, &mut sample, &mut rest, DecodeContext::default()).map_err(&failed)?;
+                encoding::message::merge(wire_type, &mut sample, &mut rest, DecodeContext::default())
+                    .map_err(&failed)?;
                 check_sample_count(M::NAME, samples.len() + 1)?;
                 samples.push(M::from_proto(sample)?);
             }

@@ -134,7 +134,11 @@ impl FieldOffsets {
 impl Encoder {
     /// Creates an encoder for a topic.
     pub fn new(topic: Topic) -> Self {
-        Self { offsets: FieldOffsets::new(topic), encode: messages::dispatch!(topic, M => encode_message::<M>), count: 0 }
+        Self {
+            offsets: FieldOffsets::new(topic),
+            encode: messages::dispatch!(topic, M => encode_message::<M>),
+            count: 0,
+        }
     }
 
     /// Returns the time of publication, CLOCK_MONOTONIC, ns, or `received_ns` if the message has

@@ -74,7 +74,8 @@ mod tests {
     fn pictures_concatenate_into_one_message() {
         let all = [7, 300].map(|number| Picture { number, ..Picture::default() });
         let encoded = all.clone().map(|picture| picture.to_bytes());
-        let read: crate::v1::Pictures = prost::Message::decode(&*encode_pictures(encoded.iter().map(Vec::as_slice))).unwrap();
+        let read: crate::v1::Pictures =
+            prost::Message::decode(&*encode_pictures(encoded.iter().map(Vec::as_slice))).unwrap();
         assert_eq!(read.pictures, all);
     }
 

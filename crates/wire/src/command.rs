@@ -4,7 +4,7 @@ use prost::Message;
 
 use crate::{
     DecodeError,
-    error::{malformed, check_size},
+    error::{check_size, malformed},
     v1::{Envelope, GatewayReport, Services, SwapAnswer, SwapRequest},
 };
 

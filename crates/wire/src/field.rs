@@ -73,7 +73,11 @@ fn check_unit<const N: usize>(quaternion: [f64; N], field: &'static str) -> Resu
     if (norm - 1.0).abs() <= NORM_TOLERANCE {
         return Ok(quaternion);
     }
-    Err(DecodeError::OutOfRange { field, value: format!("a quaternion of norm {norm}"), expected: "norm 1 within 1e-6" })
+    Err(DecodeError::OutOfRange {
+        field,
+        value: format!("a quaternion of norm {norm}"),
+        expected: "norm 1 within 1e-6",
+    })
 }
 
 impl Field<u64> for Flags {
@@ -94,11 +98,7 @@ fn enum_to_proto(index: u64, last: i32) -> i32 {
 
 fn enum_from_proto(value: i32, last: i32, field: &'static str) -> Result<u64, DecodeError> {
     let index = u64::try_from(value).ok().filter(|_| value <= last).and_then(|value| value.checked_sub(1));
-    index.ok_or_else(|| DecodeError::OutOfRange {
-        field,
-        value: value.to_string(),
-        expected: "a value of the enum",
-    })
+    index.ok_or_else(|| DecodeError::OutOfRange { field, value: value.to_string(), expected: "a value of the enum" })
 }
 
 macro_rules! enum_fields {

@@ -33,12 +33,12 @@ pub mod channel;
 pub mod cockpit;
 pub mod command;
 pub mod delivery;
+pub mod error;
 mod field;
 mod frame;
 pub mod keys;
 pub mod measurement;
 pub mod payload;
-pub mod error;
 pub mod schema;
 pub mod viewer;
 
@@ -49,8 +49,8 @@ pub mod v1 {
 }
 
 pub use batch::{decode_batch, decode_topic_batch, encode_batch, encode_samples};
-pub use payload::Payload;
 pub use error::{DecodeError, DecodeErrorCounts};
+pub use payload::Payload;
 
 /// Maximum size of a message, bytes. The largest message sent, a batch of checkpoints, has less
 /// than half of it.

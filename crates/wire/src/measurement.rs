@@ -19,7 +19,9 @@ pub fn decode(bytes: &[u8]) -> Result<v1::Measurement, DecodeError> {
     match (rate_rad_s, force_m_s2) {
         (Some(_), None) => Err(DecodeError::Missing { field: "force_m_s2" }),
         (None, Some(_)) => Err(DecodeError::Missing { field: "rate_rad_s" }),
-        (None, None) if field_ut.is_none() && velocity_m_s.is_none() => Err(DecodeError::Missing { field: "rate_rad_s" }),
+        (None, None) if field_ut.is_none() && velocity_m_s.is_none() => {
+            Err(DecodeError::Missing { field: "rate_rad_s" })
+        }
         _ => Ok(measurement),
     }
 }

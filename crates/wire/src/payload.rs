@@ -10,7 +10,7 @@ use messages::{
 };
 use prost::Message as _;
 
-use crate::{DecodeError, field::Field, error, v1};
+use crate::{DecodeError, error, field::Field, v1};
 
 /// Topic message that has a protobuf counterpart in the schema.
 pub trait Payload: Message {

@@ -12,7 +12,7 @@ use host::AnyStage;
 use launch::Service;
 use messages::{AccelPoint, Flags, Header, ImuSample};
 use runtime::{
-    SingleInputSlot, RuntimeError, ServiceConfig, ServiceContext, TickProcessor,
+    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
     serve,
     stage::{self, ResettingStage},

@@ -51,8 +51,9 @@ impl PageFiles {
         let Some(asset) = self.0.get(if name.is_empty() { "index.html" } else { name }) else {
             return response(StatusCode::NOT_FOUND, Body::from("file not found\n"));
         };
-        let header_contains =
-            |name, text: &str| headers.get_all(name).iter().any(|value| value.to_str().is_ok_and(|value| value.contains(text)));
+        let header_contains = |name, text: &str| {
+            headers.get_all(name).iter().any(|value| value.to_str().is_ok_and(|value| value.contains(text)))
+        };
         let is_cached = asset.tag.to_str().is_ok_and(|tag| header_contains(header::IF_NONE_MATCH, tag));
         let compressed = asset.gzip.clone().filter(|_| header_contains(header::ACCEPT_ENCODING, "gzip"));
         let mut reply = match &compressed {
@@ -116,7 +117,8 @@ fn schema() -> Value {
     for (enum_name, name, number) in names {
         enums.entry(enum_name).or_insert_with(|| json!({}))[number.to_string()] = name.into();
     }
-    let flags: Vec<_> = Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::INFORMATIONAL.any(*flag)])).collect();
+    let flags: Vec<_> =
+        Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::INFORMATIONAL.any(*flag)])).collect();
     json!({ "messages": messages, "enums": enums, "flags": flags })
 }
 

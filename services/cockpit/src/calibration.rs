@@ -45,7 +45,14 @@ pub(crate) struct Calibration {
 impl Calibration {
     pub(crate) fn new(request: CalibrationRequest) -> Self {
         let calibrator = Calibrator::new(request.kind, &request.prior);
-        Self { kind: request.kind, topic: request.topic, calibrator, started: Instant::now(), last_report: None, last_attempt: None }
+        Self {
+            kind: request.kind,
+            topic: request.topic,
+            calibrator,
+            started: Instant::now(),
+            last_report: None,
+            last_attempt: None,
+        }
     }
 
     /// Adds a message of `topic`. Messages of other topics are ignored.

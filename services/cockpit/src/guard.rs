@@ -79,7 +79,8 @@ fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Access
     let scheme: &[u8] = if rules.uses_tls { b"https://" } else { b"http://" };
     let is_own_origin = |origin: &HeaderValue| origin.as_bytes().strip_prefix(scheme) == Some(host.as_bytes());
     let is_listed_origin = |origin: &HeaderValue| {
-        uri.path() == FOXGLOVE_PATH && rules.foxglove_origins.iter().any(|listed| listed.as_bytes() == origin.as_bytes())
+        uri.path() == FOXGLOVE_PATH
+            && rules.foxglove_origins.iter().any(|listed| listed.as_bytes() == origin.as_bytes())
     };
     if !headers.get_all(header::ORIGIN).iter().all(|origin| is_own_origin(origin) || is_listed_origin(origin)) {
         return Err(FOREIGN_ORIGIN);
@@ -201,7 +202,10 @@ mod tests {
                 status(Method::GET, uri, &[&[host, ("sec-fetch-site", site)], headers].concat())
             };
             let navigation = [("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "document")];
-            assert_eq!(status_from_site("/metrics?vehicle=x1", &[("sec-fetch-mode", "no-cors"), ("sec-fetch-dest", "image")]), 403);
+            assert_eq!(
+                status_from_site("/metrics?vehicle=x1", &[("sec-fetch-mode", "no-cors"), ("sec-fetch-dest", "image")]),
+                403
+            );
             assert_eq!(status_from_site("/", &[("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "iframe")]), 403);
             assert_eq!(status_from_site("/metrics", &navigation), 403);
             assert_eq!(status_from_site("/", &navigation), 200);

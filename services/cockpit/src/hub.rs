@@ -188,7 +188,9 @@ mod tests {
         for number in 0..1000 {
             hub.publish_snapshot(Picture { number, ..Picture::default() });
         }
-        assert!(matches!(messages.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64));
+        assert!(
+            matches!(messages.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64)
+        );
         let left: Vec<_> = std::iter::from_fn(|| messages.try_recv().ok()).collect();
         assert_eq!(left.len(), MAX_QUEUED_MESSAGES, "the newest are kept");
     }

@@ -31,23 +31,23 @@
 #![forbid(unsafe_code)]
 
 mod assets;
-pub mod local_system;
 pub mod calibration;
 mod commands;
+pub mod decimator;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod guard;
 pub mod hub;
+pub mod local_system;
 mod metrics;
-pub mod decimator;
 pub mod recording;
 pub mod server;
-pub mod vehicles;
 mod socket;
 pub mod source;
 mod status;
 pub mod tls;
 pub mod token;
+pub mod vehicles;
 
 use std::{
     sync::Arc,
@@ -61,15 +61,15 @@ use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use crate::{
-    local_system::LocalSystem,
     calibration::Calibration,
-    hub::Hub,
     decimator::Decimator,
+    hub::Hub,
+    local_system::LocalSystem,
     server::{Server, ServerError},
-    vehicles::VehicleView,
     source::{CommandTarget, Source, SourceState},
     status::StatusMonitor,
     token::{Role, TokenError, Tokens},
+    vehicles::VehicleView,
 };
 
 /// Interval between snapshots.

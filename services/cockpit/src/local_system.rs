@@ -13,7 +13,7 @@ use runtime::ServiceConfig;
 
 use crate::{
     calibration::CalibrationRequest,
-    source::{SystemDescription, CommandTarget, Source, SourceState},
+    source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 
 /// Topics to observe. On the data path an output comes before its inputs.
@@ -104,7 +104,8 @@ impl Source for LocalSystem {
     fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
         self.update_connection();
         let Some(attachment) = &self.attachment else { return self.state.clone() };
-        let failed = attachment.taps.iter().find_map(|(topic, tap)| tap.drain(&mut |bytes| on_message(*topic, bytes)).err());
+        let failed =
+            attachment.taps.iter().find_map(|(topic, tap)| tap.drain(&mut |bytes| on_message(*topic, bytes)).err());
         if let Some(error) = failed {
             self.attachment = None;
             self.state = SourceState::Connecting(error.to_string());
@@ -147,8 +148,8 @@ impl CommandTarget for SupervisorClient {
     fn description(&self) -> Result<SystemDescription, String> {
         let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
         let slots = Service::SLOTS.into_iter().filter(|slot| launch.services.contains(slot));
-        let slots =
-            slots.map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
+        let slots = slots
+            .map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
         Ok(SystemDescription {
             system: launch.name.clone(),
             source: source_label(&launch),

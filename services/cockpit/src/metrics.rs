@@ -37,11 +37,7 @@ pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String 
 /// Writes the version, the connection and the source.
 fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }: &LatestState) {
     let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
-    text.gauge(
-        "plumbline_build_info",
-        "Version of the exporting program and name of the system.",
-        [(&build[..], 1.0)],
-    );
+    text.gauge("plumbline_build_info", "Version of the exporting program and name of the system.", [(&build[..], 1.0)]);
     let states = [
         (State::Connecting, [("state", "connecting")]),
         (State::Live, [("state", "live")]),
@@ -69,12 +65,9 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
     let labelled = || names.iter().map(|name| &name[..]).zip(&all);
     let with_ticks = || labelled().filter(|(_, (_, status))| status.service != SUPERVISOR);
 
-    let up = labelled().map(|(name, (_, status))| (name, f64::from(u8::from(WORKING_STATES.contains(&status.state.as_str())))));
-    text.gauge(
-        "plumbline_service_up",
-        "1 while the service is ready, running or finished, otherwise 0.",
-        up,
-    );
+    let up = labelled()
+        .map(|(name, (_, status))| (name, f64::from(u8::from(WORKING_STATES.contains(&status.state.as_str())))));
+    text.gauge("plumbline_service_up", "1 while the service is ready, running or finished, otherwise 0.", up);
     let stages: Vec<_> = all
         .iter()
         .filter(|(_, status)| !status.stage.is_empty())
@@ -114,11 +107,7 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
 /// Writes the newest attitude, its latency and the number of input warnings.
 fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_rad_s }: &LatestState, now_ns: u64) {
     let warnings = standing.warnings.len() as f64;
-    text.gauge(
-        "plumbline_input_warnings",
-        "Warnings of the input check.",
-        unlabelled(Some(warnings)),
-    );
+    text.gauge("plumbline_input_warnings", "Warnings of the input check.", unlabelled(Some(warnings)));
     let latencies = standing.latency_us.as_ref().map(quantiles).into_iter().flatten();
     let latencies: Vec<_> = latencies.map(|(quantile, s)| ([("quantile", quantile)], s)).collect();
     let samples = latencies.iter().map(|(labels, s)| (&labels[..], *s));
@@ -128,7 +117,11 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
     let header = attitude.as_ref().and_then(|attitude| attitude.header.as_ref());
     let age_s = header.map(|header| now_ns.saturating_sub(header.t_sent_ns) as f64 * 1e-9);
     text.gauge("plumbline_attitude_age_seconds", "Time since the newest attitude was published.", unlabelled(age_s));
-    text.gauge("plumbline_attitude_tick", "Tick of the newest attitude.", unlabelled(header.map(|header| header.tick as f64)));
+    text.gauge(
+        "plumbline_attitude_tick",
+        "Tick of the newest attitude.",
+        unlabelled(header.map(|header| header.tick as f64)),
+    );
     let resets = attitude.as_ref().map(|attitude| attitude.reset_counter as f64);
     text.counter("plumbline_attitude_resets_total", "Resets of the attitude or the course.", unlabelled(resets));
 
@@ -136,9 +129,17 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
     let is_unaligned = header.is_none_or(|header| Flags(header.flags).any(Flags::UNALIGNED));
     let aligned = attitude.as_ref().filter(|_| !is_unaligned);
     let angle = |angle: fn(&wire::v1::AttitudeOutput) -> f64| unlabelled(aligned.map(angle));
-    text.gauge("plumbline_attitude_roll_radians", "Roll, right side down positive.", angle(|attitude| attitude.roll_rad));
+    text.gauge(
+        "plumbline_attitude_roll_radians",
+        "Roll, right side down positive.",
+        angle(|attitude| attitude.roll_rad),
+    );
     text.gauge("plumbline_attitude_pitch_radians", "Pitch, nose up positive.", angle(|attitude| attitude.pitch_rad));
-    text.gauge("plumbline_attitude_yaw_radians", "Yaw, counter-clockwise from above positive.", angle(|attitude| attitude.yaw_rad));
+    text.gauge(
+        "plumbline_attitude_yaw_radians",
+        "Yaw, counter-clockwise from above positive.",
+        angle(|attitude| attitude.yaw_rad),
+    );
     let reference = aligned.and_then(|attitude| match attitude.course_reference() {
         CourseReference::Unspecified => None,
         CourseReference::Arbitrary => Some([("reference", "arbitrary")]),
@@ -146,7 +147,11 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
         CourseReference::True => Some([("reference", "true")]),
     });
     let course = reference.as_ref().zip(aligned).map(|(label, attitude)| (&label[..], attitude.course_rad));
-    text.gauge("plumbline_attitude_course_radians", "Course from the reference, clockwise from above positive.", course);
+    text.gauge(
+        "plumbline_attitude_course_radians",
+        "Course from the reference, clockwise from above positive.",
+        course,
+    );
     let help = "Standard deviation of the inclination.";
     let inclination_sd_rad = aligned.map(|attitude| attitude.inclination_sd_rad).filter(|sd_rad| is_known(*sd_rad));
     text.gauge("plumbline_attitude_inclination_sd_radians", help, unlabelled(inclination_sd_rad));

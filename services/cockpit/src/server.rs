@@ -43,10 +43,10 @@ use crate::{
     guard::{self, AccessRules},
     metrics,
     recording::Recording,
-    vehicles::{VehicleView, VehicleDirectory},
     socket,
     tls::{self, TlsError},
     token::{Token, Tokens},
+    vehicles::{VehicleDirectory, VehicleView},
 };
 
 /// Maximum number of concurrent connections.
@@ -309,7 +309,11 @@ async fn foxglove_socket(
         return rejection;
     }
     if state.site.recording.is_some() {
-        return (StatusCode::NOT_FOUND, "/foxglove serves live systems only; open the recording's file in the viewer\n").into_response();
+        return (
+            StatusCode::NOT_FOUND,
+            "/foxglove serves live systems only; open the recording's file in the viewer\n",
+        )
+            .into_response();
     }
     let view = match state.view(&uri) {
         Ok(view) => view,

@@ -21,7 +21,7 @@ use wire::{
 };
 
 use crate::{
-    commands::{Commands, CommandSession},
+    commands::{CommandSession, Commands},
     hub::{self, Hub},
     token::Tokens,
 };
@@ -114,7 +114,8 @@ async fn next_event(
 ) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
     // Polls all three; each future is cancel-safe, so that dropping it loses nothing.
-    let (mut next_message, mut next_reply, mut next_command) = (pin!(messages.recv()), pin!(replies.recv()), pin!(socket.recv()));
+    let (mut next_message, mut next_reply, mut next_command) =
+        (pin!(messages.recv()), pin!(replies.recv()), pin!(socket.recv()));
     poll_fn(|context| {
         if let Poll::Ready(Some(reply)) = next_reply.as_mut().poll(context) {
             return Poll::Ready(Event::Reply(reply));

@@ -18,12 +18,12 @@ use judge::{FieldQueue, InputCheck};
 use messages::{Header, ImuSample, MagSample};
 use observe::{
     hops::{self, HopLatencies},
-    process::{ProcessUsage, ProcessMonitor},
+    process::{ProcessMonitor, ProcessUsage},
 };
 use runtime::clock::monotonic_ns;
 use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
 
-use crate::source::{SystemDescription, CommandTarget, SourceState};
+use crate::source::{CommandTarget, SourceState, SystemDescription};
 
 /// Interval between queries to the supervisor.
 const QUERY_INTERVAL: Duration = Duration::from_secs(1);
@@ -170,9 +170,12 @@ impl StatusMonitor {
         });
         let statuses: Vec<_> = statuses.into_iter().chain(supervisor).collect();
         let is_local = description.supervisor_pid.is_some();
-        let is_due = |measurements: &Measurements| measurements.measured_at.elapsed() >= MIN_MEASURE_INTERVAL || self.is_new_state(&state);
+        let is_due = |measurements: &Measurements| {
+            measurements.measured_at.elapsed() >= MIN_MEASURE_INTERVAL || self.is_new_state(&state)
+        };
         if self.measurements.as_ref().is_none_or(is_due) {
-            self.measurements = Some(self.measure(statuses.iter().filter_map(|status| status.pid.filter(|_| is_local))));
+            self.measurements =
+                Some(self.measure(statuses.iter().filter_map(|status| status.pid.filter(|_| is_local))));
         }
         let measurements = self.measurements.as_ref();
         let services = statuses.into_iter().map(|status| {
@@ -181,7 +184,9 @@ impl StatusMonitor {
             let usage = measurements.zip(status.pid).and_then(|(measurements, pid)| measurements.costs.get(&pid));
             ServiceStanding {
                 rate_hz: path_measurements.and_then(|(measurements, service)| measurements.rates_hz[service as usize]),
-                latency_us: path_measurements.and_then(|(measurements, service)| measurements.latencies[service as usize]).map(latency),
+                latency_us: path_measurements
+                    .and_then(|(measurements, service)| measurements.latencies[service as usize])
+                    .map(latency),
                 cpu_percent: usage.and_then(|usage| usage.cpu_percent),
                 resident_mib: usage.map(|cost| cost.resident_mib),
                 status: Some(to_proto(status)),
@@ -269,8 +274,19 @@ fn latency(latency: observe::hops::LatencyUs) -> LatencyUs {
 }
 
 fn to_proto(status: ServiceStatus) -> v1::ServiceStatus {
-    let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address: _, diagnostics: troubles } =
-        status;
+    let ServiceStatus {
+        service,
+        stage,
+        state,
+        pid,
+        restarts,
+        incarnation,
+        epoch,
+        ticks,
+        lost,
+        address: _,
+        diagnostics: troubles,
+    } = status;
     let trouble = |control::Diagnostic { kind, found, remedy }| v1::Trouble { kind, found, remedy };
     let troubles = troubles.into_iter().map(trouble).collect();
     // The address of the cockpit contains the operator's token and must not reach the viewers.
@@ -341,7 +357,8 @@ mod tests {
 
     #[test]
     fn status_within_minimum_interval_keeps_measurements() {
-        let mut monitor = StatusMonitor::with_interval(Arc::new(CountingSupervisor::default()), false, Duration::from_secs(3600));
+        let mut monitor =
+            StatusMonitor::with_interval(Arc::new(CountingSupervisor::default()), false, Duration::from_secs(3600));
         let end = Instant::now() + Duration::from_secs(30);
         while lock(&monitor.report).query == 0 {
             assert!(Instant::now() < end);

@@ -42,7 +42,9 @@ pub enum TlsError {
         path: PathBuf,
     },
     /// The private key does not belong to the certificate.
-    #[error("cannot use certificate {cert} with private key {key}: {cause}; `plumb keys vehicle NAME --host HOST` creates a matching pair")]
+    #[error(
+        "cannot use certificate {cert} with private key {key}: {cause}; `plumb keys vehicle NAME --host HOST` creates a matching pair"
+    )]
     KeyMismatch {
         /// Path of the certificate.
         cert: PathBuf,

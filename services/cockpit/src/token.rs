@@ -242,7 +242,10 @@ mod tests {
         assert!(error.contains("is a symbolic link") && error.contains("remove the file"), "{error}");
         assert!(!target.exists());
         fs::write(&target, "a".repeat(2 * TOKEN_BYTES)).unwrap();
-        assert!(Token::load_or_create(folder.path(), OPERATOR_FILE).is_err(), "a link to a valid token is rejected, too");
+        assert!(
+            Token::load_or_create(folder.path(), OPERATOR_FILE).is_err(),
+            "a link to a valid token is rejected, too"
+        );
         fs::remove_file(&path).unwrap();
         fs::write(&path, "a".repeat(2 * TOKEN_BYTES)).unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
@@ -251,7 +254,12 @@ mod tests {
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
         assert!(Token::load_or_create(folder.path(), OPERATOR_FILE).is_ok());
         fs::write(&path, "short").unwrap();
-        assert!(Token::load_or_create(folder.path(), OPERATOR_FILE).unwrap_err().to_string().contains("not contain a token"));
+        assert!(
+            Token::load_or_create(folder.path(), OPERATOR_FILE)
+                .unwrap_err()
+                .to_string()
+                .contains("not contain a token")
+        );
     }
 
     #[test]
@@ -262,7 +270,10 @@ mod tests {
         };
         assert_eq!(folder_for(&[("STATE_DIRECTORY", "/var/lib/a:/b"), ("HOME", "/h")]).as_deref(), Some("/var/lib/a"));
         assert_eq!(folder_for(&[("XDG_STATE_HOME", "/s"), ("HOME", "/h")]).as_deref(), Some("/s/plumbline"));
-        assert_eq!(folder_for(&[("XDG_STATE_HOME", "s"), ("HOME", "/h")]).as_deref(), Some("/h/.local/state/plumbline"));
+        assert_eq!(
+            folder_for(&[("XDG_STATE_HOME", "s"), ("HOME", "/h")]).as_deref(),
+            Some("/h/.local/state/plumbline")
+        );
         assert_eq!(folder_for(&[]), None);
     }
 }

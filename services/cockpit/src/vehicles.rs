@@ -30,9 +30,9 @@ impl VehicleDirectory for VehicleView {
     fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
         match vehicle {
             None => Ok(self.clone()),
-            Some(vehicle) => {
-                Err(format!("vehicle {vehicle:?} is not available: this page shows one system; use `plumb view --remote`"))
-            }
+            Some(vehicle) => Err(format!(
+                "vehicle {vehicle:?} is not available: this page shows one system; use `plumb view --remote`"
+            )),
         }
     }
 }

@@ -21,8 +21,7 @@ use host::AnyStage;
 use launch::Service;
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
-    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
-    convert,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot, convert,
     join::MAX_QUEUED,
     join_inputs, serve,
     stage::{self, ResettingStage},

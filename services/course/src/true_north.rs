@@ -115,7 +115,8 @@ pub(crate) fn declination(position: Position, date: time::Date) -> Option<Declin
     let angle = |angle_deg: f64| Angle::new::<degree>(angle_deg as f32);
     let field = GeomagneticField::new(height, angle(latitude_deg), angle(longitude_deg), date).ok()?;
     let radians = |angle: Angle| f64::from(angle.get::<radian>());
-    let declination = Declination { angle_rad: radians(field.declination()), sd_rad: radians(field.declination_uncertainty()) };
+    let declination =
+        Declination { angle_rad: radians(field.declination()), sd_rad: radians(field.declination_uncertainty()) };
     (declination.angle_rad.is_finite() && declination.sd_rad.is_finite()).then_some(declination)
 }
 
@@ -147,7 +148,12 @@ mod tests {
     use super::*;
 
     fn reading(course_deg: f64, reference: CourseReference) -> CourseReading {
-        CourseReading { course_rad: course_deg.to_radians(), reference, course_sd_rad: 0.01, ..CourseReading::default() }
+        CourseReading {
+            course_rad: course_deg.to_radians(),
+            reference,
+            course_sd_rad: 0.01,
+            ..CourseReading::default()
+        }
     }
 
     /// Creates a conversion at 80° N, 0° E on 1 January 2025, with a declination of 1.28° east.
@@ -209,7 +215,11 @@ mod tests {
     fn only_magnetic_courses_are_converted() {
         let mut north = true_north(true);
         let converted = north.apply(reading(359.5, CourseReference::Magnetic));
-        assert_eq!((converted.reference, converted.aligned), (CourseReference::True, false), "no earlier course was magnetic");
+        assert_eq!(
+            (converted.reference, converted.aligned),
+            (CourseReference::True, false),
+            "no earlier course was magnetic"
+        );
         assert!((converted.course_rad.to_degrees() - 0.78).abs() < 0.01, "{}", converted.course_rad.to_degrees());
         assert!((converted.declination_rad.to_degrees() - 1.28).abs() < 0.01 && converted.course_sd_rad > 0.01);
         for reference in [CourseReference::Arbitrary, CourseReference::True] {
@@ -221,7 +231,8 @@ mod tests {
 
     #[test]
     fn first_true_course_after_first_fix_is_a_jump() {
-        let mut north = TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2027, 7, 2) }).unwrap();
+        let mut north =
+            TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2027, 7, 2) }).unwrap();
         let magnetic = reading(100.0, CourseReference::Magnetic);
         let nowhere = GnssFix { latitude_rad: f64::NAN, longitude_rad: f64::NAN, ..bytemuck::Zeroable::zeroed() };
         north.update_position(&nowhere);
@@ -239,7 +250,8 @@ mod tests {
     fn restored_state_has_same_declination() {
         let (mut north, mut words) = (true_north(true), Vec::new());
         north.visit(&mut |word| words.push(*word));
-        let mut other = TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2025, 1, 1) }).unwrap();
+        let mut other =
+            TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2025, 1, 1) }).unwrap();
         let mut next = words.iter();
         other.visit(&mut |word| *word = *next.next().unwrap());
         assert_eq!((other, other.validation_error()), (north, None));

@@ -172,15 +172,23 @@ mod tests {
 
     fn good(second: u64) -> DeviceReport {
         let counts = Counts { frames: 100 * second, rejected: 0, skipped_bytes: 0 };
-        DeviceReport { format: "witmotion", bytes: 3300 * second, counts, measurements: 100 * second, ..DeviceReport::default() }
+        DeviceReport {
+            format: "witmotion",
+            bytes: 3300 * second,
+            counts,
+            measurements: 100 * second,
+            ..DeviceReport::default()
+        }
     }
 
     #[test]
     fn healthy_device_has_no_diagnostics() {
         assert_eq!(kinds_after(30, |second| (good(second), 0)), [""; 0]);
         // A partial frame at the start, and a device that restarts.
-        let restarted =
-            |second| DeviceReport { counts: Counts { skipped_bytes: 40, rejected: 1, ..good(second).counts }, ..good(second) };
+        let restarted = |second| DeviceReport {
+            counts: Counts { skipped_bytes: 40, rejected: 1, ..good(second).counts },
+            ..good(second)
+        };
         assert_eq!(kinds_after(5, |second| (restarted(second), 1)), [""; 0]);
     }
 

@@ -44,7 +44,8 @@ impl DiagnosticsPublisher {
             return;
         }
         let service = || Service::Drivers.name().to_owned();
-        let is_in = |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));
+        let is_in =
+            |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));
         let mut lines = Vec::new();
         lines.extend(
             self.published.iter().filter(|old| !is_in(&current, old)).map(|old| format!("resolved: {}", old.found)),

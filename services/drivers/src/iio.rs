@@ -11,7 +11,7 @@ use std::{
 
 use decoders::{
     Counts, Decoder, Framed, Measurement,
-    iio::{Clock, Iio, IioError, Layout, DevicePair, sysfs},
+    iio::{Clock, DevicePair, Iio, IioError, Layout, sysfs},
 };
 use launch::IioDevice;
 use rustix::{
@@ -22,7 +22,7 @@ use rustix::{
 
 use crate::{
     DriversError,
-    input::{Input, DeviceReport, ReadOutcome},
+    input::{DeviceReport, Input, ReadOutcome},
     reconnecting_port::DeviceFailure,
 };
 

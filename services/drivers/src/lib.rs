@@ -30,18 +30,18 @@
 //! | `diagnostics_publisher` | reports of these problems to the supervisor and the user |
 #![forbid(unsafe_code)]
 
-mod stream_preamble;
+mod device_monitor;
+mod diagnostics_publisher;
 mod format;
 mod iio;
 mod input;
-mod reconnecting_port;
-mod reading_publisher;
 mod port;
 mod protobuf;
+mod reading_publisher;
 mod receiver;
+mod reconnecting_port;
 mod stream;
-mod diagnostics_publisher;
-mod device_monitor;
+mod stream_preamble;
 
 use std::{
     thread,
@@ -55,14 +55,14 @@ use mapping::MappingError;
 use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
-use stream_preamble::StreamPreamble;
+use device_monitor::DeviceMonitor;
+use diagnostics_publisher::DiagnosticsPublisher;
 use iio::IioInput;
 use input::{Input, ReadOutcome};
 use reading_publisher::ReadingPublisher;
 use receiver::Receiver;
 use stream::DeviceStream;
-use diagnostics_publisher::DiagnosticsPublisher;
-use device_monitor::DeviceMonitor;
+use stream_preamble::StreamPreamble;
 
 /// Maximum wait for bytes. It limits the time between two health messages.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
@@ -143,7 +143,8 @@ pub fn run() -> Result<(), DriversError> {
             Some(ReadOutcome::NoData) => {}
             None => measurements.extend(receiver.iter().find_map(|receiver| receiver.next_fix(READ_TIMEOUT))),
         }
-        measurements.extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.next_fix(Duration::ZERO))));
+        measurements
+            .extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.next_fix(Duration::ZERO))));
         let arrival_ns = monotonic_ns().cast_signed();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
     }

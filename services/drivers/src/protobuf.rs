@@ -43,7 +43,9 @@ impl Format for Protobuf {
 fn length(bytes: &[u8]) -> Option<(usize, usize)> {
     match *bytes {
         [low, ..] if low & CONTINUATION == 0 => Some((1, low.into())),
-        [low, high, ..] if high & CONTINUATION == 0 => Some((2, usize::from(low & !CONTINUATION) | usize::from(high) << 7)),
+        [low, high, ..] if high & CONTINUATION == 0 => {
+            Some((2, usize::from(low & !CONTINUATION) | usize::from(high) << 7))
+        }
         _ => None,
     }
 }
@@ -55,7 +57,8 @@ fn push_measurements(message: &v1::Measurement, measurements: &mut Vec<Measureme
     let time = message.t_ns.map(|t_ns| DeviceTime::SinceBoot { now_ns: t_ns.cast_unsigned() });
     let mut push = |value| measurements.push(Measurement { time, value });
     if let Some(velocity) = message.velocity_m_s {
-        let (latitude_rad, longitude_rad, altitude_m) = (message.latitude_rad, message.longitude_rad, message.altitude_m);
+        let (latitude_rad, longitude_rad, altitude_m) =
+            (message.latitude_rad, message.longitude_rad, message.altitude_m);
         let position = Position { latitude_rad, longitude_rad, altitude_m };
         push(Value::Fix { velocity_m_s: three(velocity), sd_m_s: message.velocity_sd_m_s, position });
     }

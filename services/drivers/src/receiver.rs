@@ -14,7 +14,7 @@ use launch::ReceiverSource;
 
 use crate::{
     DriversError, READ_TIMEOUT, format,
-    input::{Input, DeviceReport, ReadOutcome},
+    input::{DeviceReport, Input, ReadOutcome},
     stream::DeviceStream,
 };
 

@@ -7,7 +7,7 @@ use std::{
 
 use launch::Port;
 
-use crate::port::{PortRead, OpenPort};
+use crate::port::{OpenPort, PortRead};
 
 /// Maximum number of bytes per read.
 const BUFFER_BYTES: usize = 1 << 16;

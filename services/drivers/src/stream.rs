@@ -7,9 +7,9 @@ use launch::Port;
 
 use crate::{
     DriversError,
+    input::{DeviceReport, Input, ReadOutcome},
+    reconnecting_port::{Received, ReconnectingPort, StreamStart},
     stream_preamble::StreamPreamble,
-    input::{Input, DeviceReport, ReadOutcome},
-    reconnecting_port::{StreamStart, ReconnectingPort, Received},
 };
 
 /// Factory of decoders in their initial state.

@@ -192,7 +192,8 @@ impl Slot for FuserSlot {
 
     fn validation_error(&self) -> Option<&'static str> {
         let previous = self.previous_gyro.map_or(Attitude::default(), |(attitude, _)| attitude);
-        let are_finite = [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
+        let are_finite =
+            [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
         (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
     }
 

@@ -96,7 +96,9 @@ impl IdempotentSwaps {
         let now_ns = monotonic_ns();
         if request.t_deadline_ns <= now_ns {
             let late_ms = (now_ns - request.t_deadline_ns) / 1_000_000;
-            return Err(format!("request received {late_ms} ms after its deadline; query `services` and send a new request"));
+            return Err(format!(
+                "request received {late_ms} ms after its deadline; query `services` and send a new request"
+            ));
         }
         if request.t_deadline_ns - now_ns > MAX_DEADLINE_AHEAD_NS {
             return Err(
@@ -134,7 +136,8 @@ impl IdempotentSwaps {
             let entry = state.requests.iter().find(|entry| entry.request.request_id == request.request_id)?;
             entry.reply.clone()
         };
-        let timeout = Duration::from_nanos(request.t_deadline_ns.saturating_sub(monotonic_ns()).min(MAX_DEADLINE_AHEAD_NS));
+        let timeout =
+            Duration::from_nanos(request.t_deadline_ns.saturating_sub(monotonic_ns()).min(MAX_DEADLINE_AHEAD_NS));
         let waited = self.replied.wait_timeout_while(locked(&self.state), timeout, |state| find(state).is_none());
         let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         find(&state).unwrap_or_else(|| SwapAnswer {

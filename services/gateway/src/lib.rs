@@ -133,7 +133,12 @@ impl Shared {
     pub(crate) fn live_services(&self) -> Vec<Service> {
         let last_health = locked(&self.last_health);
         let is_live = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < HEALTH_TIMEOUT);
-        Service::ALL.into_iter().zip(last_health.iter()).filter(|(_, at)| is_live(at)).map(|(service, _)| service).collect()
+        Service::ALL
+            .into_iter()
+            .zip(last_health.iter())
+            .filter(|(_, at)| is_live(at))
+            .map(|(service, _)| service)
+            .collect()
     }
 
     fn on_health(&self, health: &Health) {
@@ -227,7 +232,11 @@ fn run_network(
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
-        plain_access: Some(AccessList::for_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
+        plain_access: Some(AccessList::for_gateway(
+            &shared.vehicle,
+            !gateway.export.is_empty(),
+            gateway.access.is_none(),
+        )),
         client: false,
     };
     let endpoints = endpoints.with_free_ports()?;
@@ -265,7 +274,10 @@ fn run_network(
 pub(crate) fn notify_supervisor(shared: Arc<Shared>, request: ControlRequest) {
     thread::spawn(move || {
         let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;
-        while control::send_request::<()>(&shared.system, &request).is_err() && Instant::now() < deadline && !shared.is_stopping() {
+        while control::send_request::<()>(&shared.system, &request).is_err()
+            && Instant::now() < deadline
+            && !shared.is_stopping()
+        {
             thread::sleep(Duration::from_millis(100));
         }
     });
@@ -274,6 +286,7 @@ pub(crate) fn notify_supervisor(shared: Arc<Shared>, request: ControlRequest) {
 /// Returns a client that forwards swap requests to the supervisor.
 fn swap_client(system: String) -> idempotent_swaps::SwapClient {
     Box::new(move |request| {
-        control::send_request::<control::SwapReport>(&system, &ControlRequest::Swap(request)).map_err(|error| error.to_string())
+        control::send_request::<control::SwapReport>(&system, &ControlRequest::Swap(request))
+            .map_err(|error| error.to_string())
     })
 }

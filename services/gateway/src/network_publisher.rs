@@ -62,9 +62,9 @@ impl NetworkPublisher {
             KeyChannel::open(link, keys::key(&vehicle, topic), message, output)
         };
         let rates = &launch.gateway.rates;
-        let channels = Topic::ALL
-            .iter()
-            .map(|topic| rates.contains_key(topic.name()).then(|| channel(topic.name(), batch_type(*topic))).transpose());
+        let channels = Topic::ALL.iter().map(|topic| {
+            rates.contains_key(topic.name()).then(|| channel(topic.name(), batch_type(*topic))).transpose()
+        });
         Ok(Self {
             channels: channels.collect::<Result<_, _>>()?,
             report: channel(keys::GATEWAY, format!("plumbline.v1.{}", GatewayReport::NAME))?,
@@ -121,7 +121,10 @@ impl NetworkPublisher {
         self.service_tokens.retain(|(service, _)| live.contains(service));
         for service in live {
             if !self.service_tokens.iter().any(|(known, _)| *known == service) {
-                self.service_tokens.push((service, self.link.declare_liveliness(&keys::service_liveliness(&self.shared.vehicle, service.name()))?));
+                self.service_tokens.push((
+                    service,
+                    self.link.declare_liveliness(&keys::service_liveliness(&self.shared.vehicle, service.name()))?,
+                ));
             }
         }
         Ok(())

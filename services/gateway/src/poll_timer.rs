@@ -33,7 +33,11 @@ impl PollTimer {
         // Awaited ticks arrive unevenly, or in bursts after a stall. Half an interval allows for
         // that.
         let interval_s = if is_event_driven { 0.5 } else { 1.0 } / messages_hz;
-        Self { is_event_driven, interval: Duration::from_secs_f64(interval_s).min(MAX_POLL_INTERVAL), polled: Instant::now() }
+        Self {
+            is_event_driven,
+            interval: Duration::from_secs_f64(interval_s).min(MAX_POLL_INTERVAL),
+            polled: Instant::now(),
+        }
     }
 
     /// Waits until the next poll is due.
@@ -80,7 +84,10 @@ mod tests {
         let live = service_config::Pace::Speed(1.0);
         let gateway = |messages_hz| Gateway { messages_hz, ..Gateway::default() };
         assert!(is_event_driven(100.0, live, gateway(200.0)) && is_event_driven(1000.0, live, gateway(2000.0)));
-        assert!(!is_event_driven(1000.0, live, gateway(200.0)) && !is_event_driven(100.0, service_config::Pace::Max, gateway(200.0)));
+        assert!(
+            !is_event_driven(1000.0, live, gateway(200.0))
+                && !is_event_driven(100.0, service_config::Pace::Max, gateway(200.0))
+        );
         assert!(is_event_driven(1000.0, live, Gateway { import: Some(Import::default()), ..gateway(200.0) }));
     }
 }

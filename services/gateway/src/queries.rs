@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use control::ControlRequest;
-use link::{QueryHandler, Link, LinkError, IncomingQuery};
+use link::{IncomingQuery, Link, LinkError, QueryHandler};
 use runtime::clock::monotonic_ns;
 use wire::{
     command::ControlMessage,
@@ -77,8 +77,19 @@ fn answer_swap(query: &IncomingQuery, shared: &Shared) {
 }
 
 fn to_wire(status: control::ServiceStatus) -> ServiceStatus {
-    let control::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address, diagnostics } =
-        status;
+    let control::ServiceStatus {
+        service,
+        stage,
+        state,
+        pid,
+        restarts,
+        incarnation,
+        epoch,
+        ticks,
+        lost,
+        address,
+        diagnostics,
+    } = status;
     let (stage, at) = (stage.unwrap_or_default(), address.unwrap_or_default());
     let trouble = |control::Diagnostic { kind, found, remedy }| Trouble { kind, found, remedy };
     let troubles = diagnostics.into_iter().map(trouble).collect();

@@ -21,7 +21,7 @@ use host::AnyStage;
 use launch::Service;
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
-    MAX_BRIDGED_GAP_S, SingleInputSlot, RuntimeError, ServiceConfig, ServiceContext, TickProcessor,
+    MAX_BRIDGED_GAP_S, RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
     serve,
     stage::{self, ResettingStage},
@@ -81,7 +81,8 @@ impl TickProcessor for GyroProcessor {
         let dt_s = (header.t_end_ns - previous_ns) as f64 * 1e-9;
         let kind = if header.flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
         let dt_s = if dt_s <= MAX_BRIDGED_GAP_S { dt_s } else { 0.0 };
-        let (mut motion, was_reset) = self.stage.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind })?;
+        let (mut motion, was_reset) =
+            self.stage.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind })?;
         header.flags |= Flags::RESET.when(was_reset);
         if !self.is_aligned {
             motion.attitude = self.align_level(input).unwrap_or(motion.attitude);
@@ -155,7 +156,10 @@ mod tests {
 
     /// Returns each published tick with its `SWAPPED` flag, which marks the first output of another
     /// stage.
-    fn output_swapped_flags(service: &mut SlotService<SingleInputSlot<GyroProcessor>>, ticks: std::ops::Range<u64>) -> Vec<(u64, bool)> {
+    fn output_swapped_flags(
+        service: &mut SlotService<SingleInputSlot<GyroProcessor>>,
+        ticks: std::ops::Range<u64>,
+    ) -> Vec<(u64, bool)> {
         output_flags(service, ticks, Flags::SWAPPED)
     }
 

@@ -31,7 +31,7 @@ use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
 use crate::{
-    channel::{VectorChannel, FieldChannel, check_fix},
+    channel::{FieldChannel, VectorChannel, check_fix},
     fault_injection::FaultInjector,
     source::{Reading, ReceiverFix, Truth},
 };

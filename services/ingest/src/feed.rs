@@ -38,7 +38,8 @@ impl BusFeed {
     /// Returns `true` if the drivers have finished, so that no further readings will be published.
     pub(crate) fn has_ended(&mut self) -> Result<bool, BusError> {
         let Self { drivers, has_ended, .. } = self;
-        let is_finished = |health: &Health| health.service == Service::Drivers as u32 && health.state == State::FINISHED;
+        let is_finished =
+            |health: &Health| health.service == Service::Drivers as u32 && health.state == State::FINISHED;
         if let Some(drivers) = drivers {
             drivers.drain(CONTROL_BUFFER, |health| *has_ended |= is_finished(&health))?;
         }

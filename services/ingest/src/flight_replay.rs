@@ -46,7 +46,13 @@ impl FlightReplay {
     /// Returns an error if a calibration or the mounting is invalid.
     pub fn new(config: &ServiceConfig) -> Result<Self, SourceError> {
         let is_from_bus = !config.launch.ingest.source.is_repeatable();
-        Ok(Self { conditioner: crate::conditioner(config)?, config: config.clone(), is_from_bus, last: None, rejected: 0 })
+        Ok(Self {
+            conditioner: crate::conditioner(config)?,
+            config: config.clone(),
+            is_from_bus,
+            last: None,
+            rejected: 0,
+        })
     }
 
     /// Returns the sample of a reading, or `None` if it is a duplicate, was rejected, or is dropped

@@ -12,11 +12,11 @@
 
 mod channel;
 pub mod conditioner;
+mod fault_injection;
 mod feed;
 pub mod flight_replay;
-mod fault_injection;
-pub mod source;
 mod raw_readings;
+pub mod source;
 
 use std::time::Duration;
 
@@ -33,8 +33,8 @@ use runtime::{
 
 use conditioner::{Conditioner, Sample};
 use feed::BusFeed;
-use source::{Reading, Readings, SourceError, Truth};
 use raw_readings::RawReadingPublisher;
+use source::{Reading, Readings, SourceError, Truth};
 
 /// Maximum number of samples published before the subscribers are woken.
 const MAX_BATCH_SAMPLES: usize = 64;

@@ -79,7 +79,9 @@ impl Flight {
         launch.north.date = launch.north.date.or(number(DATE).and_then(|number| Date::from_number(number as u32)));
         let warm = events.iter().find(|event| event.kind == EventKind::WARM);
         let prior = match warm {
-            Some(warm) => Some(warm.settings().and_then(|known| Prior::from_named_values(&known)).ok_or_else(missing_start)?),
+            Some(warm) => {
+                Some(warm.settings().and_then(|known| Prior::from_named_values(&known)).ok_or_else(missing_start)?)
+            }
             None => None,
         };
         Ok(Self { launch, rate_hz, prior, schedule: Schedule::from_events(events), readings })
@@ -107,7 +109,8 @@ mod tests {
             Flight::new(launch, &[event], Box::new(std::iter::empty())).unwrap().launch.north.date
         };
         assert_eq!([replayed_date(None), replayed_date(Date::new(2025, 1, 1))], [north.date, Date::new(2025, 1, 1)]);
-        let event = start_event(200.0, &Launch { north: NorthReference { is_true: false, ..north }, ..Launch::default() });
+        let event =
+            start_event(200.0, &Launch { north: NorthReference { is_true: false, ..north }, ..Launch::default() });
         assert_eq!(event.settings().unwrap().len(), 2, "the date is included only if used");
     }
 }

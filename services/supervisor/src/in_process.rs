@@ -12,7 +12,7 @@ use ingest::{
 };
 use launch::Service;
 use messages::{FusedState, Reference};
-use pipeline::{Collector, AttitudeFile, Path};
+use pipeline::{AttitudeFile, Collector, Path};
 use runtime::{
     Pace,
     clock::{monotonic_ns, sleep_until_ns},
@@ -104,7 +104,12 @@ impl Samples {
 }
 
 /// Processes all samples and creates the report.
-fn run_samples(plan: &Plan, stop_requested: &AtomicBool, mut samples: Samples, mut path: Path) -> Result<Report, UpError> {
+fn run_samples(
+    plan: &Plan,
+    stop_requested: &AtomicBool,
+    mut samples: Samples,
+    mut path: Path,
+) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_ref())?;
     let mut view = View::new(plan)?;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());

@@ -24,7 +24,6 @@ pub mod flight;
 pub mod in_process;
 mod input;
 mod notify;
-mod terminal;
 pub mod plan;
 mod processes;
 mod reaper;
@@ -32,6 +31,7 @@ pub mod recorder;
 pub mod report;
 mod scheduling;
 pub mod system;
+mod terminal;
 mod view;
 mod warm;
 
@@ -76,7 +76,11 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     {
         return Err(error.into());
     }
-    if request.in_process { in_process::run(&plan, &stop_requested) } else { system::run(&plan, stop_requested, recorder) }
+    if request.in_process {
+        in_process::run(&plan, &stop_requested)
+    } else {
+        system::run(&plan, stop_requested, recorder)
+    }
 }
 
 /// Replays a recorded flight to its end, in this process.

@@ -39,10 +39,10 @@ impl Notifier {
     /// Connects as specified by the environment: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
     pub(crate) fn new() -> Result<Self, UpError> {
         let manager = env::var_os("NOTIFY_SOCKET").filter(|address| !address.is_empty());
-        let manager = manager
-            .map(|address| connect(&address))
-            .transpose()
-            .map_err(|cause| UpError::System { action: "connecting to the service manager at NOTIFY_SOCKET".into(), cause })?;
+        let manager = manager.map(|address| connect(&address)).transpose().map_err(|cause| UpError::System {
+            action: "connecting to the service manager at NOTIFY_SOCKET".into(),
+            cause,
+        })?;
         Ok(Self {
             manager,
             feed_interval: watchdog_timeout().map(|timeout| timeout / FEEDS_PER_TIMEOUT),
@@ -60,7 +60,9 @@ impl Notifier {
 
     /// Feeds the watchdog if the tick has advanced and the feed interval has passed.
     pub(crate) fn feed_watchdog(&mut self, next_tick: u64) {
-        if next_tick > self.last_fed_tick && self.feed_interval.is_some_and(|feed_interval| self.last_fed.elapsed() >= feed_interval) {
+        if next_tick > self.last_fed_tick
+            && self.feed_interval.is_some_and(|feed_interval| self.last_fed.elapsed() >= feed_interval)
+        {
             (self.last_fed, self.last_fed_tick) = (Instant::now(), next_tick);
             self.send("WATCHDOG=1");
         }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use launch::{Date, Launch, Service, Source};
-use pipeline::{Column, AttitudeFile, is_same_file};
+use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
@@ -159,7 +159,8 @@ impl Plan {
         let max_ticks = flight.schedule.end_tick().into_iter().chain(requested_ticks).min();
         let pace = request.pace.unwrap_or(Pace::Speed(1.0));
         let prior = flight.prior.filter(|_| !request.cold);
-        let config = ServiceConfig { max_ticks, prior, ..standalone_config(flight.launch.clone(), flight.rate_hz, pace) };
+        let config =
+            ServiceConfig { max_ticks, prior, ..standalone_config(flight.launch.clone(), flight.rate_hz, pace) };
         Self {
             ticks: max_ticks,
             stop_after_s: None,

@@ -118,7 +118,11 @@ impl Processes {
         let ended = self.all.extract_if(.., |incarnation, process| {
             process.stderr.poll();
             let Some(status) = process.exit_status() else { return false };
-            exits.push(Exit { incarnation: *incarnation, exit_status: describe_exit(status), stderr: process.stderr.text() });
+            exits.push(Exit {
+                incarnation: *incarnation,
+                exit_status: describe_exit(status),
+                stderr: process.stderr.text(),
+            });
             true
         });
         let children: Vec<_> = ended.map(|(_, process)| process.child).collect();

@@ -49,7 +49,8 @@ pub(crate) enum SchedulingClass {
 /// A starting process whose priority could not be restored later keeps the default priority.
 pub(crate) fn set_class(pid: u32, class: SchedulingClass) {
     let Ok(own) = attributes_of(CALLING_THREAD) else { return };
-    let class = if class == SchedulingClass::Starting && !can_restore(&own) { SchedulingClass::Auxiliary } else { class };
+    let class =
+        if class == SchedulingClass::Starting && !can_restore(&own) { SchedulingClass::Auxiliary } else { class };
     // An error is ignored: the process has just exited, or the kernel does not support slices.
     let _ = schedule(pid, &attributes(own, class));
 }

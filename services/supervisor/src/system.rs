@@ -15,7 +15,7 @@ use std::{
 use bus::{Claim, SharedMemory, SystemName};
 use launch::Service;
 use messages::{Credit, EventKind, SystemEvent};
-use pipeline::{Collector, AttitudeFile};
+use pipeline::{AttitudeFile, Collector};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
@@ -44,7 +44,11 @@ const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// # Errors
 ///
 /// Returns an error if the system could not be started. Later failures are part of the report.
-pub fn run(plan: &Plan, stop_requested: Arc<AtomicBool>, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
+pub fn run(
+    plan: &Plan,
+    stop_requested: Arc<AtomicBool>,
+    recorder: Option<&mut dyn Recorder>,
+) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_ref())?;
     let mut system = System::start(plan, stop_requested, recorder)?;
     let failure = system.run(&mut collector).err();
@@ -208,7 +212,9 @@ impl<'r> System<'r> {
     /// Checks whether files of the bus were removed: periodically, and whenever a process has
     /// exited.
     fn check_bus_files(&mut self, has_exits: bool, collector: &mut Collector) -> Result<(), UpError> {
-        let Some(claim) = self.claim.as_ref().filter(|_| has_exits || self.last_file_check.elapsed() >= FILE_CHECK_INTERVAL) else {
+        let Some(claim) =
+            self.claim.as_ref().filter(|_| has_exits || self.last_file_check.elapsed() >= FILE_CHECK_INTERVAL)
+        else {
             return Ok(());
         };
         self.last_file_check = Instant::now();
@@ -275,7 +281,8 @@ impl<'r> System<'r> {
             Action::Ready => {
                 self.notifier.notify_ready();
                 if self.cpu_usage.cpu_since_s == 0.0 {
-                    (self.cpu_usage.since, self.cpu_usage.cpu_since_s) = (Instant::now(), own_cpu_s() + self.processes.cpu_s());
+                    (self.cpu_usage.since, self.cpu_usage.cpu_since_s) =
+                        (Instant::now(), own_cpu_s() + self.processes.cpu_s());
                 }
             }
             Action::Stopping => {
@@ -348,7 +355,8 @@ impl<'r> System<'r> {
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
         self.optional_inputs.input = !self.checker.is_finished();
-        self.connection = Some(BusConnection::open(claim.system_name(), &self.config, next_tick, self.optional_inputs)?);
+        self.connection =
+            Some(BusConnection::open(claim.system_name(), &self.config, next_tick, self.optional_inputs)?);
         Ok(())
     }
 

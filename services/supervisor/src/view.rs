@@ -58,7 +58,9 @@ impl View {
     pub(crate) fn show(&mut self, collector: &Collector, supervision: Option<&Supervision>, now: Duration) {
         let elapsed_s = self.last_line.elapsed().as_secs_f64();
         let ticks = collector.ticks();
-        if let Some(error) = collector.file_error().filter(|_| !std::mem::replace(&mut self.output_error_announced, true)) {
+        if let Some(error) =
+            collector.file_error().filter(|_| !std::mem::replace(&mut self.output_error_announced, true))
+        {
             self.announce([error.to_string()]);
         }
         let is_new_line = self.last_line.elapsed() >= LINE_INTERVAL;
@@ -71,7 +73,10 @@ impl View {
             let services = supervision.into_iter().flat_map(Supervision::entries);
             let services = services.map(|(service, entry)| service_line(service, entry, now));
             self.painter.show_frame(Frame {
-                lines: [self.header.clone(), attitude, error, self.flow(collector)].into_iter().chain(services).collect(),
+                lines: [self.header.clone(), attitude, error, self.flow(collector)]
+                    .into_iter()
+                    .chain(services)
+                    .collect(),
                 progress: self
                     .ticks
                     .map(|_| (collector.next_tick(), format!("{:.1} × real time", self.ticks_per_s / self.rate_hz))),

@@ -1,4 +1,4 @@
-//! What a link promises its callers: endpoints, questions and answers, refusals.
+//! Links: endpoints, queries and rejections.
 
-mod asking;
-mod secured;
+mod queries;
+mod tls;

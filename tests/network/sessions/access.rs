@@ -1,49 +1,51 @@
-//! What each role may do, and may not, at a router with the list that `plumb keys` writes.
-use super::site::{Heard, Site, Vehicle, ask, ask_alive, until};
+//! Permissions of each role at a router with the access list that `plumb keys` writes.
+use super::site::{Received, Site, Vehicle, query_keys, query_live_tokens, wait_for};
 use zenoh::Wait;
 
 const ATTITUDE: &str = "plumbline/v1/alpha/attitude";
 const SWAP: &str = "plumbline/v1/alpha/command/swap";
 
 #[test]
-fn a_viewer_reads_telemetry_last_values_schemas_and_who_is_alive() {
-    for site in Site::both(&["vehicle.alpha", "viewer.wall"]) {
+fn viewer_reads_telemetry_schema_and_liveliness() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "viewer.wall"]) {
         let _router = site.router();
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
         let viewer = site.session("viewer.wall");
         for key in [ATTITUDE, "plumbline/v1/*/attitude", "plumbline/v1/**"] {
-            let heard = Heard::of(&viewer, key);
-            until(key, || {
+            let received = Received::subscribe(&viewer, key);
+            wait_for(key, || {
                 alpha.publish();
-                heard.has(ATTITUDE)
+                received.contains(ATTITUDE)
             });
         }
-        for (asked, answer) in [
+        for (queried, replied) in [
             (ATTITUDE, ATTITUDE),
             ("plumbline/v1/*/attitude", ATTITUDE),
             ("plumbline/v1/alpha/*", ATTITUDE),
             ("plumbline/v1/alpha/schema", "plumbline/v1/alpha/schema"),
         ] {
-            until(asked, || ask(&viewer, asked).iter().any(|key| key == answer));
+            wait_for(queried, || query_keys(&viewer, queried).iter().any(|key| key == replied));
         }
         let live = "plumbline/v1/alpha/@live/fuser";
-        until("who is alive", || ask_alive(&viewer, "plumbline/v1/*/@live/**").iter().any(|key| key == live));
-        let alive = Heard::alive(&viewer, "plumbline/v1/*/@live/*");
-        until("a sign of life", || alive.has(live));
+        wait_for("a liveliness token", || {
+            query_live_tokens(&viewer, "plumbline/v1/*/@live/**").iter().any(|key| key == live)
+        });
+        let alive = Received::subscribe_liveliness(&viewer, "plumbline/v1/*/@live/*");
+        wait_for("a liveliness message", || alive.contains(live));
     }
 }
 
 #[test]
-fn a_viewer_cannot_command_however_the_query_is_worded_and_an_operator_can() {
-    for site in Site::both(&["vehicle.alpha", "viewer.wall", "operator.ann"]) {
+fn viewer_cannot_command_through_any_key_expression() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "viewer.wall", "operator.ann"]) {
         let _router = site.router();
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
         let (viewer, operator) = (site.session("viewer.wall"), site.session("operator.ann"));
-        // Both are heard: what follows is not for want of a connection.
+        // Both sessions are connected, so a missing reply below is due to the access list.
         for session in [&viewer, &operator] {
-            until("an answer", || !ask(session, ATTITUDE).is_empty());
+            wait_for("a reply", || !query_keys(session, ATTITUDE).is_empty());
         }
-        let meeting_the_command = [
+        let matching_keys = [
             SWAP,
             "plumbline/v1/*/command/swap",
             "plumbline/v1/alpha/command/*",
@@ -51,162 +53,165 @@ fn a_viewer_cannot_command_however_the_query_is_worded_and_an_operator_can() {
             "plumbline/**",
             "**",
         ];
-        for key in meeting_the_command {
-            assert_eq!(ask(&viewer, key), Vec::<String>::new(), "{key}");
+        for key in matching_keys {
+            assert_eq!(query_keys(&viewer, key), Vec::<String>::new(), "{key}");
         }
-        assert_eq!(alpha.commands.all(), Vec::<String>::new());
-        assert_eq!(ask(&operator, SWAP), [SWAP]);
-        assert_eq!(alpha.commands.all(), [SWAP]);
+        assert_eq!(alpha.commands.keys(), Vec::<String>::new());
+        assert_eq!(query_keys(&operator, SWAP), [SWAP]);
+        assert_eq!(alpha.commands.keys(), [SWAP]);
     }
 }
 
 #[test]
-fn an_operator_commands_one_vehicle_at_a_time() {
-    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "operator.ann"]) {
+fn operator_commands_one_vehicle_per_query() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "vehicle.beta", "operator.ann"]) {
         let _router = site.router();
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
         let beta = Vehicle::new(site.session("vehicle.beta"), "beta");
         let operator = site.session("operator.ann");
         let beta_swap = "plumbline/v1/beta/command/swap";
-        until("both", || ask(&operator, "plumbline/v1/*/attitude").len() == 2);
+        wait_for("replies of both vehicles", || query_keys(&operator, "plumbline/v1/*/attitude").len() == 2);
         for key in ["plumbline/v1/*/command/swap", "plumbline/v1/**"] {
-            assert_eq!(ask(&operator, key), Vec::<String>::new(), "{key}");
+            assert_eq!(query_keys(&operator, key), Vec::<String>::new(), "{key}");
         }
-        assert_eq!(ask(&operator, beta_swap), [beta_swap]);
-        assert_eq!((alpha.commands.all(), beta.commands.all()), (vec![], vec![beta_swap.to_owned()]));
+        assert_eq!(query_keys(&operator, beta_swap), [beta_swap]);
+        assert_eq!((alpha.commands.keys(), beta.commands.keys()), (vec![], vec![beta_swap.to_owned()]));
     }
 }
 
 #[test]
-fn a_vehicle_publishes_below_its_own_name_only() {
-    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
+fn vehicle_publishes_only_below_its_own_name() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
         let _router = site.router();
-        let heard = Heard::of(&site.session("viewer.wall"), "plumbline/v1/**");
+        let received = Received::subscribe(&site.session("viewer.wall"), "plumbline/v1/**");
         let beta = site.session("vehicle.beta");
-        // In this order on one connection: when its own has come, the others will not.
-        until("beta's own", || {
+        // Messages of one connection stay in order: when beta's own message arrives, the forged
+        // ones were rejected.
+        wait_for("beta's own message", || {
             for key in [ATTITUDE, "plumbline/v1/*/attitude", "plumbline/v1/beta/attitude"] {
                 beta.put(key, "forged").wait().unwrap();
             }
-            heard.has("plumbline/v1/beta/attitude")
+            received.contains("plumbline/v1/beta/attitude")
         });
-        assert!(heard.all().iter().all(|key| key == "plumbline/v1/beta/attitude"), "{:?}", heard.all());
+        assert!(received.keys().iter().all(|key| key == "plumbline/v1/beta/attitude"), "{:?}", received.keys());
         let alpha = site.session("vehicle.alpha");
-        until("the same from alpha", || {
+        wait_for("the same message from alpha", || {
             alpha.put(ATTITUDE, "true").wait().unwrap();
-            heard.has(ATTITUDE)
+            received.contains(ATTITUDE)
         });
     }
 }
 
 #[test]
-fn a_vehicle_hears_nothing_of_another() {
-    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
+fn vehicle_receives_nothing_from_other_vehicle() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
         let _router = site.router();
         let beta = site.session("vehicle.beta");
-        let overheard = Heard::of(&beta, "plumbline/v1/**");
-        let heard = Heard::of(&site.session("viewer.wall"), "plumbline/v1/**");
+        let received_by_beta = Received::subscribe(&beta, "plumbline/v1/**");
+        let received = Received::subscribe(&site.session("viewer.wall"), "plumbline/v1/**");
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
-        until("ten attitudes", || {
+        wait_for("ten attitudes", || {
             alpha.publish();
-            heard.all().len() > 10
+            received.keys().len() > 10
         });
-        assert_eq!(ask(&beta, ATTITUDE), Vec::<String>::new());
-        assert_eq!(ask(&beta, SWAP), Vec::<String>::new());
-        assert_eq!((overheard.all(), alpha.commands.all()), (vec![], vec![]));
+        assert_eq!(query_keys(&beta, ATTITUDE), Vec::<String>::new());
+        assert_eq!(query_keys(&beta, SWAP), Vec::<String>::new());
+        assert_eq!((received_by_beta.keys(), alpha.commands.keys()), (vec![], vec![]));
     }
 }
 
 #[test]
-fn a_vehicle_neither_answers_nor_lives_nor_takes_commands_for_another() {
-    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "operator.ann"]) {
+fn vehicle_cannot_reply_or_declare_for_other_vehicle() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "vehicle.beta", "operator.ann"]) {
         let _router = site.router();
         let operator = site.session("operator.ann");
-        let alive = Heard::alive(&operator, "plumbline/v1/*/@live/*");
-        // All that alpha does, with the certificate of beta.
+        let alive = Received::subscribe_liveliness(&operator, "plumbline/v1/*/@live/*");
+        // Declares everything that alpha declares, but with the certificate of beta.
         let beta = site.session("vehicle.beta");
         let forged = Vehicle::new(beta.clone(), "alpha");
-        let caught = Heard::default();
-        let catch = caught.clone();
-        let everywhere = beta.declare_queryable("plumbline/v1/*/command/swap");
-        everywhere.callback(move |query| catch.add(query.key_expr().as_str())).background().wait().unwrap();
+        let intercepted = Received::default();
+        let recorder = intercepted.clone();
+        let wildcard = beta.declare_queryable("plumbline/v1/*/command/swap");
+        wildcard.callback(move |query| recorder.add(query.key_expr().as_str())).background().wait().unwrap();
         let _own = Vehicle::new(beta, "beta");
-        until("beta's own life", || alive.has("plumbline/v1/beta/@live/fuser"));
-        until("beta's own answer", || !ask(&operator, "plumbline/v1/beta/attitude").is_empty());
-        assert_eq!(ask(&operator, ATTITUDE), Vec::<String>::new());
-        assert_eq!(ask(&operator, SWAP), Vec::<String>::new());
-        assert!(!alive.all().iter().any(|key| key.contains("alpha")), "{:?}", alive.all());
-        assert_eq!((forged.commands.all(), caught.all()), (vec![], vec![]));
+        wait_for("beta's own token", || alive.contains("plumbline/v1/beta/@live/fuser"));
+        wait_for("beta's own reply", || !query_keys(&operator, "plumbline/v1/beta/attitude").is_empty());
+        assert_eq!(query_keys(&operator, ATTITUDE), Vec::<String>::new());
+        assert_eq!(query_keys(&operator, SWAP), Vec::<String>::new());
+        assert!(!alive.keys().iter().any(|key| key.contains("alpha")), "{:?}", alive.keys());
+        assert_eq!((forged.commands.keys(), intercepted.keys()), (vec![], vec![]));
 
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
-        until("alpha's own life", || alive.has("plumbline/v1/alpha/@live/fuser"));
-        until("alpha's own answer", || ask(&operator, SWAP) == [SWAP]);
-        assert!(!alpha.commands.all().is_empty() && forged.commands.all().is_empty());
+        wait_for("alpha's own token", || alive.contains("plumbline/v1/alpha/@live/fuser"));
+        wait_for("alpha's own reply", || query_keys(&operator, SWAP) == [SWAP]);
+        assert!(!alpha.commands.keys().is_empty() && forged.commands.keys().is_empty());
     }
 }
 
 #[test]
-fn the_ground_publishes_nothing() {
-    for site in Site::both(&["vehicle.alpha", "viewer.wall", "viewer.desk", "operator.ann"]) {
+fn ground_parties_cannot_publish() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "viewer.wall", "viewer.desk", "operator.ann"]) {
         let _router = site.router();
-        let heard = Heard::of(&site.session("viewer.desk"), "plumbline/v1/**");
+        let received = Received::subscribe(&site.session("viewer.desk"), "plumbline/v1/**");
         let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
         let forged = "plumbline/v1/alpha/course";
         for party in ["viewer.wall", "operator.ann"] {
             let ground = site.session(party);
-            // The answer comes after what was put before the question, and the vehicle's own after both.
-            until("an answer", || {
+            // The reply follows what was put before the query, and the vehicle's own message
+            // follows both.
+            wait_for("a reply", || {
                 ground.put(forged, "forged").wait().unwrap();
-                !ask(&ground, ATTITUDE).is_empty()
+                !query_keys(&ground, ATTITUDE).is_empty()
             });
         }
-        until("alpha", || {
+        wait_for("telemetry of alpha", || {
             alpha.publish();
-            heard.has(ATTITUDE)
+            received.contains(ATTITUDE)
         });
-        assert!(!heard.has(forged));
-        until("the same from alpha", || {
+        assert!(!received.contains(forged));
+        wait_for("the same message from alpha", || {
             alpha.session.put(forged, "true").wait().unwrap();
-            heard.has(forged)
+            received.contains(forged)
         });
     }
 }
 
 #[test]
-fn a_revoked_party_may_do_nothing_once_the_router_has_the_new_list() {
-    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
-        let stolen = site.copy_of("vehicle.beta");
+fn revoked_party_is_blocked_by_updated_list() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
+        let stolen = site.copy_folder("vehicle.beta");
         let beta_attitude = "plumbline/v1/beta/attitude";
-        let hears_beta = |revoked: bool| {
+        let viewer_receives_beta = |revoked: bool| {
             let _router = site.router();
-            let heard = Heard::of(&site.session("viewer.wall"), "plumbline/v1/**");
+            let received = Received::subscribe(&site.session("viewer.wall"), "plumbline/v1/**");
             let (alpha, beta) = (site.session("vehicle.alpha"), site.open(stolen.path()).unwrap());
-            until("alpha", || {
+            wait_for("telemetry of alpha", || {
                 beta.put(beta_attitude, "level").wait().unwrap();
                 alpha.put(ATTITUDE, "level").wait().unwrap();
-                heard.all().iter().filter(|key| *key == ATTITUDE).count() > 10 && (revoked || heard.has(beta_attitude))
+                received.keys().iter().filter(|key| *key == ATTITUDE).count() > 10
+                    && (revoked || received.contains(beta_attitude))
             });
-            heard.has(beta_attitude)
+            received.contains(beta_attitude)
         };
-        assert!(hears_beta(false));
+        assert!(viewer_receives_beta(false));
         site.revoke("vehicle.beta");
-        assert!(!hears_beta(true));
+        assert!(!viewer_receives_beta(true));
     }
 }
 
 #[test]
-fn a_vehicle_that_starts_before_its_router_is_heard_when_it_comes() {
-    for site in Site::both(&["vehicle.alpha", "viewer.wall"]) {
+fn vehicle_started_before_router_connects_later() {
+    for site in Site::with_vehicle_clients_and_peers(&["vehicle.alpha", "viewer.wall"]) {
         let config = site.configuration(&site.path("vehicle.alpha"));
         let early = std::thread::spawn(move || zenoh::open(config).wait().unwrap());
         std::thread::sleep(std::time::Duration::from_millis(500));
         assert!(!early.is_finished());
         let _router = site.router();
         let alpha = early.join().unwrap();
-        let heard = Heard::of(&site.session("viewer.wall"), "plumbline/v1/**");
-        until("the vehicle", || {
+        let received = Received::subscribe(&site.session("viewer.wall"), "plumbline/v1/**");
+        wait_for("telemetry of the vehicle", || {
             alpha.put(ATTITUDE, "level").wait().unwrap();
-            heard.has(ATTITUDE)
+            received.contains(ATTITUDE)
         });
     }
 }

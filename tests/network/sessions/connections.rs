@@ -1,4 +1,5 @@
-//! Who is refused a connection, and by what. Each refusal stands beside the same attempt with the right certificate.
+//! Connections that are rejected for their certificate. Each test also makes the same attempt with
+//! a valid certificate.
 use std::{fs, path::Path};
 
 use super::site::Site;
@@ -8,38 +9,38 @@ use time::{Duration, OffsetDateTime};
 use zenoh::Wait;
 
 #[test]
-fn nobody_connects_without_a_certificate() {
+fn client_without_certificate_is_rejected() {
     let site = Site::new(&["viewer.wall"]);
     let _router = site.router();
-    let bare = site.copy_of("viewer.wall");
-    let path = bare.path().join("ground.json5");
+    let uncertified = site.copy_folder("viewer.wall");
+    let path = uncertified.path().join("ground.json5");
     let text = fs::read_to_string(&path).unwrap();
-    let kept = |line: &&str| !line.contains("connect_certificate") && !line.contains("connect_private_key");
-    let without: Vec<&str> = text.lines().filter(kept).collect();
+    let is_kept = |line: &&str| !line.contains("connect_certificate") && !line.contains("connect_private_key");
+    let without: Vec<&str> = text.lines().filter(is_kept).collect();
     fs::write(&path, without.join("\n").replace("enable_mtls: true", "enable_mtls: false")).unwrap();
-    assert!(site.open(bare.path()).is_err());
+    assert!(site.open(uncertified.path()).is_err());
     fs::write(&path, text).unwrap();
-    assert!(site.open(bare.path()).is_ok());
+    assert!(site.open(uncertified.path()).is_ok());
 }
 
 #[test]
-fn nobody_connects_without_tls() {
+fn client_without_tls_is_rejected() {
     let site = Site::new(&["viewer.wall"]);
     let _router = site.router();
-    let plain = site.copy_of("viewer.wall");
-    let path = plain.path().join("ground.json5");
+    let without_tls = site.copy_folder("viewer.wall");
+    let path = without_tls.path().join("ground.json5");
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replace("\"quic/", "\"tcp/")).unwrap();
-    assert!(site.open(plain.path()).is_err());
+    assert!(site.open(without_tls.path()).is_err());
     fs::write(&path, text).unwrap();
-    assert!(site.open(plain.path()).is_ok());
+    assert!(site.open(without_tls.path()).is_ok());
 }
 
 #[test]
-fn a_certificate_of_another_authority_is_refused_whatever_name_it_bears() {
+fn certificate_of_other_authority_is_rejected() {
     let (site, other) = (Site::new(&["operator.ann"]), Site::new(&["operator.ann"]));
     let _router = site.router();
-    let foreign = site.copy_of("operator.ann");
+    let foreign = site.copy_folder("operator.ann");
     for file in ["cert.pem", "key.pem"] {
         fs::copy(other.path("operator.ann").join(file), foreign.path().join(file)).unwrap();
     }
@@ -48,9 +49,9 @@ fn a_certificate_of_another_authority_is_refused_whatever_name_it_bears() {
 }
 
 #[test]
-fn a_router_of_another_authority_is_refused() {
+fn router_of_other_authority_is_rejected() {
     let (site, other) = (Site::new(&["vehicle.alpha"]), Site::new(&[]));
-    let trusting = site.copy_of("vehicle.alpha");
+    let trusting = site.copy_folder("vehicle.alpha");
     fs::copy(other.path("authority.pem"), trusting.path().join("ca.pem")).unwrap();
     let _router = site.router();
     assert!(site.open(trusting.path()).is_err());
@@ -59,27 +60,27 @@ fn a_router_of_another_authority_is_refused() {
 }
 
 #[test]
-fn a_certificate_that_has_ended_or_not_begun_is_refused() {
+fn expired_or_future_certificate_is_rejected() {
     let site = Site::new(&["vehicle.alpha"]);
     let _router = site.router();
-    let alpha = site.copy_of("vehicle.alpha");
+    let alpha = site.copy_folder("vehicle.alpha");
     let now = OffsetDateTime::now_utc();
-    for (from, until, welcome) in [(-2, -1, false), (1, 2, false), (-1, 1, true)] {
+    for (from, until, is_valid) in [(-2, -1, false), (1, 2, false), (-1, 1, true)] {
         let [from, until] = [from, until].map(|days| now + Duration::days(days));
         let issued = party_certificate(&site.path(""), "vehicle.alpha", from, until);
-        put(alpha.path(), &issued);
-        assert_eq!(site.open(alpha.path()).is_ok(), welcome, "valid from {from} until {until}");
+        install(alpha.path(), &issued);
+        assert_eq!(site.open(alpha.path()).is_ok(), is_valid, "valid from {from} until {until}");
     }
 }
 
 #[test]
-fn who_has_a_certificate_cannot_pose_as_the_router() {
+fn vehicle_certificate_cannot_serve_as_router() {
     let site = Site::new(&["vehicle.alpha", "operator.ann"]);
-    let posing = site.copy_of("router");
+    let impostor = site.copy_folder("router");
     for file in ["cert.pem", "key.pem"] {
-        fs::copy(site.path("vehicle.alpha").join(file), posing.path().join(file)).unwrap();
+        fs::copy(site.path("vehicle.alpha").join(file), impostor.path().join(file)).unwrap();
     }
-    let router = zenoh::open(site.configuration(posing.path())).wait().unwrap();
+    let router = zenoh::open(site.configuration(impostor.path())).wait().unwrap();
     assert!(site.open(&site.path("operator.ann")).is_err());
     router.close().wait().unwrap();
     let _router = site.router();
@@ -87,24 +88,24 @@ fn who_has_a_certificate_cannot_pose_as_the_router() {
 }
 
 #[test]
-fn the_router_is_believed_only_at_the_hosts_of_its_certificate() {
+fn router_is_accepted_only_at_certified_hosts() {
     let site = Site::new(&["operator.ann"]);
-    let of = |host: &str| {
+    let connects_with_certificate_for = |host: &str| {
         site.keys.router(&[host.parse().unwrap()], 30, true).unwrap();
         let router = site.router();
-        let opened = site.open(&site.path("operator.ann")).is_ok();
+        let is_connected = site.open(&site.path("operator.ann")).is_ok();
         router.close().wait().unwrap();
-        opened
+        is_connected
     };
-    assert!(!of("192.0.2.1"));
-    assert!(of("127.0.0.1"));
+    assert!(!connects_with_certificate_for("192.0.2.1"));
+    assert!(connects_with_certificate_for("127.0.0.1"));
 }
 
 #[test]
-fn a_router_without_a_list_lets_nobody_do_anything() {
+fn router_with_empty_access_list_denies_everything() {
     let site = Site::new(&[]);
     let _router = site.router();
-    // Signed by the authority, unknown to the list.
+    // Signed by the authority but missing from the access list.
     let now = OffsetDateTime::now_utc();
     let issued = party_certificate(&site.path(""), "operator.ann", now - Duration::DAY, now + Duration::DAY);
     let folder = tempfile::tempdir().unwrap();
@@ -112,16 +113,16 @@ fn a_router_without_a_list_lets_nobody_do_anything() {
     for file in fs::read_dir(other.path("operator.ann")).unwrap().flatten() {
         fs::copy(file.path(), folder.path().join(file.file_name())).unwrap();
     }
-    put(folder.path(), &issued);
+    install(folder.path(), &issued);
     fs::copy(site.path("authority.pem"), folder.path().join("ca.pem")).unwrap();
     let session = site.open(folder.path()).unwrap();
-    let heard = super::site::Heard::of(&session, "plumbline/v1/**");
-    assert_eq!(super::site::ask_alive(&session, "plumbline/v1/*/@live/**"), Vec::<String>::new());
-    assert_eq!(super::site::ask(&session, "plumbline/v1/alpha/attitude"), Vec::<String>::new());
-    assert_eq!(heard.all(), Vec::<String>::new());
+    let received = super::site::Received::subscribe(&session, "plumbline/v1/**");
+    assert_eq!(super::site::query_live_tokens(&session, "plumbline/v1/*/@live/**"), Vec::<String>::new());
+    assert_eq!(super::site::query_keys(&session, "plumbline/v1/alpha/attitude"), Vec::<String>::new());
+    assert_eq!(received.keys(), Vec::<String>::new());
 }
 
-/// A certificate of the site's authority with any validity.
+/// Issues a certificate of the site's authority with any validity period.
 fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: OffsetDateTime) -> IssuedCertificate {
     let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
     let authority = KeyPair::from_pem(&read("authority.key")).unwrap();
@@ -134,7 +135,7 @@ fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: Off
     IssuedCertificate { certificate: params.signed_by(&pair, &issuer).unwrap().pem(), key: pair.serialize_pem() }
 }
 
-fn put(folder: &Path, issued: &IssuedCertificate) {
+fn install(folder: &Path, issued: &IssuedCertificate) {
     fs::write(folder.join("cert.pem"), &issued.certificate).unwrap();
     fs::write(folder.join("key.pem"), &issued.key).unwrap();
 }

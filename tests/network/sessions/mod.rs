@@ -1,8 +1,8 @@
-//! Who may connect, read, command or speak for another: real Zenoh sessions with the configurations that `plumb keys` writes.
+//! Access control of real Zenoh sessions with the configurations that `plumb keys` writes.
 
 mod access;
-mod both_ways;
-mod carrying;
 mod connections;
 mod direct;
+mod saturated_link;
 mod site;
+mod tick_import;

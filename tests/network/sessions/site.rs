@@ -1,4 +1,5 @@
-//! Real Zenoh sessions with the configurations that `plumb keys` writes, but for paths and ports.
+//! Real Zenoh sessions with the configurations that `plumb keys` writes, except for paths and
+//! ports.
 
 use std::{
     fs,
@@ -12,12 +13,12 @@ use keys::{Keys, Party, configuration::INSTALL_DIR};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
-/// How long an attempt to connect may take; one that succeeds takes much less.
-const CONNECT_LIMIT_MS: u32 = 4000;
-/// How long an answer is waited for.
-const ANSWER_LIMIT: Duration = Duration::from_secs(3);
+/// Timeout of a connection attempt, ms. A successful one takes much less.
+const CONNECT_TIMEOUT_MS: u32 = 4000;
+/// Timeout of a query.
+const QUERY_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// A folder of keys, and the port of its router.
+/// Folder of keys with the port of its router or listening vehicle.
 pub(super) struct Site {
     folder: TempDir,
     pub(super) keys: Keys,
@@ -26,7 +27,7 @@ pub(super) struct Site {
 }
 
 impl Site {
-    /// With a certificate for each of the parties.
+    /// Creates a folder with a certificate for each of the parties.
     pub(super) fn new(parties: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (keys, _) = Keys::init(folder.path(), &["127.0.0.1".parse().unwrap()], 30, false).unwrap();
@@ -35,8 +36,9 @@ impl Site {
         site
     }
 
-    /// One whose vehicles are clients of the router, as their configuration has it, and one where they are its peers.
-    pub(super) fn both(parties: &[&str]) -> [Self; 2] {
+    /// Returns a site whose vehicles are clients of the router, as configured, and one whose
+    /// vehicles are peers.
+    pub(super) fn with_vehicle_clients_and_peers(parties: &[&str]) -> [Self; 2] {
         [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
     }
 
@@ -52,17 +54,18 @@ impl Site {
         self.folder.path().join(file)
     }
 
-    /// The router, as its folder has it.
+    /// Opens the router with the configuration of its folder.
     pub(super) fn router(&self) -> Session {
         listening(&self.configuration(&self.path("router")))
     }
 
-    /// A session as a party's folder has it.
+    /// Opens a session with the configuration of a party's folder.
     pub(super) fn session(&self, party: &str) -> Session {
         self.open(&self.path(party)).unwrap()
     }
 
-    /// A session that listens with the certificate of a vehicle, as its gateway does without a router.
+    /// Opens a session that listens with a vehicle's certificate, as a gateway without a router
+    /// does.
     pub(super) fn listening(&self, vehicle: &str) -> Session {
         let folder = self.path(vehicle);
         let mut config = Config::default();
@@ -83,10 +86,10 @@ impl Site {
         listening(&config)
     }
 
-    /// The same from another folder, which may be refused.
+    /// Opens a session with the configuration of any folder, which may be rejected.
     pub(super) fn open(&self, folder: &Path) -> zenoh::Result<Session> {
         let mut config = self.configuration(folder);
-        config.insert_json5("connect/timeout_ms", &CONNECT_LIMIT_MS.to_string()).unwrap();
+        config.insert_json5("connect/timeout_ms", &CONNECT_TIMEOUT_MS.to_string()).unwrap();
         if self.vehicles_are_peers && folder.join("vehicle.json5").exists() {
             config.insert_json5("mode", "\"peer\"").unwrap();
             config.insert_json5("listen/endpoints", "[]").unwrap();
@@ -95,7 +98,7 @@ impl Site {
         zenoh::open(config).wait()
     }
 
-    /// The configuration of a folder, with the folder's paths and this site's port.
+    /// Returns the configuration in a folder with the paths and the port of this site.
     pub(super) fn configuration(&self, folder: &Path) -> Config {
         let files = ["router.json5", "vehicle.json5", "ground.json5"].map(|file| folder.join(file));
         let text = fs::read_to_string(files.iter().find(|file| file.exists()).unwrap()).unwrap();
@@ -106,8 +109,8 @@ impl Site {
         Config::from_json5(&text).unwrap()
     }
 
-    /// A copy of a party's folder, to be tampered with.
-    pub(super) fn copy_of(&self, party: &str) -> TempDir {
+    /// Copies a party's folder, so that a test can modify it.
+    pub(super) fn copy_folder(&self, party: &str) -> TempDir {
         let copy = tempfile::tempdir().unwrap();
         for file in fs::read_dir(self.path(party)).unwrap().flatten() {
             fs::copy(file.path(), copy.path().join(file.file_name())).unwrap();
@@ -116,10 +119,11 @@ impl Site {
     }
 }
 
-/// A session that listens. The port of one that has just closed is free a little later.
+/// Opens a session that listens. Retries, because the port of a closed session is freed after a
+/// delay.
 fn listening(config: &Config) -> Session {
     let mut session = None;
-    until("the port", || {
+    wait_for("the port to be free", || {
         session = zenoh::open(config.clone()).wait().ok();
         session.is_some()
     });
@@ -130,37 +134,37 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// A vehicle as its gateway is: telemetry, last values, liveliness, commands.
+/// Session that declares what a gateway declares: telemetry, last values, liveliness, commands.
 pub(super) struct Vehicle {
     pub session: Session,
     name: String,
-    /// The commands that arrived.
-    pub commands: Heard,
-    _kept: Vec<Box<dyn std::any::Any>>,
+    /// Keys of the received commands.
+    pub commands: Received,
+    _declarations: Vec<Box<dyn std::any::Any>>,
 }
 
 impl Vehicle {
     pub(super) fn new(session: Session, name: &str) -> Self {
         let key = |rest: &str| format!("plumbline/v1/{name}/{rest}");
-        let commands = Heard::default();
-        let mut kept: Vec<Box<dyn std::any::Any>> = Vec::new();
-        for (rest, answer) in [("attitude", "level"), ("schema", "types"), ("command/swap", "committed")] {
-            let (heard, key) = (commands.clone(), key(rest));
-            let answer_to = {
+        let commands = Received::default();
+        let mut declarations: Vec<Box<dyn std::any::Any>> = Vec::new();
+        for (rest, value) in [("attitude", "level"), ("schema", "types"), ("command/swap", "committed")] {
+            let (received, key) = (commands.clone(), key(rest));
+            let respond = {
                 let key = key.clone();
                 move |query: zenoh::query::Query| {
                     if rest.starts_with("command") {
-                        heard.add(query.key_expr().as_str());
+                        received.add(query.key_expr().as_str());
                     }
-                    query.reply(&key, answer).wait().unwrap();
+                    query.reply(&key, value).wait().unwrap();
                 }
             };
-            kept.push(Box::new(session.declare_queryable(key).callback(answer_to).wait().unwrap()));
+            declarations.push(Box::new(session.declare_queryable(key).callback(respond).wait().unwrap()));
         }
         for rest in ["@live", "@live/fuser"] {
-            kept.push(Box::new(session.liveliness().declare_token(key(rest)).wait().unwrap()));
+            declarations.push(Box::new(session.liveliness().declare_token(key(rest)).wait().unwrap()));
         }
-        Self { session, name: name.into(), commands, _kept: kept }
+        Self { session, name: name.into(), commands, _declarations: declarations }
     }
 
     pub(super) fn publish(&self) {
@@ -168,71 +172,71 @@ impl Vehicle {
     }
 }
 
-/// Keys of what was heard.
+/// Keys of the received samples or queries.
 #[derive(Clone, Default)]
-pub(super) struct Heard {
+pub(super) struct Received {
     keys: Arc<Mutex<Vec<String>>>,
-    /// It hears as long as its session is open.
-    _open: Option<Session>,
+    /// Session of the subscriber, which must stay open.
+    _session: Option<Session>,
 }
 
-impl Heard {
-    /// What a subscriber of `key` hears.
-    pub(super) fn of(session: &Session, key: &str) -> Self {
-        let heard = Self::default();
-        let to = heard.clone();
+impl Received {
+    /// Subscribes to `key`.
+    pub(super) fn subscribe(session: &Session, key: &str) -> Self {
+        let received = Self::default();
+        let recorder = received.clone();
         session
             .declare_subscriber(key)
-            .callback(move |sample| to.add(sample.key_expr().as_str()))
+            .callback(move |sample| recorder.add(sample.key_expr().as_str()))
             .background()
             .wait()
             .unwrap();
-        Self { _open: Some(session.clone()), ..heard }
+        Self { _session: Some(session.clone()), ..received }
     }
 
-    /// Who is heard to be alive.
-    pub(super) fn alive(session: &Session, key: &str) -> Self {
-        let heard = Self::default();
-        let to = heard.clone();
-        let alive = session.liveliness().declare_subscriber(key).history(true);
-        alive.callback(move |sample| to.add(sample.key_expr().as_str())).background().wait().unwrap();
-        Self { _open: Some(session.clone()), ..heard }
+    /// Subscribes to liveliness tokens.
+    pub(super) fn subscribe_liveliness(session: &Session, key: &str) -> Self {
+        let received = Self::default();
+        let recorder = received.clone();
+        let tokens = session.liveliness().declare_subscriber(key).history(true);
+        tokens.callback(move |sample| recorder.add(sample.key_expr().as_str())).background().wait().unwrap();
+        Self { _session: Some(session.clone()), ..received }
     }
 
     pub(super) fn add(&self, key: &str) {
         self.keys.lock().unwrap().push(key.into());
     }
 
-    pub(super) fn has(&self, key: &str) -> bool {
-        self.all().iter().any(|heard| heard == key)
+    pub(super) fn contains(&self, key: &str) -> bool {
+        self.keys().iter().any(|received| received == key)
     }
 
-    pub(super) fn all(&self) -> Vec<String> {
+    pub(super) fn keys(&self) -> Vec<String> {
         self.keys.lock().unwrap().clone()
     }
 }
 
-/// The keys of the answers to a query.
-pub(super) fn ask(session: &Session, key: &str) -> Vec<String> {
-    let answers = session.get(key).payload("request").timeout(ANSWER_LIMIT).wait().unwrap();
-    std::iter::from_fn(|| answers.recv().ok())
-        .filter_map(|answer| Some(answer.result().ok()?.key_expr().to_string()))
+/// Returns the keys of the replies to a query.
+pub(super) fn query_keys(session: &Session, key: &str) -> Vec<String> {
+    let replies = session.get(key).payload("request").timeout(QUERY_TIMEOUT).wait().unwrap();
+    std::iter::from_fn(|| replies.recv().ok())
+        .filter_map(|reply| Some(reply.result().ok()?.key_expr().to_string()))
         .collect()
 }
 
-/// Who is alive.
-pub(super) fn ask_alive(session: &Session, key: &str) -> Vec<String> {
-    let answers = session.liveliness().get(key).timeout(ANSWER_LIMIT).wait().unwrap();
-    std::iter::from_fn(|| answers.recv().ok())
-        .filter_map(|answer| Some(answer.result().ok()?.key_expr().to_string()))
+/// Returns the keys of the live tokens.
+pub(super) fn query_live_tokens(session: &Session, key: &str) -> Vec<String> {
+    let replies = session.liveliness().get(key).timeout(QUERY_TIMEOUT).wait().unwrap();
+    std::iter::from_fn(|| replies.recv().ok())
+        .filter_map(|reply| Some(reply.result().ok()?.key_expr().to_string()))
         .collect()
 }
 
-/// Waits for something that must come; the limit is only there to end a failed test.
-pub(super) fn until(what: &str, mut done: impl FnMut() -> bool) {
+/// Waits for a condition. The timeout only ends a failed test.
+pub(super) fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while !done() {
-        assert!(Instant::now() < deadline, "waited in vain for {what}");
+        assert!(Instant::now() < deadline, "timed out waiting for {what}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }

@@ -1,6 +1,7 @@
-//! Nodes of `hiroz`, a ROS 2 in Rust on Zenoh, as the other end of the bridges.
+//! Bridges to ROS 2, tested against nodes of `hiroz`, a ROS 2 implementation in Rust on Zenoh.
 //!
-//! They define the messages by themselves, so that name, hash, encoding, attachment and signs of life are what somebody else made of ROS 2's rules.
+//! The nodes define the messages themselves, so that names, hashes, encoding, attachments and
+//! liveliness tokens follow an independent implementation.
 use std::{
     fs,
     io::{BufRead as _, BufReader, Read as _},
@@ -24,8 +25,8 @@ use tempfile::TempDir;
 
 const DOMAIN: usize = 7;
 const GRAVITY_M_S2: f64 = 9.80665;
-/// By then what was asked for must have come; the machine may be busy.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout for messages and states on a busy machine.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
 #[ros_msg(type_name = "builtin_interfaces/msg/Time")]
@@ -75,63 +76,63 @@ impl ZMessage for Imu {
 }
 
 #[test]
-fn hiroz_hears_the_attitude_that_the_system_writes() {
+fn hiroz_node_receives_attitudes_of_output_file() {
     let (ros, port) = router();
     let node = ros.create_node("listener").build().unwrap();
     let imus = node.create_sub::<Imu>("imu/data").build().unwrap();
     let system = System::start(port, "ingest.sim.scenario = \"tumble\"");
     let mut bridge = system.bridge("ros", port, &["--frame-id", "body"]);
 
-    let heard: Vec<Imu> = (0..200).map(|_| imus.recv_timeout(PATIENCE).unwrap()).collect();
+    let received: Vec<Imu> = (0..200).map(|_| imus.recv_timeout(TIMEOUT).unwrap()).collect();
     let publisher = endpoint(&ros, EndpointKind::Publisher, "/imu/data");
     assert_eq!(publisher.node.as_ref().map(|node| node.name.as_str()), Some("plumbline"), "{publisher:?}");
     println!("{:?}", publisher.type_info);
     assert_eq!(publisher.type_info, Some(Imu::type_info()));
     interrupt(&bridge);
     assert!(bridge.wait().unwrap().success());
-    until("its sign of life to go", || ros.graph().count(EndpointKind::Publisher, "/imu/data") == 0);
+    wait_for("its liveliness token to disappear", || ros.graph().count(EndpointKind::Publisher, "/imu/data") == 0);
     let rows = system.attitudes();
 
-    // Forward, left, up is right, forward, up turned by 90° about up.
+    // The body frame of ROS is forward, left, up: ours rotated by 90° about up.
     let quarter = [0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()];
-    let ours: Vec<[f64; 4]> = rows.into_iter().map(|row| product(row, quarter)).collect();
+    let expected: Vec<[f64; 4]> = rows.into_iter().map(|row| product(row, quarter)).collect();
     let of = |imu: &Imu| [imu.orientation.w, imu.orientation.x, imu.orientation.y, imu.orientation.z];
-    let first = of(&heard[0]);
-    let begins = (0..ours.len()).min_by(|a, b| apart(first, ours[*a]).total_cmp(&apart(first, ours[*b]))).unwrap();
-    let furthest = heard.iter().zip(ours[begins..].iter().step_by(10)).map(|(imu, row)| apart(of(imu), *row));
-    let furthest = furthest.fold(0.0, f64::max);
-    println!("{} messages, at most {furthest} from the file", heard.len());
-    assert!(ours.len() >= begins + 10 * heard.len() && furthest < 1e-15, "from row {begins} of {}", ours.len());
+    let first = of(&received[0]);
+    let start_row = (0..expected.len()).min_by(|a, b| max_difference(first, expected[*a]).total_cmp(&max_difference(first, expected[*b]))).unwrap();
+    let largest_difference = received.iter().zip(expected[start_row..].iter().step_by(10)).map(|(imu, row)| max_difference(of(imu), *row));
+    let largest_difference = largest_difference.fold(0.0, f64::max);
+    println!("{} messages, at most {largest_difference} from the file", received.len());
+    assert!(expected.len() >= start_row + 10 * received.len() && largest_difference < 1e-15, "from row {start_row} of {}", expected.len());
     let nanoseconds = |imu: &Imu| i64::from(imu.header.stamp.sec) * 1_000_000_000 + i64::from(imu.header.stamp.nanosec);
-    assert!(heard.windows(2).all(|two| nanoseconds(&two[1]) > nanoseconds(&two[0])));
-    let step_ns = (nanoseconds(&heard[199]) - nanoseconds(&heard[0])) / 199;
-    assert!((9_500_000..10_500_000).contains(&step_ns), "{step_ns} ns from one to the next");
-    assert!(heard.iter().all(|imu| imu.header.frame_id == "body" && imu.orientation_covariance[0] > 0.0));
+    assert!(received.windows(2).all(|two| nanoseconds(&two[1]) > nanoseconds(&two[0])));
+    let step_ns = (nanoseconds(&received[199]) - nanoseconds(&received[0])) / 199;
+    assert!((9_500_000..10_500_000).contains(&step_ns), "{step_ns} ns between messages");
+    assert!(received.iter().all(|imu| imu.header.frame_id == "body" && imu.orientation_covariance[0] > 0.0));
 }
 
 #[test]
-fn hiroz_gives_the_readings_of_a_system() {
+fn hiroz_node_feeds_readings_to_system() {
     let (ros, port) = router();
     let node = ros.create_node("imu_driver").build().unwrap();
     let imus = node.create_pub::<Imu>("vehicle/imu").build().unwrap();
     let system = System::start(port, "ingest.source = \"bus\"\ningest.bus.rate_hz = 200");
     let bridge = system.bridge("ros-sensor", port, &["--topic", "vehicle/imu"]);
-    until("a subscription", || ros.graph().count(EndpointKind::Subscription, "/vehicle/imu") == 1);
+    wait_for("a subscription", || ros.graph().count(EndpointKind::Subscription, "/vehicle/imu") == 1);
     let subscription = endpoint(&ros, EndpointKind::Subscription, "/vehicle/imu");
     assert_eq!(subscription.type_info, Some(Imu::type_info()));
 
-    // The body leans to its right side by 20° and turns by 10 °/s about the vertical.
+    // The body leans to the right by 20° and rotates at 10 °/s about the vertical.
     let (lean, rate_rad_s) = (20f64.to_radians(), 10f64.to_radians());
     let along_up = |length: f64| Vector3 { x: 0.0, y: length * lean.sin(), z: length * lean.cos() };
-    let ends = AtomicBool::new(false);
-    let (taken, sent) = thread::scope(|scope| {
-        let sender = scope.spawn(|| {
-            let (began, began_at) = (Instant::now(), SystemTime::now().duration_since(UNIX_EPOCH).unwrap());
+    let stop = AtomicBool::new(false);
+    let (report, sent) = thread::scope(|scope| {
+        let publisher = scope.spawn(|| {
+            let (started, start_time) = (Instant::now(), SystemTime::now().duration_since(UNIX_EPOCH).unwrap());
             let mut sent = 0u32;
-            while !ends.load(Ordering::Relaxed) {
+            while !stop.load(Ordering::Relaxed) {
                 let after = Duration::from_millis(5) * sent;
-                thread::sleep(after.saturating_sub(began.elapsed()));
-                let at = began_at + after;
+                thread::sleep(after.saturating_sub(started.elapsed()));
+                let at = start_time + after;
                 let stamp = Time { sec: at.as_secs() as i32, nanosec: at.subsec_nanos() };
                 let message = Imu {
                     header: Header { stamp, frame_id: "body".into() },
@@ -145,26 +146,26 @@ fn hiroz_gives_the_readings_of_a_system() {
             }
             sent
         });
-        until("attitudes", || system.ticks() > 600);
+        wait_for("attitudes", || system.ticks() > 600);
         interrupt(&bridge);
         let output = bridge.wait_with_output().unwrap();
-        ends.store(true, Ordering::Relaxed);
+        stop.store(true, Ordering::Relaxed);
         assert!(output.status.success(), "{output:?}");
-        (serde_json::from_slice::<Value>(&output.stdout).unwrap(), sender.join().unwrap())
+        (serde_json::from_slice::<Value>(&output.stdout).unwrap(), publisher.join().unwrap())
     });
-    println!("{sent} sent, {taken}");
-    let number = |name: &str| taken[name].as_f64().unwrap();
-    assert!(number("rejected") == 0.0 && number("undelivered") == 0.0, "{taken}");
-    assert!(number("readings") > 600.0 && number("readings") <= f64::from(sent), "{sent} {taken}");
+    println!("{sent} sent, {report}");
+    let number = |name: &str| report[name].as_f64().unwrap();
+    assert!(number("rejected") == 0.0 && number("undelivered") == 0.0, "{report}");
+    assert!(number("readings") > 600.0 && number("readings") <= f64::from(sent), "{sent} {report}");
     let rows = system.attitudes();
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
-    let wanted = [-lean.sin(), 0.0, lean.cos()];
-    let off = |row| up(row).into_iter().zip(wanted).map(|(a, b): (f64, f64)| (a - b).abs()).fold(0.0, f64::max);
-    let worst = rows[rows.len() / 2..].iter().map(|row| off(*row)).fold(0.0, f64::max);
-    assert!(worst < 0.01, "up is off by {worst}");
+    let expected_up = [-lean.sin(), 0.0, lean.cos()];
+    let up_error = |row| up(row).into_iter().zip(expected_up).map(|(a, b): (f64, f64)| (a - b).abs()).fold(0.0, f64::max);
+    let worst = rows[rows.len() / 2..].iter().map(|row| up_error(*row)).fold(0.0, f64::max);
+    assert!(worst < 0.01, "error of the up vector: {worst}");
 }
 
-/// The router of a ROS, and its port.
+/// Starts a ROS 2 router and returns it with its port.
 fn router() -> (ZContext, u16) {
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let ros = ZContextBuilder::default()
@@ -185,12 +186,12 @@ fn endpoint(ros: &ZContext, kind: EndpointKind, topic: &str) -> EndpointEntity {
     endpoint.clone()
 }
 
-/// A system that runs until its attitudes are asked for.
+/// Running system, interrupted when dropped.
 struct System {
     name: String,
     folder: TempDir,
     process: Option<Child>,
-    people: Option<BufReader<ChildStderr>>,
+    stderr: Option<BufReader<ChildStderr>>,
 }
 
 impl System {
@@ -202,9 +203,9 @@ impl System {
         command.args(["up", "launch.toml", "--json", "--out", "out.csv"]).current_dir(folder.path());
         command.env("XDG_STATE_HOME", folder.path()).stdin(Stdio::null()).stdout(Stdio::null());
         let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
-        let people = process.stderr.take().map(BufReader::new);
-        let system = Self { name, folder, process: Some(process), people };
-        until("the system to answer", || system.is_up());
+        let stderr = process.stderr.take().map(BufReader::new);
+        let system = Self { name, folder, process: Some(process), stderr };
+        wait_for("the system to respond", || system.is_up());
         system
     }
 
@@ -231,13 +232,13 @@ impl System {
         course.and_then(|one| one["ticks"].as_u64()).unwrap_or_default()
     }
 
-    /// Ends it; its attitudes, w x y z, of right, forward, up in east, north, up.
+    /// Stops the system and returns its attitudes, w x y z (right-forward-up, east-north-up).
     fn attitudes(mut self) -> Vec<[f64; 4]> {
         let mut process = self.process.take().unwrap();
         interrupt(&process);
-        let mut people = String::new();
-        self.people.take().unwrap().read_to_string(&mut people).unwrap();
-        assert!(process.wait().unwrap().success(), "{people}");
+        let mut stderr = String::new();
+        self.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+        assert!(process.wait().unwrap().success(), "{stderr}");
         let file = fs::File::open(self.folder.path().join("out.csv")).unwrap();
         let rows = BufReader::new(file).lines().skip(1).map(|line| {
             let line = line.unwrap();
@@ -251,18 +252,18 @@ impl System {
 impl Drop for System {
     fn drop(&mut self) {
         if let Some(mut process) = self.process.take() {
-            // A test that failed; the supervisor takes its services with it.
+            // A test has failed. The services stop with the supervisor.
             interrupt(&process);
-            drop(self.people.take());
+            drop(self.stderr.take());
             let _ = process.wait();
         }
     }
 }
 
-/// The program, which this workspace does not build.
+/// Returns the path of `plumb`, which this workspace does not build.
 fn plumb() -> PathBuf {
     let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/release/plumb");
-    assert!(program.is_file(), "{} is not there: cargo build --release at the top", program.display());
+    assert!(program.is_file(), "{} does not exist; run cargo build --release in the main workspace", program.display());
     program
 }
 
@@ -271,10 +272,10 @@ fn interrupt(process: &Child) {
     assert!(status.success());
 }
 
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let deadline = Instant::now() + PATIENCE;
+fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
+    let deadline = Instant::now() + TIMEOUT;
     while !holds() {
-        assert!(Instant::now() < deadline, "waited in vain for {what}");
+        assert!(Instant::now() < deadline, "timed out waiting for {what}");
         thread::sleep(Duration::from_millis(20));
     }
 }
@@ -288,8 +289,8 @@ fn product([a, b, c, d]: [f64; 4], [w, x, y, z]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// The largest difference of a component, whichever sign stands for the attitude.
-fn apart(a: [f64; 4], b: [f64; 4]) -> f64 {
-    let off = |sign: f64| a.into_iter().zip(b).map(|(a, b)| (a - sign * b).abs()).fold(0.0, f64::max);
-    off(1.0).min(off(-1.0))
+/// Returns the largest difference of a component. Both signs of a quaternion are the same attitude.
+fn max_difference(a: [f64; 4], b: [f64; 4]) -> f64 {
+    let difference = |sign: f64| a.into_iter().zip(b).map(|(a, b)| (a - sign * b).abs()).fold(0.0, f64::max);
+    difference(1.0).min(difference(-1.0))
 }

@@ -148,6 +148,9 @@ mod tests {
             encoder.heartbeat(HeartbeatStatus::Silent);
         }
         assert_eq!(header_fields(&encoder.heartbeat(HeartbeatStatus::Active)), [0, 7, 1, 0, 0, 4]);
-        assert_eq!(header_fields(&MavlinkEncoder::new(7, 191).heartbeat(HeartbeatStatus::Silent)), [0, 7, 191, 18, 8, 5]);
+        assert_eq!(
+            header_fields(&MavlinkEncoder::new(7, 191).heartbeat(HeartbeatStatus::Silent)),
+            [0, 7, 191, 18, 8, 5]
+        );
     }
 }

@@ -150,14 +150,25 @@ pub fn encode_imu(
 ) -> Result<Vec<u8>, cdr_encoding::Error> {
     let in_ros_frame = attitude_to_frame(Frame::EnuFlu, *attitude);
     let [w, x, y, z] = in_ros_frame.quaternion;
-    let [inclination_variance, course_variance] = [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
+    let [inclination_variance, course_variance] =
+        [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
     let imu = Imu {
         header: Header {
             stamp: Time { sec: stamp_ns.div_euclid(NS_PER_S) as i32, nanosec: stamp_ns.rem_euclid(NS_PER_S) as u32 },
             frame_id,
         },
         orientation: [x, y, z, w],
-        orientation_covariance: [inclination_variance, 0.0, 0.0, 0.0, inclination_variance, 0.0, 0.0, 0.0, course_variance],
+        orientation_covariance: [
+            inclination_variance,
+            0.0,
+            0.0,
+            0.0,
+            inclination_variance,
+            0.0,
+            0.0,
+            0.0,
+            course_variance,
+        ],
         angular_velocity: in_ros_frame.rate_rad_s,
         angular_velocity_covariance: UNKNOWN_COVARIANCE,
         linear_acceleration: Body::Flu.vector(sample.force_m_s2),
@@ -207,7 +218,10 @@ mod tests {
         let node = Node::new(7, "a1b2");
         let type_and_hash = IMU_TYPE_AND_HASH.join("/");
         assert_eq!(node.topic_key("imu/data", MessageType::Imu), format!("7/imu/data/{type_and_hash}"));
-        assert_eq!(node.topic_key_any_hash("imu/data", MessageType::Imu), format!("7/imu/data/{}/*", IMU_TYPE_AND_HASH[0]));
+        assert_eq!(
+            node.topic_key_any_hash("imu/data", MessageType::Imu),
+            format!("7/imu/data/{}/*", IMU_TYPE_AND_HASH[0])
+        );
         assert_eq!(node.node_token(), "@ros2_lv/7/a1b2/0/0/NN/%/%/plumbline");
         let token = |number: u32, kind: &str| {
             format!("@ros2_lv/7/a1b2/0/{number}/{kind}/%/%/plumbline/%imu%data/{type_and_hash}/::,10:,:,:,,")

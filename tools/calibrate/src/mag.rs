@@ -186,7 +186,9 @@ impl MagCalibrator {
         let mut notes = vec![match self.strength_ut {
             Some(_) => format!("scaled to a field of {strength_ut:.1} µT"),
             None => {
-                format!("scaled to the mean measured field, {strength_ut:.1} µT; pass the true strength with --field-ut")
+                format!(
+                    "scaled to the mean measured field, {strength_ut:.1} µT; pass the true strength with --field-ut"
+                )
             }
         }];
         if !EARTH_FIELD_RANGE_UT.contains(strength_ut) {
@@ -322,8 +324,7 @@ impl Fit {
         let mut jacobian = SMatrix::<f64, 9, 9>::identity();
         for i in 3..9 {
             let basis_matrix = basis(i);
-            let scaled_change =
-                packed((basis_matrix - matrix * ((inverse * basis_matrix).trace() / 3.0)) * factor);
+            let scaled_change = packed((basis_matrix - matrix * ((inverse * basis_matrix).trace() / 3.0)) * factor);
             (3..9).zip(scaled_change).for_each(|(row, part)| jacobian[(row, i)] = part);
         }
         let mut model = self.model;

@@ -10,7 +10,7 @@ use rand_chacha::{
 use runtime::clock::monotonic_ns;
 use serde::Serialize;
 
-use crate::{CampaignError, DistributionMs, load::Load, system_under_test::SystemUnderTest, new_histogram_ns};
+use crate::{CampaignError, DistributionMs, load::Load, new_histogram_ns, system_under_test::SystemUnderTest};
 
 /// Pause between two kills, ms.
 const PAUSE_RANGE_MS: std::ops::Range<u64> = 100..400;

@@ -14,8 +14,8 @@ use crate::{
     CampaignError, DistributionMs,
     kills::{launch_file, random_in_range},
     load::Load,
-    system_under_test::SystemUnderTest,
     new_histogram_ns,
+    system_under_test::SystemUnderTest,
 };
 
 /// Timeout for the system to end after the last swap.
@@ -82,7 +82,8 @@ impl SwapCampaign {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let name = format!("swaps-{}", std::process::id());
         let text = launch_file(&name, rate_hz);
-        let (mut gap_ns, mut baseline_gap_ns, mut response_ns) = (new_histogram_ns(), new_histogram_ns(), new_histogram_ns());
+        let (mut gap_ns, mut baseline_gap_ns, mut response_ns) =
+            (new_histogram_ns(), new_histogram_ns(), new_histogram_ns());
         let (mut committed, mut failed, mut max_jump_deg) = (0, Vec::new(), 0.0_f64);
         let (totals, bytes) = {
             let _load = Load::start(load_threads);

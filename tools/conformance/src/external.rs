@@ -7,14 +7,14 @@ use std::{
 };
 
 use attitude::stage::Stage;
-use host::{HostError, HostedStage, HostableStage, child::START_TIMEOUT};
+use host::{HostError, HostableStage, HostedStage, child::START_TIMEOUT};
 use launch::{ExternalStage, Service};
 
 use crate::{
     cpu_affinity::SingleCpu,
     report::{Check, Measurement, Report},
     script::S1,
-    slot::{AccelSlot, CourseSlot, SlotStage, FuserSlot, GyroSlot, SlotSpec},
+    slot::{AccelSlot, CourseSlot, FuserSlot, GyroSlot, SlotSpec, SlotStage},
 };
 
 /// Number of steps that are timed.
@@ -30,7 +30,11 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 /// # Errors
 ///
 /// Fails if the program cannot be started or is not a stage of its slot.
-pub fn run_external(name: &str, program: &ExternalStage, on_group_start: &mut dyn FnMut(&str)) -> Result<Report, HostError> {
+pub fn run_external(
+    name: &str,
+    program: &ExternalStage,
+    on_group_start: &mut dyn FnMut(&str),
+) -> Result<Report, HostError> {
     match program.slot {
         Service::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
         Service::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
@@ -42,7 +46,11 @@ pub fn run_external(name: &str, program: &ExternalStage, on_group_start: &mut dy
     }
 }
 
-fn run_in_slot<L: SlotSpec>(name: &str, program: &ExternalStage, on_group_start: &mut dyn FnMut(&str)) -> Result<Report, HostError>
+fn run_in_slot<L: SlotSpec>(
+    name: &str,
+    program: &ExternalStage,
+    on_group_start: &mut dyn FnMut(&str),
+) -> Result<Report, HostError>
 where
     L::BuiltIn: HostableStage,
     HostedStage<L::BuiltIn>: SlotStage<L>,

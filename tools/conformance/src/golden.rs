@@ -20,7 +20,7 @@ const ROW_INTERVAL_TICKS: usize = 100;
 /// Relative tolerance above 1, absolute below.
 const TOLERANCE: f64 = 1e-9;
 
-/// Returns the trace of a stage as CSV, or `None` if there is no such stage.
+/// Returns the trace of a stage as CSV, or `None` for an unknown slot or name.
 pub fn trace(slot: &str, name: &str) -> Option<String> {
     match slot {
         GyroSlot::SLOT_NAME => trace_stage::<GyroSlot>(name),

@@ -2,9 +2,9 @@
 
 use crate::{
     report::{Check, Measurement},
-    run::{angle_deg, inclination_deg, rms, describe_invalid_output},
+    run::{angle_deg, describe_invalid_output, inclination_deg, rms},
     script::S1,
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Number of inputs before the hand-over.
@@ -21,14 +21,22 @@ const ERROR_MARGIN_DEG: f64 = 0.05;
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let own = make().name();
-    let others = || L::STAGE_NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)));
+    let others = || {
+        L::STAGE_NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)))
+    };
     let mut checks = Vec::new();
     let inputs = L::inputs(&S1);
     let mut donor = make();
     step_all::<L, S>(&mut donor, &inputs[..HAND_OVER_INPUT]);
     for (name, other) in others() {
         let rmse_deg = undisturbed_rmse_deg::<L, L::BuiltIn>(other.clone(), &inputs);
-        checks.extend(check_hand_over::<L, S, L::BuiltIn>(&donor, &other, &inputs, rmse_deg, &format!("hand-over to {name}")));
+        checks.extend(check_hand_over::<L, S, L::BuiltIn>(
+            &donor,
+            &other,
+            &inputs,
+            rmse_deg,
+            &format!("hand-over to {name}"),
+        ));
     }
     let rmse_deg = undisturbed_rmse_deg::<L, S>(make(), &inputs);
     for (name, mut other) in others() {
@@ -84,9 +92,14 @@ fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
     let valid = Check::property(format!("{name}: outputs are valid"), result.invalid_output);
     let mut checks = vec![jump, valid];
     if L::HAS_EXACT_LEVEL {
-        let rmse = Measurement { value: Some(result.rmse_deg), limit: Some(MAX_ERROR_FACTOR * undisturbed_rmse_deg + ERROR_MARGIN_DEG), unit: "°" };
-        checks
-            .push(Check::at_most(format!("{name}: inclination RMSE afterwards"), rmse, || format!("without hand-over {undisturbed_rmse_deg:.3}°")));
+        let rmse = Measurement {
+            value: Some(result.rmse_deg),
+            limit: Some(MAX_ERROR_FACTOR * undisturbed_rmse_deg + ERROR_MARGIN_DEG),
+            unit: "°",
+        };
+        checks.push(Check::at_most(format!("{name}: inclination RMSE afterwards"), rmse, || {
+            format!("without hand-over {undisturbed_rmse_deg:.3}°")
+        }));
     }
     checks
 }

@@ -30,11 +30,11 @@
 //! | [`golden`] | golden traces of the outputs |
 #![forbid(unsafe_code)]
 
+mod cpu_affinity;
+mod external;
 pub mod fault;
 pub mod golden;
 mod hand_over;
-mod cpu_affinity;
-mod external;
 mod recovery;
 mod rejection;
 mod repeatability;
@@ -43,13 +43,13 @@ mod run;
 pub mod script;
 mod settings;
 mod slot;
-mod validity;
 mod tumbling;
+mod validity;
 
 use attitude::{
     Vector3,
     accel::Inclination,
-    course::{CourseInput, LastReading, CourseReading},
+    course::{CourseInput, CourseReading, LastReading},
     fuser::{Estimate, Fused, FuserInput},
     gyro::{Motion, RateSample},
     point::Point,
@@ -58,7 +58,7 @@ use attitude::{
 };
 pub use external::run_external;
 pub use report::{Check, Measurement, Report};
-use slot::{AccelSlot, CourseSlot, SlotStage, FuserSlot, GyroSlot, SlotSpec};
+use slot::{AccelSlot, CourseSlot, FuserSlot, GyroSlot, SlotSpec, SlotStage};
 
 /// Returns every built-in stage as (slot, stage).
 pub fn stages() -> impl Iterator<Item = (&'static str, &'static str)> {
@@ -68,7 +68,7 @@ pub fn stages() -> impl Iterator<Item = (&'static str, &'static str)> {
     names_of::<GyroSlot>().chain(names_of::<AccelSlot>()).chain(names_of::<FuserSlot>()).chain(names_of::<CourseSlot>())
 }
 
-/// Checks a built-in stage. Returns `None` if there is no such stage.
+/// Checks a built-in stage. Returns `None` for an unknown slot or name.
 pub fn run(slot: &str, name: &str) -> Option<Report> {
     match slot {
         GyroSlot::SLOT_NAME => run_in_slot::<GyroSlot>(name),

@@ -9,16 +9,16 @@
 use std::sync::LazyLock;
 
 use crate::{
-    fault::{FAULT_START_S, CATALOGUE, Fault},
+    fault::{CATALOGUE, FAULT_START_S, Fault},
     report::{Check, Measurement},
     run::{PrefixRun, rms},
     script::{ROUNDING_S, S1},
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Error that is allowed in addition to the multiple of the undisturbed RMSE, degrees.
 const MARGIN_DEG: f64 = 0.05;
-/// Column for fusers without a column of their own.
+/// Column for fusers that have no separate column.
 const OTHER_FUSERS: &str = "any";
 /// Row with the largest undisturbed RMSE, degrees.
 const RMSE_ROW: &str = "undisturbed RMSE °";
@@ -48,8 +48,10 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     }
     let rmse_deg = rms(undisturbed.errors_deg.iter().map(|(_, error_deg)| *error_deg));
     let bound_deg = table_value::<L>(FACTOR_ROW, stage.name()).unwrap_or(f64::INFINITY) * rmse_deg + MARGIN_DEG;
-    let undisturbed = Measurement { value: Some(rmse_deg), limit: table_value::<L>(RMSE_ROW, stage.name()), unit: "°" };
-    let mut checks = vec![Check::at_most("inclination RMSE on S1 with sensor errors", undisturbed, || "undisturbed".into())];
+    let undisturbed =
+        Measurement { value: Some(rmse_deg), limit: table_value::<L>(RMSE_ROW, stage.name()), unit: "°" };
+    let mut checks =
+        vec![Check::at_most("inclination RMSE on S1 with sensor errors", undisturbed, || "undisturbed".into())];
     for fault in CATALOGUE {
         let limit = table_value::<L>(fault.name, stage.name());
         let run = prefix.resume(&fault.apply(&S1));
@@ -57,7 +59,8 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         checks.push(match run.invalid_output {
             Some(error) => Check::property(name, Some(error)),
             None => {
-                let measurement = Measurement { value: recovery_s(fault, &run.errors_deg, bound_deg), limit, unit: "s" };
+                let measurement =
+                    Measurement { value: recovery_s(fault, &run.errors_deg, bound_deg), limit, unit: "s" };
                 Check::at_most(name, measurement, || "the inclination error stays above the bound".into())
             }
         });
@@ -83,7 +86,8 @@ mod tests {
     #[test]
     fn table_has_exactly_one_row_per_fault() {
         let rows: Vec<_> = TABLE.iter().skip(1).map(|cells| cells[0]).collect();
-        let faults: Vec<_> = [RMSE_ROW, FACTOR_ROW].into_iter().chain(CATALOGUE.iter().map(|fault| fault.name)).collect();
+        let faults: Vec<_> =
+            [RMSE_ROW, FACTOR_ROW].into_iter().chain(CATALOGUE.iter().map(|fault| fault.name)).collect();
         assert_eq!(rows, faults);
         assert!(TABLE.iter().all(|cells| cells.len() == TABLE[0].len()), "rows differ in length");
     }
@@ -99,7 +103,8 @@ mod tests {
     fn recovery_time_is_from_fault_end_to_last_exceedance() {
         let fault = &CATALOGUE[0];
         let end_s = FAULT_START_S + fault.duration_s;
-        let errors = [(FAULT_START_S, 9.0), (end_s + 1.0, 2.0), (end_s + 2.0, 0.5), (end_s + 3.0, 2.0), (end_s + 4.0, 0.5)];
+        let errors =
+            [(FAULT_START_S, 9.0), (end_s + 1.0, 2.0), (end_s + 2.0, 0.5), (end_s + 3.0, 2.0), (end_s + 4.0, 0.5)];
         assert!((recovery_s(fault, &errors, 1.0).unwrap() - 4.0).abs() < 1e-6);
         assert_eq!(recovery_s(fault, &errors, 0.1), None);
         assert_eq!(recovery_s(fault, &errors, 10.0), Some(0.0));

@@ -4,9 +4,9 @@ use attitude::stage::{RestoreError, Snapshot};
 
 use crate::{
     report::Check,
-    run::{first_difference, state_bits, first_invalid_output},
+    run::{first_difference, first_invalid_output, state_bits},
     script::{S1, Script},
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Number of inputs before the snapshot. The estimate has left its initial values by then.
@@ -18,13 +18,19 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     inputs[..SNAPSHOT_INPUT].iter().for_each(|(_, input)| {
         stage.step(input);
     });
-    let check = RejectionCheck { make, stage, later_inputs: &inputs[SNAPSHOT_INPUT..SNAPSHOT_INPUT + 100], marker: core::marker::PhantomData };
+    let check = RejectionCheck {
+        make,
+        stage,
+        later_inputs: &inputs[SNAPSHOT_INPUT..SNAPSHOT_INPUT + 100],
+        marker: core::marker::PhantomData,
+    };
     let snapshot = check.stage.snapshot();
     let bits = (0..snapshot.len).find_map(|index| {
         [0, 31, 51, 62, 63].into_iter().find_map(|bit| {
             let mut damaged = snapshot;
             damaged.values[index] = f64::from_bits(damaged.values[index].to_bits() ^ (1 << bit));
-            let is_expected = |error: &RestoreError| matches!(error, RestoreError::Corrupt | RestoreError::NotFinite { .. });
+            let is_expected =
+                |error: &RestoreError| matches!(error, RestoreError::Corrupt | RestoreError::NotFinite { .. });
             check.rejection_error(&damaged, is_expected, || format!("bit {bit} of value {index}"))
         })
     });
@@ -35,10 +41,15 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         check.rejection_error(&with_checksum(*changed), is_expected, || format!("{} values", changed.len))
     });
     let other_stage = Snapshot { stage: "no-such-stage", ..snapshot };
-    let name = check.rejection_error(&other_stage, |error| matches!(error, RestoreError::OtherStage { .. }), || "the name".into());
+    let name = check.rejection_error(
+        &other_stage,
+        |error| matches!(error, RestoreError::OtherStage { .. }),
+        || "the name".into(),
+    );
     let non_finite = (0..snapshot.len).find_map(|index| {
         [f64::NAN, f64::INFINITY].into_iter().find_map(|x| {
-            let is_expected = |error: &RestoreError| matches!(error, RestoreError::NotFinite { index: found } if *found == index);
+            let is_expected =
+                |error: &RestoreError| matches!(error, RestoreError::NotFinite { index: found } if *found == index);
             check.rejection_error(&with_value(snapshot, index, x), is_expected, || format!("{x} as value {index}"))
         })
     });
@@ -49,9 +60,9 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     });
     let single_value = (0..snapshot.len).find_map(|index| {
         let value = snapshot.values[index];
-        [0.0, -value, -1.0, 1e3, 1e9, -1e9]
-            .into_iter()
-            .find_map(|x| check.harm(&with_value(snapshot, index, x)).map(|harm| format!("{x:e} as value {index}: {harm}")))
+        [0.0, -value, -1.0, 1e3, 1e9, -1e9].into_iter().find_map(|x| {
+            check.harm(&with_value(snapshot, index, x)).map(|harm| format!("{x:e} as value {index}: {harm}"))
+        })
     });
     let common = L::invalid_common_states().into_iter().find_map(|(name, common)| {
         let mut stage = check.stage.clone();
@@ -114,7 +125,10 @@ impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
         if stage.restore(snapshot).is_err() {
             return self.unchanged_error(stage, true);
         }
-        let rest = Script { name: "after the snapshot".into(), ticks: S1.ticks[SNAPSHOT_INPUT..SNAPSHOT_INPUT + 200].to_vec() };
+        let rest = Script {
+            name: "after the snapshot".into(),
+            ticks: S1.ticks[SNAPSHOT_INPUT..SNAPSHOT_INPUT + 200].to_vec(),
+        };
         first_invalid_output::<L, S>(&mut stage, &rest).or_else(|| {
             let error = (self.make)().adopt(&stage.common()).err()?;
             Some(format!("accepted, but its common state is rejected: {error}"))

@@ -1,11 +1,11 @@
 //! Checks that equal inputs yield bit-identical outputs, also after a restore from a snapshot.
 
 use crate::{
-    fault::{FAULT_START_S, CATALOGUE},
+    fault::{CATALOGUE, FAULT_START_S},
     report::Check,
     run::first_difference,
     script::{S1, SHORT_SCRIPTS, Script},
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Maximum number of inputs compared after a snapshot.
@@ -17,7 +17,8 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         Some(format!("{}, tick {tick}", script.name))
     });
     let restored = [0, 1, 7, 99, 500, 1013].iter().find_map(|at| restored_run_difference::<L, S>(make, &S1, *at));
-    let restored_tumbling = [3, 250, 777].iter().find_map(|at| restored_run_difference::<L, S>(make, &SHORT_SCRIPTS[1], *at));
+    let restored_tumbling =
+        [3, 250, 777].iter().find_map(|at| restored_run_difference::<L, S>(make, &SHORT_SCRIPTS[1], *at));
     let restored_in_fault = CATALOGUE.iter().find_map(|fault| {
         let script = fault.apply(&S1);
         let middle_s = FAULT_START_S + 0.5 * fault.duration_s;
@@ -32,7 +33,11 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
 
 /// Compares a stage with a copy restored from a snapshot after `at` inputs, and returns the first
 /// difference.
-pub(crate) fn restored_run_difference<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, script: &Script, at: usize) -> Option<String> {
+pub(crate) fn restored_run_difference<L: SlotSpec, S: SlotStage<L>>(
+    make: &impl Fn() -> S,
+    script: &Script,
+    at: usize,
+) -> Option<String> {
     let inputs = L::inputs(script);
     let (before, after) = inputs.split_at(at.min(inputs.len()));
     let mut stage = make();

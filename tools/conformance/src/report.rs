@@ -34,7 +34,7 @@ pub struct Check {
 pub struct Measurement {
     /// Measured number; `None` if the event did not occur.
     pub value: Option<f64>,
-    /// Largest allowed value; `None` if there is no requirement.
+    /// Largest allowed value; `None` for a measurement without limit.
     pub limit: Option<f64>,
     /// Unit of the number and its limit.
     pub unit: &'static str,

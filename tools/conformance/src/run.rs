@@ -6,12 +6,14 @@ use attitude::{Quaternion, stage::Stage};
 
 use crate::{
     script::Script,
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Runs a stage on a script and describes the first invalid output.
 pub(crate) fn first_invalid_output<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, script: &Script) -> Option<String> {
-    L::inputs(script).iter().find_map(|(i, input)| describe_invalid_output::<L, S>(&stage.step(input), stage, &script.name, *i))
+    L::inputs(script)
+        .iter()
+        .find_map(|(i, input)| describe_invalid_output::<L, S>(&stage.step(input), stage, &script.name, *i))
 }
 
 /// Describes the error of an invalid output, or returns `None` if it is valid.
@@ -53,15 +55,17 @@ impl<L: SlotSpec, S: SlotStage<L>> PrefixRun<L, S> {
     pub(crate) fn new(mut stage: S, script: &Script, ticks: usize) -> Self {
         let inputs = L::inputs(script);
         let input_count = inputs.partition_point(|(i, _)| *i < ticks);
-        let mut invalid_output_of =
-            |(i, input): &(usize, L::Input)| describe_invalid_output::<L, S>(&stage.step(input), &stage, &script.name, *i);
+        let mut invalid_output_of = |(i, input): &(usize, L::Input)| {
+            describe_invalid_output::<L, S>(&stage.step(input), &stage, &script.name, *i)
+        };
         let invalid_output = inputs[..input_count].iter().find_map(&mut invalid_output_of);
         Self { stage, input_count, invalid_output, slot: PhantomData }
     }
 
     /// Runs a copy of the stage on the rest of a script that starts with the same ticks.
     pub(crate) fn resume(&self, script: &Script) -> RunOutcome<S> {
-        let (mut stage, mut invalid_output, mut errors_deg) = (self.stage.clone(), self.invalid_output.clone(), Vec::new());
+        let (mut stage, mut invalid_output, mut errors_deg) =
+            (self.stage.clone(), self.invalid_output.clone(), Vec::new());
         for (i, input) in &L::inputs(script)[self.input_count..] {
             if invalid_output.is_some() {
                 break;
@@ -82,7 +86,11 @@ pub(crate) fn output_hash<L: SlotSpec>(output: &L::Output) -> u64 {
 }
 
 /// Runs two stages and returns the first tick at which their outputs are not bit-identical.
-pub(crate) fn first_difference<L: SlotSpec, S: SlotStage<L>>(one: &mut S, other: &mut S, inputs: &[(usize, L::Input)]) -> Option<usize> {
+pub(crate) fn first_difference<L: SlotSpec, S: SlotStage<L>>(
+    one: &mut S,
+    other: &mut S,
+    inputs: &[(usize, L::Input)],
+) -> Option<usize> {
     let mut differs = |input| output_hash::<L>(&one.step(input)) != output_hash::<L>(&other.step(input));
     inputs.iter().find(|(_, input)| differs(input)).map(|(i, _)| *i)
 }

@@ -10,7 +10,7 @@
 use std::sync::LazyLock;
 
 use attitude::{Vector3, gnss::Fix, state::Attitude};
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 
 /// Magnetic field of central Europe, µT, east, north, up.
 const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -45.0);

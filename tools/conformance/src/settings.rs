@@ -3,12 +3,12 @@
 use attitude::parameters::{Parameter, ParameterError};
 
 use crate::{
-    fault::{FAULT_START_S, CATALOGUE},
+    fault::{CATALOGUE, FAULT_START_S},
     repeatability::restored_run_difference,
     report::Check,
     run::{PrefixRun, first_difference, first_invalid_output},
     script::{S1, SHORT_SCRIPTS},
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Units and the suffixes of parameter names.
@@ -29,9 +29,14 @@ const UNIT_SUFFIXES: [(&str, &str); 12] = [
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let table = make().parameters();
-    let undeclared = table.iter().find_map(|parameter| declaration_error(parameter).map(|error| format!("{}: {error}", parameter.name)));
+    let undeclared = table
+        .iter()
+        .find_map(|parameter| declaration_error(parameter).map(|error| format!("{}: {error}", parameter.name)));
     let mut checks = vec![Check::property("parameters declare unit, range and description", undeclared)];
-    checks.push(Check::property("unknown parameters and values out of range are rejected", rejection_error::<L, S>(make, table)));
+    checks.push(Check::property(
+        "unknown parameters and values out of range are rejected",
+        rejection_error::<L, S>(make, table),
+    ));
     let changed = table.iter().find_map(|parameter| {
         let mut stage = make();
         let errors =
@@ -81,13 +86,18 @@ fn rejection_error<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, table: &
     Some(format!("a rejected value changed the output at tick {tick}"))
 }
 
-fn invalid_with<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, parameter: &Parameter, value: f64) -> Option<String> {
+fn invalid_with<L: SlotSpec, S: SlotStage<L>>(
+    make: &impl Fn() -> S,
+    parameter: &Parameter,
+    value: f64,
+) -> Option<String> {
     let mut stage = make();
     if let Err(error) = stage.set(parameter.name, value) {
         return Some(error.to_string());
     }
     let in_faults = || {
-        let prefix = PrefixRun::<L, S>::new(stage.clone(), &SHORT_SCRIPTS[0], SHORT_SCRIPTS[0].ticks_before(FAULT_START_S));
+        let prefix =
+            PrefixRun::<L, S>::new(stage.clone(), &SHORT_SCRIPTS[0], SHORT_SCRIPTS[0].ticks_before(FAULT_START_S));
         CATALOGUE.iter().find_map(|fault| prefix.resume(&fault.apply(&SHORT_SCRIPTS[0])).invalid_output)
     };
     first_invalid_output::<L, S>(&mut stage.clone(), &SHORT_SCRIPTS[1])

@@ -2,8 +2,8 @@
 
 use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
-    accel::{Accelerometer, MIN_FORCE_M_S2, Inclination},
-    course::{CourseEstimate, Course, CourseInput, LastReading, CourseReading, CourseReference},
+    accel::{Accelerometer, Inclination, MIN_FORCE_M_S2},
+    course::{Course, CourseEstimate, CourseInput, CourseReading, CourseReference, LastReading},
     fuser::{Estimate, Fused, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
@@ -112,7 +112,8 @@ impl SlotSpec for GyroSlot {
 
     fn validation_error(output: &Motion) -> Option<&'static str> {
         let size2 = output.rotation.p.norm_sqr() + output.rotation.s.norm_sqr();
-        attitude_error(output.attitude).or(((size2 - 1.0).abs() > 1e-9).then_some("a rotation that is not of unit length"))
+        attitude_error(output.attitude)
+            .or(((size2 - 1.0).abs() > 1e-9).then_some("a rotation that is not of unit length"))
     }
 
     fn heading_reference(_: &Motion) -> Option<CourseReference> {
@@ -272,8 +273,10 @@ impl SlotSpec for FuserSlot {
             hard_iron: HardIron::UNKNOWN,
             leaky_velocity: LeakyVelocity::UNKNOWN,
         };
-        let mut invalid: Vec<_> =
-            invalid_attitudes().into_iter().map(|(description, attitude)| (description, Estimate { attitude, ..valid })).collect();
+        let mut invalid: Vec<_> = invalid_attitudes()
+            .into_iter()
+            .map(|(description, attitude)| (description, Estimate { attitude, ..valid }))
+            .collect();
         for bias in [f64::NAN, f64::INFINITY, 1e6] {
             let bias_rad_s = Vector3::new(0.0, bias, 0.0);
             invalid.push(("an invalid bias", Estimate { bias_rad_s, ..valid }));
@@ -293,7 +296,10 @@ impl SlotSpec for FuserSlot {
         for sd in [f64::NAN, -1.0] {
             let gyro_scale = GyroScale { sd: Vector3::new(1e-3, sd, 1e-3), ..GyroScale::UNKNOWN };
             invalid.push(("an invalid standard deviation of the scale", Estimate { gyro_scale, ..valid }));
-            invalid.push(("an invalid standard deviation of the inclination", Estimate { inclination_sd_rad: sd, ..valid }));
+            invalid.push((
+                "an invalid standard deviation of the inclination",
+                Estimate { inclination_sd_rad: sd, ..valid },
+            ));
             invalid.push(("an invalid standard deviation of the heading", Estimate { heading_sd_rad: sd, ..valid }));
             invalid.push(("an invalid standard deviation of the bias", Estimate { bias_sd_rad_s: sd, ..valid }));
             let hard_iron = HardIron { sd_ut: sd, ..HardIron::UNKNOWN };

@@ -1,13 +1,13 @@
 //! Checks that the attitude of a tumbling body is continuous when the chart changes.
 
 use attitude::Vector3;
-use scenario::{SensorErrors, Motion};
+use scenario::{Motion, SensorErrors};
 
 use crate::{
     report::{Check, Measurement},
     run::{angle_deg, inclination_deg},
     script::Script,
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 const RATE_RAD_S: f64 = 4.0;
@@ -26,7 +26,8 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     for axis in axes {
         let rate_rad_s = Vector3::from(axis).normalize() * RATE_RAD_S;
         let name = format!("about {axis:?}");
-        let script = Script::new(&name, Motion::Tumble(rate_rad_s), SensorErrors::default(), SAMPLE_RATE_HZ, DURATION_S);
+        let script =
+            Script::new(&name, Motion::Tumble(rate_rad_s), SensorErrors::default(), SAMPLE_RATE_HZ, DURATION_S);
         let mut stage = make();
         let mut previous = None;
         for (i, input) in L::inputs(&script) {

@@ -3,11 +3,11 @@
 use attitude::{Vector3, gnss::Fix};
 
 use crate::{
-    fault::{FAULT_START_S, MAX_INTERVAL_S, CATALOGUE},
+    fault::{CATALOGUE, FAULT_START_S, MAX_INTERVAL_S},
     report::Check,
     run::{PrefixRun, first_invalid_output},
     script::{S1, SHORT_SCRIPTS, Script, Tick},
-    slot::{SlotStage, SlotSpec},
+    slot::{SlotSpec, SlotStage},
 };
 
 /// Finite numbers outside the range of any measurement.
@@ -20,7 +20,9 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     let clean = SHORT_SCRIPTS.iter().chain([&*S1]).find_map(|script| first_invalid_output::<L, S>(&mut make(), script));
     let mut checks = vec![Check::property("outputs are valid without a fault", clean)];
     // On S1 the recovery checks cover this.
-    let prefixes = SHORT_SCRIPTS.iter().map(|script| (script, PrefixRun::<L, S>::new(make(), script, script.ticks_before(FAULT_START_S))));
+    let prefixes = SHORT_SCRIPTS
+        .iter()
+        .map(|script| (script, PrefixRun::<L, S>::new(make(), script, script.ticks_before(FAULT_START_S))));
     let prefixes: Vec<_> = prefixes.collect();
     for fault in CATALOGUE {
         let failure = prefixes.iter().find_map(|(script, prefix)| prefix.resume(&fault.apply(script)).invalid_output);

@@ -11,7 +11,7 @@ use ratatui::{
     widgets::{Block, Paragraph, Sparkline, SparklineBar, Wrap},
 };
 
-use crate::{Attitude, RowStyle, Panel, Snapshot, Row, DataState, Trend, horizon};
+use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon};
 
 /// Colours of the estimate and sky line, the ground, faults and secondary text (Okabe and Ito 2008,
 /// from the palette of 256).
@@ -55,7 +55,8 @@ fn draw_full(frame: &mut Frame<'_>, area: Rect, snapshot: &Snapshot) {
     if let Some(attitude) = &snapshot.attitude {
         horizon::draw(frame, horizon_inner, attitude.up, dim);
     }
-    let title = snapshot.attitude.as_ref().map_or("attitude".into(), |attitude| format!("attitude, {}", attitude.frame));
+    let title =
+        snapshot.attitude.as_ref().map_or("attitude".into(), |attitude| format!("attitude, {}", attitude.frame));
     let inner = draw_frame(frame, attitude_area, &title);
     frame.render_widget(Paragraph::new(attitude_lines(snapshot)).style(text_style(dim)), inner);
     let inner = draw_frame(frame, trends_area, "last minute");
@@ -134,7 +135,8 @@ fn attitude_lines(snapshot: &Snapshot) -> Vec<Line<'static>> {
 }
 
 fn attitude_line(snapshot: &Snapshot) -> String {
-    let Some(Attitude { roll_pitch_yaw_deg: [roll, pitch, yaw], course_deg, course_reference, .. }) = &snapshot.attitude
+    let Some(Attitude { roll_pitch_yaw_deg: [roll, pitch, yaw], course_deg, course_reference, .. }) =
+        &snapshot.attitude
     else {
         return "no attitude yet".into();
     };
@@ -178,7 +180,8 @@ fn draw_trends(frame: &mut Frame<'_>, area: Rect, trends: &[Trend], dim: bool) {
 fn draw_panels(frame: &mut Frame<'_>, area: Rect, panels: &[Panel]) {
     let [upper @ .., _] = panels else { return };
     let max_height = area.height / 2;
-    let heights = upper.iter().map(|panel| Constraint::Length((panel.rows.len() as u16).saturating_add(2).min(max_height)));
+    let heights =
+        upper.iter().map(|panel| Constraint::Length((panel.rows.len() as u16).saturating_add(2).min(max_height)));
     let areas = Layout::vertical(heights.chain([Constraint::Min(0)])).split(area);
     for (panel, area) in panels.iter().zip(areas.iter()) {
         draw_panel(frame, *area, panel);
@@ -383,7 +386,8 @@ mod tests {
 
     #[test]
     fn panel_scrolls_to_selected_row() {
-        let rows = (0..50).map(|i| Row::new(if i == 40 { RowStyle::Selected } else { RowStyle::Normal }, format!("vehicle {i}")));
+        let rows = (0..50)
+            .map(|i| Row::new(if i == 40 { RowStyle::Selected } else { RowStyle::Normal }, format!("vehicle {i}")));
         let rows = [Row::new(RowStyle::Header, "name")].into_iter().chain(rows).collect();
         let fleet = Panel { title: "vehicles".into(), rows };
         let snapshot = Snapshot { panels: vec![fleet], ..example_snapshot(DataState::Live) };

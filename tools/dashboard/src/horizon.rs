@@ -28,7 +28,8 @@ struct Horizon {
 
 /// Draws the horizon into `area`.
 pub(crate) fn draw(frame: &mut Frame<'_>, area: Rect, up: [f64; 3], dim: bool) {
-    let [across, down] = [f64::from(area.width) * DOTS_PER_CHARACTER[0], f64::from(area.height) * DOTS_PER_CHARACTER[1]];
+    let [across, down] =
+        [f64::from(area.width) * DOTS_PER_CHARACTER[0], f64::from(area.height) * DOTS_PER_CHARACTER[1]];
     let half_width = across / down.max(1.0);
     let paint = |context: &mut Context<'_>| {
         context.draw(&Horizon { up });

@@ -18,10 +18,10 @@
 mod drawing;
 mod horizon;
 mod orientation;
-pub mod snapshot;
 pub mod screen;
+pub mod snapshot;
 pub mod trend;
 
-pub use snapshot::{Attitude, Figures, RowStyle, Panel, Snapshot, Row, DataState};
 pub use screen::{Key, Screen};
+pub use snapshot::{Attitude, DataState, Figures, Panel, Row, RowStyle, Snapshot};
 pub use trend::{Trend, Trends};

@@ -7,8 +7,8 @@ mod terminal;
 
 use std::{env, process::Command, thread, time::Duration};
 
-use dashboard::{Snapshot, Screen};
-use terminal::OnTerminal;
+use dashboard::{Screen, Snapshot};
+use terminal::TerminalProgram;
 
 /// Environment variable that makes the test process panic.
 const PANIC_VARIABLE: &str = "PLUMBLINE_PANIC_WHILE_DRAWING";
@@ -31,12 +31,12 @@ fn panic_restores_terminal_and_is_printed() {
     }
     let mut command = Command::new(env::current_exe().unwrap());
     command.args(["--exact", "panic_restores_terminal_and_is_printed", "--nocapture"]).env(PANIC_VARIABLE, "");
-    let mut terminal = OnTerminal::start(command, (24, 80));
-    terminal.shows(&["boat  connecting"]);
-    assert!(terminal.is_taken_over());
+    let mut terminal = TerminalProgram::start(command, (24, 80));
+    terminal.wait_for_text(&["boat  connecting"]);
+    assert!(terminal.is_full_screen());
     terminal.press("q");
-    assert!(!terminal.ends().success());
-    let text = terminal.shows(&["the hull leaks"]);
-    assert!(terminal.is_given_back(), "{text}");
+    assert!(!terminal.wait_for_exit().success());
+    let text = terminal.wait_for_text(&["the hull leaks"]);
+    assert!(terminal.is_restored(), "{text}");
     assert!(!text.contains("connecting"), "the frame is removed with the full-screen mode: {text}");
 }

@@ -37,7 +37,11 @@ pub fn svg(size: (u32, u32), drawing: &impl Draw) -> Result<String, Box<dyn Erro
 /// # Errors
 ///
 /// Returns the error of the drawing, of the pixel backend or of the compression.
-pub fn png(size: (u32, u32), drawing: &impl Draw, typeface: &Typeface) -> Result<Vec<u8>, Box<dyn Error + Send + Sync>> {
+pub fn png(
+    size: (u32, u32),
+    drawing: &impl Draw,
+    typeface: &Typeface,
+) -> Result<Vec<u8>, Box<dyn Error + Send + Sync>> {
     let mut pixels = Pixels::new(size);
     draw_on(&pixels.canvas(typeface).into_drawing_area(), drawing)?;
     Ok(pixels.encode()?)

@@ -98,7 +98,13 @@ impl Curve {
     ///
     /// A step of more than `max_step` between consecutive points breaks the curve, such as the wrap
     /// of an angle.
-    pub fn over_time(name: impl Into<String>, color: RGBColor, style: LineStyle, values: &[(f64, f64)], max_step: f64) -> Self {
+    pub fn over_time(
+        name: impl Into<String>,
+        color: RGBColor,
+        style: LineStyle,
+        values: &[(f64, f64)],
+        max_step: f64,
+    ) -> Self {
         let bin_size = (2 * values.len()).div_ceil(MAX_POINTS).max(1);
         let mut points: Vec<(f64, f64)> = Vec::new();
         for bin in values.chunks(bin_size) {
@@ -142,7 +148,9 @@ impl Draw for Chart {
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.14))
             .x_labels(if self.has_legend { 11 } else { 6 })
-            .y_labels((area.dim_in_pixel().1.saturating_sub(LABEL_MARGIN_HEIGHT) / MIN_LABEL_HEIGHT).clamp(2, 9) as usize)
+            .y_labels(
+                (area.dim_in_pixel().1.saturating_sub(LABEL_MARGIN_HEIGHT) / MIN_LABEL_HEIGHT).clamp(2, 9) as usize
+            )
             .x_label_formatter(&|place| self.x.tick_label(*place))
             .y_label_formatter(&|place| self.y.tick_label(*place))
             .draw()?;
@@ -200,7 +208,10 @@ impl Chart {
 }
 
 /// Returns the font of a title, reduced in size if the title is wider than the figure.
-fn title_style<B: DrawingBackend>(area: &Area<B>, title: &str) -> Result<(&'static str, u32), Box<dyn Error + Send + Sync>>
+fn title_style<B: DrawingBackend>(
+    area: &Area<B>,
+    title: &str,
+) -> Result<(&'static str, u32), Box<dyn Error + Send + Sync>>
 where
     B::ErrorType: 'static,
 {
@@ -242,7 +253,8 @@ mod tests {
             let line = (0..=100).map(|k| (10f64.powf(f64::from(k) * 0.04 - 2.0), f64::from(k))).collect();
             let x = Axis { is_log: true, ..Axis::new("β, rad/s", 0.01..100.0) };
             let curves = vec![Curve::new("one", style::BLUE, style, line)];
-            let chart = Chart { title: String::new(), x, y: Axis::new("error, °", 0.0..100.0), curves, has_legend: true };
+            let chart =
+                Chart { title: String::new(), x, y: Axis::new("error, °", 0.0..100.0), curves, has_legend: true };
             svg((600, 400), &Stack { title: "all".into(), charts: vec![chart] }).unwrap()
         };
         let [whole, broken] = [LineStyle::Thick, LineStyle::Dashed(10, 10)].map(chart);

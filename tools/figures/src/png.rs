@@ -152,7 +152,11 @@ impl DrawingBackend for Canvas<'_> {
         self.bitmap.draw_circle(scaled(center), radius * SCALE, &ScaledStyle(style), fill)
     }
 
-    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, vert: I, style: &S) -> DrawResult {
+    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        vert: I,
+        style: &S,
+    ) -> DrawResult {
         self.bitmap.fill_polygon(vert.into_iter().map(scaled), &ScaledStyle(style))
     }
 

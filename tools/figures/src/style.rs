@@ -54,8 +54,13 @@ impl LineStyle {
 pub const REFERENCE: (RGBColor, LineStyle) = (TEXT_COLOR, LineStyle::Dashed(7, 4));
 
 const COLORS: [RGBColor; 6] = [BLUE, PURPLE, GREEN, AMBER, SKY, ORANGE];
-const STYLES: [LineStyle; 5] =
-    [LineStyle::Thick, LineStyle::Dashed(12, 4), LineStyle::Dashed(5, 3), LineStyle::Dashed(20, 6), LineStyle::Dashed(2, 3)];
+const STYLES: [LineStyle; 5] = [
+    LineStyle::Thick,
+    LineStyle::Dashed(12, 4),
+    LineStyle::Dashed(5, 3),
+    LineStyle::Dashed(20, 6),
+    LineStyle::Dashed(2, 3),
+];
 
 /// Returns colour and style of the curve with this index. The first 30 combinations are unique.
 pub fn series_style(index: usize) -> (RGBColor, LineStyle) {

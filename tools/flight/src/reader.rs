@@ -158,7 +158,8 @@ pub fn for_each_message(path: &Path, visit: &mut dyn FnMut(i64, Topic, &[u8])) -
         if topic.entry().presence.is_ticked() {
             t_ns = Some(header.publish_time.cast_signed());
         }
-        match messages::dispatch!(topic, M => M::from_bytes(&data).map(|message| bytemuck::bytes_of(&message).to_vec())) {
+        match messages::dispatch!(topic, M => M::from_bytes(&data).map(|message| bytemuck::bytes_of(&message).to_vec()))
+        {
             Ok(bytes) => {
                 visit(t_ns.unwrap_or(i64::MIN), topic, &bytes);
                 None

@@ -59,7 +59,8 @@ impl fmt::Display for RecordingSummary {
             pluralize(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;
-        for TopicSummary { topic, messages, missed } in topics.iter().filter(|topic| topic.messages + topic.missed > 0) {
+        for TopicSummary { topic, messages, missed } in topics.iter().filter(|topic| topic.messages + topic.missed > 0)
+        {
             write!(f, "\n  {topic:<12}{:>19}, missed {missed}", pluralize(*messages, "message"))?;
         }
         Ok(())

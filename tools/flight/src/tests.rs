@@ -5,7 +5,7 @@ use std::fs;
 use graph::Topic;
 use messages::{AttitudeOutput, Health, ImuSample};
 
-use crate::{FlightError, FlightInfo, FlightHeader, RecordingMode, Recorder};
+use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode};
 
 const TOPICS: [Topic; 3] = [Topic::Imu, Topic::Attitude, Topic::Health];
 

@@ -13,10 +13,10 @@ use recording::{
 
 use crate::{
     Format, ImportError, Mapping, Note, Summary,
-    force_aligner::ForceAligner,
     bag::Bag,
-    dataflash,
     csv_source::{CsvFiles, CsvSource},
+    dataflash,
+    force_aligner::ForceAligner,
     row_writer::RowWriter,
     source::{ReceiverFix, Source},
     ulog::Log,
@@ -96,7 +96,11 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     first.ok_or(ImportError::NoFiles)
 }
 
-fn open_source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> Result<Box<dyn Source + 'a>, ImportError> {
+fn open_source<'a>(
+    format: Format,
+    paths: &[PathBuf],
+    options: &'a Options,
+) -> Result<Box<dyn Source + 'a>, ImportError> {
     let path = &paths[0];
     Ok(match (format, &options.mapping) {
         (Format::Ulog, _) => Box::new(Log::open(path)?),
@@ -104,7 +108,10 @@ fn open_source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> R
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, &options.topics)?),
         (_, Some(mapping)) => Box::new(CsvSource::open(paths, mapping)?),
         (_, None) => {
-            return Err(ImportError::MappingRequired { path: path.clone(), columns: CsvFiles::open(paths)?.column_names() });
+            return Err(ImportError::MappingRequired {
+                path: path.clone(),
+                columns: CsvFiles::open(paths)?.column_names(),
+            });
         }
     })
 }

@@ -79,7 +79,14 @@ impl CsvReader {
             let name = str::from_utf8(name).map_err(|_| malformed(path, place(), excerpt(name), "UTF-8 text"))?;
             names.push(name.to_owned());
         }
-        Ok(Self { path: path.to_owned(), lines, separator, names, first_row: Some(first), decimal_mark: Cell::new(None) })
+        Ok(Self {
+            path: path.to_owned(),
+            lines,
+            separator,
+            names,
+            first_row: Some(first),
+            decimal_mark: Cell::new(None),
+        })
     }
 
     /// Returns the next row that is not blank; `None` at the end.
@@ -100,7 +107,12 @@ impl CsvReader {
     }
 }
 
-fn malformed(path: &Path, position: TextPosition, found: impl Into<String>, expected: impl Into<String>) -> ImportError {
+fn malformed(
+    path: &Path,
+    position: TextPosition,
+    found: impl Into<String>,
+    expected: impl Into<String>,
+) -> ImportError {
     ImportError::Malformed {
         path: path.to_owned(),
         position: position.into(),
@@ -167,7 +179,8 @@ impl CsvRecord<'_> {
 
     fn malformed(&self, index: usize, expected: &str) -> ImportError {
         let field = fields(&self.row, self.reader.separator).nth(index).unwrap_or_default();
-        let position = TextPosition { line: self.line, column: Some(index + 1), name: self.reader.names.get(index).cloned() };
+        let position =
+            TextPosition { line: self.line, column: Some(index + 1), name: self.reader.names.get(index).cloned() };
         malformed(&self.reader.path, position, excerpt(field), expected)
     }
 }
@@ -208,7 +221,12 @@ impl Lines {
                 Ok(_) => {}
                 Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
                     let found = "the end of the file inside the gzip stream";
-                    return Err(malformed(&self.path, line_position(), found, "a complete stream; copy the file again"));
+                    return Err(malformed(
+                        &self.path,
+                        line_position(),
+                        found,
+                        "a complete stream; copy the file again",
+                    ));
                 }
                 Err(cause) => return Err(malformed(&self.path, line_position(), cause.to_string(), "a readable line")),
             }

@@ -20,11 +20,11 @@ use recording::Reference;
 
 use crate::{
     Format, ImportError, Mapping, Note,
-    force_aligner::{ForceAligner, Sample},
-    error::open_error,
-    row_writer::{Attitude, RowWriter, Samples},
-    source::{ReceiverFix, Source, Survey, FixSink},
     csv_reader::CsvReader,
+    error::open_error,
+    force_aligner::{ForceAligner, Sample},
+    row_writer::{Attitude, RowWriter, Samples},
+    source::{FixSink, ReceiverFix, Source, Survey},
 };
 
 /// CSV files with a mapping of their columns.
@@ -265,7 +265,11 @@ impl CsvFiles {
         Ok([latitude?, longitude?, altitude?])
     }
 
-    fn column_group<const N: usize>(&self, mapping: &Mapping, group: [&'static str; N]) -> Result<ColumnGroup<N>, ImportError> {
+    fn column_group<const N: usize>(
+        &self,
+        mapping: &Mapping,
+        group: [&'static str; N],
+    ) -> Result<ColumnGroup<N>, ImportError> {
         let mut positions = [(0, 0); N];
         for (position, target) in positions.iter_mut().zip(group) {
             *position = self.find_column(target, mapping.column(target).unwrap_or_default(), None)?;
@@ -282,7 +286,12 @@ impl CsvFiles {
     /// Returns the file and the index of a column.
     ///
     /// The name must be unique in the file `only`, or in all files if `only` is `None`.
-    fn find_column(&self, target: &'static str, found: &str, only: Option<usize>) -> Result<(usize, usize), ImportError> {
+    fn find_column(
+        &self,
+        target: &'static str,
+        found: &str,
+        only: Option<usize>,
+    ) -> Result<(usize, usize), ImportError> {
         let matching_columns = |name: &str, in_file: Option<&str>| -> Vec<(usize, usize)> {
             let files = self.columns.iter().enumerate().filter(|(index, (path, _))| {
                 only.is_none_or(|only| *index == only) && in_file.is_none_or(|named| matches_name(path, named))

@@ -77,7 +77,8 @@ impl ForceAligner {
     /// set.
     fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
         let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
-        while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns) {
+        while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns)
+        {
             must_release_one = false;
             match self.force_at(t_ns) {
                 Some(force) => rows.push(t_ns, rate, force)?,
@@ -90,7 +91,9 @@ impl ForceAligner {
     /// Returns the force at a time; `None` if no sample is close enough.
     fn force_at(&self, t_ns: i64) -> Option<[f64; 3]> {
         let (last_ns, last) = self.last_force?;
-        if let Some((before_ns, before)) = self.previous_force.filter(|(before_ns, _)| (*before_ns..last_ns).contains(&t_ns)) {
+        if let Some((before_ns, before)) =
+            self.previous_force.filter(|(before_ns, _)| (*before_ns..last_ns).contains(&t_ns))
+        {
             let (since_ns, gap_ns) = (t_ns.abs_diff(before_ns), last_ns.abs_diff(before_ns));
             if since_ns == 0 {
                 return Some(before);
@@ -100,7 +103,10 @@ impl ForceAligner {
                 return Some([0, 1, 2].map(|axis| before[axis] + fraction * (last[axis] - before[axis])));
             }
         }
-        let near = [self.previous_force, self.last_force].into_iter().flatten().min_by_key(|(near_ns, _)| near_ns.abs_diff(t_ns));
+        let near = [self.previous_force, self.last_force]
+            .into_iter()
+            .flatten()
+            .min_by_key(|(near_ns, _)| near_ns.abs_diff(t_ns));
         near.filter(|(near_ns, _)| near_ns.abs_diff(t_ns) <= MAX_HOLD_NS).map(|(_, force)| force)
     }
 }

@@ -69,10 +69,7 @@ impl Format {
             return Ok(Self::Bag);
         }
         if !file_type.is_file() && !file_type.is_dir() {
-            return Err(failed(io::Error::new(
-                io::ErrorKind::NotSeekable,
-                "pipes and devices cannot be read twice",
-            )));
+            return Err(failed(io::Error::new(io::ErrorKind::NotSeekable, "pipes and devices cannot be read twice")));
         }
         let mut file = File::open(path).map_err(failed)?;
         let start = read_prefix(&mut file).map_err(failed)?;
@@ -103,9 +100,7 @@ impl Format {
     pub fn remedy(self) -> Option<&'static str> {
         match self {
             Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,
-            Self::Recording => {
-                Some("no import is needed; to change its axes or units, map its columns with --map")
-            }
+            Self::Recording => Some("no import is needed; to change its axes or units, map its columns with --map"),
             Self::Zip => Some("unpack it and import the files in it"),
             Self::Gzip => Some("unpack it (gunzip) and import the file in it"),
         }
@@ -132,7 +127,8 @@ impl fmt::Display for Format {
 fn is_bag(folder: &Path) -> bool {
     let has_metadata = fs::metadata(folder.join(BAG_METADATA_FILE)).is_ok_and(|found| found.is_file());
     let start = || read_prefix(&mut File::open(folder.join(BAG_METADATA_FILE))?);
-    has_metadata && start().is_ok_and(|start| start.windows(BAG_METADATA_KEY.len()).any(|part| part == BAG_METADATA_KEY))
+    has_metadata
+        && start().is_ok_and(|start| start.windows(BAG_METADATA_KEY.len()).any(|part| part == BAG_METADATA_KEY))
 }
 
 fn read_prefix(file: &mut impl Read) -> io::Result<Vec<u8>> {

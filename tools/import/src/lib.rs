@@ -29,19 +29,19 @@
 //! | `row_writer` | field and reference at the times of the rows |
 #![forbid(unsafe_code)]
 
-mod force_aligner;
 mod bag;
 pub mod convert;
+mod csv_reader;
+mod csv_source;
 mod dataflash;
 mod error;
+mod force_aligner;
 pub mod format;
-mod csv_source;
 pub mod mcap_file;
 pub mod ros_messages;
 mod row_writer;
 mod source;
 pub mod summary;
-mod csv_reader;
 mod ulog;
 
 pub use convert::{Options, Progress, convert};

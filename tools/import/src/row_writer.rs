@@ -143,7 +143,8 @@ impl<'a> RowWriter<'a> {
                 (None, None) => true,
             };
             // An error is taken from the iterator as well, to end the import.
-            let Some(sample) = self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
+            let Some(sample) =
+                self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
             else {
                 return Ok(());
             };
@@ -191,7 +192,8 @@ impl<'a> RowWriter<'a> {
         }
         let Some(before) = self.previous_attitude else { return Ok(None) };
         let gap_ns = after.t_ns.abs_diff(before.t_ns);
-        if gap_ns > MAX_REFERENCE_GAP_NS || after.reset_counter.is_none() || after.reset_counter != before.reset_counter {
+        if gap_ns > MAX_REFERENCE_GAP_NS || after.reset_counter.is_none() || after.reset_counter != before.reset_counter
+        {
             return Ok(None);
         }
         let fraction = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;

@@ -164,7 +164,11 @@ fn decode_value(kind: &str, bytes: &[u8]) -> Option<Value> {
             let text = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
             return Some(Value::Text(String::from_utf8_lossy(text).into_owned()));
         }
-        return bytes.chunks_exact(size).map(|bytes| decode_value(element_kind, bytes)).collect::<Option<_>>().map(Value::List);
+        return bytes
+            .chunks_exact(size)
+            .map(|bytes| decode_value(element_kind, bytes))
+            .collect::<Option<_>>()
+            .map(Value::List);
     }
     let long = || Some(u64::from_ne_bytes(bytes.try_into().ok()?));
     let short = || Some(u32::from_ne_bytes(bytes.try_into().ok()?));

@@ -14,7 +14,7 @@ use launch::pluralize;
 use messages::{Field, Layout};
 use serde::Serialize;
 
-use crate::interval::{IntervalStats, IntervalAccumulator};
+use crate::interval::{IntervalAccumulator, IntervalStats};
 
 /// Statistics of a topic during an observation.
 #[derive(Debug)]
@@ -182,7 +182,9 @@ impl FlowMonitor {
             None if self.every_tick => Some(self.missed),
             None => (!self.buffer_was_full).then_some(0),
         };
-        let bytes = self.delivery.map_or(self.message_bytes as f64, |delivery| delivery.bytes as f64 / delivery.received as f64);
+        let bytes = self
+            .delivery
+            .map_or(self.message_bytes as f64, |delivery| delivery.bytes as f64 / delivery.received as f64);
         FlowReport {
             topic: self.topic.clone(),
             messages: self.messages,
@@ -298,7 +300,13 @@ mod tests {
     fn remote_decimated_tick_is_not_missed() {
         let mut flow = FlowMonitor::new(Topic::Fused, &FusedState::layout());
         for tick in [0, 20, 40, 80] {
-            flow.set_delivery(Delivery { lost: tick / 80, decimated: 76, received: 4, bytes: 150, ..Delivery::default() });
+            flow.set_delivery(Delivery {
+                lost: tick / 80,
+                decimated: 76,
+                received: 4,
+                bytes: 150,
+                ..Delivery::default()
+            });
             flow.record(bytemuck::bytes_of(&fused(tick, tick / 40)), 0);
         }
         let report = flow.report();

@@ -19,13 +19,13 @@
 //! | [`doctor`] | diagnosis of the machine and the system |
 #![forbid(unsafe_code)]
 
+pub mod decode;
 pub mod doctor;
 pub mod flow;
 pub mod hops;
 pub mod interval;
 pub mod process;
 pub mod readings;
-pub mod decode;
 pub mod tables;
 pub mod top;
 pub mod topics;

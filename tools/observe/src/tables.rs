@@ -81,7 +81,8 @@ fn write_rows<M: Message>(messages: &[M], writer: &mut impl Write) -> io::Result
     let Layout { fields, .. } = M::layout();
     for message in messages {
         let bytes = bytemuck::bytes_of(message);
-        let values = fields.iter().flat_map(|field| (0..element_count(field)).map(move |i| format_element(bytes, field, i)));
+        let values =
+            fields.iter().flat_map(|field| (0..element_count(field)).map(move |i| format_element(bytes, field, i)));
         writeln!(writer, "{}", values.collect::<Vec<_>>().join(","))?;
     }
     Ok(())

@@ -115,7 +115,8 @@ impl SystemMonitor {
         }
         self.events.drain(&mut |bytes| {
             let event = bytemuck::try_pod_read_unaligned(bytes).ok();
-            self.finished_event = event.filter(|event: &SystemEvent| event.kind == EventKind::FINISHED).or(self.finished_event);
+            self.finished_event =
+                event.filter(|event: &SystemEvent| event.kind == EventKind::FINISHED).or(self.finished_event);
         })?;
         self.hops.process_pending();
         Ok(())
@@ -128,7 +129,9 @@ impl SystemMonitor {
 
     /// Returns why the system ended, or `None` until its supervisor reports the end.
     pub fn end_reason(&self) -> Option<&str> {
-        self.finished_event.as_ref().map(|event| if event.reason().is_empty() { "it ended normally" } else { event.reason() })
+        self.finished_event
+            .as_ref()
+            .map(|event| if event.reason().is_empty() { "it ended normally" } else { event.reason() })
     }
 
     /// Returns the state since the last snapshot, combined with the supervisor's service status.
@@ -197,13 +200,20 @@ impl SystemSnapshot {
     pub fn table(&self, columns: Option<usize>) -> String {
         let visible = visible_columns(columns);
         let tick = self.tick.map_or("-".into(), |tick| tick.to_string());
-        let title = format!("{}: tick {tick}; latency in µs, per service from its last input to its output", self.system);
-        let lines = [COLUMNS.map(|column| column.header.into())].into_iter().chain(self.services.iter().map(ServiceRow::cells));
+        let title =
+            format!("{}: tick {tick}; latency in µs, per service from its last input to its output", self.system);
+        let lines =
+            [COLUMNS.map(|column| column.header.into())].into_iter().chain(self.services.iter().map(ServiceRow::cells));
         let lines = lines.map(|cells| format_row(&visible, &cells));
-        let label_width: usize =
-            visible.iter().map(|i| &COLUMNS[*i]).take_while(|column| !column.is_latency()).map(|column| column.width).sum();
+        let label_width: usize = visible
+            .iter()
+            .map(|i| &COLUMNS[*i])
+            .take_while(|column| !column.is_latency())
+            .map(|column| column.width)
+            .sum();
         let latencies: Vec<_> = visible.iter().copied().filter(|i| COLUMNS[*i].is_latency()).collect();
-        let end_to_end = format!("{:<label_width$}{}", "end to end", format_row(&latencies, &latency_cells(self.latency_us)));
+        let end_to_end =
+            format!("{:<label_width$}{}", "end to end", format_row(&latencies, &latency_cells(self.latency_us)));
         [title].into_iter().chain(lines).chain([end_to_end]).collect::<Vec<_>>().join("\n")
     }
 }
@@ -336,7 +346,11 @@ mod tests {
             let lines: Vec<_> = table.lines().skip(1).collect();
             assert!(lines.iter().all(|line| line.chars().count() <= columns), "{columns} columns:\n{table}");
             let header_count = words(&lines[0].replace("cpu %", "cpu")).len();
-            assert_eq!([lines[1], lines[2]].map(|line| words(line).len()), [header_count; 2], "{columns} columns:\n{table}");
+            assert_eq!(
+                [lines[1], lines[2]].map(|line| words(line).len()),
+                [header_count; 2],
+                "{columns} columns:\n{table}"
+            );
         }
         assert_eq!(example_snapshot().table(None), example_snapshot().table(Some(121)));
         let table_80 = example_snapshot().table(Some(80));

@@ -1,4 +1,4 @@
-//! A block diagram.
+//! Block diagrams.
 
 use figures::{
     Area, DrawResult,
@@ -11,7 +11,7 @@ use plotters::{
 
 use crate::scene::arrow;
 
-/// Boxes and arrows in a plane of `size`, y downwards.
+/// Blocks and arrows in a plane of `size`, y downwards.
 #[derive(Debug)]
 pub(crate) struct BlockDiagram {
     pub(crate) title: String,
@@ -20,7 +20,7 @@ pub(crate) struct BlockDiagram {
     pub(crate) arrows: Vec<Arrow>,
 }
 
-/// A box of words, by its centre.
+/// Box with lines of text, given by its centre and size.
 #[derive(Debug)]
 pub(crate) struct Block {
     pub(crate) at: (f64, f64),
@@ -28,7 +28,7 @@ pub(crate) struct Block {
     pub(crate) lines: &'static [&'static str],
 }
 
-/// A path with a head, and words beside the middle of its first part.
+/// Path with an arrow head, labelled at the middle of its first segment.
 #[derive(Debug)]
 pub(crate) struct Arrow {
     pub(crate) path: &'static [(f64, f64)],
@@ -60,7 +60,10 @@ impl BlockDiagram {
             }
         }
         for Block { at: (x, y), size: (block_width, block_height), lines } in &self.blocks {
-            let corners = [to_pixel((x - block_width / 2.0, y - block_height / 2.0)), to_pixel((x + block_width / 2.0, y + block_height / 2.0))];
+            let corners = [
+                to_pixel((x - block_width / 2.0, y - block_height / 2.0)),
+                to_pixel((x + block_width / 2.0, y + block_height / 2.0)),
+            ];
             area.draw(&Rectangle::new(corners, RGBColor(240, 244, 250).filled()))?;
             area.draw(&Rectangle::new(corners, BLACK.mix(0.7).stroke_width(1)))?;
             let (centre_x, centre_y) = to_pixel((*x, *y));

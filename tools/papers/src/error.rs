@@ -1,34 +1,34 @@
-//! Why a paper could not be made.
+//! Errors of the reproduction of a paper.
 
 use std::{error::Error, io, path::PathBuf};
 
 use thiserror::Error;
 
-/// Why a paper could not be made.
+/// Error of the reproduction of a paper.
 #[derive(Debug, Error)]
 pub enum PaperError {
     /// A file or folder cannot be written.
-    #[error("writing {path}: {cause}; choose another folder with --out", path = path.display())]
+    #[error("cannot write {path}: {cause}; choose another folder with --out", path = path.display())]
     Write {
-        /// Which.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// A file of an earlier paper cannot be read for the page.
-    #[error("reading {path} for the page of all: {cause}; make that paper again, or remove the file", path = path.display())]
+    /// The section of an earlier paper cannot be read for the index page.
+    #[error("cannot read {path} for the index page: {cause}; reproduce that paper again or delete the file", path = path.display())]
     Read {
-        /// Which.
+        /// Path of the section file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system, or the size limit that the file exceeds.
         cause: io::Error,
     },
-    /// A picture cannot be drawn.
-    #[error("drawing {picture}: {cause}")]
+    /// A figure or table cannot be drawn.
+    #[error("cannot draw {picture}: {cause}")]
     Draw {
-        /// Which.
+        /// Name of the figure or table.
         picture: &'static str,
-        /// What the drawing says.
+        /// Error of the drawing library.
         cause: Box<dyn Error + Send + Sync>,
     },
 }

@@ -1,4 +1,4 @@
-//! A quantity over a plane, as colours.
+//! Heatmap: a quantity over a plane, shown as colours.
 
 use figures::{
     Area, Axis, DrawResult,
@@ -9,7 +9,7 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-/// Room for the scale of colours, pixels.
+/// Width of the margin for the colour bar, pixels.
 const COLOR_BAR_WIDTH: u32 = 110;
 
 /// Values over a plane, row by row from the bottom.
@@ -18,7 +18,7 @@ pub(crate) struct Heatmap {
     pub(crate) title: String,
     pub(crate) x: Axis,
     pub(crate) y: Axis,
-    /// What is coloured, and from where to where.
+    /// Label of the quantity, and the values at the two ends of the colour scale.
     pub(crate) value_axis: Axis,
     pub(crate) columns: usize,
     pub(crate) values: Vec<f64>,
@@ -60,32 +60,34 @@ impl Heatmap {
         self.draw_color_bar(area)
     }
 
-    /// Which value has which colour.
+    /// Draws the colour bar to the right of the map.
     fn draw_color_bar<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
         let (width, height) = area.dim_in_pixel();
-        let (left, top, cell_height) = (width as i32 - COLOR_BAR_WIDTH as i32 + 14, 60, height as i32 - 130);
-        let value_at = |share: f64| self.value_axis.range.start + share * (self.value_axis.range.end - self.value_axis.range.start);
-        for row in 0..cell_height {
-            let value = value_at(1.0 - f64::from(row) / f64::from(cell_height));
+        let (left, top, bar_height) = (width as i32 - COLOR_BAR_WIDTH as i32 + 14, 60, height as i32 - 130);
+        let range = &self.value_axis.range;
+        let value_at = |share: f64| range.start + share * (range.end - range.start);
+        for row in 0..bar_height {
+            let value = value_at(1.0 - f64::from(row) / f64::from(bar_height));
             let corners = [(left, top + row), (left + 18, top + row + 1)];
             area.draw(&Rectangle::new(corners, self.color(value).filled()))?;
         }
         let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
         for tick in 0..=4 {
             let share = f64::from(tick) / 4.0;
-            let y = top + cell_height - (share * f64::from(cell_height)) as i32;
+            let y = top + bar_height - (share * f64::from(bar_height)) as i32;
             area.draw(&Text::new(format_number(&value_at(share)), (left + 24, y), text.clone()))?;
         }
         area.draw(&Text::new(self.value_axis.label.as_ref(), (left, top - 20), text))?;
         Ok(())
     }
 
-    /// From blue through white to orange.
+    /// Returns the colour of a value: from blue through white to orange, clamped at both ends.
     fn color(&self, value: f64) -> RGBColor {
-        let share = ((value - self.value_axis.range.start) / (self.value_axis.range.end - self.value_axis.range.start)).clamp(0.0, 1.0);
+        let range = &self.value_axis.range;
+        let share = ((value - range.start) / (range.end - range.start)).clamp(0.0, 1.0);
         let (from, to, share) = if share < 0.5 {
             ([0, 90, 160], [248, 248, 248], 2.0 * share)
         } else {

@@ -1,15 +1,20 @@
-//! The figures and tables of the four papers that Plumbline's stages come from, made by these stages.
+//! Reproduces the figures and tables of the four papers behind the stages, using the stages.
 //!
-//! Input: which paper, and a folder. Output: each figure and table as SVG and PNG, one HTML page of all that the folder holds, and the
-//! tables as text. Time: that of the simulations; no clock. Failure: a file that cannot be written.
+//! Input: a paper and a folder.
 //!
-//! | module | what it holds |
+//! Output: each figure and table as SVG and PNG, and one HTML page with all papers in the folder.
+//! Tables are also available as text.
+//!
+//! Failure: a file that cannot be written, or a section of an earlier paper that cannot be read.
+//!
+//! | module | content |
 //! | --- | --- |
-//! | [`s1`] | Matveev 2025: the point w and the turn z, noise-free and with errors, the fusion by w |
+//! | [`s1`] | Matveev 2025: the point w and the angle z, noise-free and with errors, fusion by w |
 //! | [`s2`] | pitch and roll by matrix and by quaternion, over the whole sphere |
-//! | [`s3`] | Madgwick's filter, original and improved |
-//! | [`s4`] | platform levelling with a receiver, without, and both |
-//! | [`picture`] | what can be drawn, and the files it becomes |
+//! | [`s3`] | Madgwick filter, original and improved |
+//! | [`s4`] | platform levelling with GNSS, without GNSS, and unified |
+//! | [`picture`] | figures and tables, and the files they are written to |
+//! | [`page`] | HTML page |
 //! | [`page`] | the HTML page |
 #![forbid(unsafe_code)]
 
@@ -33,24 +38,24 @@ use figures::Typeface;
 use picture::Part;
 pub use progress::Progress;
 
-/// One of the four papers.
+/// One of the four papers that are reproduced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Paper {
-    /// Matveev 2025.
+    /// Matveev et al. 2025, parameters (w, z).
     S1,
     /// Inclinometers by matrix and by quaternion.
     S2,
-    /// The improved Madgwick filter.
+    /// Improved Madgwick filter.
     S3,
-    /// Platform levelling.
+    /// Platform levelling with and without GNSS.
     S4,
 }
 
 impl Paper {
-    /// All of them.
+    /// All papers in order.
     pub const ALL: [Self; 4] = [Self::S1, Self::S2, Self::S3, Self::S4];
 
-    /// `s1` to `s4`: its name in commands and files.
+    /// Returns the name of the paper in commands and paths, `s1` to `s4`.
     pub fn name(self) -> &'static str {
         match self {
             Self::S1 => "s1",
@@ -60,7 +65,7 @@ impl Paper {
         }
     }
 
-    /// The paper's paper_folder title.
+    /// Returns the title of the paper, preceded by its short name.
     pub fn title(self) -> &'static str {
         match self {
             Self::S1 => {
@@ -76,7 +81,8 @@ impl Paper {
         }
     }
 
-    /// Runs of its simulations, which a progress bar counts beside the pictures.
+    /// Returns the number of simulation runs, which the progress counts in addition to the
+    /// pictures.
     fn run_count(self) -> u64 {
         match self {
             Self::S1 => s1::RUN_COUNT,
@@ -96,19 +102,30 @@ impl Paper {
     }
 }
 
-/// What was made of a paper.
+/// Figures and tables reproduced from a paper.
 #[derive(Debug)]
 pub struct PaperOutput {
-    /// Its figures and tables.
+    /// Figures and tables in the order of the page.
     pub parts: Vec<Part>,
-    /// Why there is no PNG, where there is none.
+    /// Reason why no PNG files were written; `None` if they were.
     pub png_skipped_reason: Option<String>,
 }
 
-/// Makes a paper's figures and tables in `folder/NAME/`, and `folder/index.html` of all papers that are there.
+/// Reproduces a paper: writes its figures and tables to `folder/NAME/`, and updates
+/// `folder/index.html`.
 ///
-/// `on_progress` hears how many of how many run_count and pictures are done.
-pub fn reproduce(paper: Paper, folder: &Path, on_progress: &mut dyn FnMut(u64, u64)) -> Result<PaperOutput, PaperError> {
+/// The index page contains every paper that the folder holds. `on_progress` receives the number of
+/// finished steps and the total number of steps; a step is a simulation run or a picture.
+///
+/// # Errors
+///
+/// Returns an error if a file or folder cannot be written, a picture cannot be drawn, or the
+/// section of another paper in the folder cannot be read.
+pub fn reproduce(
+    paper: Paper,
+    folder: &Path,
+    on_progress: &mut dyn FnMut(u64, u64),
+) -> Result<PaperOutput, PaperError> {
     let mut progress = Progress::new(paper.run_count(), on_progress);
     let parts = paper.parts(&mut progress);
     progress.add_steps(parts.len() as u64);
@@ -116,7 +133,7 @@ pub fn reproduce(paper: Paper, folder: &Path, on_progress: &mut dyn FnMut(u64, u
     std::fs::create_dir_all(&paper_folder).map_err(|cause| PaperError::Write { path: paper_folder.clone(), cause })?;
     let (typeface, png_skipped_reason) = match Typeface::find() {
         Ok(typeface) => (Some(typeface), None),
-        Err(missing) => (None, Some(format!("no PNGs are made, only SVGs: {missing}"))),
+        Err(missing) => (None, Some(format!("no PNG files written, only SVG: {missing}"))),
     };
     let mut svgs = Vec::new();
     for part in &parts {

@@ -1,6 +1,7 @@
-//! One HTML page of all papers that a folder holds; it holds all it shows and asks nobody for anything.
+//! Self-contained HTML page with all papers of a folder, without external resources.
 //!
-//! Each paper leaves its piece of the page in `NAME/section.html`; the page is put together of the pieces that are there.
+//! Each paper writes its section to `NAME/section.html`. The index page is composed of all sections
+//! found in the folder.
 
 use std::{fs, io, path::Path};
 
@@ -9,10 +10,10 @@ use crate::{
     picture::{Part, Picture},
 };
 
-/// The page's name in its folder.
+/// File name of the page.
 pub const INDEX_FILE: &str = "index.html";
 const SECTION_FILE: &str = "section.html";
-/// A piece that is larger is not one of these, bytes.
+/// Maximum size of a section, bytes. A larger file was not written by this crate.
 const MAX_SECTION_BYTES: u64 = 50_000_000;
 
 const STYLE: &str = "\
@@ -21,7 +22,7 @@ h1{font-size:1.5em}h2{font-size:1.25em;margin-top:2.5em;border-top:1px solid #bb
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}th,td{padding:.2em .8em;text-align:right;border-bottom:1px solid #ddd}\
 th:first-child,td:first-child{text-align:left}svg{max-width:100%;height:auto}p{max-width:60em}";
 
-/// Writes the piece of one paper.
+/// Writes the section of one paper.
 pub(crate) fn write_section(paper: Paper, folder: &Path, parts: &[Part], svgs: &[String]) -> Result<(), PaperError> {
     let name = paper.name();
     let mut text = format!("<h2 id=\"{name}\">{}</h2>\n", escape_html(paper.title()));
@@ -41,7 +42,7 @@ pub(crate) fn write_section(paper: Paper, folder: &Path, parts: &[Part], svgs: &
     fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
-/// Writes the page of the pieces that are there.
+/// Writes the index page from the sections found in `folder`.
 pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
     let mut body = String::new();
     for paper in Paper::ALL {
@@ -57,24 +58,27 @@ pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
     fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
-/// A piece; nothing where its paper was not made yet.
+/// Returns the text of a section; empty if its paper has not been reproduced yet.
 fn read_section(path: &Path) -> Result<String, PaperError> {
     let failed = |cause| PaperError::Read { path: path.into(), cause };
     match fs::metadata(path) {
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(String::new()),
         Err(cause) => Err(failed(cause)),
-        Ok(metadata) if metadata.len() > MAX_SECTION_BYTES => Err(failed(io::Error::other("it is too large to be a piece of it"))),
+        Ok(metadata) if metadata.len() > MAX_SECTION_BYTES => {
+            let len = metadata.len();
+            Err(failed(io::Error::other(format!("size {len} bytes exceeds the limit of {MAX_SECTION_BYTES} bytes"))))
+        }
         Ok(_) => fs::read_to_string(path).map_err(failed),
     }
 }
 
-/// The element without the declaration that only a file has, in any width.
+/// Returns the `svg` element without the XML declaration that precedes it in a file.
 fn svg_element(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     format!("{}\n", svg[start..].trim_end())
 }
 
-/// Text that stands for itself in a page.
+/// Escapes text for HTML content and attributes.
 pub(crate) fn escape_html(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

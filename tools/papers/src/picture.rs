@@ -1,4 +1,4 @@
-//! What can be drawn, and the files it becomes.
+//! Figures and tables, and the files they are written to.
 
 use std::{fs, path::Path};
 
@@ -7,7 +7,7 @@ use plotters::prelude::*;
 
 use crate::{PaperError, block_diagram::BlockDiagram, heatmap::Heatmap, scene::Scene, table::Table};
 
-/// One panel of a figure.
+/// Panel of a figure.
 #[derive(Debug)]
 pub(crate) enum Panel {
     Chart(Chart),
@@ -16,16 +16,16 @@ pub(crate) enum Panel {
     BlockDiagram(BlockDiagram),
 }
 
-/// A figure or a table.
+/// Figure or table.
 #[derive(Debug)]
 pub enum Picture {
-    /// Panels in rows of `columns`.
+    /// Figure of one or more panels.
     Figure(Figure),
-    /// A table, drawn and as text.
+    /// Table, which is both drawn and available as text.
     Table(Table),
 }
 
-/// Panels side by side and one above the other.
+/// Panels in a grid, filled row by row.
 #[derive(Debug)]
 pub struct Figure {
     pub(crate) size: (u32, u32),
@@ -33,21 +33,21 @@ pub struct Figure {
     pub(crate) panels: Vec<Panel>,
 }
 
-/// A figure or table of a paper, made here.
+/// Reproduced figure or table of a paper.
 #[derive(Debug)]
 pub struct Part {
-    /// Its files' name, as `figure-4`.
+    /// File name without extension, such as `figure-4`.
     pub name: &'static str,
-    /// Its heading, as `Figure 4: u, v and z, noise-free`.
+    /// Heading, such as `Figure 4: u, v and z, noise-free`.
     pub title: String,
-    /// What it shows, with the paper's numbers beside ours.
+    /// Description with the numbers of the paper and the reproduced ones.
     pub caption: String,
-    /// What is drawn.
+    /// Content.
     pub picture: Picture,
 }
 
 impl Part {
-    /// Writes `NAME.svg` and, with a typeface, `NAME.png` into a folder; the text of the SVG.
+    /// Writes `NAME.svg` and, with a typeface, `NAME.png` to a folder. Returns the text of the SVG.
     pub(crate) fn write(&self, folder: &Path, typeface: Option<&Typeface>) -> Result<String, PaperError> {
         let draw_error = |cause| PaperError::Draw { picture: self.name, cause };
         let path = |extension: &str| folder.join(format!("{}.{extension}", self.name));

@@ -1,6 +1,6 @@
-//! How far the work has come.
+//! Progress of the reproduction.
 
-/// Counts what is done, and tells it.
+/// Counter of finished steps that reports each change.
 pub struct Progress<'a> {
     done: u64,
     total: u64,
@@ -8,17 +8,17 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// Work total so many steps.
+    /// Creates a counter for `total` steps. `report` receives the finished and the total steps.
     pub fn new(total: u64, report: &'a mut dyn FnMut(u64, u64)) -> Self {
         Self { done: 0, total, report }
     }
 
-    /// So many steps add_steps than was known before.
+    /// Adds steps that were not included in the total before.
     pub(crate) fn add_steps(&mut self, steps: u64) {
         self.total += steps;
     }
 
-    /// One step is done.
+    /// Records a finished step and reports the progress.
     pub(crate) fn step(&mut self) {
         self.done += 1;
         (self.report)(self.done, self.total);

@@ -1,4 +1,4 @@
-//! Lines and points in space, project from one side: axes, turns, the Riemann sphere.
+//! Three-dimensional scenes of lines and points: axes, rotations, the Riemann sphere.
 
 use attitude::Vector3;
 use figures::{
@@ -10,20 +10,20 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-/// What is drawn in space.
+/// Three-dimensional scene in parallel projection.
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// From where it is project, about the vertical from the first axis, degrees.
+    /// Azimuth of the viewer about the vertical axis, from the first axis, degrees.
     pub(crate) azimuth_deg: f64,
-    /// And above the horizontal plane, degrees.
+    /// Elevation of the viewer above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
-    /// Half of what the picture's smaller side shows.
+    /// Half of the length shown along the smaller side of the picture.
     pub(crate) half_extent: f64,
     pub(crate) shapes: Vec<Shape>,
 }
 
-/// One thing in a scene, drawn in their order.
+/// Element of a scene. The elements are drawn in the order of the list.
 #[derive(Debug)]
 pub(crate) enum Shape {
     Line {
@@ -31,7 +31,7 @@ pub(crate) enum Shape {
         color: RGBAColor,
         width: u32,
     },
-    /// A line on the unit sphere, pale where it is behind.
+    /// Line on the unit sphere, drawn paler on the far side.
     OnSphere {
         points: Vec<Vector3<f64>>,
         color: RGBColor,
@@ -52,7 +52,7 @@ pub(crate) enum Shape {
         at: Vector3<f64>,
         text: String,
     },
-    /// A label in the legend.
+    /// Entry of the legend.
     LegendEntry {
         color: RGBColor,
         label: String,
@@ -117,7 +117,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Where a point is on the paper.
+    /// Returns the position of a point in the picture plane: to the right and up.
     fn project(&self, point: &Vector3<f64>) -> (f64, f64) {
         let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
@@ -125,7 +125,8 @@ impl Scene {
         (cos_azimuth * point.y - sin_azimuth * point.x, point.z * cos_elevation - towards * sin_elevation)
     }
 
-    /// How near to the eye a point is, from the centre.
+    /// Returns the distance of a point from the centre towards the viewer; negative on the far
+    /// side.
     fn depth(&self, point: &Vector3<f64>) -> f64 {
         let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
@@ -133,7 +134,7 @@ impl Scene {
     }
 }
 
-/// A path with a head at its end.
+/// Draws a path with an arrow head at its end.
 pub(crate) fn arrow<B: DrawingBackend>(area: &Area<B>, path: &[(i32, i32)], color: RGBColor) -> DrawResult
 where
     B::ErrorType: 'static,
@@ -151,12 +152,13 @@ where
     Ok(())
 }
 
-/// A closed curve of a parameter from 0 to 2π.
+/// Returns the points of a closed curve. `point` receives cosine and sine of a parameter from 0 to
+/// 2π.
 pub(crate) fn circle(point: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f64>> {
     (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| point(cos, sin)).collect()
 }
 
-/// An arc from one unit vector towards another at right angles to it, so far, rad.
+/// Returns an arc of `angle_rad` from one unit vector towards another perpendicular to it.
 pub(crate) fn arc(from: Vector3<f64>, towards: Vector3<f64>, angle_rad: f64, radius: f64) -> Vec<Vector3<f64>> {
     let point_at = |share: f64| {
         let (sin, cos) = (share * angle_rad).sin_cos();

@@ -1,4 +1,4 @@
-//! A table: drawn, as HTML and as text.
+//! Tables as pictures, as HTML and as text.
 
 use std::fmt::{self, Display};
 
@@ -10,16 +10,16 @@ use plotters::{
 
 const ROW_HEIGHT: u32 = 26;
 const MARGIN: u32 = 12;
-/// Width of a character on the average, and room between columns, column_pixels.
+/// Average width of a character, and width of the gap between columns, pixels.
 const CHARACTER_WIDTH: f64 = 8.2;
 const COLUMN_GAP: u32 = 22;
 
-/// Rows of text under a header; the first column is of words.
+/// Table with a header row. The first column is left-aligned, all others are right-aligned.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
-    /// Of the columns.
+    /// Column titles.
     pub header: Vec<String>,
-    /// As many cells each as the header has.
+    /// Rows, each with one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -28,7 +28,7 @@ impl Table {
         Self { header: header.iter().map(|cell| (*cell).into()).collect(), rows }
     }
 
-    /// Of each column, the characters of its longest cell.
+    /// Returns the length of the longest cell of each column, characters.
     fn column_widths(&self) -> Vec<usize> {
         let lines = || [&self.header].into_iter().chain(&self.rows);
         (0..self.header.len())
@@ -39,7 +39,10 @@ impl Table {
     }
 
     fn column_pixels(&self) -> Vec<u32> {
-        self.column_widths().into_iter().map(|characters| (characters as f64 * CHARACTER_WIDTH) as u32 + COLUMN_GAP).collect()
+        self.column_widths()
+            .into_iter()
+            .map(|characters| (characters as f64 * CHARACTER_WIDTH) as u32 + COLUMN_GAP)
+            .collect()
     }
 
     pub(crate) fn size(&self) -> (u32, u32) {

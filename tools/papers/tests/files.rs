@@ -1,11 +1,11 @@
-//! What is in the folder when a paper has been output.
+//! Files in the folder after a paper was reproduced.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{fs, path::Path};
 
 use papers::{Paper, page::INDEX_FILE, picture::Picture, reproduce};
 
-/// The files of a folder, by name.
+/// Returns the names in a folder, sorted.
 fn files(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -29,7 +29,7 @@ fn every_part_has_svg_png_and_page_entry() {
             None => {
                 let png = fs::read(paper_folder.join(part.name).with_extension("png")).unwrap();
                 assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png.ends_with(b"IEND\xaeB`\x82"), "{}", part.name);
-                // Something is drawn: a picture of one colour is a few hundred bytes.
+                // A picture of a single colour takes only a few hundred bytes.
                 assert!(png.len() > 10_000, "{}: {} bytes", part.name, png.len());
             }
         }

@@ -69,13 +69,21 @@ fn slot_entry<B: HostableStage + Clone>(
             *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
         }
         let stage = build_stage(slot, &launch, from_name)?;
-        Ok(StageEntry { name: stage.name(), is_default: index == 0, parts: stage.parts(), parameters: stage.parameters() })
+        Ok(StageEntry {
+            name: stage.name(),
+            is_default: index == 0,
+            parts: stage.parts(),
+            parameters: stage.parameters(),
+        })
     };
     let stages = names.iter().copied().chain(external).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
     Ok(Slot { slot: slot.name(), stages })
 }
 
-fn serialize_parameters<S: serde::Serializer>(parameters: &&'static [Parameter], serializer: S) -> Result<S::Ok, S::Error> {
+fn serialize_parameters<S: serde::Serializer>(
+    parameters: &&'static [Parameter],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(parameters.iter().map(|parameter| {
         let Parameter { name, unit, default, min, max, description } = parameter;
         serde_json::json!({

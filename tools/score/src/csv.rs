@@ -23,10 +23,10 @@ use std::{
 
 use attitude::{Quaternion, point::Point, state::Attitude};
 use messages::{AttitudeOutput, FusedState, ImuSample};
-use pipeline::{Column, AttitudeFile};
+use pipeline::{AttitudeFile, Column};
 use runtime::{ServiceConfig, convert};
 
-use crate::{ScoreError, sensors::SensorSlots, error_stats::Truth};
+use crate::{ScoreError, error_stats::Truth, sensors::SensorSlots};
 
 const COLUMNS: [Column; 5] = [Column::Uvz, Column::Angles, Column::Course, Column::Bias, Column::Sd];
 /// Columns of the fuser's heading. The course columns belong to the course stage.
@@ -67,7 +67,11 @@ impl TickTable {
         let (gyro, accel) = self.sensors.update(sample);
         let z_rad = gyro.map_or(f64::NAN, |attitude| attitude.z_rad);
         self.append(format_args!(",{},{}", fused.course_reference.name(), fused.heading_sd_rad));
-        self.append(format_args!(",{},{z_rad},{}", point_columns(gyro.map(|attitude| attitude.up)), point_columns(accel)));
+        self.append(format_args!(
+            ",{},{z_rad},{}",
+            point_columns(gyro.map(|attitude| attitude.up)),
+            point_columns(accel)
+        ));
         let Some(Truth { quaternion: [w, x, y, z], scored, gyro_bias_rad_s }) = truth else {
             return self.end_line(format_args!(",nan,nan,nan,nan,,nan,nan,nan,nan,nan,nan,nan,nan,nan,nan,0"));
         };

@@ -95,13 +95,18 @@ pub enum ScoreError {
         trials: usize,
     },
     /// Two trials have the same name, so that their output files would collide.
-    #[error("two trials are named `{name}`, so their output files would overwrite each other; rename one or score it separately")]
+    #[error(
+        "two trials are named `{name}`, so their output files would overwrite each other; rename one or score it separately"
+    )]
     DuplicateTrialName {
         /// Common name of the trials.
         name: String,
     },
     /// Malformed, empty or too long range of seeds.
-    #[error("invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::MAX_SEEDS)]
+    #[error(
+        "invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds",
+        crate::seeds::MAX_SEEDS
+    )]
     InvalidSeedRange {
         /// Name of the simulation.
         text: String,

@@ -52,16 +52,20 @@ pub struct TickErrors {
 impl TickErrors {
     /// Computes the errors of a chain's outputs at a tick.
     pub fn new(output: &AttitudeOutput, fused: &FusedState, truth: &Truth) -> Self {
-        let [estimate, reference] = [output.quaternion, truth.quaternion].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
+        let [estimate, reference] =
+            [output.quaternion, truth.quaternion].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
         let angles = Attitude::from_quaternion(reference).angles();
-        let [estimated_bias, true_bias] = [Some(fused.bias_rad_s), truth.gyro_bias_rad_s].map(|bias| bias.map(Vector3::from));
+        let [estimated_bias, true_bias] =
+            [Some(fused.bias_rad_s), truth.gyro_bias_rad_s].map(|bias| bias.map(Vector3::from));
         Self {
             attitude: AttitudeError::between(estimate, reference),
             angles: AngleError::between(Attitude::from_quaternion(estimate).angles(), output.course_rad, angles),
             heading_error_deg: signed_heading_error_deg(estimate, reference),
             heading_is_known: fused.course_reference != CourseReference::ARBITRARY,
             course_is_known: output.course_reference != CourseReference::ARBITRARY,
-            gyro_bias_deg_s: estimated_bias.zip(true_bias).map(|(estimate, truth)| (estimate - truth).map(f64::to_degrees)),
+            gyro_bias_deg_s: estimated_bias
+                .zip(true_bias)
+                .map(|(estimate, truth)| (estimate - truth).map(f64::to_degrees)),
         }
     }
 }
@@ -88,7 +92,8 @@ impl ErrorStats {
 
     /// Adds a scored tick.
     pub fn update(&mut self, errors: &TickErrors, output: &AttitudeOutput, fused: &FusedState) {
-        let TickErrors { attitude, angles, heading_error_deg, heading_is_known, course_is_known, gyro_bias_deg_s } = errors;
+        let TickErrors { attitude, angles, heading_error_deg, heading_is_known, course_is_known, gyro_bias_deg_s } =
+            errors;
         self.heading_is_known = Some(*heading_is_known);
         let ratios = &mut self.ratios;
         ratios.inclination.push(attitude.inclination_deg, fused.inclination_sd_rad.to_degrees());

@@ -157,7 +157,8 @@ mod tests {
             ratios.course.push(y, 0.5);
         }
         let NormalisedErrors { inclination, heading, course } = ratios.quantiles();
-        let is_near = |found: [f64; 2], ideal: [f64; 2]| found.iter().zip(ideal).all(|(a, b)| (a / b - 1.0).abs() < 0.025);
+        let is_near =
+            |found: [f64; 2], ideal: [f64; 2]| found.iter().zip(ideal).all(|(a, b)| (a / b - 1.0).abs() < 0.025);
         assert!(is_near(inclination.unwrap().over_ideal, [1.0; 2]), "{inclination:?}");
         assert!(is_near(heading.unwrap().over_ideal, [1.0; 2]), "{heading:?}");
         assert!(is_near(course.unwrap().over_ideal, [2.0; 2]), "half the correct standard deviation: {course:?}");
@@ -173,7 +174,10 @@ mod tests {
         one.merge(&two);
         let quantiles = one.quantiles(ONE_AXIS_IDEAL).unwrap();
         assert_eq!(quantiles.samples, 100);
-        assert!((quantiles.quantile_68 / 0.5 - 1.0).abs() < 0.01 && (quantiles.quantile_95 / 4.0 - 1.0).abs() < 0.01, "{quantiles:?}");
+        assert!(
+            (quantiles.quantile_68 / 0.5 - 1.0).abs() < 0.01 && (quantiles.quantile_95 / 4.0 - 1.0).abs() < 0.01,
+            "{quantiles:?}"
+        );
         let mut zero_sd = RatioHistogram::default();
         zero_sd.push(1.0, 0.0);
         assert!(zero_sd.quantiles(ONE_AXIS_IDEAL).unwrap().quantile_68 > 999.0);

@@ -96,8 +96,7 @@ impl Overlay {
 
     pub(crate) fn finish(&mut self) {
         let angles = [&mut self.reference].into_iter().chain(&mut self.stages).flat_map(|angles| &mut angles.0);
-        let errors =
-            self.errors.iter_mut().chain(&mut self.differences).flat_map(|errors| &mut errors.curves);
+        let errors = self.errors.iter_mut().chain(&mut self.differences).flat_map(|errors| &mut errors.curves);
         angles.chain(errors).for_each(Curve::finish);
     }
 

@@ -21,7 +21,7 @@ use ingest::conditioner::Sample;
 use judge::{Diagnosis, InputCheck, TimestampCheck};
 use launch::{Launch, Source, pluralize};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
-use pipeline::{Collector, AttitudeFile, is_same_file};
+use pipeline::{AttitudeFile, Collector, is_same_file};
 use rayon::prelude::*;
 use runtime::{Pace, ServiceConfig};
 
@@ -29,17 +29,17 @@ use crate::{
     ScoreError,
     chain::StageChain,
     csv::TickTable,
-    overlay::{ErrorCurves, StageDifference, Overlay},
-    plot::{Plotter, PlotOptions, PlotRecord},
+    error_stats::{ErrorStats, TickErrors, Truth},
+    overlay::{ErrorCurves, Overlay, StageDifference},
+    plot::{PlotOptions, PlotRecord, Plotter},
+    recommendation::Recommendation,
     report::HtmlReport,
     seeds::{self, merge},
     stages::{self, StageSelection},
     table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, TrialWarning},
-    error_stats::{TickErrors, ErrorStats, Truth},
     timing::{MAX_SAMPLES, StageInput, ns_per_update},
-    trial::{Gnss, TrialOptions, Trial},
+    trial::{Gnss, Trial, TrialOptions},
     tune::{self, SettingRange},
-    recommendation::Recommendation,
 };
 
 /// Number of readings between two progress reports.
@@ -114,14 +114,19 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
     let (mut overlays, mut heading_is_known) = (Vec::new(), true);
     let is_first = groups.iter().flat_map(|group| (0..group.trials.len()).map(|index| index == 0));
     let jobs: Vec<_> = trials.iter().zip(is_first).collect();
-    let outcomes =
-        jobs.par_iter().map(|(trial, is_first)| run_trial(request, plotter.as_ref(), trial, &launches, *is_first, &report_progress));
+    let outcomes = jobs
+        .par_iter()
+        .map(|(trial, is_first)| run_trial(request, plotter.as_ref(), trial, &launches, *is_first, &report_progress));
     let mut outcomes = trials.iter().zip(outcomes.collect::<Result<Vec<_>, _>>()?);
     for TrialGroup { name, trials } in &groups {
         let mut stage_scores = vec![Vec::new(); launches.len()];
         for ((seed, _), (trial, outcome)) in trials.iter().zip(&mut outcomes) {
-            let TrialOutcome { scores: chain_scores, warnings, overlay, heading_is_known: trial_heading_is_known } = outcome;
-            stage_scores.iter_mut().zip(chain_scores).for_each(|(scores_by_seed, score)| scores_by_seed.push((*seed, score)));
+            let TrialOutcome { scores: chain_scores, warnings, overlay, heading_is_known: trial_heading_is_known } =
+                outcome;
+            stage_scores
+                .iter_mut()
+                .zip(chain_scores)
+                .for_each(|(scores_by_seed, score)| scores_by_seed.push((*seed, score)));
             scores.warnings.extend(warnings.into_iter().map(|text| TrialWarning { trial: trial.name.clone(), text }));
             if let Some(overlay) = overlay {
                 scores.differences.extend(differences(&overlay, &launches));
@@ -131,7 +136,11 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         }
         for (stage, mut scores_by_seed) in scores.stages.iter_mut().zip(stage_scores) {
             let is_single = scores_by_seed.len() == 1;
-            let score = if is_single { scores_by_seed.pop().map(|(_, score)| score) } else { Some(merge(name, &scores_by_seed)) };
+            let score = if is_single {
+                scores_by_seed.pop().map(|(_, score)| score)
+            } else {
+                Some(merge(name, &scores_by_seed))
+            };
             stage.trials.extend(score);
         }
     }
@@ -235,7 +244,10 @@ fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, boo
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         chain_runs.iter_mut().try_for_each(|chain_run| chain_run.process(&sample, truth.as_ref()))?;
     }
-    Ok(chain_runs.iter().map(|chain_run| (chain_run.errors(), chain_run.stats.heading_is_known() != Some(false))).collect())
+    Ok(chain_runs
+        .iter()
+        .map(|chain_run| (chain_run.errors(), chain_run.stats.heading_is_known() != Some(false)))
+        .collect())
 }
 
 fn open_trials(request: &Request, groups: &[TrialGroup]) -> Result<Vec<Trial>, ScoreError> {
@@ -287,7 +299,8 @@ fn run_trial(
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
     let mut conditioner = ingest::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let gyro_bias = gyro_bias(trial, launches);
-    let (mut input_check, mut timestamp_check, mut findings) = (InputCheck::default(), TimestampCheck::default(), Vec::new());
+    let (mut input_check, mut timestamp_check, mut findings) =
+        (InputCheck::default(), TimestampCheck::default(), Vec::new());
     let mut steps = Vec::new();
     let mut reported = 0;
     for (count, reading) in (0u64..).zip(trial.readings()?) {
@@ -317,15 +330,22 @@ fn run_trial(
     let compared = launches.iter().map(StageChain::from_launch).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
     findings.extend(input_check.finish());
-    let nothing_scored = trial.has_reference && chain_runs.iter().all(|chain_run| chain_run.collector.accuracy().count() == 0);
-    let warnings = rejection_warning(conditioner.rejected(), &timestamp_check).into_iter().chain(findings.iter().map(Diagnosis::to_string));
+    let nothing_scored =
+        trial.has_reference && chain_runs.iter().all(|chain_run| chain_run.collector.accuracy().count() == 0);
+    let warnings = rejection_warning(conditioner.rejected(), &timestamp_check)
+        .into_iter()
+        .chain(findings.iter().map(Diagnosis::to_string));
     let no_score_reason = if trial.name.starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
     let heading_is_known = chain_runs.iter().all(|chain_run| chain_run.stats.heading_is_known() != Some(false));
     if let Some(plotter) = plotter.filter(|_| is_first) {
         draw(request, plotter, trial, &configs, &mut chain_runs)?;
     }
-    let scores = chain_runs.into_iter().zip(times).map(|(chain_run, ns)| chain_run.finish(trial, ns)).collect::<Result<_, _>>()?;
+    let scores = chain_runs
+        .into_iter()
+        .zip(times)
+        .map(|(chain_run, ns)| chain_run.finish(trial, ns))
+        .collect::<Result<_, _>>()?;
     Ok(TrialOutcome { scores, warnings: warnings.collect(), overlay, heading_is_known })
 }
 
@@ -338,7 +358,8 @@ fn draw(
     chain_runs: &mut [ChainRun],
 ) -> Result<(), ScoreError> {
     let Some(plots) = &request.plot else { return Ok(()) };
-    let empty_record_end_s = chain_runs.iter().find_map(|chain_run| chain_run.files.record.as_deref()?.end_s_if_empty());
+    let empty_record_end_s =
+        chain_runs.iter().find_map(|chain_run| chain_run.files.record.as_deref()?.end_s_if_empty());
     if let Some(end_s) = empty_record_end_s {
         let PlotOptions { from_s, to_s, .. } = *plots;
         return Err(ScoreError::EmptyPlotWindow { trial: trial.name.clone(), from_s, to_s, end_s });
@@ -346,7 +367,12 @@ fn draw(
     chain_runs.iter_mut().filter_map(|chain_run| chain_run.files.record.as_deref_mut()).for_each(PlotRecord::finish);
     let records: Vec<_> = chain_runs.iter().filter_map(|chain_run| chain_run.files.record.as_deref()).collect();
     for (config, record) in configs.iter().zip(&records) {
-        plotter.draw_chain(&output_path(request, trial, config, &plots.folder, "")?, &trial.name, &config.launch, record)?;
+        plotter.draw_chain(
+            &output_path(request, trial, config, &plots.folder, "")?,
+            &trial.name,
+            &config.launch,
+            record,
+        )?;
     }
     let launches: Vec<_> = configs.iter().map(|config| config.launch.clone()).collect();
     let comparison_path = plots.folder.join(trial.file_stem());
@@ -424,7 +450,12 @@ struct TrialOutputs {
 }
 
 /// Opens the requested outputs. With many seeds, only the first one is drawn.
-fn create_outputs(request: &Request, trial: &Trial, config: &ServiceConfig, is_first: bool) -> Result<TrialOutputs, ScoreError> {
+fn create_outputs(
+    request: &Request,
+    trial: &Trial,
+    config: &ServiceConfig,
+    is_first: bool,
+) -> Result<TrialOutputs, ScoreError> {
     let table = |folder: &Option<PathBuf>| {
         let Some(folder) = folder else { return Ok(None) };
         let path = output_path(request, trial, config, folder, ".csv")?;
@@ -476,7 +507,8 @@ impl ChainRun {
     /// Returns whether the heading is known at the last scored tick, or at the last tick if none is
     /// scored.
     fn heading_is_known(&self) -> bool {
-        let known_at_end = || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
+        let known_at_end =
+            || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
         self.stats.heading_is_known().unwrap_or_else(known_at_end)
     }
 

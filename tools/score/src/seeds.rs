@@ -13,8 +13,8 @@ use serde::Serialize;
 use crate::{
     ScoreError,
     normalised::RatioHistograms,
-    table::{Errors, TrialScore},
     recommendation::ranking_error,
+    table::{Errors, TrialScore},
 };
 
 /// Maximum number of seeds of one simulation.
@@ -84,7 +84,8 @@ pub fn merge(name: &str, scores: &[(u64, TrialScore)]) -> TrialScore {
 fn spread(scores: &[(u64, TrialScore)]) -> Option<Spread> {
     // An error without a mean has no spread either, such as the heading if it is unknown for one
     // seed.
-    let has_mean = Errors::mean(&scores.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).values().map(|it| it.is_some());
+    let has_mean =
+        Errors::mean(&scores.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).values().map(|it| it.is_some());
     let (_, ranking) = ranking_error(scores.iter().all(|(_, score)| score.heading_is_known));
     let error = |score: &TrialScore| ranking(&score.error.attitude).unwrap_or(f64::NEG_INFINITY);
     let (worst_seed, worst) = scores.iter().max_by(|(_, a), (_, b)| error(a).total_cmp(&error(b)))?;
@@ -96,8 +97,10 @@ fn spread(scores: &[(u64, TrialScore)]) -> Option<Spread> {
     });
     let errors = |of: &dyn Fn(&[f64]) -> Option<f64>| Errors::from_values(sorted.each_ref().map(|sorted| of(sorted)));
     let worst_of = |(at, name): (usize, &'static str)| {
-        let known =
-            scores.iter().filter(|_| has_mean[at]).filter_map(|(seed, score)| Some((seed, score.error.values()[at]?.abs())));
+        let known = scores
+            .iter()
+            .filter(|_| has_mean[at])
+            .filter_map(|(seed, score)| Some((seed, score.error.values()[at]?.abs())));
         let (seed, _) = known.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
         Some((name, *seed))
     };

@@ -13,7 +13,7 @@ use accel::AccelProcessor;
 use attitude::{point::Point, state::Attitude};
 use gyro::GyroProcessor;
 use messages::ImuSample;
-use runtime::{SingleInputSlot, RuntimeError, ServiceConfig, Slot, convert};
+use runtime::{RuntimeError, ServiceConfig, SingleInputSlot, Slot, convert};
 
 /// Second instances of the gyro and accelerometer slots of a run.
 pub(crate) struct SensorSlots {

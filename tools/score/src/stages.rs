@@ -110,7 +110,12 @@ fn select_stage(
     let Some(name) = requested else { return Ok(()) };
     let is_external = launch.stages.get(name).is_some_and(|program| program.slot == slot);
     if !is_external && !known.contains(&name) {
-        return Err(ScoreError::UnknownStage { slot, name: name.into(), closest: closest_name(name, known.iter().copied()), known });
+        return Err(ScoreError::UnknownStage {
+            slot,
+            name: name.into(),
+            closest: closest_name(name, known.iter().copied()),
+            known,
+        });
     }
     let config = stage_config_mut(launch, slot);
     if config.stage != name {
@@ -129,7 +134,8 @@ fn select_stage(
 /// of range.
 pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(usize, Service)>, ScoreError> {
     let Setting { target, key, value } = setting;
-    let is_target = |slot: Service, stage: &str| target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
+    let is_target =
+        |slot: Service, stage: &str| target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
     let (mut slots, mut applied): (Vec<Service>, Vec<_>) = Default::default();
     let (mut known, mut others): (Vec<(Service, &str, &Parameter)>, Vec<_>) = Default::default();
     for (index, launch) in launches.iter_mut().enumerate() {
@@ -158,7 +164,8 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
         0 => {
             // If no selected stage matches the prefix, list the parameters of all of them.
             let known = if known.is_empty() { others } else { known };
-            let closest = closest_name(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
+            let closest =
+                closest_name(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
             Err(ScoreError::UnknownKey { key: setting.qualified_key(), closest, known: format_parameters(&known) })
         }
         _ => Err(ScoreError::AmbiguousKey {
@@ -258,7 +265,8 @@ mod tests {
 
     #[test]
     fn setting_is_parsed() {
-        let setting = |target: Option<&str>, key: &str, value| Setting { target: target.map(Into::into), key: key.into(), value };
+        let setting =
+            |target: Option<&str>, key: &str, value| Setting { target: target.map(Into::into), key: key.into(), value };
         assert_eq!("fuser.beta=1e-2".parse(), Ok(setting(Some("fuser"), "beta", 0.01)));
         assert_eq!("beta = 3".parse(), Ok(setting(None, "beta", 3.0)));
         for bad in ["beta", "beta=", "beta=x"] {

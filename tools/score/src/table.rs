@@ -7,12 +7,12 @@ use launch::Launch;
 use serde::Serialize;
 
 use crate::{
-    normalised::{RatioHistograms, NormalisedErrors},
+    normalised::{NormalisedErrors, RatioHistograms},
     overlay::StageDifference,
+    recommendation::Recommendation,
     seeds::Spread,
     text,
     tune::Sweep,
-    recommendation::Recommendation,
 };
 
 /// Scores of all chains.

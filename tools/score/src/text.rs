@@ -84,7 +84,9 @@ pub(crate) fn normalised(scores: &Scores) -> String {
         "course 95 %",
     ];
     let line = |name: &str, fuser: &str, normalised: &crate::normalised::NormalisedErrors| {
-        let cells = |quantiles: &Option<RatioQuantiles>| [0, 1].map(|at| number(quantiles.map(|quantiles| quantiles.over_ideal[at]), 2));
+        let cells = |quantiles: &Option<RatioQuantiles>| {
+            [0, 1].map(|at| number(quantiles.map(|quantiles| quantiles.over_ideal[at]), 2))
+        };
         let numbers = [&normalised.inclination, &normalised.heading, &normalised.course].into_iter().flat_map(cells);
         [name.into(), fuser.into()].into_iter().chain(numbers).collect::<Vec<String>>()
     };
@@ -166,8 +168,10 @@ fn aligned(head: &[&str], rows: &[Vec<String>]) -> String {
 
 /// Returns the labelled lines of a spread.
 fn spread_lines(spread: &Spread) -> Vec<(String, Errors)> {
-    let quantiles =
-        QUANTILES.iter().zip(spread.quantiles).map(|(probability, errors)| (format!("  {} % quantile", probability * 100.0), errors));
+    let quantiles = QUANTILES
+        .iter()
+        .zip(spread.quantiles)
+        .map(|(probability, errors)| (format!("  {} % quantile", probability * 100.0), errors));
     let worst = (format!("  worst (seed {})", spread.worst_seed), spread.worst);
     [("  SD".to_owned(), spread.sd)].into_iter().chain(quantiles).chain([worst]).collect()
 }

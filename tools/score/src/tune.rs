@@ -18,11 +18,11 @@ use serde::Serialize;
 use crate::{
     ScoreError,
     chain::StageChain,
+    recommendation::ranking_error,
     run::{Evaluation, evaluate},
     stages::{Setting, apply},
     table::{Errors, ErrorsDeg},
     trial::Trial,
-    recommendation::ranking_error,
 };
 
 /// Number of values in a sweep.
@@ -196,7 +196,12 @@ impl SettingRange {
 }
 
 impl TunedChain {
-    fn sweep(&self, range: &SettingRange, tried: &[(f64, Evaluation)], launches: &[Launch]) -> Result<Sweep, ScoreError> {
+    fn sweep(
+        &self,
+        range: &SettingRange,
+        tried: &[(f64, Evaluation)],
+        launches: &[Launch],
+    ) -> Result<Sweep, ScoreError> {
         let (name, ranked_by) = ranking(tried);
         let point = |(value, evaluation): &(f64, Evaluation)| {
             let errors = evaluation.mean;

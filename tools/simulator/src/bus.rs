@@ -1,8 +1,10 @@
-//! The bus: topics with as many publishers and readers as there are processes.
+//! Simulated bus: topics with any number of publishers and subscribers.
 //!
-//! It promises what the real one does and no more. A reader has a buffer for each publisher, of which the oldest message is overwritten;
-//! what a publisher sends arrives in order, across publishers in any order. What a dead publisher has sent can still be read; what it
-//! held for readers that come late is gone with it. Late readers are handed it when the publisher next acts.
+//! The bus gives the guarantees of the real one and no more. A subscriber has a buffer for each
+//! publisher; when it is full, the oldest message is overwritten. Messages of one publisher arrive
+//! in order, those of different publishers in any order. Messages of an exited publisher can still
+//! be read, but its history for late subscribers is lost. Late subscribers receive the history of a
+//! publisher when it runs next.
 
 use std::collections::VecDeque;
 
@@ -14,13 +16,13 @@ use runtime::service_config::CONTROL_BUFFER;
 
 use crate::random::Random;
 
-/// The number of a reader on the whole bus.
-pub(crate) type ReaderId = u32;
+/// Number of a subscriber, unique on the bus.
+pub(crate) type SubscriberId = u32;
 
-/// The supervisor publishes and reads as this incarnation.
+/// Incarnation under which the supervisor publishes and subscribes.
 pub(crate) const SUPERVISOR: u32 = 0;
 
-/// The topics of a system.
+/// All topics of a system.
 #[derive(Debug)]
 pub(crate) struct Bus {
     pub(crate) imu: Topic<ImuSample>,
@@ -35,11 +37,11 @@ pub(crate) struct Bus {
     pub(crate) difference: Topic<Difference>,
     pub(crate) control: Topic<Control>,
     pub(crate) credit: Topic<Credit>,
-    readers: ReaderId,
+    last_subscriber: SubscriberId,
 }
 
 impl Bus {
-    /// A bus whose topics of the path hold so many messages.
+    /// Creates a bus. Topics of the data path hold `buffer_ticks` messages per publisher.
     pub(crate) fn new(buffer_ticks: usize) -> Self {
         Self {
             imu: Topic::new(buffer_ticks),
@@ -54,11 +56,11 @@ impl Bus {
             difference: Topic::new(CONTROL_BUFFER),
             control: Topic::new(CONTROL_BUFFER),
             credit: Topic::new(CONTROL_BUFFER),
-            readers: 0,
+            last_subscriber: 0,
         }
     }
 
-    /// Another bus of the same name: nothing is on it, and its topics are at the ticks that they had.
+    /// Returns an empty bus with the topic positions of this one, as after a renewal.
     pub(crate) fn renewed(&self) -> Self {
         let mut bus = Self::new(self.imu.buffer);
         bus.imu.next_tick = self.imu.next_tick;
@@ -69,38 +71,38 @@ impl Bus {
         bus
     }
 
-    /// The number of a new reader.
-    pub(crate) fn next_reader(&mut self) -> ReaderId {
-        self.readers += 1;
-        self.readers
+    /// Returns the number of a new subscriber.
+    pub(crate) fn next_subscriber(&mut self) -> SubscriberId {
+        self.last_subscriber += 1;
+        self.last_subscriber
     }
 
-    /// A process is no more.
-    pub(crate) fn leave(&mut self, incarnation: u32) {
-        self.imu.leave(incarnation);
-        self.mag.leave(incarnation);
-        self.gnss.leave(incarnation);
-        self.gyro.leave(incarnation);
-        self.accel.leave(incarnation);
-        self.fused.leave(incarnation);
-        self.attitude.leave(incarnation);
-        self.health.leave(incarnation);
-        self.checkpoint.leave(incarnation);
-        self.difference.leave(incarnation);
-        self.control.leave(incarnation);
-        self.credit.leave(incarnation);
+    /// Removes the publishers and subscribers of an exited process.
+    pub(crate) fn remove_process(&mut self, incarnation: u32) {
+        self.imu.remove_process(incarnation);
+        self.mag.remove_process(incarnation);
+        self.gnss.remove_process(incarnation);
+        self.gyro.remove_process(incarnation);
+        self.accel.remove_process(incarnation);
+        self.fused.remove_process(incarnation);
+        self.attitude.remove_process(incarnation);
+        self.health.remove_process(incarnation);
+        self.checkpoint.remove_process(incarnation);
+        self.difference.remove_process(incarnation);
+        self.control.remove_process(incarnation);
+        self.credit.remove_process(incarnation);
     }
 }
 
-/// A typed stream.
+/// Topic with messages of one type.
 #[derive(Debug)]
 pub(crate) struct Topic<M> {
     buffer: usize,
     publishers: Vec<Publisher<M>>,
-    readers: Vec<Reader<M>>,
-    /// The tick after the newest one that was ever about to be published.
+    subscribers: Vec<Subscriber<M>>,
+    /// Tick after the newest one that any publisher has started to publish.
     pub(crate) next_tick: u64,
-    /// Messages overwritten before they were read.
+    /// Number of messages that were overwritten before they were read.
     pub(crate) overwritten: u64,
 }
 
@@ -108,67 +110,70 @@ pub(crate) struct Topic<M> {
 struct Publisher<M> {
     incarnation: u32,
     history: VecDeque<M>,
-    connected: Vec<ReaderId>,
+    connected: Vec<SubscriberId>,
 }
 
 #[derive(Debug)]
-struct Reader<M> {
-    id: ReaderId,
+struct Subscriber<M> {
+    id: SubscriberId,
     incarnation: u32,
-    /// It asks for what was published before.
-    late: bool,
-    /// What each publisher has sent and it has not read.
+    /// Subscriber also receives messages that were published before it subscribed.
+    wants_history: bool,
+    /// Unread messages of each publisher.
     queues: Vec<(u32, VecDeque<M>)>,
 }
 
 impl<M: Copy> Topic<M> {
     fn new(buffer: usize) -> Self {
-        Self { buffer, publishers: Vec::new(), readers: Vec::new(), next_tick: 0, overwritten: 0 }
+        Self { buffer, publishers: Vec::new(), subscribers: Vec::new(), next_tick: 0, overwritten: 0 }
     }
 
-    /// A process will publish.
-    pub(crate) fn publish_as(&mut self, incarnation: u32) {
-        let (history, connected) = (VecDeque::new(), self.readers.iter().map(|reader| reader.id).collect());
+    /// Adds a publisher.
+    pub(crate) fn add_publisher(&mut self, incarnation: u32) {
+        let (history, connected) = (VecDeque::new(), self.subscribers.iter().map(|subscriber| subscriber.id).collect());
         self.publishers.push(Publisher { incarnation, history, connected });
     }
 
-    /// A process will read; with what living publishers hold where it comes late.
-    pub(crate) fn read_as(&mut self, id: ReaderId, incarnation: u32, late: bool) {
-        self.readers.push(Reader { id, incarnation, late, queues: Vec::new() });
+    /// Adds a subscriber. With `wants_history` it also receives the history of running publishers.
+    pub(crate) fn subscribe(&mut self, id: SubscriberId, incarnation: u32, wants_history: bool) {
+        self.subscribers.push(Subscriber { id, incarnation, wants_history, queues: Vec::new() });
     }
 
-    /// A publisher acts: readers that have come since it did last are handed what it holds.
+    /// Delivers the history of a publisher to subscribers that have joined since it last ran.
     pub(crate) fn deliver_history(&mut self, incarnation: u32) {
-        let Self { buffer, publishers, readers, overwritten, .. } = self;
+        let Self { buffer, publishers, subscribers, overwritten, .. } = self;
         let Some(publisher) = publishers.iter_mut().find(|publisher| publisher.incarnation == incarnation) else {
             return;
         };
-        for reader in readers.iter_mut() {
-            if !publisher.connected.contains(&reader.id) {
-                publisher.connected.push(reader.id);
-                if reader.late {
+        for subscriber in subscribers.iter_mut() {
+            if !publisher.connected.contains(&subscriber.id) {
+                publisher.connected.push(subscriber.id);
+                if subscriber.wants_history {
                     let held = publisher.history.iter();
-                    held.for_each(|message| *overwritten += reader.put(incarnation, *message, *buffer));
+                    held.for_each(|message| *overwritten += subscriber.push(incarnation, *message, *buffer));
                 }
             }
         }
     }
 
-    /// Sends a message to one reader after the other; `deliveries` is how many of them it lives to reach. Whether it lives on.
-    pub(crate) fn send(&mut self, incarnation: u32, message: M, deliveries: &mut Option<u32>) -> bool {
+    /// Sends a message to each subscriber in turn. Returns `false` if the publisher is killed.
+    ///
+    /// `deliveries_left` is the number of deliveries until it is killed; `None` if it is not to be
+    /// killed.
+    pub(crate) fn send(&mut self, incarnation: u32, message: M, deliveries_left: &mut Option<u32>) -> bool {
         self.deliver_history(incarnation);
-        let Self { buffer, publishers, readers, overwritten, .. } = self;
+        let Self { buffer, publishers, subscribers, overwritten, .. } = self;
         let Some(publisher) = publishers.iter_mut().find(|publisher| publisher.incarnation == incarnation) else {
             return true;
         };
-        for reader in readers.iter_mut() {
-            if let Some(left) = deliveries {
-                if *left == 0 {
+        for subscriber in subscribers.iter_mut() {
+            if let Some(remaining) = deliveries_left {
+                if *remaining == 0 {
                     return false;
                 }
-                *left -= 1;
+                *remaining -= 1;
             }
-            *overwritten += reader.put(incarnation, message, *buffer);
+            *overwritten += subscriber.push(incarnation, message, *buffer);
         }
         if publisher.history.len() == *buffer {
             publisher.history.pop_front();
@@ -177,44 +182,44 @@ impl<M: Copy> Topic<M> {
         true
     }
 
-    /// The next message for a reader, of any publisher.
-    pub(crate) fn receive(&mut self, id: ReaderId, random: &mut Random) -> Option<M> {
-        let reader = self.readers.iter_mut().find(|reader| reader.id == id)?;
+    /// Returns the next message for a subscriber, from a random publisher that has one.
+    pub(crate) fn receive(&mut self, id: SubscriberId, random: &mut Random) -> Option<M> {
+        let subscriber = self.subscribers.iter_mut().find(|subscriber| subscriber.id == id)?;
         let publishers = &self.publishers;
-        let lives = |incarnation: u32| publishers.iter().any(|publisher| publisher.incarnation == incarnation);
-        reader.queues.retain(|(publisher, queue)| !queue.is_empty() || lives(*publisher));
-        let full = reader.queues.iter().filter(|(_, queue)| !queue.is_empty()).count();
-        if full == 0 {
+        let is_alive = |incarnation: u32| publishers.iter().any(|publisher| publisher.incarnation == incarnation);
+        subscriber.queues.retain(|(publisher, queue)| !queue.is_empty() || is_alive(*publisher));
+        let nonempty = subscriber.queues.iter().filter(|(_, queue)| !queue.is_empty()).count();
+        if nonempty == 0 {
             return None;
         }
-        let turn = if full == 1 { 0 } else { random.between(0, full as u64 - 1) as usize };
-        let mut queues = reader.queues.iter_mut().filter(|(_, queue)| !queue.is_empty());
-        queues.nth(turn)?.1.pop_front()
+        let choice = if nonempty == 1 { 0 } else { random.between(0, nonempty as u64 - 1) as usize };
+        let mut queues = subscriber.queues.iter_mut().filter(|(_, queue)| !queue.is_empty());
+        queues.nth(choice)?.1.pop_front()
     }
 
-    fn leave(&mut self, incarnation: u32) {
+    fn remove_process(&mut self, incarnation: u32) {
         self.publishers.retain(|publisher| publisher.incarnation != incarnation);
-        self.readers.retain(|reader| reader.incarnation != incarnation);
+        self.subscribers.retain(|subscriber| subscriber.incarnation != incarnation);
     }
 }
 
 impl<M: Ticked> Topic<M> {
-    /// Notes and sends a message of the path.
-    pub(crate) fn publish(&mut self, incarnation: u32, message: M, deliveries: &mut Option<u32>) -> bool {
+    /// Advances `next_tick` and sends a message. Returns `false` if the publisher is killed.
+    pub(crate) fn publish(&mut self, incarnation: u32, message: M, deliveries_left: &mut Option<u32>) -> bool {
         self.next_tick = self.next_tick.max(message.header().tick + 1);
-        self.send(incarnation, message, deliveries)
+        self.send(incarnation, message, deliveries_left)
     }
 }
 
-impl<M> Reader<M> {
-    /// How many messages were overwritten by that.
-    fn put(&mut self, publisher: u32, message: M, buffer: usize) -> u64 {
-        let place = self.queues.iter().position(|(incarnation, _)| *incarnation == publisher);
-        let place = place.unwrap_or_else(|| {
+impl<M> Subscriber<M> {
+    /// Queues a message. Returns the number of messages that were overwritten.
+    fn push(&mut self, publisher: u32, message: M, buffer: usize) -> u64 {
+        let index = self.queues.iter().position(|(incarnation, _)| *incarnation == publisher);
+        let index = index.unwrap_or_else(|| {
             self.queues.push((publisher, VecDeque::new()));
             self.queues.len() - 1
         });
-        let queue = &mut self.queues[place].1;
+        let queue = &mut self.queues[index].1;
         queue.push_back(message);
         if queue.len() > buffer {
             queue.pop_front();

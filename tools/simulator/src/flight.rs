@@ -1,4 +1,4 @@
-//! The flights that are simulated, and their samples.
+//! Flights to simulate, and their samples.
 
 use std::collections::BTreeMap;
 
@@ -6,33 +6,33 @@ use ingest::{conditioner::Sample, source::Readings};
 use launch::{Launch, StageConfig};
 use runtime::{Pace, Role, ServiceConfig, service_config::FIRST_EPOCH};
 
-/// Ticks of the longest flight.
+/// Number of ticks of the longest flight.
 pub(crate) const MAX_TICKS: u64 = 600;
-/// Samples per second.
+/// Sample rate, Hz.
 pub(crate) const RATE_HZ: f64 = 100.0;
-/// How many flights there are.
-pub(crate) const FLIGHTS: usize = 4;
-/// What fills the slots at first: gyro, accel, fuser, course.
-const FILLINGS: [[&str; 4]; FLIGHTS] = [
+/// Number of flights.
+pub(crate) const FLIGHT_COUNT: usize = 4;
+/// Initial stages of each flight: gyro, accel, fuser, course.
+const INITIAL_STAGES: [[&str; 4]; FLIGHT_COUNT] = [
     ["mobius", "projector", "multiple-model", "angles"],
     ["euler", "inclinometer-matrix", "madgwick", "track"],
     ["mobius", "projector", "aided", "track"],
     ["rk4", "inclinometer-quaternion", "vqf", "angles"],
 ];
 
-/// A flight.
+/// Flight to simulate.
 #[derive(Debug)]
 pub(crate) struct Flight {
-    /// What runs.
+    /// Launch configuration.
     pub(crate) launch: Launch,
-    /// What the sensors said, checked and numbered.
+    /// Samples in tick order, checked and numbered by ingest.
     pub(crate) samples: Vec<Sample>,
 }
 
 impl Flight {
-    /// The flight of a number, one of [`FLIGHTS`].
+    /// Creates the flight with this number, modulo [`FLIGHT_COUNT`].
     pub(crate) fn new(number: usize) -> Result<Self, String> {
-        let [gyro, accel, fuser, course] = FILLINGS[number % FLIGHTS];
+        let [gyro, accel, fuser, course] = INITIAL_STAGES[number % FLIGHT_COUNT];
         let mut launch = Launch::default();
         launch.ingest.sim.scenario = "cruise".into();
         launch.ingest.sim.rate_hz = RATE_HZ;
@@ -49,12 +49,12 @@ impl Flight {
     }
 }
 
-/// A stage with its defaults.
+/// Returns a stage with default settings.
 pub(crate) fn stage(name: &str) -> StageConfig {
     StageConfig { stage: name.into(), set: BTreeMap::new() }
 }
 
-/// What a service is told that runs by itself.
+/// Returns the configuration of a service that runs on its own and owns its slot.
 pub(crate) fn config(launch: &Launch) -> ServiceConfig {
     ServiceConfig {
         launch: launch.clone(),

@@ -1,8 +1,14 @@
-//! The simulator of the whole system: what the supervisor decides, and the real slots, over a simulated bus and simulated processes.
+//! Simulator of the whole system: the core of the supervisor and the real slots, on a simulated bus
+//! with simulated processes.
 //!
-//! Input: seeds. Output: one JSON object, and for each seed that fails what was wrong. Time: simulated; the same seed lives through the same.
-//! Failure: a seed of which a tick is missing, comes twice, out of order or with other bytes, in which a request stays without an
-//! answer, or which does not end.
+//! Input: seeds.
+//!
+//! Output: a summary of all seeds, and the cause of each failure.
+//!
+//! Time: simulated. A seed always produces the same run.
+//!
+//! Failure: a seed fails if a tick is missing, repeated, out of order or different from the
+//! reference run, if a request does not receive exactly one reply, or if the system does not stop.
 #![forbid(unsafe_code)]
 
 mod bus;
@@ -54,31 +60,31 @@ struct Arguments {
     json: bool,
 }
 
-/// How it went.
+/// Summary of all seeds.
 #[derive(Debug, Default, Serialize)]
 struct Report {
     seeds: u64,
     failed: u64,
     seeds_per_s: f64,
-    /// Ticks that came out.
+    /// Ticks received by the collector.
     ticks: u64,
-    /// Processes that were started again or beside another.
+    /// Processes started after the initial ones, as restarts or candidates.
     restarts: u64,
-    /// Swaps that were committed.
+    /// Committed swaps.
     swaps: u64,
-    /// Worlds whose bytes could be compared.
+    /// Runs with an output that was compared with a reference run byte by byte.
     compared: u64,
-    /// Seeds that failed, the first of them.
+    /// Failed seeds, at most `MAX_FAILURES`.
     failures: Vec<u64>,
 }
 
 const MAX_FAILURES: usize = 50;
-/// So many may be asked for, from any of as many: their sum is a number.
+/// Maximum number of seeds, and maximum first seed. Their sum fits into a `u64`.
 const MAX_SEEDS: u64 = 1 << 62;
 
 fn main() -> ExitCode {
     let Arguments { seeds, from, threads, json } = Arguments::parse();
-    let (next, total, begun) = (AtomicU64::new(from), Mutex::new(Report::default()), Instant::now());
+    let (next, total, started) = (AtomicU64::new(from), Mutex::new(Report::default()), Instant::now());
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
@@ -96,7 +102,7 @@ fn main() -> ExitCode {
     });
     let mut report = total.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
     report.failures.sort_unstable();
-    report.seeds_per_s = report.seeds as f64 / begun.elapsed().as_secs_f64();
+    report.seeds_per_s = report.seeds as f64 / started.elapsed().as_secs_f64();
     if json {
         println!("{}", serde_json::to_string(&report).unwrap_or_default());
     } else {
@@ -105,10 +111,10 @@ fn main() -> ExitCode {
     ExitCode::from(u8::from(report.failed > 0))
 }
 
-/// One world; what was wrong with it, if anything.
+/// Simulates one seed. Returns the cause if the run fails.
 fn simulate(seed: u64, verbose: bool) -> Result<World, String> {
     let run = || World::new(seed, verbose)?.run();
-    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("it panicked".into()))
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("the simulation panicked".into()))
 }
 
 impl Report {
@@ -116,16 +122,16 @@ impl Report {
         self.seeds += 1;
         match outcome {
             Ok(world) => {
-                self.ticks += world.collector.taken.len() as u64;
+                self.ticks += world.collector.attitudes.len() as u64;
                 self.restarts += world.restarts;
                 self.swaps += world.swaps.count;
-                self.compared += u64::from(world.setup.strict && !world.is_undecided());
+                self.compared += u64::from(world.setup.strict && !world.is_ambiguous());
             }
-            Err(wrong) => {
+            Err(error) => {
                 self.failed += 1;
                 if self.failures.len() < MAX_FAILURES {
                     self.failures.push(seed);
-                    eprintln!("seed {seed}: {wrong}");
+                    eprintln!("seed {seed}: {error}");
                 }
             }
         }
@@ -138,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_that_befalls_a_system_costs_a_tick_or_leaves_a_request_without_an_answer() {
+    fn faults_cost_no_tick_and_every_request_is_answered() {
         let (mut report, seeds) = (Report::default(), 500);
         (0..seeds).for_each(|seed| report.add(seed, simulate(seed, false)));
         assert_eq!((report.seeds, report.failures), (seeds, Vec::new()));
@@ -146,11 +152,11 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_lives_through_the_same_again() {
+    fn same_seed_gives_same_run() {
         for seed in 0..20 {
             let [once, again] = [(); 2].map(|()| simulate(seed, false).unwrap());
             assert_eq!((once.now_ms, once.restarts), (again.now_ms, again.restarts), "seed {seed}");
-            assert!(once.collector.taken == again.collector.taken, "seed {seed}");
+            assert!(once.collector.attitudes == again.collector.attitudes, "seed {seed}");
         }
     }
 }

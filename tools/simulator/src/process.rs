@@ -1,4 +1,4 @@
-//! A simulated process: it starts, works, freezes, and dies.
+//! Simulated process of a service: it starts, runs, freezes and exits.
 
 use launch::Service;
 use runtime::ServiceConfig;
@@ -6,71 +6,75 @@ use runtime::ServiceConfig;
 use crate::{
     bus::Bus,
     flight::Flight,
-    slots::{SlotProcess, Turn},
+    slots::{PollContext, SlotProcess},
     source::Source,
 };
 
-/// A process that has not been seen to end.
+/// Simulated process of a service.
 pub(crate) struct Process {
     pub(crate) incarnation: u32,
     pub(crate) service: Service,
-    /// It was started beside the owner of its slot.
+    /// Process was started as a candidate for its slot.
     pub(crate) candidate: bool,
-    pub(crate) body: Body,
-    /// When its next turn is.
+    pub(crate) state: ProcessState,
+    /// Time of the next poll, ms.
     pub(crate) wake_ms: u64,
     pub(crate) frozen_until_ms: u64,
-    /// It was asked to end.
-    pub(crate) asked: bool,
-    /// It dies in its next turn, after so many deliveries.
-    pub(crate) deliveries: Option<u32>,
-    pub(crate) flawed_from: Option<u64>,
-    /// How it has ended.
-    pub(crate) how: Option<&'static str>,
+    /// Supervisor has requested termination.
+    pub(crate) terminate_requested: bool,
+    /// Deliveries until the process is killed in its next poll; `None` if it is not to be killed.
+    pub(crate) deliveries_left: Option<u32>,
+    /// First tick with an invalid output; `None` if all outputs are valid.
+    pub(crate) invalid_from_tick: Option<u64>,
+    /// Exit status; `None` while the process runs.
+    pub(crate) exit_status: Option<&'static str>,
 }
 
-/// What a process does.
-pub(crate) enum Body {
-    /// It has not opened its topics yet, or dies before it does.
-    Starting { config: Box<ServiceConfig>, dies: bool },
-    /// The source.
+/// Execution state of a process.
+pub(crate) enum ProcessState {
+    /// Process that has not opened its topics. With `fails` it exits before it does.
+    Starting { config: Box<ServiceConfig>, fails: bool },
+    /// Running source.
     Source(Box<Source>),
-    /// A slot.
+    /// Running slot.
     Slot(SlotProcess),
-    /// It hangs, or is on a bus that nobody else is on.
-    Deaf,
+    /// Process that hangs, or runs on a bus without other processes.
+    Unresponsive,
 }
 
-impl Body {
-    /// The topics are open.
-    pub(crate) fn begin(service: Service, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
+/// Exit status of a killed process.
+pub(crate) const KILLED: &str = "was killed by signal 9";
+impl ProcessState {
+    /// Opens the topics and starts the service.
+    pub(crate) fn start(service: Service, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
         Ok(match service {
-            Service::Ingest => Self::Source(Box::new(Source::begin(config, bus))),
-            service => Self::Slot(SlotProcess::begin(service, config, bus)?),
+            Service::Ingest => Self::Source(Box::new(Source::start(config, bus))),
+            service => Self::Slot(SlotProcess::start(service, config, bus)?),
         })
     }
 
-    /// One turn; whether it lives to its end.
-    pub(crate) fn poll(&mut self, flight: &Flight, turn: &mut Turn<'_>) -> bool {
+    /// Polls the process once. Returns `false` if it is killed.
+    pub(crate) fn poll(&mut self, flight: &Flight, context: &mut PollContext<'_>) -> bool {
         match self {
-            Self::Source(source) => source.poll(flight, turn),
-            Self::Slot(slot) => slot.poll(turn),
-            Self::Starting { .. } | Self::Deaf => turn.deliveries.is_none(),
+            Self::Source(source) => source.poll(flight, context),
+            Self::Slot(slot) => slot.poll(context),
+            Self::Starting { .. } | Self::Unresponsive => context.deliveries_left.is_none(),
         }
     }
 }
 
 impl Process {
-    /// When it does something next. The dead are seen at once.
-    pub(crate) fn next_turn_ms(&self) -> u64 {
-        if self.how.is_some() { 0 } else { self.wake_ms.max(self.frozen_until_ms) }
+    /// Returns the time of the next poll, ms; 0 for an exited process, which is removed
+    /// immediately.
+    pub(crate) fn next_poll_ms(&self) -> u64 {
+        if self.exit_status.is_some() { 0 } else { self.wake_ms.max(self.frozen_until_ms) }
     }
 
-    /// It dies, at once or in the midst of its next turn.
-    pub(crate) fn kill(&mut self, deliveries: Option<u32>) {
-        match deliveries {
-            Some(left) if self.frozen_until_ms <= self.wake_ms => self.deliveries = Some(left),
-            _ => self.how = Some("was ended by signal 9"),
+    /// Kills the process, immediately or after `deliveries_left` deliveries in its next poll.
+    pub(crate) fn kill(&mut self, deliveries_left: Option<u32>) {
+        match deliveries_left {
+            Some(left) if self.frozen_until_ms <= self.wake_ms => self.deliveries_left = Some(left),
+            _ => self.exit_status = Some(KILLED),
         }
     }
 }

@@ -1,14 +1,14 @@
-//! Chance from a seed.
+//! Pseudo-random numbers from a seed.
 
-/// SplitMix64 (Steele, Lea, Flood 2014): the same numbers for the same seed.
+/// SplitMix64 generator (Steele, Lea, Flood 2014). A seed always gives the same numbers.
 #[derive(Debug, Clone)]
 pub(crate) struct Random(u64);
 
 impl Random {
-    /// The numbers of a seed.
+    /// Creates a generator.
     pub(crate) fn new(seed: u64) -> Self {
         let mut random = Self(seed);
-        // Neighbouring seeds share no numbers.
+        // Scramble the seed, so that neighbouring seeds do not share numbers.
         random.0 = random.next();
         random
     }
@@ -21,17 +21,17 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A number from `low` to `high`, both included.
+    /// Returns a number from `low` to `high`, both included.
     pub(crate) fn between(&mut self, low: u64, high: u64) -> u64 {
         low + self.next() % (high - low + 1)
     }
 
-    /// True `per_mille` times in a thousand.
-    pub(crate) fn happens(&mut self, per_mille: u64) -> bool {
+    /// Returns `true` with a probability of `per_mille` in a thousand.
+    pub(crate) fn chance(&mut self, per_mille: u64) -> bool {
         self.next() % 1000 < per_mille
     }
 
-    /// One of them.
+    /// Returns a random element.
     pub(crate) fn pick<T: Copy>(&mut self, from: &[T]) -> T {
         from[self.between(0, from.len() as u64 - 1) as usize]
     }

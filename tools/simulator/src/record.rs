@@ -1,61 +1,69 @@
-//! What is noted of a world while it goes on: who asks, and the swaps.
+//! Records of a run: its clients and swaps.
 
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
 use launch::Service;
 
-use crate::reference::{Committed, Swaps};
+use crate::reference::{CommittedSwap, SwapsBySlot};
 
-/// Somebody who asks.
+/// Client of the supervisor with one request.
 #[derive(Debug)]
-pub(crate) struct Caller {
-    pub(crate) what: String,
-    pub(crate) answers: u32,
-    /// When it goes away.
-    pub(crate) leaves_ms: Option<u64>,
-    pub(crate) gone: bool,
+pub(crate) struct Client {
+    pub(crate) description: String,
+    pub(crate) replies: u32,
+    /// Time at which the client disconnects, ms; `None` if it waits for the reply.
+    pub(crate) disconnect_ms: Option<u64>,
+    pub(crate) disconnected: bool,
 }
 
-/// The swaps of a world.
+/// Swaps of a run.
 #[derive(Debug, Default)]
 pub(crate) struct SwapRecord {
     pub(crate) candidates: BTreeMap<u32, Candidate>,
-    pub(crate) committed: Swaps,
+    pub(crate) committed: SwapsBySlot,
     pub(crate) count: u64,
-    /// Some ticks may have come of the one stage or of the other.
-    pub(crate) either: bool,
-    /// The last decision about the fuser, and between which ticks its readers have come to one that is no commitment.
+    /// Some ticks may be from either of two stages, so the output cannot be compared.
+    pub(crate) ambiguous: bool,
+    /// Newest epoch of the fuser.
     pub(crate) fuser_epoch: u32,
-    pub(crate) renumbered: Vec<RangeInclusive<u64>>,
+    /// Ranges of ticks in which subscribers may see a new epoch of the fuser without a swap.
+    pub(crate) fuser_epoch_changes: Vec<RangeInclusive<u64>>,
 }
 
 impl SwapRecord {
-    /// A stage of another kind fills a slot.
-    pub(crate) fn has_swapped(&self) -> bool {
-        self.committed.values().flatten().any(|committed| committed.other)
+    /// Returns `true` if a slot was swapped to a different stage.
+    pub(crate) fn has_stage_change(&self) -> bool {
+        self.committed.values().flatten().any(|committed| committed.changes_stage)
     }
 
-    /// The course knows a fuser of another kind by a flag that every slot sets, under a new decision about the fuser. Where that decision is
-    /// no commitment and another slot's stage takes over at that very tick, it counts one swap that a reference does not know.
-    pub(crate) fn is_mistakable(&self) -> bool {
+    /// Returns `true` if the course may have counted a swap that the reference run does not
+    /// contain.
+    ///
+    /// The course counts a swap of the fuser when the flag `SWAPPED` coincides with a new epoch of
+    /// the fuser. Swaps of gyro and accel set the flag, too. If they coincide with a new epoch that
+    /// is not due to a swap of the fuser, the count is wrong.
+    pub(crate) fn has_ambiguous_swap_flag(&self) -> bool {
         let before = [Service::Gyro, Service::Accel].into_iter().filter_map(|slot| self.committed.get(slot.name()));
-        let mut swapped = before.flatten().filter(|committed| committed.other);
-        let left = self.candidates.values().filter(|candidate| candidate.service == Service::Fuser);
-        let left: Vec<_> = left.filter_map(|candidate| candidate.decided_from).collect();
-        swapped.any(|Committed { from_tick, .. }| {
-            left.contains(from_tick) || self.renumbered.iter().any(|ticks| ticks.contains(from_tick))
+        let mut swapped = before.flatten().filter(|committed| committed.changes_stage);
+        let candidates = self.candidates.values().filter(|candidate| candidate.service == Service::Fuser);
+        let candidates: Vec<_> = candidates.filter_map(|candidate| candidate.decided_from_tick).collect();
+        swapped.any(|CommittedSwap { from_tick, .. }| {
+            candidates.contains(from_tick) || self.fuser_epoch_changes.iter().any(|ticks| ticks.contains(from_tick))
         })
     }
 }
 
+/// Process that is to take over a slot.
 #[derive(Debug)]
 pub(crate) struct Candidate {
     pub(crate) service: Service,
     pub(crate) stage: String,
-    /// Another stage than before.
-    pub(crate) other: bool,
+    /// Stage differs from the current one of the slot.
+    pub(crate) changes_stage: bool,
+    /// Next tick of the checkpoint that the process resumed from.
     pub(crate) checkpoint_tick: Option<u64>,
-    /// It began in the place of an owner that had ended.
-    pub(crate) alone: bool,
-    pub(crate) decided_from: Option<u64>,
+    /// Process started in place of an exited owner, without a hand-over.
+    pub(crate) replaces_exited_owner: bool,
+    /// First tick as owner according to the decision; `None` before the decision.
+    pub(crate) decided_from_tick: Option<u64>,
 }

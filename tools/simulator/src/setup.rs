@@ -1,68 +1,70 @@
-//! What one world is like, and what befalls it: all of it drawn from the seed before it begins.
+//! Setup of a run: its properties and faults, all derived from the seed before the run starts.
 
-use launch::{Launch, Measure, OnLimit, Service, PromotionRule};
+use launch::{Launch, Measure, OnLimit, PromotionRule, Service};
 use runtime::Pace;
 
 use crate::{
-    flight::{RATE_HZ, MAX_TICKS, stage},
+    flight::{MAX_TICKS, RATE_HZ, stage},
     random::Random,
 };
 
-/// What a world is like.
+/// Properties and faults of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Setup {
-    /// Which flight.
+    /// Number of the flight.
     pub(crate) flight: u64,
     pub(crate) launch: Launch,
     pub(crate) ticks: u64,
     pub(crate) pace: Pace,
-    /// The faults are such that no tick may be lost and no byte may differ.
+    /// Faults of the run must not lose a tick or change a byte.
     pub(crate) strict: bool,
-    /// Longest time from a start to the first health, ms.
-    pub(crate) start_ms: u64,
-    /// Starts that fail before the first health, in a thousand.
-    pub(crate) mute_per_mille: u64,
-    /// Starts that hang before the first health, in a thousand.
-    pub(crate) hang_per_mille: u64,
-    /// Candidates that give out what is not an attitude, in a thousand.
-    pub(crate) flawed_per_mille: u64,
-    /// Processes that cannot be started, in a thousand.
-    pub(crate) unspawned_per_mille: u64,
-    /// Health and differences that are lost, in a thousand.
-    pub(crate) drop_per_mille: u64,
-    /// Checkpoints that are damaged on their way, in a thousand.
-    pub(crate) damaged_per_mille: u64,
-    /// Longest time between two turns of a service, ms.
-    pub(crate) turn_ms: u64,
+    /// Maximum time from the start of a process to its first poll, ms.
+    pub(crate) max_start_ms: u64,
+    /// Starts that exit before the first health message, per mille.
+    pub(crate) failed_start_per_mille: u64,
+    /// Starts that hang before the first health message, per mille.
+    pub(crate) hung_start_per_mille: u64,
+    /// Candidates that report invalid outputs, per mille.
+    pub(crate) invalid_output_per_mille: u64,
+    /// Processes that cannot be spawned, per mille.
+    pub(crate) spawn_failure_per_mille: u64,
+    /// Health and difference messages that are lost, per mille.
+    pub(crate) lost_report_per_mille: u64,
+    /// Checkpoints that are damaged in transit, per mille.
+    pub(crate) damaged_checkpoint_per_mille: u64,
+    /// Maximum time between two polls of a service, ms.
+    pub(crate) max_poll_interval_ms: u64,
+    /// Faults and requests with their times, ms.
     pub(crate) faults: Vec<(u64, Fault)>,
 }
 
-/// What befalls a world.
+/// Fault of the system, or request of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Fault {
-    /// A process is killed, at once or in the midst of its next turn.
-    Kill { service: Service, candidate: bool, deliveries: Option<u32> },
-    /// A process does nothing for so long.
+    /// Process killed, immediately or during its next poll.
+    Kill { service: Service, candidate: bool, deliveries_left: Option<u32> },
+    /// Process suspended for `ms`.
     Freeze { service: Service, candidate: bool, ms: u64 },
-    /// Nor does the supervisor.
+    /// Supervisor suspended for `ms`.
     FreezeSupervisor { ms: u64 },
-    /// Somebody removes the files of the bus.
+    /// Files of the bus removed.
     RemoveFiles,
-    /// Somebody asks for a stage in a slot; as a shadow, which ends after so long.
+    /// Request for a stage in a slot; with `shadow_ms` as a shadow that ends after this time.
     Swap { service: Service, stage: &'static str, shadow_ms: Option<u64>, expected_epoch: Option<u32> },
-    /// Somebody ends the shadow of a slot.
+    /// Request to end the shadow of a slot.
     Cancel { service: Service },
-    /// Somebody asks how the services are.
-    Ps,
-    /// The system is to end.
-    End,
+    /// Request for the status of the services.
+    Status,
+    /// Stop of the system.
+    Stop,
 }
 
-/// For so long before the end that somebody asks for nothing freezes for longer than [`SHORT_MS`], ms.
-const QUIET_MS: u64 = 6000;
-const SHORT_MS: u64 = 300;
+/// Interval before a stop in which requests and long freezes are omitted, ms.
+const QUIET_BEFORE_STOP_MS: u64 = 6000;
+/// Minimum duration of a long freeze, ms.
+const LONG_FREEZE_MS: u64 = 300;
 
-/// Stages of each slot.
+/// Stages of each slot that clients may request.
 const STAGES: [(Service, &[&str]); 4] = [
     (Service::Gyro, &["mobius", "mobius-coning", "rk4", "euler"]),
     (Service::Accel, &["projector", "inclinometer-matrix", "inclinometer-quaternion"]),
@@ -71,13 +73,13 @@ const STAGES: [(Service, &[&str]); 4] = [
 ];
 
 impl Setup {
-    /// The world of a seed.
+    /// Derives the setup of a run from its seed.
     pub(crate) fn new(random: &mut Random, launches: &dyn Fn(u64) -> Result<Launch, String>) -> Result<Self, String> {
         let flight = random.between(0, 3);
         let mut launch = launches(flight)?;
         let ticks = random.between(150, MAX_TICKS);
-        let lockstep = random.happens(550);
-        let strict = random.happens(920);
+        let lockstep = random.chance(550);
+        let strict = random.chance(920);
         (launch.buffer_s, launch.lateness_s) = if lockstep {
             let lateness_s = random.between(5, 20) as f64 * 0.1;
             (lateness_s + random.between(5, 30) as f64 * 0.1, lateness_s)
@@ -87,100 +89,103 @@ impl Setup {
         let pace = if lockstep { Pace::Speed(random.pick(&[0.8, 1.5, 2.0, 4.0])) } else { Pace::Speed(1.0) };
         let Pace::Speed(speed) = pace else { return Err("no speed".into()) };
         let flight_ms = (ticks as f64 / RATE_HZ / speed * 1e3) as u64;
-        if random.happens(80) {
-            launch.watch.push(watch(random, &launch));
+        if random.chance(80) {
+            launch.watch.push(promotion_rule(random, &launch));
         }
         if !strict {
             launch.restart.limit = random.pick(&[1, 3, 10]);
             launch.restart.on_limit = random.pick(&[OnLimit::Stop, OnLimit::Degrade, OnLimit::Retry]);
         }
-        let calm = random.happens(100);
-        let often = |random: &mut Random, per_mille: u64| if calm { 0 } else { random.between(0, per_mille) };
+        let calm = random.chance(100);
+        let up_to = |random: &mut Random, per_mille: u64| if calm { 0 } else { random.between(0, per_mille) };
         let mut setup = Self {
             flight,
             ticks,
             pace,
             strict,
-            start_ms: random.pick(&[5, 30, 120]),
-            mute_per_mille: if lockstep || !strict { often(random, 150) } else { 0 },
-            hang_per_mille: if lockstep || !strict { often(random, 60) } else { 0 },
-            flawed_per_mille: often(random, 150),
-            unspawned_per_mille: if lockstep || !strict { often(random, 60) } else { 0 },
-            drop_per_mille: often(random, 100),
-            damaged_per_mille: often(random, 100),
-            turn_ms: random.pick(&[2, 8, 20]),
+            max_start_ms: random.pick(&[5, 30, 120]),
+            failed_start_per_mille: if lockstep || !strict { up_to(random, 150) } else { 0 },
+            hung_start_per_mille: if lockstep || !strict { up_to(random, 60) } else { 0 },
+            invalid_output_per_mille: up_to(random, 150),
+            spawn_failure_per_mille: if lockstep || !strict { up_to(random, 60) } else { 0 },
+            lost_report_per_mille: up_to(random, 100),
+            damaged_checkpoint_per_mille: up_to(random, 100),
+            max_poll_interval_ms: random.pick(&[2, 8, 20]),
             faults: Vec::new(),
             launch,
         };
-        setup.draw_requests(random, flight_ms);
+        setup.add_requests(random, flight_ms);
         if !calm {
-            setup.draw_faults(random, flight_ms, lockstep);
+            setup.add_faults(random, flight_ms, lockstep);
             if lockstep || !strict {
-                // A chance of its own: the other worlds stay as they were.
+                // A separate generator leaves the random choices of all other runs unchanged.
                 let mut rare = Random::new(random.clone().between(0, 1 << 60));
-                setup.draw_renewal_at_the_end(&mut rare);
-                setup.draw_deaths_at_a_change(&mut rare);
+                setup.add_renewal_at_stop(&mut rare);
+                setup.add_kills_at_owner_change(&mut rare);
             }
         }
-        setup.end_comes_last();
+        setup.drop_long_faults_before_stop();
         setup.faults.sort_by_key(|(at_ms, _)| *at_ms);
         Ok(setup)
     }
 
-    fn draw_requests(&mut self, random: &mut Random, flight_ms: u64) {
-        let same_kind = random.happens(400);
+    fn add_requests(&mut self, random: &mut Random, flight_ms: u64) {
+        let same_kind = random.chance(400);
         for _ in 0..random.between(0, 4) {
             let at_ms = random.between(0, flight_ms);
             let (service, stages) = random.pick(&STAGES);
             let same = self.launch.stage(service).map_or("", |slot| &slot.stage);
             let same = stages.iter().find(|name| **name == same).copied().unwrap_or(stages[0]);
-            let stage = if random.happens(20) {
+            let stage = if random.chance(20) {
                 "wzz"
             } else if same_kind {
                 same
             } else {
                 random.pick(stages)
             };
-            let shadow_ms = random.happens(250).then(|| random.between(50, 3000));
-            let expected_epoch = random.happens(100).then(|| random.between(1, 3) as u32);
+            let shadow_ms = random.chance(250).then(|| random.between(50, 3000));
+            let expected_epoch = random.chance(100).then(|| random.between(1, 3) as u32);
             self.faults.push((at_ms, Fault::Swap { service, stage, shadow_ms, expected_epoch }));
-            // Somebody promotes the shadow, or asks for it twice.
-            if random.happens(300) {
+            // The client promotes the shadow, or repeats the request.
+            if random.chance(300) {
                 let again = Fault::Swap { service, stage, shadow_ms: None, expected_epoch: None };
                 self.faults.push((at_ms + random.between(0, 1500), again));
             }
-            if random.happens(100) {
+            if random.chance(100) {
                 self.faults.push((at_ms + random.between(0, 1000), Fault::Cancel { service }));
             }
         }
-        if random.happens(200) {
-            self.faults.push((random.between(0, flight_ms), Fault::Ps));
+        if random.chance(200) {
+            self.faults.push((random.between(0, flight_ms), Fault::Status));
         }
-        if random.happens(80) {
-            self.faults.push((random.between(0, flight_ms), Fault::End));
+        if random.chance(80) {
+            self.faults.push((random.between(0, flight_ms), Fault::Stop));
         }
     }
 
-    /// In lockstep the source waits, so anything may happen at any time. A live source does not: there one outage comes after the other.
-    fn draw_faults(&mut self, random: &mut Random, flight_ms: u64, lockstep: bool) {
-        let many = if self.strict && !lockstep { flight_ms / 2500 } else { 7 };
-        let start_ms = random.between(0, 2000);
-        for number in 0..random.between(0, many) {
+    /// Adds faults.
+    ///
+    /// In lockstep the source waits, so faults may occur at any time. A live source does not wait,
+    /// so in a strict run each fault ends before the next.
+    fn add_faults(&mut self, random: &mut Random, flight_ms: u64, lockstep: bool) {
+        let max_faults = if self.strict && !lockstep { flight_ms / 2500 } else { 7 };
+        let first_ms = random.between(0, 2000);
+        for number in 0..random.between(0, max_faults) {
             let at_ms = match lockstep || !self.strict {
-                true if random.happens(500) => self.near_a_request(random, flight_ms),
+                true if random.chance(500) => self.time_near_request(random, flight_ms),
                 true => random.between(0, flight_ms),
-                false => start_ms + number * 2500,
+                false => first_ms + number * 2500,
             };
             let service = random.pick(&Service::PATH);
-            let candidate = random.happens(250);
+            let candidate = random.chance(250);
             let fault = match random.between(0, 99) {
                 0..55 => Fault::Kill {
                     service,
                     candidate,
-                    deliveries: random.happens(600).then(|| random.between(0, 30) as u32),
+                    deliveries_left: random.chance(600).then(|| random.between(0, 30) as u32),
                 },
                 55..80 => {
-                    let ms = if random.happens(500) { random.between(1, 120) } else { random.between(100, 1500) };
+                    let ms = if random.chance(500) { random.between(1, 120) } else { random.between(100, 1500) };
                     Fault::Freeze { service, candidate, ms }
                 }
                 80..95 => {
@@ -193,54 +198,56 @@ impl Setup {
         }
     }
 
-    /// Whoever asks for the end may do so while all start on a new bus.
-    fn draw_renewal_at_the_end(&mut self, random: &mut Random) {
-        let Some(end_ms) = self.end_ms().filter(|_| random.happens(400)) else { return };
-        let at_ms = end_ms.saturating_sub(random.between(0, self.start_ms + 20));
-        let kill = Fault::Kill { service: random.pick(&Service::PATH), candidate: false, deliveries: None };
+    /// Adds a removal of the bus files before a stop, so that the stop arrives during the restart.
+    fn add_renewal_at_stop(&mut self, random: &mut Random) {
+        let Some(stop_ms) = self.stop_ms().filter(|_| random.chance(400)) else { return };
+        let at_ms = stop_ms.saturating_sub(random.between(0, self.max_start_ms + 20));
+        let kill = Fault::Kill { service: random.pick(&Service::PATH), candidate: false, deliveries_left: None };
         self.faults.extend([(at_ms, Fault::RemoveFiles), (at_ms, kill)]);
     }
 
-    /// Who had a slot may die together with who reads it.
-    fn draw_deaths_at_a_change(&mut self, random: &mut Random) {
+    /// Adds kills of the owner of a slot and of its subscriber at about the time of a swap.
+    fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
             Fault::Swap { service, shadow_ms: None, .. } => Some((*at_ms, *service)),
             _ => None,
         });
         let swaps: Vec<_> = swaps.collect();
-        if swaps.is_empty() || !random.happens(200) {
+        if swaps.is_empty() || !random.chance(200) {
             return;
         }
-        let (asked_ms, service) = random.pick(&swaps);
-        let reader = if service == Service::Fuser { Service::Course } else { Service::Fuser };
-        let at_ms = asked_ms + random.between(100, 900);
-        for service in [service, reader] {
-            let deliveries = random.happens(500).then(|| random.between(0, 30) as u32);
-            let kill = Fault::Kill { service, candidate: false, deliveries };
+        let (request_ms, service) = random.pick(&swaps);
+        let subscriber = if service == Service::Fuser { Service::Course } else { Service::Fuser };
+        let at_ms = request_ms + random.between(100, 900);
+        for service in [service, subscriber] {
+            let deliveries_left = random.chance(500).then(|| random.between(0, 30) as u32);
+            let kill = Fault::Kill { service, candidate: false, deliveries_left };
             self.faults.push((at_ms + random.between(0, 300), kill));
         }
     }
 
-    /// When somebody asks for the end first.
-    fn end_ms(&self) -> Option<u64> {
-        self.faults.iter().filter(|(_, fault)| *fault == Fault::End).map(|(at_ms, _)| *at_ms).min()
+    /// Returns the time of the first stop request, ms.
+    fn stop_ms(&self) -> Option<u64> {
+        self.faults.iter().filter(|(_, fault)| *fault == Fault::Stop).map(|(at_ms, _)| *at_ms).min()
     }
 
-    /// Once somebody has asked for the end, what does not come back soon is given up.
-    fn end_comes_last(&mut self) {
-        let Some(end_ms) = self.end_ms().filter(|_| self.strict) else { return };
+    /// Removes requests and long faults before a stop.
+    ///
+    /// After a stop request, the supervisor gives up services that do not return soon.
+    fn drop_long_faults_before_stop(&mut self) {
+        let Some(stop_ms) = self.stop_ms().filter(|_| self.strict) else { return };
         let is_short = |fault: &Fault| match fault {
-            Fault::Kill { .. } | Fault::RemoveFiles | Fault::End => true,
-            Fault::Freeze { ms, .. } | Fault::FreezeSupervisor { ms } => *ms < SHORT_MS,
+            Fault::Kill { .. } | Fault::RemoveFiles | Fault::Stop => true,
+            Fault::Freeze { ms, .. } | Fault::FreezeSupervisor { ms } => *ms < LONG_FREEZE_MS,
             _ => false,
         };
-        self.faults.retain(|(at_ms, fault)| is_short(fault) || at_ms + QUIET_MS < end_ms);
-        (self.hang_per_mille, self.mute_per_mille, self.unspawned_per_mille) = (0, 0, 0);
+        self.faults.retain(|(at_ms, fault)| is_short(fault) || at_ms + QUIET_BEFORE_STOP_MS < stop_ms);
+        (self.hung_start_per_mille, self.failed_start_per_mille, self.spawn_failure_per_mille) = (0, 0, 0);
     }
 
-    /// A moment at which a swap is probably under way, or the end.
-    fn near_a_request(&self, random: &mut Random, flight_ms: u64) -> u64 {
-        let requests = self.faults.iter().filter(|(_, fault)| matches!(fault, Fault::Swap { .. } | Fault::End));
+    /// Returns a time at which a swap or a stop is probably in progress, ms.
+    fn time_near_request(&self, random: &mut Random, flight_ms: u64) -> u64 {
+        let requests = self.faults.iter().filter(|(_, fault)| matches!(fault, Fault::Swap { .. } | Fault::Stop));
         let times: Vec<_> = requests.map(|(at_ms, _)| *at_ms).collect();
         if times.is_empty() {
             random.between(0, flight_ms)
@@ -250,13 +257,13 @@ impl Setup {
     }
 }
 
-fn watch(random: &mut Random, launch: &Launch) -> PromotionRule {
+fn promotion_rule(random: &mut Random, launch: &Launch) -> PromotionRule {
     let (slot, stages) = random.pick(&STAGES);
-    let home = launch.stage(slot).map_or("", |slot| &slot.stage);
-    let other = stages.iter().find(|name| **name != home).copied().unwrap_or(stages[0]);
+    let current = launch.stage(slot).map_or("", |slot| &slot.stage);
+    let another = stages.iter().find(|name| **name != current).copied().unwrap_or(stages[0]);
     PromotionRule {
         slot,
-        stage: stage(other),
+        stage: stage(another),
         measure: Measure::Angle,
         promote_below_deg: random.between(1, 6) as f64,
         promote_after_s: 0.2,

@@ -1,4 +1,4 @@
-//! The supervisor's shell in a simulated world: what happens is told to its core, and what the core asks for is done.
+//! Shell of the supervisor in the simulation: passes events to the core and executes its actions.
 
 use std::time::Duration;
 
@@ -10,51 +10,51 @@ use supervision::{Action, ControlRequest, Event, Failure, Reply, Spawn, SwapRequ
 use crate::{
     bus::SUPERVISOR,
     flight::{config, stage},
-    process::{Body, Process},
-    record::{Caller, Candidate},
-    reference::Committed,
+    process::{Process, ProcessState},
+    record::{Candidate, Client},
+    reference::CommittedSwap,
     setup::Fault,
     world::World,
 };
 
-/// How often the supervisor looks whether the files of the bus are there while nobody ends, ms.
-const LOOK_MS: u64 = 1000;
-/// How long somebody who asks for a swap waits for a tick, ms.
-const LIMIT_MS: u64 = 3000;
+/// Interval between checks that the files of the bus exist, ms. An exit also triggers a check.
+const FILE_CHECK_INTERVAL_MS: u64 = 1000;
+/// Timeout of a swap request, ms.
+const SWAP_TIMEOUT_MS: u64 = 3000;
 
 impl World {
-    /// The supervisor opens its topics.
+    /// Opens the topics of the supervisor.
     pub(crate) fn join_bus(&mut self) {
         let bus = &mut self.bus;
-        bus.health.read_as(1_000_001, SUPERVISOR, false);
-        bus.checkpoint.read_as(1_000_002, SUPERVISOR, false);
-        bus.difference.read_as(1_000_003, SUPERVISOR, false);
-        bus.control.publish_as(SUPERVISOR);
-        bus.credit.publish_as(SUPERVISOR);
+        bus.health.subscribe(1_000_001, SUPERVISOR, false);
+        bus.checkpoint.subscribe(1_000_002, SUPERVISOR, false);
+        bus.difference.subscribe(1_000_003, SUPERVISOR, false);
+        bus.control.add_publisher(SUPERVISOR);
+        bus.credit.add_publisher(SUPERVISOR);
     }
 
-    /// One round of the supervisor.
+    /// Runs one round of the supervisor.
     pub(crate) fn supervise(&mut self) -> Result<(), String> {
-        let dead = std::mem::take(&mut self.dead);
-        let died = !dead.is_empty();
-        let mut events = self.read();
-        // Time passes between one look and the next.
-        if self.random.happens(200) {
-            self.work();
+        let exited = std::mem::take(&mut self.exited);
+        let any_exited = !exited.is_empty();
+        let mut events = self.read_events();
+        // Services may run between two reads.
+        if self.random.chance(200) {
+            self.poll_processes();
         }
         self.collector.collect(&mut self.bus, &mut self.random);
         events.push(Event::Output(self.collector.progress()));
-        for (incarnation, how) in dead {
-            events.push(Event::Exited { incarnation, exit_status: how.into(), stderr: String::new() });
+        for (incarnation, exit_status) in exited {
+            events.push(Event::Exited { incarnation, exit_status: exit_status.into(), stderr: String::new() });
         }
-        if self.removed && (died || self.now_ms >= self.looked_ms + LOOK_MS) {
-            self.looked_ms = self.now_ms;
+        if self.files_removed && (any_exited || self.now_ms >= self.files_checked_ms + FILE_CHECK_INTERVAL_MS) {
+            self.files_checked_ms = self.now_ms;
             events.push(Event::FilesRemoved { path: "/dev/shm/plumbline.simulated".into() });
         }
-        let requests = self.requests.drain(..).map(|(caller, request)| Event::Request { client: caller, request });
+        let requests = self.requests.drain(..).map(|(client, request)| Event::Request { client, request });
         events.extend(requests);
-        events.extend(self.gone.drain(..).map(|caller| Event::ClientDisconnected { client: caller }));
-        if self.end_asked {
+        events.extend(self.disconnected.drain(..).map(|client| Event::ClientDisconnected { client }));
+        if self.stop_requested {
             events.push(Event::StopRequested);
         }
         events.push(Event::Timer);
@@ -66,8 +66,8 @@ impl World {
         Ok(())
     }
 
-    /// What the services have said, and how far each has published.
-    fn read(&mut self) -> Vec<Event> {
+    /// Reads the messages of the services and the position of each topic.
+    fn read_events(&mut self) -> Vec<Event> {
         let Self { bus, random, setup, .. } = self;
         bus.control.deliver_history(SUPERVISOR);
         bus.credit.deliver_history(SUPERVISOR);
@@ -76,7 +76,7 @@ impl World {
             events.push(Event::Health(health));
         }
         while let Some(mut checkpoint) = bus.checkpoint.receive(1_000_002, random) {
-            if random.happens(setup.damaged_per_mille) {
+            if random.chance(setup.damaged_checkpoint_per_mille) {
                 checkpoint.words[random.between(0, 20) as usize] ^= 1 << random.between(0, 63);
             }
             events.push(Event::Checkpoint(Box::new(checkpoint)));
@@ -97,74 +97,76 @@ impl World {
     }
 
     fn handle(&mut self, event: Event) -> Result<(), String> {
-        // Who asks once the end has come finds nobody.
-        if let (Event::Request { client: caller, request }, true) = (&event, self.finished.is_some()) {
-            self.requests.push_back((*caller, request.clone()));
+        // A request that arrives after the stop stays pending.
+        if let (Event::Request { client, request }, true) = (&event, self.finished.is_some()) {
+            self.requests.push_back((*client, request.clone()));
         }
-        if let Event::Exited { incarnation, exit_status: how, .. } = &event {
-            self.narrate(|_| format!("process {incarnation} {how}"));
+        if let Event::Exited { incarnation, exit_status, .. } = &event {
+            self.trace(|_| format!("process {incarnation} {exit_status}"));
         }
         for action in self.supervision.handle(Duration::from_millis(self.now_ms), event) {
-            self.act(action)?;
+            self.execute(action)?;
         }
-        self.note_commitments();
+        self.record_commitments();
         Ok(())
     }
 
-    fn act(&mut self, action: Action) -> Result<(), String> {
-        // What was asked for before the end came is not done any more; who waits for an answer has it.
+    fn execute(&mut self, action: Action) -> Result<(), String> {
+        // After the stop only replies are executed. Earlier actions are obsolete.
         if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
         match action {
             Action::Spawn(spawn) => return self.spawn(*spawn),
             Action::Terminate { incarnation } => {
-                self.narrate(|_| format!("asks {incarnation} to end"));
-                self.process(incarnation).into_iter().for_each(|process| process.asked = true);
+                self.trace(|_| format!("terminate {incarnation}"));
+                self.process(incarnation).into_iter().for_each(|process| process.terminate_requested = true);
             }
             Action::Kill { incarnation } => {
-                self.narrate(|_| format!("kills {incarnation}"));
+                self.trace(|_| format!("kill {incarnation}"));
                 self.process(incarnation).into_iter().for_each(|process| process.kill(None));
             }
             Action::PublishControl(control) => {
-                self.narrate(|_| format!("{control:?}"));
+                self.trace(|_| format!("{control:?}"));
                 if let Some(candidate) = self.swaps.candidates.get_mut(&control.owner) {
-                    candidate.decided_from = Some(control.from_tick);
+                    candidate.decided_from_tick = Some(control.from_tick);
                 } else if control.service == Service::Fuser as u32 {
-                    self.note_renumbered(control.epoch);
+                    self.record_epoch_change(control.epoch);
                 }
                 self.bus.control.send(SUPERVISOR, control, &mut None);
             }
-            Action::GrantCredit { ticks, is_final: ends } => {
-                self.bus.credit.send(SUPERVISOR, Credit { ticks, ends: ends.into() }, &mut None);
+            Action::GrantCredit { ticks, is_final } => {
+                self.bus.credit.send(SUPERVISOR, Credit { ticks, ends: is_final.into() }, &mut None);
             }
-            Action::Reply { client: caller, reply } => {
-                self.narrate(|_| match &reply {
-                    Reply::Swap(report) => format!("answers {caller}: {report}"),
-                    _ => format!("answers {caller}"),
+            Action::Reply { client: number, reply } => {
+                self.trace(|_| match &reply {
+                    Reply::Swap(report) => format!("reply to client {number}: {report}"),
+                    _ => format!("reply to client {number}"),
                 });
-                let Some(caller) = self.callers.get_mut(&caller) else { return Err("nobody asked that".into()) };
-                caller.answers += 1;
+                let Some(client) = self.clients.get_mut(&number) else {
+                    return Err(format!("reply to unknown client {number}"));
+                };
+                client.replies += 1;
             }
             Action::PublishEvent(_) => {}
-            Action::Announce(line) => self.narrate(|_| format!("says: {line}")),
-            Action::Ready => self.narrate(|_| "every service runs".into()),
-            Action::Stopping => self.narrate(|_| "the end begins".into()),
+            Action::Announce(line) => self.trace(|_| format!("announce: {line}")),
+            Action::Ready => self.trace(|_| "all services run".into()),
+            Action::Stopping => self.trace(|_| "stopping".into()),
             Action::RenewBus => {
-                // A stage that has taken over may begin before its first tick there.
-                self.swaps.either |= self.swaps.has_swapped() || self.is_undecided();
+                // After the renewal, a swapped stage may restart before its first tick as owner.
+                self.swaps.ambiguous |= self.swaps.has_stage_change() || self.is_ambiguous();
                 self.swaps.fuser_epoch = FIRST_EPOCH;
                 self.processes.clear();
-                self.dead.clear();
+                self.exited.clear();
                 self.bus = self.bus.renewed();
-                self.removed = false;
+                self.files_removed = false;
                 let config = self.config();
-                self.collector.renew(&mut self.bus, &config);
+                self.collector.reconnect(&mut self.bus, &config);
                 self.join_bus();
                 return self.handle(Event::BusRenewed);
             }
             Action::Finish(failure) => {
-                self.narrate(|_| format!("the end: {failure:?}"));
+                self.trace(|_| format!("finished: {failure:?}"));
                 self.finished = Some(failure);
             }
         }
@@ -172,34 +174,35 @@ impl World {
     }
 
     fn config(&self) -> ServiceConfig {
-        let ticks_max = Some(self.setup.ticks);
-        ServiceConfig { pace: self.setup.pace, max_ticks: ticks_max, ..config(&self.setup.launch) }
+        let max_ticks = Some(self.setup.ticks);
+        ServiceConfig { pace: self.setup.pace, max_ticks, ..config(&self.setup.launch) }
     }
 
     fn spawn(&mut self, spawn: Spawn) -> Result<(), String> {
         let Spawn { incarnation, service, stage, role, epoch, resume } = spawn;
         let is_first = resume.is_none();
         if let (Service::Fuser, Role::Owner { .. }) = (service, role) {
-            self.note_renumbered(epoch);
+            self.record_epoch_change(epoch);
         }
-        // What the former stage had published is made again by the one that has taken over.
+        // The owner recomputes ticks that the stage before the swap had published.
         if let (Role::Owner { from_tick }, Some(swaps)) = (role, self.swaps.committed.get(service.name())) {
-            self.swaps.either |= swaps.iter().any(|committed| committed.other && from_tick < committed.from_tick);
+            self.swaps.ambiguous |=
+                swaps.iter().any(|committed| committed.changes_stage && from_tick < committed.from_tick);
         }
-        // A checkpoint of another stage than fills the slot: none of its own has come yet.
-        if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(fills)) =
+        // The checkpoint is of another stage, because none of the current stage has arrived yet.
+        if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(current_stage)) =
             (&resume, self.supervision.launch().stage(service))
         {
-            self.swaps.either |= checkpoint.stage() != fills.stage;
+            self.swaps.ambiguous |= checkpoint.stage() != current_stage.stage;
         }
         let checkpoint_tick = match &resume {
             Some(supervision::Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
             Some(supervision::Resume::Source { next_tick, .. }) => Some(*next_tick),
             _ => None,
         };
-        self.note_candidate(incarnation, service, stage.as_ref(), role, checkpoint_tick);
-        if self.random.happens(self.setup.unspawned_per_mille) && !(is_first && self.setup.strict) {
-            self.narrate(|_| format!("{service} {incarnation} cannot be started"));
+        self.record_candidate(incarnation, service, stage.as_ref(), role, checkpoint_tick);
+        if self.random.chance(self.setup.spawn_failure_per_mille) && !(is_first && self.setup.strict) {
+            self.trace(|_| format!("{service} {incarnation}: spawn failed"));
             return self.handle(Event::SpawnFailed { incarnation, cause: "no such file".into() });
         }
         self.restarts += u64::from(!is_first);
@@ -207,25 +210,29 @@ impl World {
         if let Some((slot, stage)) = launch.stage_mut(service).zip(stage) {
             *slot = stage;
         }
-        let resume = resume.map(resume_of);
+        let resume = resume.map(to_service_resume);
         let config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config() };
         let candidate = role == Role::Candidate;
-        let hangs = self.random.happens(self.setup.hang_per_mille) && !(is_first && self.setup.strict);
-        let dies = self.random.happens(self.setup.mute_per_mille) && !(is_first && self.setup.strict);
-        let wake_ms = self.now_ms + self.random.between(1, self.setup.start_ms);
-        let flawed = candidate && self.random.happens(self.setup.flawed_per_mille);
-        self.narrate(|_| format!("{service} {incarnation} starts: {role:?} of {epoch}, from {checkpoint_tick:?}"));
+        let hangs = self.random.chance(self.setup.hung_start_per_mille) && !(is_first && self.setup.strict);
+        let fails = self.random.chance(self.setup.failed_start_per_mille) && !(is_first && self.setup.strict);
+        let wake_ms = self.now_ms + self.random.between(1, self.setup.max_start_ms);
+        let is_invalid = candidate && self.random.chance(self.setup.invalid_output_per_mille);
+        self.trace(|_| format!("{service} {incarnation} starts: {role:?}, epoch {epoch}, from {checkpoint_tick:?}"));
         self.processes.push(Process {
             incarnation,
             service,
             candidate,
-            body: if hangs { Body::Deaf } else { Body::Starting { config: Box::new(config), dies } },
+            state: if hangs {
+                ProcessState::Unresponsive
+            } else {
+                ProcessState::Starting { config: Box::new(config), fails }
+            },
             wake_ms,
             frozen_until_ms: 0,
-            asked: false,
-            deliveries: None,
-            flawed_from: flawed.then(|| self.bus.imu.next_tick + self.random.between(0, 60)),
-            how: None,
+            terminate_requested: false,
+            deliveries_left: None,
+            invalid_from_tick: is_invalid.then(|| self.bus.imu.next_tick + self.random.between(0, 60)),
+            exit_status: None,
         });
         self.handle(Event::Spawned { incarnation, pid: incarnation })
     }
@@ -234,17 +241,17 @@ impl World {
         self.processes.iter_mut().find(|process| process.incarnation == incarnation)
     }
 
-    /// Notes a decision about the fuser that is no commitment.
-    fn note_renumbered(&mut self, epoch: u32) {
+    /// Records a new epoch of the fuser that is not due to a swap.
+    fn record_epoch_change(&mut self, epoch: u32) {
         if epoch > self.swaps.fuser_epoch.max(FIRST_EPOCH) {
             self.swaps.fuser_epoch = epoch;
             let newest = self.bus.fused.next_tick + self.config().lateness_ticks();
-            self.swaps.renumbered.push(self.collector.sequence.next_tick..=newest);
+            self.swaps.fuser_epoch_changes.push(self.collector.sequence.next_tick..=newest);
         }
     }
 
-    /// Notes a process that is to take over.
-    fn note_candidate(
+    /// Records a process that is to take over a slot.
+    fn record_candidate(
         &mut self,
         incarnation: u32,
         service: Service,
@@ -253,143 +260,161 @@ impl World {
         checkpoint_tick: Option<u64>,
     ) {
         let Some(stage) = stage else { return };
-        let fills = self.supervision.launch().stage(service).map(|slot| slot.stage.clone());
-        let owned = self.supervision.entries().find(|(other, _)| *other == service);
-        let alone = role != Role::Candidate;
-        // Who is started again in its own slot takes nothing over.
-        if alone && owned.is_some_and(|(_, entry)| entry.incarnation() == incarnation) {
+        let current_stage = self.supervision.launch().stage(service).map(|slot| slot.stage.clone());
+        let owner = self.supervision.entries().find(|(slot, _)| *slot == service);
+        let replaces_exited_owner = role != Role::Candidate;
+        // A restart of the current owner is not a take-over.
+        if replaces_exited_owner && owner.is_some_and(|(_, entry)| entry.incarnation() == incarnation) {
             return;
         }
-        let other = fills.as_ref() != Some(&stage.stage);
+        let changes_stage = current_stage.as_ref() != Some(&stage.stage);
         let stage = stage.stage.clone();
-        self.swaps
-            .candidates
-            .insert(incarnation, Candidate { service, stage, other, checkpoint_tick, alone, decided_from: None });
+        self.swaps.candidates.insert(
+            incarnation,
+            Candidate {
+                service,
+                stage,
+                changes_stage,
+                checkpoint_tick,
+                replaces_exited_owner,
+                decided_from_tick: None,
+            },
+        );
     }
 
-    /// Sees which candidates own their slots by now.
-    fn note_commitments(&mut self) {
+    /// Records the candidates that have become owners of their slots.
+    fn record_commitments(&mut self) {
         for (service, entry) in self.supervision.entries() {
             let Some(candidate) = self.swaps.candidates.remove(&entry.incarnation()) else { continue };
             self.swaps.count += 1;
-            let Candidate { stage, other, checkpoint_tick, alone, decided_from, .. } = candidate;
-            match (checkpoint_tick, decided_from) {
-                // Readers may have had more or less of the one that ended.
-                _ if alone => self.swaps.either |= other || checkpoint_tick.is_none(),
+            let Candidate { stage, changes_stage, checkpoint_tick, replaces_exited_owner, decided_from_tick, .. } =
+                candidate;
+            match (checkpoint_tick, decided_from_tick) {
+                // Subscribers may have received different numbers of ticks from the exited owner.
+                _ if replaces_exited_owner => self.swaps.ambiguous |= changes_stage || checkpoint_tick.is_none(),
                 (Some(checkpoint_tick), Some(from_tick)) => {
-                    let committed = Committed { stage, other, checkpoint_tick, from_tick };
+                    let committed = CommittedSwap { stage, changes_stage, checkpoint_tick, from_tick };
                     self.swaps.committed.entry(service.name()).or_default().push(committed);
                 }
-                _ => self.swaps.either = true,
+                _ => self.swaps.ambiguous = true,
             }
         }
     }
 
-    /// Whether ticks may have come of a stage that has not taken over in the end.
-    pub(crate) fn is_undecided(&self) -> bool {
+    /// Returns `true` if it is not certain which stage published each tick.
+    pub(crate) fn is_ambiguous(&self) -> bool {
         let published = |candidate: &Candidate| {
-            let other = candidate.other || candidate.checkpoint_tick.is_none();
-            other && (candidate.alone || candidate.decided_from.is_some())
+            let changes_stage = candidate.changes_stage || candidate.checkpoint_tick.is_none();
+            changes_stage && (candidate.replaces_exited_owner || candidate.decided_from_tick.is_some())
         };
-        self.swaps.either || self.swaps.is_mistakable() || self.swaps.candidates.values().any(published)
+        self.swaps.ambiguous || self.swaps.has_ambiguous_swap_flag() || self.swaps.candidates.values().any(published)
     }
 
-    /// Somebody asks.
-    pub(crate) fn ask(&mut self, what: Fault) {
-        let number = self.callers.len() as u64 + 1;
-        let text = format!("{what:?}");
-        let mut leaves_ms = None;
-        let request = match what {
+    /// Sends a request as a new client.
+    pub(crate) fn send_request(&mut self, fault: Fault) {
+        let number = self.clients.len() as u64 + 1;
+        let description = format!("{fault:?}");
+        let mut disconnect_ms = None;
+        let request = match fault {
             Fault::Swap { service, stage: name, shadow_ms, expected_epoch } => {
-                leaves_ms = shadow_ms.map(|ms| self.now_ms + ms);
+                disconnect_ms = shadow_ms.map(|ms| self.now_ms + ms);
                 let shadow = shadow_ms.is_some();
-                let limit_ms = (!shadow).then_some(LIMIT_MS);
+                let timeout_ms = (!shadow).then_some(SWAP_TIMEOUT_MS);
                 let slot = service.name().into();
-                ControlRequest::Swap(SwapRequest { slot, stage: stage(name), shadow, expected_epoch, timeout_ms: limit_ms })
+                ControlRequest::Swap(SwapRequest { slot, stage: stage(name), shadow, expected_epoch, timeout_ms })
             }
             Fault::Cancel { service } => ControlRequest::Cancel { slot: service.name().into() },
             _ => ControlRequest::Status,
         };
-        self.callers.insert(number, Caller { what: text, answers: 0, leaves_ms, gone: false });
+        self.clients.insert(number, Client { description, replies: 0, disconnect_ms, disconnected: false });
         self.requests.push_back((number, request));
     }
 
-    /// Who asked for a shadow goes away after its time.
-    pub(crate) fn callers_leave(&mut self) {
-        for (number, caller) in &mut self.callers {
-            if !caller.gone && caller.answers == 0 && caller.leaves_ms.is_some_and(|at_ms| self.now_ms >= at_ms) {
-                caller.gone = true;
-                self.gone.push_back(*number);
+    /// Disconnects the clients at the end of their shadows.
+    pub(crate) fn disconnect_clients(&mut self) {
+        for (number, client) in &mut self.clients {
+            let is_due = client.disconnect_ms.is_some_and(|at_ms| self.now_ms >= at_ms);
+            if is_due && !client.disconnected && client.replies == 0 {
+                client.disconnected = true;
+                self.disconnected.push_back(*number);
             }
         }
     }
 
-    /// What must hold at the end.
+    /// Checks the result of a finished run.
     pub(crate) fn check(&mut self) -> Result<(), String> {
         self.collector.collect(&mut self.bus, &mut self.random);
         self.collector.finish();
-        let ticks_in = self.bus.imu.next_tick;
-        let taken = &self.collector.taken;
+        let ingested_ticks = self.bus.imu.next_tick;
+        let attitudes = &self.collector.attitudes;
         if self.setup.strict {
             match &self.finished {
-                Some(Some(Failure::FilesRemovedRepeatedly { .. })) => return self.check_answers(),
-                Some(Some(failure)) => return Err(format!("it ended: {failure}")),
+                Some(Some(Failure::FilesRemovedRepeatedly { .. })) => return self.check_replies(),
+                Some(Some(failure)) => return Err(format!("stopped with a failure: {failure}")),
                 _ => {}
             }
-            let at_end = if self.end_asked { ticks_in } else { self.setup.ticks };
-            if taken.len() as u64 != at_end || self.collector.sequence.lost > 0 {
+            let expected_ticks = if self.stop_requested { ingested_ticks } else { self.setup.ticks };
+            if attitudes.len() as u64 != expected_ticks || self.collector.sequence.lost > 0 {
                 let lost = self.collector.sequence.lost;
                 let next = self.collector.sequence.next_tick;
-                return Err(format!("{} of {at_end} ticks came out, {lost} lost on the way to {next}", taken.len()));
+                let count = attitudes.len();
+                return Err(format!("{count} of {expected_ticks} ticks received, {lost} lost before tick {next}"));
             }
             self.check_bytes()?;
         }
         if self.collector.superseded > 0 {
-            return Err(format!("{} attitudes are of an older decision than one before", self.collector.superseded));
+            return Err(format!("{} attitudes have an older epoch than their predecessor", self.collector.superseded));
         }
-        let counted = taken.len() as u64 + self.collector.sequence.lost;
-        if counted != self.collector.sequence.next_tick || self.collector.sequence.next_tick > ticks_in {
-            return Err(format!("{counted} ticks are accounted for, {ticks_in} came in"));
+        let counted = attitudes.len() as u64 + self.collector.sequence.lost;
+        if counted != self.collector.sequence.next_tick || self.collector.sequence.next_tick > ingested_ticks {
+            let next = self.collector.sequence.next_tick;
+            return Err(format!(
+                "{counted} ticks received or lost before tick {next}, {ingested_ticks} published by ingest"
+            ));
         }
-        self.check_answers()
+        self.check_replies()
     }
 
+    /// Compares the output with that of a run without faults, unless it is ambiguous.
     fn check_bytes(&self) -> Result<(), String> {
-        if self.is_undecided() {
+        if self.is_ambiguous() {
             return Ok(());
         }
-        let own;
-        let expected = if !self.swaps.has_swapped() {
-            &self.undisturbed.attitudes
+        let with_swaps;
+        let expected = if !self.swaps.has_stage_change() {
+            &self.reference_run.attitudes
         } else {
-            own = crate::reference::attitudes(self.flight, self.setup.ticks, &self.swaps.committed)?;
-            &own
+            with_swaps = crate::reference::attitudes(self.flight, self.setup.ticks, &self.swaps.committed)?;
+            &with_swaps
         };
         let bytes = |output| bytemuck::bytes_of::<messages::AttitudeOutput>(output);
-        let pairs = self.collector.taken.iter().zip(expected);
+        let pairs = self.collector.attitudes.iter().zip(expected);
         match pairs.into_iter().find(|(got, expected)| bytes(got) != bytes(expected)) {
             Some((got, expected)) => Err(format!(
-                "tick {} is another than in an undisturbed run with {:?}:\n{got:?}\n{expected:?}",
+                "tick {} differs from the reference run with the swaps {:?}:\n{got:?}\n{expected:?}",
                 expected.header.tick, self.swaps.committed
             )),
             None => Ok(()),
         }
     }
 
-    fn check_answers(&self) -> Result<(), String> {
-        for (number, caller) in &self.callers {
-            let untold = self.requests.iter().any(|(waiting, _)| waiting == number);
-            let answered = caller.answers == 1 || (caller.gone || untold) && caller.answers == 0;
-            if !answered {
-                return Err(format!("request {number}, {}, was answered {} times", caller.what, caller.answers));
+    fn check_replies(&self) -> Result<(), String> {
+        for (number, client) in &self.clients {
+            let is_pending = self.requests.iter().any(|(waiting, _)| waiting == number);
+            let is_answered = client.replies == 1 || (client.disconnected || is_pending) && client.replies == 0;
+            if !is_answered {
+                return Err(format!(
+                    "request {number}, {}: {} replies instead of one",
+                    client.description, client.replies
+                ));
             }
         }
         Ok(())
     }
 }
 
-/// The same as a service is told.
-fn resume_of(resume: supervision::Resume) -> runtime::service_config::Resume {
+/// Converts a resume point to the type of the service configuration.
+fn to_service_resume(resume: supervision::Resume) -> runtime::service_config::Resume {
     use runtime::service_config::Resume;
     match resume {
         supervision::Resume::Fresh => Resume::Fresh,

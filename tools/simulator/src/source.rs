@@ -1,98 +1,101 @@
-//! The process that brings samples in, on the simulated bus.
+//! Simulated process of ingest.
 
 use launch::Service;
 use messages::{Checkpoint, Credit, GnssFix, Health, ImuSample, MagSample, State};
 use runtime::{Pace, ServiceConfig, service_config::Resume};
 
 use crate::{
-    bus::{Bus, ReaderId},
+    bus::{Bus, SubscriberId},
     flight::Flight,
-    slots::Turn,
+    slots::PollContext,
 };
 
 const HEALTH_MS: u64 = 100;
 const NS_PER_MS: u64 = 1_000_000;
 
-/// The source at work.
+/// Running source.
 pub(crate) struct Source {
     incarnation: u32,
     epoch: u32,
     next_tick: u64,
-    /// What had been published is given again at once, up to this tick.
-    again_until: u64,
-    ticks: u64,
-    /// Milliseconds from one tick to the next.
+    /// End of the ticks that were published before a restart and are repeated without delay.
+    catch_up_end_tick: u64,
+    end_tick: u64,
+    /// Interval between ticks, ms.
     period_ms: f64,
-    /// When the first tick was due, ns; 0 before.
+    /// Due time of the first tick, ns; 0 before the first tick.
     start_ns: u64,
-    allowed_ticks: u64,
+    credit_ticks: u64,
     half_buffer_ticks: f64,
     checkpoint_ticks: u64,
     next_checkpoint: u64,
-    credit: ReaderId,
-    said_ms: Option<u64>,
+    credit_subscriber: SubscriberId,
+    health_sent_ms: Option<u64>,
     health: Health,
 }
 
 impl Source {
-    /// It has opened its topics and made again what it had published.
-    pub(crate) fn begin(config: &ServiceConfig, bus: &mut Bus) -> Self {
+    /// Opens the topics, and resumes at the tick that the configuration specifies.
+    pub(crate) fn start(config: &ServiceConfig, bus: &mut Bus) -> Self {
         let incarnation = config.incarnation;
         let (next_tick, start_ns) = match config.resume {
             Some(Resume::Source { next_tick, start_ns, .. }) => (next_tick, start_ns),
             _ => (0, 0),
         };
-        let again_until = config.catch_up_end_tick(next_tick, bus.imu.next_tick);
-        let credit = bus.next_reader();
-        bus.credit.read_as(credit, incarnation, true);
-        bus.imu.publish_as(incarnation);
-        bus.mag.publish_as(incarnation);
-        bus.gnss.publish_as(incarnation);
-        bus.health.publish_as(incarnation);
-        bus.checkpoint.publish_as(incarnation);
+        let catch_up_end_tick = config.catch_up_end_tick(next_tick, bus.imu.next_tick);
+        let credit_subscriber = bus.next_subscriber();
+        bus.credit.subscribe(credit_subscriber, incarnation, true);
+        bus.imu.add_publisher(incarnation);
+        bus.mag.add_publisher(incarnation);
+        bus.gnss.add_publisher(incarnation);
+        bus.health.add_publisher(incarnation);
+        bus.checkpoint.add_publisher(incarnation);
         let speed = if let Pace::Speed(speed) = config.pace { speed } else { 1.0 };
         let health = Health { service: Service::Ingest as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
         Self {
             incarnation,
             epoch: config.epoch,
             next_tick,
-            again_until,
-            ticks: config.max_ticks.unwrap_or(u64::MAX),
+            catch_up_end_tick,
+            end_tick: config.max_ticks.unwrap_or(u64::MAX),
             period_ms: 1e3 / config.rate_hz / speed,
             start_ns,
-            allowed_ticks: 0,
+            credit_ticks: 0,
             half_buffer_ticks: config.buffer_ticks() as f64 / 2.0,
             checkpoint_ticks: config.checkpoint_ticks(),
             next_checkpoint: 0,
-            credit,
-            said_ms: None,
+            credit_subscriber,
+            health_sent_ms: None,
             health,
         }
     }
 
-    /// One turn of its loop; whether it lives to its end.
-    pub(crate) fn poll(&mut self, flight: &Flight, turn: &mut Turn<'_>) -> bool {
-        while let Some(Credit { ticks, ends }) = turn.bus.credit.receive(self.credit, turn.random) {
-            self.allowed_ticks = self.allowed_ticks.max(ticks);
+    /// Polls the source once. Returns `false` if it is killed.
+    pub(crate) fn poll(&mut self, flight: &Flight, context: &mut PollContext<'_>) -> bool {
+        while let Some(Credit { ticks, ends }) = context.bus.credit.receive(self.credit_subscriber, context.random) {
+            self.credit_ticks = self.credit_ticks.max(ticks);
             if ends != 0 {
-                self.ticks = self.ticks.min(turn.bus.imu.next_tick);
+                self.end_tick = self.end_tick.min(context.bus.imu.next_tick);
             }
         }
-        turn.bus.imu.deliver_history(self.incarnation);
-        turn.bus.mag.deliver_history(self.incarnation);
-        turn.bus.gnss.deliver_history(self.incarnation);
-        while self.next_tick < self.ticks.min(self.allowed_ticks) && self.is_due(turn.now_ms) {
-            if !self.publish(flight, turn) {
+        context.bus.imu.deliver_history(self.incarnation);
+        context.bus.mag.deliver_history(self.incarnation);
+        context.bus.gnss.deliver_history(self.incarnation);
+        while self.next_tick < self.end_tick.min(self.credit_ticks) && self.is_due(context.now_ms) {
+            if !self.publish(flight, context) {
                 return false;
             }
         }
-        self.publish_health(turn);
-        turn.deliveries.is_none()
+        self.publish_health(context);
+        context.deliveries_left.is_none()
     }
 
-    /// What was published before comes at once. What stood still with the machine goes on from where it was.
+    /// Returns `true` if the next tick is due.
+    ///
+    /// Repeated ticks are due immediately. After a stall the schedule is shifted instead of
+    /// releasing the backlog.
     fn is_due(&mut self, now_ms: u64) -> bool {
-        if self.next_tick < self.again_until {
+        if self.next_tick < self.catch_up_end_tick {
             return true;
         }
         let now_ns = (now_ms + 1) * NS_PER_MS;
@@ -108,23 +111,23 @@ impl Source {
         now_ns >= due_ns
     }
 
-    fn publish(&mut self, flight: &Flight, turn: &mut Turn<'_>) -> bool {
+    fn publish(&mut self, flight: &Flight, context: &mut PollContext<'_>) -> bool {
         let Some(sample) = flight.samples.get(self.next_tick as usize) else { return true };
         let mut header = sample.imu.header;
         (header.epoch, header.incarnation) = (self.epoch, self.incarnation);
-        let (incarnation, left) = (self.incarnation, &mut turn.deliveries);
-        // Before the tick that they go with, so that nobody has to wait for them.
+        let (incarnation, deliveries_left) = (self.incarnation, &mut context.deliveries_left);
+        // Published before the IMU sample of the tick, so that no subscriber has to wait for them.
         if let Some(mag) = sample.mag
-            && !turn.bus.mag.publish(incarnation, MagSample { header, ..mag }, left)
+            && !context.bus.mag.publish(incarnation, MagSample { header, ..mag }, deliveries_left)
         {
             return false;
         }
         if let Some(gnss) = sample.gnss
-            && !turn.bus.gnss.publish(incarnation, GnssFix { header, ..gnss }, left)
+            && !context.bus.gnss.publish(incarnation, GnssFix { header, ..gnss }, deliveries_left)
         {
             return false;
         }
-        if !turn.bus.imu.publish(incarnation, ImuSample { header, ..sample.imu }, left) {
+        if !context.bus.imu.publish(incarnation, ImuSample { header, ..sample.imu }, deliveries_left) {
             return false;
         }
         self.next_tick += 1;
@@ -141,20 +144,21 @@ impl Source {
         };
         checkpoint.words[0] = self.start_ns;
         checkpoint.checksum = checkpoint.compute_checksum();
-        turn.bus.checkpoint.send(incarnation, checkpoint, left)
+        context.bus.checkpoint.send(incarnation, checkpoint, deliveries_left)
     }
 
-    fn publish_health(&mut self, turn: &mut Turn<'_>) {
+    fn publish_health(&mut self, context: &mut PollContext<'_>) {
         let state = match self.next_tick {
-            tick if tick >= self.ticks => State::FINISHED,
+            tick if tick >= self.end_tick => State::FINISHED,
             0 => State::READY,
             _ => State::RUNNING,
         };
-        if state != self.health.state || self.said_ms.is_none_or(|said_ms| turn.now_ms >= said_ms + HEALTH_MS) {
-            self.said_ms = Some(turn.now_ms);
+        let is_due = self.health_sent_ms.is_none_or(|sent_ms| context.now_ms >= sent_ms + HEALTH_MS);
+        if state != self.health.state || is_due {
+            self.health_sent_ms = Some(context.now_ms);
             (self.health.state, self.health.ticks, self.health.next_tick) = (state, self.next_tick, self.next_tick);
-            if !turn.random.happens(turn.drop_per_mille) {
-                turn.bus.health.send(self.incarnation, self.health, &mut None);
+            if !context.random.chance(context.lost_report_per_mille) {
+                context.bus.health.send(self.incarnation, self.health, &mut None);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! One world: a bus, processes, the supervisor, people who ask, and what befalls them, until the end.
+//! Simulated system: bus, processes, supervisor, clients and faults, from start to stop.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -10,41 +10,43 @@ use crate::{
     bus::Bus,
     collector::Collector,
     flight::{self, Flight, RATE_HZ},
-    process::{Body, Process},
+    process::{KILLED, Process, ProcessState},
     random::Random,
-    record::{Caller, SwapRecord},
-    reference::{self, Undisturbed},
+    record::{Client, SwapRecord},
+    reference::{self, ReferenceRun},
     setup::{Fault, Setup},
-    slots::Turn,
+    slots::PollContext,
 };
 
-/// How long after its flight a system may go on at most, ms.
-const PATIENCE_MS: u64 = 45_000;
+/// Maximum time of a run beyond twice the duration of its flight, ms.
+const MAX_OVERRUN_MS: u64 = 45_000;
 
-/// One world.
+/// Simulated system.
 pub(crate) struct World {
     pub(crate) random: Random,
     pub(crate) setup: Setup,
     pub(crate) flight: &'static Flight,
-    /// The same flight without any disturbance.
-    pub(crate) undisturbed: &'static Undisturbed,
+    /// Run of the same flight without faults.
+    pub(crate) reference_run: &'static ReferenceRun,
     pub(crate) now_ms: u64,
     pub(crate) bus: Bus,
-    /// Its files were removed: who starts finds nobody.
-    pub(crate) removed: bool,
+    /// Files of the bus were removed, so a process that starts is alone on a new bus.
+    pub(crate) files_removed: bool,
     pub(crate) processes: Vec<Process>,
     pub(crate) supervision: Supervision,
-    /// When the supervisor looks next, and until when it does not.
+    /// Time of the next round of the supervisor, ms.
     pub(crate) wake_ms: u64,
+    /// Time until which the supervisor is suspended, ms.
     pub(crate) frozen_until_ms: u64,
-    pub(crate) looked_ms: u64,
-    pub(crate) end_asked: bool,
+    /// Time of the last check that the files of the bus exist, ms.
+    pub(crate) files_checked_ms: u64,
+    pub(crate) stop_requested: bool,
     pub(crate) collector: Collector,
-    /// Processes that have ended and were not reaped, with how.
-    pub(crate) dead: Vec<(u32, &'static str)>,
-    pub(crate) callers: BTreeMap<u64, Caller>,
+    /// Exited processes with their exit status, until the supervisor handles them.
+    pub(crate) exited: Vec<(u32, &'static str)>,
+    pub(crate) clients: BTreeMap<u64, Client>,
     pub(crate) requests: VecDeque<(u64, supervision::ControlRequest)>,
-    pub(crate) gone: VecDeque<u64>,
+    pub(crate) disconnected: VecDeque<u64>,
     pub(crate) swaps: SwapRecord,
     pub(crate) finished: Option<Option<Failure>>,
     pub(crate) restarts: u64,
@@ -52,12 +54,12 @@ pub(crate) struct World {
 }
 
 impl World {
-    /// The world of a seed; `verbose` tells its story.
+    /// Creates the system of a seed. With `verbose` each event is printed to standard error.
     pub(crate) fn new(seed: u64, verbose: bool) -> Result<Self, String> {
         let mut random = Random::new(seed);
-        let setup = Setup::new(&mut random, &|number| Ok(reference::undisturbed(number)?.flight.launch.clone()))?;
-        let undisturbed = reference::undisturbed(setup.flight)?;
-        let flight = &undisturbed.flight;
+        let setup = Setup::new(&mut random, &|number| Ok(reference::reference_run(number)?.flight.launch.clone()))?;
+        let reference_run = reference::reference_run(setup.flight)?;
+        let flight = &reference_run.flight;
         let config = ServiceConfig { launch: setup.launch.clone(), pace: setup.pace, ..flight::config(&setup.launch) };
         let supervised = Config {
             launch: setup.launch.clone(),
@@ -73,48 +75,48 @@ impl World {
         let mut world = Self {
             random,
             flight,
-            undisturbed,
+            reference_run,
             now_ms: 0,
             bus,
-            removed: false,
+            files_removed: false,
             processes: Vec::new(),
             supervision: Supervision::new(supervised, std::time::Duration::ZERO),
             wake_ms: 0,
             frozen_until_ms: 0,
-            looked_ms: 0,
-            end_asked: false,
+            files_checked_ms: 0,
+            stop_requested: false,
             collector,
-            dead: Vec::new(),
-            callers: BTreeMap::new(),
+            exited: Vec::new(),
+            clients: BTreeMap::new(),
             requests: VecDeque::new(),
-            gone: VecDeque::new(),
+            disconnected: VecDeque::new(),
             swaps: SwapRecord::default(),
             finished: None,
             restarts: 0,
             verbose,
             setup,
         };
-        world.narrate(|world| format!("{:#?}", world.setup));
+        world.trace(|world| format!("{:#?}", world.setup));
         world.join_bus();
         Ok(world)
     }
 
-    /// Lives to the end of the system, and says what was wrong with it.
+    /// Runs until the system stops, and checks the result. Returns the cause if the check fails.
     pub(crate) fn run(mut self) -> Result<Self, String> {
         let flight_ms = self.setup.ticks * 1000 / RATE_HZ as u64 * 2;
         let faults = std::mem::take(&mut self.setup.faults);
         let mut faults = faults.into_iter().peekable();
         while self.finished.is_none() {
             self.now_ms = self.next_event_ms(faults.peek().map(|(at_ms, _)| *at_ms));
-            if self.now_ms > flight_ms + PATIENCE_MS {
-                let (taken, of) = (self.collector.taken.len(), self.setup.ticks);
-                return Err(format!("it does not end: {taken} of {of} attitudes by {} ms", self.now_ms));
+            if self.now_ms > flight_ms + MAX_OVERRUN_MS {
+                let (published, expected) = (self.collector.attitudes.len(), self.setup.ticks);
+                return Err(format!("did not stop: {published} of {expected} attitudes after {} ms", self.now_ms));
             }
             while let Some((_, fault)) = faults.next_if(|(at_ms, _)| *at_ms <= self.now_ms) {
-                self.befall(fault);
+                self.inject_fault(fault);
             }
-            self.callers_leave();
-            self.work();
+            self.disconnect_clients();
+            self.poll_processes();
             if self.now_ms >= self.wake_ms.max(self.frozen_until_ms) {
                 self.supervise()?;
             }
@@ -123,93 +125,93 @@ impl World {
         Ok(self)
     }
 
-    /// When something happens next.
+    /// Returns the time of the next event, ms.
     fn next_event_ms(&self, fault_ms: Option<u64>) -> u64 {
-        let turns = self.processes.iter().map(Process::next_turn_ms);
+        let polls = self.processes.iter().map(Process::next_poll_ms);
         let supervisor = [self.wake_ms.max(self.frozen_until_ms)];
-        turns.chain(supervisor).chain(fault_ms).min().unwrap_or(0).max(self.now_ms + 1)
+        polls.chain(supervisor).chain(fault_ms).min().unwrap_or(0).max(self.now_ms + 1)
     }
 
-    /// Every process whose turn it is has it.
-    pub(crate) fn work(&mut self) {
+    /// Polls the processes that are due, and removes those that have exited.
+    pub(crate) fn poll_processes(&mut self) {
         for index in 0..self.processes.len() {
-            if self.processes[index].next_turn_ms() <= self.now_ms {
-                self.turn(index);
+            if self.processes[index].next_poll_ms() <= self.now_ms {
+                self.poll_process(index);
             }
         }
-        let dead = self.processes.extract_if(.., |process| process.how.is_some());
-        for process in dead {
-            self.bus.leave(process.incarnation);
-            self.dead.push((process.incarnation, process.how.unwrap_or_default()));
+        let exited = self.processes.extract_if(.., |process| process.exit_status.is_some());
+        for process in exited {
+            self.bus.remove_process(process.incarnation);
+            self.exited.push((process.incarnation, process.exit_status.unwrap_or_default()));
         }
     }
 
-    fn turn(&mut self, index: usize) {
+    fn poll_process(&mut self, index: usize) {
         let process = &mut self.processes[index];
-        let pause_ms = self.random.between(1, self.setup.turn_ms);
-        process.wake_ms = self.now_ms + if self.random.happens(20) { 50 } else { pause_ms };
-        if let Body::Starting { config, dies, .. } = &process.body {
-            if *dies {
-                process.how = Some("ended with code 1");
-            } else if self.removed {
-                process.body = Body::Deaf;
+        let pause_ms = self.random.between(1, self.setup.max_poll_interval_ms);
+        process.wake_ms = self.now_ms + if self.random.chance(20) { 50 } else { pause_ms };
+        if let ProcessState::Starting { config, fails, .. } = &process.state {
+            if *fails {
+                process.exit_status = Some("exited with code 1");
+            } else if self.files_removed {
+                process.state = ProcessState::Unresponsive;
             } else {
-                match Body::begin(process.service, &config.clone(), &mut self.bus) {
-                    Ok(body) => process.body = body,
-                    Err(_) => process.how = Some("ended with code 1"),
+                match ProcessState::start(process.service, &config.clone(), &mut self.bus) {
+                    Ok(state) => process.state = state,
+                    Err(_) => process.exit_status = Some("exited with code 1"),
                 }
             }
         }
-        let mut turn = Turn {
+        let mut context = PollContext {
             now_ms: self.now_ms,
             bus: &mut self.bus,
             random: &mut self.random,
-            deliveries: process.deliveries,
-            drop_per_mille: self.setup.drop_per_mille,
-            flawed_from: process.flawed_from,
+            deliveries_left: process.deliveries_left,
+            lost_report_per_mille: self.setup.lost_report_per_mille,
+            invalid_from_tick: process.invalid_from_tick,
         };
-        let output_tick = turn.bus.attitude.next_tick;
-        let lives = process.body.poll(self.flight, &mut turn);
-        if !lives {
-            process.how = Some("was ended by signal 9");
-        } else if process.asked {
-            process.how.get_or_insert("ended with code 0");
+        let output_tick = context.bus.attitude.next_tick;
+        let is_alive = process.state.poll(self.flight, &mut context);
+        if !is_alive {
+            process.exit_status = Some(KILLED);
+        } else if process.terminate_requested {
+            process.exit_status.get_or_insert("exited with code 0");
         }
-        // In lockstep the supervisor is woken by the attitude.
+        // In lockstep a new attitude wakes the supervisor.
         if self.bus.attitude.next_tick != output_tick && self.supervision.waits_for_output() {
             self.wake_ms = self.wake_ms.min(self.now_ms + self.random.between(0, 3));
         }
     }
 
-    fn befall(&mut self, fault: Fault) {
-        self.narrate(|_| format!("{fault:?}"));
+    fn inject_fault(&mut self, fault: Fault) {
+        self.trace(|_| format!("{fault:?}"));
         match fault {
-            Fault::Kill { service, candidate, deliveries } => {
-                if let Some(process) = self.victim(service, candidate) {
-                    process.kill(deliveries);
+            Fault::Kill { service, candidate, deliveries_left } => {
+                if let Some(process) = self.target(service, candidate) {
+                    process.kill(deliveries_left);
                 }
             }
             Fault::Freeze { service, candidate, ms } => {
                 let until_ms = self.now_ms + ms;
-                if let Some(process) = self.victim(service, candidate) {
+                if let Some(process) = self.target(service, candidate) {
                     process.frozen_until_ms = process.frozen_until_ms.max(until_ms);
                 }
             }
             Fault::FreezeSupervisor { ms } => self.frozen_until_ms = self.frozen_until_ms.max(self.now_ms + ms),
-            Fault::RemoveFiles => self.removed = true,
-            Fault::End => self.end_asked = true,
-            request => self.ask(request),
+            Fault::RemoveFiles => self.files_removed = true,
+            Fault::Stop => self.stop_requested = true,
+            request => self.send_request(request),
         }
     }
 
-    /// The newest process of a service, or of those that do not own its slot.
-    fn victim(&mut self, service: Service, candidate: bool) -> Option<&mut Process> {
-        let its = |process: &&mut Process| process.service == service && process.candidate == candidate;
-        self.processes.iter_mut().rfind(its)
+    /// Returns the newest process of a service that started as a candidate, or as an owner.
+    fn target(&mut self, service: Service, candidate: bool) -> Option<&mut Process> {
+        let matches = |process: &&mut Process| process.service == service && process.candidate == candidate;
+        self.processes.iter_mut().rfind(matches)
     }
 
-    /// A line of the story, when it is told.
-    pub(crate) fn narrate(&self, line: impl FnOnce(&Self) -> String) {
+    /// Prints an event if the run is traced.
+    pub(crate) fn trace(&self, line: impl FnOnce(&Self) -> String) {
         if self.verbose {
             eprintln!("{:6} {}", self.now_ms, line(self));
         }

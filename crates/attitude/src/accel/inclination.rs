@@ -2,8 +2,8 @@
 
 use crate::{
     GRAVITY_M_S2, Vector3,
-    scalars::Scalars,
     point::Point,
+    scalars::Scalars,
     stage::{Validate, attitude_validation_error},
     state::Attitude,
 };

@@ -12,11 +12,11 @@
 //! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation
 //! measuring systems with three-component accelerometers (matrix and quaternion methods).
 
-use super::inclination::{MIN_FORCE_M_S2, Inclination, finite_or_zero, trust};
+use super::inclination::{Inclination, MIN_FORCE_M_S2, finite_or_zero, trust};
 use crate::{
     Quaternion, Vector3,
-    scalars::Scalars,
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };

@@ -19,7 +19,7 @@ mod inclination;
 pub mod inclinometer;
 pub mod projector;
 
-pub use inclination::{MIN_FORCE_M_S2, Inclination};
+pub use inclination::{Inclination, MIN_FORCE_M_S2};
 pub use projector::Projector;
 
 use crate::{

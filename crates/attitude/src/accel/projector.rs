@@ -1,10 +1,10 @@
 //! Accelerometer stage `projector`, which projects the direction of the force.
 
-use super::inclination::{MIN_FORCE_M_S2, Inclination, finite_or_zero, trust};
+use super::inclination::{Inclination, MIN_FORCE_M_S2, finite_or_zero, trust};
 use crate::{
     Vector3,
-    scalars::Scalars,
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };

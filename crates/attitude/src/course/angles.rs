@@ -3,11 +3,11 @@
 use super::{
     continuity::{Continuity, gyroscopic_course},
     input::CourseInput,
-    reading::{LastReading, CourseReading},
+    reading::{CourseReading, LastReading},
 };
 use crate::{
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
 };
 

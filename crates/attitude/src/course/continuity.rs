@@ -4,7 +4,7 @@ use core::f64::consts::{PI, TAU};
 
 use super::{
     input::CourseInput,
-    reading::{CourseEstimate, LastReading, CourseReading},
+    reading::{CourseEstimate, CourseReading, LastReading},
     reference::CourseReference,
 };
 use crate::{Quaternion, angles::Angles, scalars::Scalars, stage::RestoreError};

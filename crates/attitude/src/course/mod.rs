@@ -37,10 +37,10 @@ mod reading;
 mod reference;
 mod track;
 
-pub use angles::{AnglesSettings, AnglesCourse};
+pub use angles::{AnglesCourse, AnglesSettings};
 pub(crate) use continuity::GIMBAL_RAD;
 pub use input::CourseInput;
-pub use reading::{CourseEstimate, LastReading, CourseReading};
+pub use reading::{CourseEstimate, CourseReading, LastReading};
 pub use reference::CourseReference;
 pub use track::{TrackCourse, TrackSettings};
 

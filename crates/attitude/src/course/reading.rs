@@ -7,7 +7,7 @@ use crate::{
     Quaternion,
     angles::Angles,
     scalars::Scalars,
-    stage::{RestoreError, Validate, UNIT_NORM_SQUARED_TOLERANCE},
+    stage::{RestoreError, UNIT_NORM_SQUARED_TOLERANCE, Validate},
 };
 
 /// Attitude as angles, course and quaternion.

@@ -17,15 +17,15 @@
 //! flagged as such.
 
 use super::{
-    continuity::{Continuity, GIMBAL_RAD, wrap_course_rad, gyroscopic_course},
+    continuity::{Continuity, GIMBAL_RAD, gyroscopic_course, wrap_course_rad},
     input::CourseInput,
-    reading::{LastReading, CourseReading},
+    reading::{CourseReading, LastReading},
     reference::CourseReference,
 };
 use crate::{
     gnss::Fix,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
     state::wrapped_rad,
 };

@@ -8,7 +8,7 @@ use super::{
     gyro_scale::GyroScale,
     hard_iron::HardIron,
     input::FuserInput,
-    rest::{RestDetector, BIAS_SD_AT_REST_RAD_S},
+    rest::{BIAS_SD_AT_REST_RAD_S, RestDetector},
 };
 use crate::{Vector3, accel::Inclination, scalars::Scalars, stage::bias_validation_error};
 

@@ -6,10 +6,10 @@
 //! No field is rejected.
 
 use super::{
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
     field::{field_direction, heading_correction_rad},
     fused::Corrections,
     low_pass::low_pass_gain,
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
 };
 use crate::{Vector3, course::CourseReference, scalars::Scalars, state::Attitude};
 
@@ -33,7 +33,11 @@ impl Compass {
     /// A heading counted from true north is kept until the first field sample, which sets the
     /// heading.
     pub(super) fn new(reference: CourseReference, heading_sd_rad: f64) -> Self {
-        Self { magnetic: reference == CourseReference::Magnetic, since_field_s: 0.0, uncertainty: AngleUncertainty::from_sd(heading_sd_rad) }
+        Self {
+            magnetic: reference == CourseReference::Magnetic,
+            since_field_s: 0.0,
+            uncertainty: AngleUncertainty::from_sd(heading_sd_rad),
+        }
     }
 
     /// Adds the gyro drift over `dt_s` to the uncertainty.

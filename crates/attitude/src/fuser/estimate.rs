@@ -6,8 +6,8 @@ use super::{gyro_scale::GyroScale, hard_iron::HardIron, leaky_velocity::LeakyVel
 use crate::{
     Complex, Vector3,
     course::CourseReference,
-    scalars::Scalars,
     point::{Chart, Point},
+    scalars::Scalars,
     stage::{RestoreError, bias_validation_error},
     state::Attitude,
 };
@@ -80,7 +80,11 @@ impl Estimate {
         if !sds.iter().all(|sd| *sd >= 0.0) {
             return Err(RestoreError::Invalid { reason: "a standard deviation below zero" });
         }
-        let reason = self.gyro_scale.validation_error().or_else(|| self.hard_iron.validation_error()).or_else(|| self.leaky_velocity.validation_error());
+        let reason = self
+            .gyro_scale
+            .validation_error()
+            .or_else(|| self.hard_iron.validation_error())
+            .or_else(|| self.leaky_velocity.validation_error());
         reason.map_or(Ok(()), |reason| Err(RestoreError::Invalid { reason }))
     }
 }

@@ -24,6 +24,7 @@
 //! | [`vqf`](vqf::Vqf) | VQF, the reference for comparison |
 
 pub mod aided;
+mod angle_uncertainty;
 mod bias_handover;
 mod compass;
 mod estimate;
@@ -39,7 +40,6 @@ mod low_pass;
 pub mod madgwick;
 pub mod multiple_model;
 mod rest;
-mod angle_uncertainty;
 pub mod vqf;
 pub mod wz;
 pub mod wz_closed;

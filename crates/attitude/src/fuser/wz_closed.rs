@@ -5,6 +5,7 @@
 //! magnetic field in the same way and follows the gyro without a field.
 
 use super::{
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
     bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
@@ -12,13 +13,12 @@ use super::{
     input::FuserInput,
     leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
 };
 use crate::{
     Vector3,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };

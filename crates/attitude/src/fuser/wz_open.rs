@@ -6,6 +6,7 @@
 //! time. The published method is kept for comparison.
 
 use super::{
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
     bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
@@ -13,15 +14,14 @@ use super::{
     input::FuserInput,
     leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
     wz_closed::MAX_POINT_MODULUS,
 };
 use crate::{
     Complex, Vector3,
     gyro::Motion,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
@@ -184,7 +184,8 @@ impl Stage for WzOpen {
 
     fn validation_error(&self) -> Option<&'static str> {
         // The offset is the difference of two points, each within the maximum modulus.
-        let out_of_range = self.w_offset.norm_sqr() > 4.0 * MAX_POINT_MODULUS * MAX_POINT_MODULUS || self.z_offset_rad.abs() > 4.0;
+        let out_of_range =
+            self.w_offset.norm_sqr() > 4.0 * MAX_POINT_MODULUS * MAX_POINT_MODULUS || self.z_offset_rad.abs() > 4.0;
         attitude_validation_error(self.gyro_attitude)
             .or(out_of_range.then_some("an offset out of range between the fused attitude and the gyro's"))
             .or_else(|| self.tilt_uncertainty.validation_error())

@@ -51,7 +51,9 @@ impl Coning {
     /// Returns the rotation over the interval that ends with `sample`.
     pub(super) fn step(&mut self, sample: &RateSample) -> IntervalRotation {
         let (h, rate) = (sample.dt_s, sample.rate_rad_s);
-        let comparable = self.interval_s > 0.0 && h <= MAX_INTERVAL_RATIO * self.interval_s && self.interval_s <= MAX_INTERVAL_RATIO * h;
+        let comparable = self.interval_s > 0.0
+            && h <= MAX_INTERVAL_RATIO * self.interval_s
+            && self.interval_s <= MAX_INTERVAL_RATIO * h;
         // The series is valid for small angles only.
         let small = self.started && rate.norm_squared().max(self.rates_rad_s[0].norm_squared()) * h * h < 1.0;
         let rotation = match sample.kind {

@@ -16,10 +16,10 @@ pub use motion::{Motion, RateKind, RateSample};
 
 use crate::{
     Vector3, kinematics,
+    rotation::Rotation,
     scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
-    rotation::Rotation,
 };
 use coning::Coning;
 
@@ -135,7 +135,8 @@ impl Stage for Gyro {
                 rotation
             }
             Method::Rk4 => {
-                self.attitude = kinematics::rk4(start, |fraction| start_rad_s + (end_rad_s - start_rad_s) * fraction, dt_s);
+                self.attitude =
+                    kinematics::rk4(start, |fraction| start_rad_s + (end_rad_s - start_rad_s) * fraction, dt_s);
                 Rotation::between(start, self.attitude)
             }
             Method::Euler => {

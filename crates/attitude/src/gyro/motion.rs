@@ -2,10 +2,10 @@
 
 use crate::{
     Vector3,
-    scalars::Scalars,
-    stage::{Validate, UNIT_NORM_SQUARED_TOLERANCE, attitude_validation_error},
-    state::Attitude,
     rotation::Rotation,
+    scalars::Scalars,
+    stage::{UNIT_NORM_SQUARED_TOLERANCE, Validate, attitude_validation_error},
+    state::Attitude,
 };
 
 /// Relation of a rate sample to its interval.

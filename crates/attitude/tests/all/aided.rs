@@ -1,4 +1,5 @@
-//! The fuser `aided` beyond its accuracy: bad input, snapshots, a day of flight, what it does without a receiver, its settings.
+//! Fuser `aided` apart from its accuracy: invalid input, snapshots, a day of flight, operation
+//! without a receiver, parameters.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -7,9 +8,9 @@ use attitude::{
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     parameters::ParameterError,
+    rotation::Rotation,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
-    rotation::Rotation,
 };
 use proptest::prelude::*;
 use scenario::{Magnetometer, Reading, Scenario};
@@ -20,24 +21,24 @@ fn aided(settings: &[(&str, f64)]) -> Fuser {
     fuser
 }
 
-/// The stages before the fuser.
+/// Gyro and accelerometer stages before the fuser.
 #[derive(Clone)]
-struct Front {
+struct FrontEnd {
     gyro: Gyro,
     accel: Projector,
     kind: RateKind,
-    before_s: Option<f64>,
+    previous_s: Option<f64>,
 }
 
-impl Front {
+impl FrontEnd {
     fn new(kind: RateKind) -> Self {
         let (gyro, accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
-        Self { gyro, accel, kind, before_s: None }
+        Self { gyro, accel, kind, previous_s: None }
     }
 
     fn input(&mut self, t_s: f64, reading: &Reading) -> FuserInput {
-        let dt_s = self.before_s.map_or(0.0, |before_s| t_s - before_s);
-        self.before_s = Some(t_s);
+        let dt_s = self.previous_s.map_or(0.0, |previous_s| t_s - previous_s);
+        self.previous_s = Some(t_s);
         FuserInput {
             motion: Some(self.gyro.step(&RateSample { rate_rad_s: reading.rate_rad_s, dt_s, kind: self.kind })),
             inclination: Some(self.accel.step(&reading.force_m_s2)),
@@ -49,12 +50,12 @@ impl Front {
     }
 }
 
-/// Feeds a scenario; `each` sees the time, what came out and the truth.
-fn fly(scenario: &Scenario, fuser: &mut Fuser, mut each: impl FnMut(f64, &Fused, Attitude)) {
-    let mut front = Front::new(scenario.rate_kind);
+/// Runs `fuser` over a scenario and passes time, output and true attitude to `observe`.
+fn fly(scenario: &Scenario, fuser: &mut Fuser, mut observe: impl FnMut(f64, &Fused, Attitude)) {
+    let mut front = FrontEnd::new(scenario.rate_kind);
     for (t_s, reading) in scenario.readings() {
         let out = fuser.step(&front.input(t_s, &reading));
-        each(t_s, &out, reading.truth.attitude);
+        observe(t_s, &out, reading.truth.attitude);
     }
 }
 
@@ -62,7 +63,7 @@ fn inclination_deg(a: Attitude, b: Attitude) -> f64 {
     libm::asin(a.up.direction().cross(&b.up.direction()).norm().min(1.0)).to_degrees()
 }
 
-/// RMS of the inclination from `from_s` on, deg.
+/// Returns the RMS of the inclination error from `from_s` on, degrees.
 fn inclination_rms_deg(scenario: &Scenario, fuser: &mut Fuser, from_s: f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     fly(scenario, fuser, |t_s, out, truth| {
@@ -75,21 +76,22 @@ fn inclination_rms_deg(scenario: &Scenario, fuser: &mut Fuser, from_s: f64) -> f
 }
 
 #[test]
-fn without_a_receiver_gravity_levels_it_on_a_body_that_turns_in_place() {
+fn aided_without_receiver_levels_by_gravity() {
     let scenario = Scenario::parse("s1?duration_s=300").unwrap();
     let mut fuser = aided(&[]);
     let error_deg = inclination_rms_deg(&scenario, &mut fuser, 60.0);
     println!("s1 without a receiver: {error_deg:.3}°");
-    // It cannot know that the body stays in its place: 50 m/s along and 4 m/s across the course are assumed as possible.
+    // `aided` cannot detect that the body stays in place: it allows for 50 m/s along and 4 m/s
+    // across the course.
     assert!(error_deg < 4.0);
     assert_eq!(fuser.common().reference, CourseReference::Arbitrary);
     assert!(fuser.validation_error().is_none());
 }
 
 #[test]
-fn at_rest_without_a_receiver_it_finds_the_bias_and_stays_level() {
+fn aided_at_rest_without_receiver_finds_gyro_bias() {
     let mut fuser = aided(&[]);
-    let mut front = Front::new(RateKind::Mean);
+    let mut front = FrontEnd::new(RateKind::Mean);
     let bias_rad_s = Vector3::new(0.3, -0.2, 0.1).map(f64::to_radians);
     let truth = Scenario::parse("s1").unwrap().motion.at(0.0);
     let reading = Reading { rate_rad_s: bias_rad_s, force_m_s2: truth.force_m_s2, field_ut: None, fix: None, truth };
@@ -104,13 +106,13 @@ fn at_rest_without_a_receiver_it_finds_the_bias_and_stays_level() {
 
 #[test]
 #[ignore = "long: two days of flight"]
-fn a_day_of_flight_ends_as_the_first_hour_did() {
+fn error_does_not_grow_over_a_day_of_flight() {
     for (query, limit_deg) in [("gnss=gaps", 0.1), ("gnss=never", 0.8)] {
         let scenario = Scenario::parse(&format!("cruise?rate_hz=20&duration_s=86400&{query}")).unwrap();
         let mut fuser = aided(&[]);
         let mut hours = [(0.0, 0.0); 25];
-        let mut flaw = None;
-        let mut front = Front::new(scenario.rate_kind);
+        let mut validation_error = None;
+        let mut front = FrontEnd::new(scenario.rate_kind);
         for (t_s, reading) in scenario.readings() {
             let out = fuser.step(&front.input(t_s, &reading));
             if t_s % 3600.0 > 600.0 {
@@ -119,20 +121,20 @@ fn a_day_of_flight_ends_as_the_first_hour_did() {
                 hour.1 += 1.0;
             }
             if t_s % 60.0 == 0.0 {
-                flaw = flaw.or(fuser.validation_error());
+                validation_error = validation_error.or(fuser.validation_error());
             }
         }
         let [first, .., last, _] = hours.map(|(sum, count): (f64, f64)| libm::sqrt(sum / count));
         println!("{query}: {first:.3}° in the first hour, {last:.3}° in the last");
         assert!(first < limit_deg && last < limit_deg && last < 2.0 * first, "{query}");
-        assert_eq!(flaw, None);
+        assert_eq!(validation_error, None);
     }
 }
 
 #[test]
-fn a_restored_flight_goes_on_bit_for_bit_through_a_gap() {
+fn restored_aided_continues_bit_for_bit_through_gap() {
     let scenario = Scenario::parse("cruise?duration_s=380&gnss=gaps").unwrap();
-    let (mut fuser, mut front) = (aided(&[]), Front::new(scenario.rate_kind));
+    let (mut fuser, mut front) = (aided(&[]), FrontEnd::new(scenario.rate_kind));
     let mut restored = None;
     for (t_s, reading) in scenario.readings() {
         let input = front.input(t_s, &reading);
@@ -150,36 +152,37 @@ fn a_restored_flight_goes_on_bit_for_bit_through_a_gap() {
 }
 
 #[test]
-fn a_covariance_that_cannot_be_is_refused() {
+fn invalid_covariance_is_rejected() {
     let scenario = Scenario::parse("cruise?duration_s=60").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
-    // Where the covariance stands in the record: the first number of its second row is that of the first row's second.
+    // Finds the covariance in the record: the first value of its second row equals the second value
+    // of its first row.
     let record = fuser.snapshot();
-    let at = (0..record.len - 13).find(|i| {
+    let offset = (0..record.len - 13).find(|i| {
         let (across, down) = (record.values[*i + 1], record.values[*i + 13]);
         across == down && across != 0.0 && record.values[*i] > 0.0 && record.values[*i + 14] > 0.0
     });
-    let at = at.unwrap();
+    let offset = offset.unwrap();
     let damaged = |change: fn(&mut [f64])| {
         let mut damaged = record;
-        change(&mut damaged.values[at..]);
+        change(&mut damaged.values[offset..]);
         damaged.checksum = damaged.compute_checksum();
         fuser.clone().restore(&damaged)
     };
-    let flaw = |flaw: &'static str| Err(RestoreError::Invalid { reason: flaw });
+    let invalid = |reason: &'static str| Err(RestoreError::Invalid { reason });
     assert_eq!(damaged(|_| ()), Ok(()));
-    assert_eq!(damaged(|p| p[0] = -1.0), flaw("a variance below zero"));
-    assert_eq!(damaged(|p| p[1] *= 2.0), flaw("a covariance that is not symmetric"));
+    assert_eq!(damaged(|p| p[0] = -1.0), invalid("a variance below zero"));
+    assert_eq!(damaged(|p| p[1] *= 2.0), invalid("a covariance that is not symmetric"));
     let large = |p: &mut [f64]| {
         p[1] = 2.0 * (p[0] + p[14]);
         p[13] = p[1];
     };
-    assert_eq!(damaged(large), flaw("a covariance that is not positive"));
+    assert_eq!(damaged(large), invalid("a covariance that is not positive"));
 }
 
 #[test]
-fn the_course_is_true_once_the_body_moves_and_its_error_is_told() {
+fn moving_body_has_true_course_within_three_sd() {
     let scenario = Scenario::parse("cruise?duration_s=400").unwrap();
     let mut outside = 0;
     fly(&scenario, &mut aided(&[]), |t_s, out, truth| {
@@ -191,29 +194,29 @@ fn the_course_is_true_once_the_body_moves_and_its_error_is_told() {
 }
 
 #[test]
-fn a_told_latitude_takes_off_the_rate_of_the_earth() {
+fn known_latitude_compensates_earth_rate() {
     let mut scenario = Scenario::parse("cruise?duration_s=1800&gnss=gaps").unwrap();
     scenario.errors.earth_latitude_rad = Some(1.4);
     let mut error_deg = |latitude_rad: Option<f64>| {
         scenario.errors.receiver.as_mut().unwrap().latitude_rad = latitude_rad;
         inclination_rms_deg(&scenario, &mut aided(&[]), 300.0)
     };
-    let (told, untold) = (error_deg(Some(1.4)), error_deg(None));
-    println!("earth rate: {told:.3}° with the latitude, {untold:.3}° without");
-    assert!(told < untold);
+    let (with_latitude, without) = (error_deg(Some(1.4)), error_deg(None));
+    println!("earth rate: {with_latitude:.3}° with the latitude, {without:.3}° without");
+    assert!(with_latitude < without);
 }
 
 #[test]
-fn a_told_latency_and_accuracy_are_used() {
+fn reported_latency_and_accuracy_reduce_error() {
     let mut scenario = Scenario::parse("cruise?duration_s=300").unwrap();
     let receiver = scenario.errors.receiver.as_mut().unwrap();
     (receiver.latency_s, receiver.noise_m_s) = (0.5, 1.0);
-    let error_deg = |told: bool| {
-        let (mut front, mut fuser) = (Front::new(scenario.rate_kind), aided(&[]));
+    let error_deg = |is_reported: bool| {
+        let (mut front, mut fuser) = (FrontEnd::new(scenario.rate_kind), aided(&[]));
         let (mut sum, mut count) = (0.0, 0.0);
         for (t_s, reading) in scenario.readings() {
             let mut input = front.input(t_s, &reading);
-            if let (true, Some(fix)) = (told, &mut input.fix) {
+            if let (true, Some(fix)) = (is_reported, &mut input.fix) {
                 (fix.age_s, fix.sd_m_s) = (Some(0.5), Some(1.0));
             }
             let out = fuser.step(&input);
@@ -224,13 +227,13 @@ fn a_told_latency_and_accuracy_are_used() {
         }
         libm::sqrt(sum / count)
     };
-    let (told, untold) = (error_deg(true), error_deg(false));
-    println!("0.5 s late, 1 m/s: {told:.3}° told, {untold:.3}° not");
-    assert!(told < 0.8 * untold);
+    let (reported, unreported) = (error_deg(true), error_deg(false));
+    println!("0.5 s late, 1 m/s: {reported:.3}° if reported, {unreported:.3}° if not");
+    assert!(reported < 0.8 * unreported);
 }
 
 #[test]
-fn the_field_gives_a_heading_only_where_it_is_asked_to() {
+fn field_gives_heading_only_if_magnetic_is_set() {
     let mut scenario = Scenario::parse("cruise?duration_s=300&gnss=never").unwrap();
     scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let heading_deg = |settings: &[(&str, f64)]| {
@@ -243,19 +246,19 @@ fn the_field_gives_a_heading_only_where_it_is_asked_to() {
         (worst_deg, reference)
     };
     let (off, on) = (heading_deg(&[]), heading_deg(&[("magnetic", 1.0)]));
-    println!("heading by the field: {:.2}° at most; without {:.1}°", on.0, off.0);
+    println!("largest heading error: {:.2}° with the field, {:.1}° without", on.0, off.0);
     assert!(off.1 == CourseReference::Arbitrary && on.1 == CourseReference::Magnetic && on.0 < 10.0);
     let declined = heading_deg(&[("magnetic", 1.0), ("declination_deg", 11.0)]);
     assert!(declined.1 == CourseReference::True && (declined.0 - 11.0).abs() < on.0 + 3.0);
 }
 
 #[test]
-fn a_wrong_field_does_not_spoil_the_heading_in_flight() {
+fn disturbed_field_does_not_affect_heading_in_flight() {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
-    // A magnet on board: half the earth's field, turning with the body.
+    // A magnet on board: half the earth's field, rotating with the body.
     let mut worst_deg = 0.0f64;
     scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
-    let (mut front, mut fuser) = (Front::new(scenario.rate_kind), aided(&[]));
+    let (mut front, mut fuser) = (FrontEnd::new(scenario.rate_kind), aided(&[]));
     for (t_s, mut reading) in scenario.readings() {
         reading.field_ut = reading.field_ut.map(|field_ut| field_ut + Vector3::new(25.0, 0.0, 0.0));
         let out = fuser.step(&front.input(t_s, &reading));
@@ -266,24 +269,24 @@ fn a_wrong_field_does_not_spoil_the_heading_in_flight() {
 }
 
 #[test]
-fn what_another_stage_found_is_taken_over() {
+fn adopted_estimate_keeps_level() {
     let scenario = Scenario::parse("cruise?duration_s=200").unwrap();
-    let (mut front, mut before, mut after) = (Front::new(scenario.rate_kind), aided(&[]), aided(&[]));
+    let (mut front, mut previous, mut next) = (FrontEnd::new(scenario.rate_kind), aided(&[]), aided(&[]));
     for (t_s, reading) in scenario.readings() {
         let input = front.input(t_s, &reading);
-        let out = before.step(&input);
+        let out = previous.step(&input);
         if t_s == 100.0 {
-            after.adopt(&before.common()).unwrap();
-            assert_eq!(after.common().attitude, out.attitude);
+            next.adopt(&previous.common()).unwrap();
+            assert_eq!(next.common().attitude, out.attitude);
         } else if t_s > 100.0 {
-            let error_deg = inclination_deg(after.step(&input).attitude, reading.truth.attitude);
+            let error_deg = inclination_deg(next.step(&input).attitude, reading.truth.attitude);
             assert!(error_deg < 0.6, "{error_deg}° at {t_s} s");
         }
     }
 }
 
 #[test]
-fn levelling_anew_keeps_heading_and_bias() {
+fn realign_keeps_heading_and_bias() {
     let scenario = Scenario::parse("cruise?duration_s=100").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
@@ -298,13 +301,13 @@ fn levelling_anew_keeps_heading_and_bias() {
 }
 
 #[test]
-fn settings_have_ranges() {
+fn parameters_outside_their_ranges_are_rejected() {
     let mut fuser = aided(&[("smoothing_s", 1.0)]);
     assert!(matches!(fuser.set("latency_s", 0.7), Err(ParameterError::OutOfRange { .. })));
     assert!(matches!(fuser.set("latency", 0.1), Err(ParameterError::Unknown { .. })));
 }
 
-fn absurd() -> impl Strategy<Value = f64> {
+fn extreme() -> impl Strategy<Value = f64> {
     prop_oneof![
         -20.0..20.0f64,
         Just(0.0),
@@ -318,7 +321,7 @@ fn absurd() -> impl Strategy<Value = f64> {
 }
 
 fn vector() -> impl Strategy<Value = Vector3<f64>> {
-    (absurd(), absurd(), absurd()).prop_map(|(x, y, z)| Vector3::new(x, y, z))
+    (extreme(), extreme(), extreme()).prop_map(|(x, y, z)| Vector3::new(x, y, z))
 }
 
 prop_compose! {
@@ -327,12 +330,12 @@ prop_compose! {
         dt_s in prop_oneof![Just(0.0), Just(0.01), 0.0..1.0f64],
         force in prop::option::weighted(0.9, vector()),
         field_ut in prop::option::of(vector()),
-        fix in prop::option::of((vector(), prop::option::of(absurd()), prop::option::of(absurd()), prop::option::of(absurd()))),
+        fix in prop::option::of((vector(), prop::option::of(extreme()), prop::option::of(extreme()), prop::option::of(extreme()))),
         rest_credible: bool,
     ) -> FuserInput {
         let motion = rate.map(|rate_rad_s| {
-            let turned = (rate_rad_s * dt_s).map(|x| x.clamp(-1e3, 1e3));
-            Motion { attitude: Attitude::default(), rotation: Rotation::from_rotation_vector(turned), rate_rad_s, dt_s }
+            let rotation_vector = (rate_rad_s * dt_s).map(|x| x.clamp(-1e3, 1e3));
+            Motion { attitude: Attitude::default(), rotation: Rotation::from_rotation_vector(rotation_vector), rate_rad_s, dt_s }
         });
         let inclination = force.map(|force| Projector::default().step(&force));
         let fix = fix.map(|(velocity_m_s, sd_m_s, age_s, latitude_rad)| Fix { velocity_m_s, sd_m_s, age_s, latitude_rad });
@@ -344,7 +347,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn however_absurd_the_input_the_state_stays_one(ticks in prop::collection::vec(tick(), 1..400), magnetic: bool) {
+    fn state_stays_valid_for_any_input(ticks in prop::collection::vec(tick(), 1..400), magnetic: bool) {
         let mut fuser = aided(&[("magnetic", f64::from(u8::from(magnetic)))]);
         for input in &ticks {
             let out = fuser.step(input);

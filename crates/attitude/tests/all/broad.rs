@@ -1,7 +1,10 @@
-//! The fuser `wz` on real recordings whose attitude cameras saw.
+//! Inclination of the fuser `wz` on recordings with reference attitudes from motion capture.
 //!
-//! Input: the trials of BROAD in `$PLUMBLINE_DATA` or `../shared/data`. Output: inclination against the cameras, where it counts.
-//! Time: the recordings' own. Failure: without the recordings nothing is tested, and the test says so.
+//! Input: trials of BROAD in `$PLUMBLINE_DATA` or `../shared/data`.
+//!
+//! Output: inclination error in the scored rows.
+//!
+//! Failure: without the recordings the test is skipped with a message.
 use std::path::PathBuf;
 
 use attitude::{
@@ -14,8 +17,8 @@ use attitude::{
 };
 use recording::Reader;
 
-/// Mean over the ten trials, degrees; VQF without magnetometer: 0.665°.
-const LIMIT_DEG: f64 = 0.56;
+/// Largest accepted mean over the ten trials, degrees. VQF without magnetometer: 0.665°.
+const MAX_MEAN_RMSE_DEG: f64 = 0.56;
 const DT_S: f64 = 0.0035;
 
 fn trials() -> Vec<PathBuf> {
@@ -31,14 +34,14 @@ fn trials() -> Vec<PathBuf> {
     trials
 }
 
-/// Angle between two attitudes' up vectors, rad.
+/// Returns the angle between the up directions of two attitudes, rad.
 fn inclination_rad(a: Quaternion<f64>, b: Quaternion<f64>) -> f64 {
-    let apart = a * b.conjugate();
-    2.0 * apart.i.hypot(apart.j).atan2(apart.w.hypot(apart.k))
+    let difference = a * b.conjugate();
+    2.0 * difference.i.hypot(difference.j).atan2(difference.w.hypot(difference.k))
 }
 
 #[test]
-fn inclination_on_broad_is_within_the_limit() {
+fn wz_inclination_on_broad_is_within_limit() {
     let mut rmses_deg = Vec::new();
     for trial in trials() {
         let mut gyro = Gyro::from_name("mobius").unwrap();
@@ -65,7 +68,7 @@ fn inclination_on_broad_is_within_the_limit() {
         }
         let rmse_deg = f64::sqrt(sum / count).to_degrees();
         let name = trial.file_stem().unwrap().to_string_lossy().into_owned();
-        println!("{name}: {rmse_deg:.3}° of sd {:.3}°", f64::sqrt(sd2 / count).to_degrees());
+        println!("{name}: {rmse_deg:.3}°, reported sd {:.3}°", f64::sqrt(sd2 / count).to_degrees());
         rmses_deg.push(rmse_deg);
     }
     if rmses_deg.is_empty() {
@@ -73,11 +76,11 @@ fn inclination_on_broad_is_within_the_limit() {
     }
     let mean_deg = rmses_deg.iter().sum::<f64>() / rmses_deg.len() as f64;
     println!("mean of {}: {mean_deg:.4}°", rmses_deg.len());
-    assert!(mean_deg <= LIMIT_DEG, "{mean_deg}°");
+    assert!(mean_deg <= MAX_MEAN_RMSE_DEG, "{mean_deg}°");
 }
 
 #[test]
-fn the_angle_of_two_levels_does_not_see_heading() {
-    let turned = Attitude { z_rad: 2.0, ..Attitude::default() };
-    assert!(inclination_rad(turned.quaternion(), Attitude::default().quaternion()) < 1e-12);
+fn inclination_angle_ignores_heading() {
+    let rotated = Attitude { z_rad: 2.0, ..Attitude::default() };
+    assert!(inclination_rad(rotated.quaternion(), Attitude::default().quaternion()) < 1e-12);
 }

@@ -1,4 +1,5 @@
-//! What every fuser owes: snapshots to the last bit, finite numbers, refusal of bad states, going on where another stage was.
+//! Contract of the fusers and gyro stages: exact snapshots, finite output, rejection of invalid
+//! records, and continuation of an adopted estimate.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -6,24 +7,24 @@ use attitude::{
     course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, Motion, RateKind, RateSample},
+    rotation::Rotation,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
-    rotation::Rotation,
 };
 use proptest::prelude::*;
 use scenario::Scenario;
 
-/// The stages that these tests are about.
+/// Fusers under test.
 const FUSERS: [&str; 5] = ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "vqf"];
 
-/// Level the field is: 20 µT to the north, 44 µT down.
+/// Magnetic field of the site, east, north, up: 20 µT to the north and 44 µT down.
 const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -44.0);
 
-/// What a body without errors gives at one tick.
-fn truth(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> FuserInput {
-    let turn = Rotation::from_rotation_vector(rate_rad_s * dt_s);
+/// Returns the input from ideal sensors at one tick.
+fn ideal_input(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> FuserInput {
+    let rotation = Rotation::from_rotation_vector(rate_rad_s * dt_s);
     FuserInput {
-        motion: Some(Motion { attitude, rotation: turn, rate_rad_s, dt_s }),
+        motion: Some(Motion { attitude, rotation, rate_rad_s, dt_s }),
         inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
         field_ut: Some(attitude.matrix() * FIELD_UT),
         rest_credible: true,
@@ -37,7 +38,7 @@ fn angle_deg(one: Attitude, other: Attitude) -> f64 {
     (2.0 * e.imag().norm().atan2(e.w.abs())).to_degrees()
 }
 
-/// S3's simulation as a fuser is offered it; the field at every third tick.
+/// Returns the fuser inputs of scenario S3, with the field at every third tick.
 fn s3() -> Vec<FuserInput> {
     let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius-coning").unwrap(), Projector::default(), 0.0);
     let scenario = Scenario::parse("s3").unwrap();
@@ -57,7 +58,7 @@ fn s3() -> Vec<FuserInput> {
 }
 
 #[test]
-fn a_restored_fuser_goes_on_bit_for_bit_from_any_tick() {
+fn restored_fuser_continues_bit_for_bit_from_any_tick() {
     let inputs = s3();
     for name in FUSERS {
         for tick in [0, 1, 2, 3, 10, 40, 200, 1000, 1500] {
@@ -76,7 +77,7 @@ fn a_restored_fuser_goes_on_bit_for_bit_from_any_tick() {
 }
 
 #[test]
-fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
+fn restored_gyro_continues_bit_for_bit_from_any_tick() {
     let scenario = Scenario::parse("coning").unwrap();
     let readings: Vec<_> = scenario.readings().take(100).collect();
     for name in Gyro::NAMES {
@@ -101,38 +102,38 @@ fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
 }
 
 #[test]
-fn a_record_with_a_number_that_no_state_has_is_refused() {
+fn record_with_implausible_value_is_rejected() {
     for name in FUSERS {
         let mut fuser = Fuser::from_name(name).unwrap();
         for input in &s3() {
             fuser.step(input);
         }
         let good = fuser.snapshot();
-        let mut refused = 0;
+        let mut rejected = 0;
         for index in 0..good.len {
             let mut bad = good;
             bad.values[index] = -1e6;
             bad.checksum = bad.compute_checksum();
             let before = fuser.clone();
-            refused += usize::from(matches!(fuser.restore(&bad), Err(RestoreError::Invalid { .. })));
+            rejected += usize::from(matches!(fuser.restore(&bad), Err(RestoreError::Invalid { .. })));
             assert!(fuser == before || fuser.restore(&good) == Ok(()));
         }
-        println!("{name}: {refused} of {} numbers", good.len);
-        let least = if name == "vqf" { 20 } else { 6 };
-        assert!(refused >= least, "{name}: only {refused} of {} numbers are checked", good.len);
+        println!("{name}: {rejected} of {} values rejected", good.len);
+        let min_rejected = if name == "vqf" { 20 } else { 6 };
+        assert!(rejected >= min_rejected, "{name}: only {rejected} of {} values rejected", good.len);
     }
 }
 
 #[test]
-fn the_first_field_sets_the_heading_and_the_later_ones_hold_it() {
+fn first_field_sets_heading_and_later_ones_hold_it() {
     let attitude = Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.4, roll_rad: -2.5 });
-    // The gyro slot knows no heading and drifts by 0.2 °/s.
+    // The attitude of the gyro slot has an arbitrary heading that drifts by 0.2 °/s.
     let gyro = |t_s: f64| Attitude { z_rad: wrapped_rad(attitude.z_rad - 2.0 + 0.0035 * t_s), ..attitude };
     for name in FUSERS {
         let mut fuser = Fuser::from_name(name).unwrap();
         let mut last = None;
         for tick in 0..40_000u32 {
-            let mut input = truth(attitude, attitude.up.direction() * 0.0035, 0.005);
+            let mut input = ideal_input(attitude, attitude.up.direction() * 0.0035, 0.005);
             input.motion.as_mut().unwrap().attitude = gyro(f64::from(tick) * 0.005);
             input.field_ut = input.field_ut.filter(|_| tick % 4 == 3);
             let out: Fused = fuser.step(&input);
@@ -146,7 +147,7 @@ fn the_first_field_sets_the_heading_and_the_later_ones_hold_it() {
         }
         let out = last.unwrap();
         let error_deg = angle_deg(out.attitude, attitude);
-        println!("{name}: {error_deg:.2}°, told {:.2}°", out.heading_sd_rad.to_degrees());
+        println!("{name}: {error_deg:.2}°, reported sd {:.2}°", out.heading_sd_rad.to_degrees());
         assert!(error_deg < 5.0, "{name}: {error_deg}°");
         assert!((1e-5..0.2).contains(&out.heading_sd_rad), "{name}: {} rad", out.heading_sd_rad);
         assert!((1e-6..0.2).contains(&out.inclination_sd_rad), "{name}: {} rad", out.inclination_sd_rad);
@@ -154,14 +155,14 @@ fn the_first_field_sets_the_heading_and_the_later_ones_hold_it() {
 }
 
 #[test]
-fn a_fuser_goes_on_where_another_was() {
-    let moves = Vector3::new(0.5, -0.3, 0.8);
+fn adopted_estimate_is_continued() {
+    let moving_rad_s = Vector3::new(0.5, -0.3, 0.8);
     let start = Attitude::from_angles(Angles { yaw_rad: -1.0, pitch_rad: 0.7, roll_rad: 2.2 });
     for name in FUSERS {
         for (reference, rate_rad_s) in [
-            (CourseReference::Arbitrary, moves),
-            (CourseReference::Magnetic, moves),
-            (CourseReference::True, moves),
+            (CourseReference::Arbitrary, moving_rad_s),
+            (CourseReference::Magnetic, moving_rad_s),
+            (CourseReference::True, moving_rad_s),
             (CourseReference::Magnetic, Vector3::zeros()),
         ] {
             let mut fuser = Fuser::from_name(name).unwrap();
@@ -178,22 +179,23 @@ fn a_fuser_goes_on_where_another_was() {
             };
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");
-            // The gyro slot's attitude is quite another one.
+            // The attitude of the gyro slot is unrelated to the adopted one.
             let mut gyro = Gyro::from_name("mobius").unwrap();
             gyro.align(Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
             let mut attitude = start;
             for tick in 0..1000 {
                 attitude = attitude.rotated(Rotation::from_rotation_vector(rate_rad_s * 0.01)).attitude;
-                let mut input = truth(attitude, rate_rad_s, 0.01);
+                let mut input = ideal_input(attitude, rate_rad_s, 0.01);
                 let sample = RateSample { rate_rad_s, dt_s: 0.01, kind: RateKind::Mean };
                 input.motion = Some(gyro.step(&sample));
                 input.field_ut = None;
                 let out = fuser.step(&input);
-                // The original steps by β dt however near it is, and compares with the attitude an interval before.
-                // The open loop low-passes a difference that does not stand still when the two attitudes are apart.
+                // `madgwick` steps by β dt regardless of the distance and compares with the
+                // attitude of the previous interval. `wz-open` low-passes the difference to the
+                // gyro slot's attitude, which is not constant if the two differ.
                 let limit_deg = match name {
                     "madgwick" => 1.0,
-                    "wz-open" if tick > 0 && rate_rad_s == moves => 180.1,
+                    "wz-open" if tick > 0 && rate_rad_s == moving_rad_s => 180.1,
                     _ => 0.01,
                 };
                 let error_deg = angle_deg(out.attitude, attitude);
@@ -204,25 +206,28 @@ fn a_fuser_goes_on_where_another_was() {
 }
 
 #[test]
-fn a_time_constant_of_the_tilt_is_the_one_that_is_set() {
+fn tilt_error_decays_with_configured_time_constant() {
     for (name, time_constant_s) in [("wz-closed", 0.5), ("wz-closed", 4.0), ("wz-open", 0.5), ("wz-open", 4.0)] {
         let mut fuser = Fuser::from_name(name).unwrap();
         fuser.set("time_constant_s", time_constant_s).unwrap();
         let tilted = Attitude::from_angles(Angles { pitch_rad: 0.01, ..Angles::default() });
-        fuser.step(&truth(tilted, Vector3::zeros(), 0.0));
-        let mut left_deg = 0.0;
+        fuser.step(&ideal_input(tilted, Vector3::zeros(), 0.0));
+        let mut remaining_deg = 0.0;
         for _ in 0..(time_constant_s * 100.0) as u32 {
-            let mut input = truth(Attitude::default(), Vector3::zeros(), 0.01);
+            let mut input = ideal_input(Attitude::default(), Vector3::zeros(), 0.01);
             input.motion.as_mut().unwrap().attitude = tilted;
-            left_deg = angle_deg(fuser.step(&input).attitude, Attitude::default());
+            remaining_deg = angle_deg(fuser.step(&input).attitude, Attitude::default());
         }
-        let share = left_deg / 0.01f64.to_degrees();
-        assert!((share - (-1.0f64).exp()).abs() < 0.01, "{name}, T = {time_constant_s} s: {share} left after T");
+        let share = remaining_deg / 0.01f64.to_degrees();
+        assert!(
+            (share - (-1.0f64).exp()).abs() < 0.01,
+            "{name}, T = {time_constant_s} s: a share of {share} remains after T"
+        );
     }
 }
 
 #[test]
-fn a_day_adds_nothing_to_the_error() {
+fn error_does_not_grow_over_a_day() {
     let rate_rad_s = Vector3::new(0.02, -0.01, 0.05);
     let bias_rad_s = Vector3::new(3e-4, -3e-4, 3e-4);
     let (dt_s, hour) = (0.04, 90_000);
@@ -232,7 +237,7 @@ fn a_day_adds_nothing_to_the_error() {
         let mut worst_deg = [0.0f64; 24];
         for tick in 0..24 * hour {
             attitude = attitude.rotated(Rotation::from_rotation_vector(rate_rad_s * dt_s)).attitude;
-            let mut input = truth(attitude, rate_rad_s, dt_s);
+            let mut input = ideal_input(attitude, rate_rad_s, dt_s);
             let motion = input.motion.as_mut().unwrap();
             motion.rate_rad_s += bias_rad_s;
             motion.rotation = Rotation::from_rotation_vector(motion.rate_rad_s * dt_s);
@@ -244,15 +249,15 @@ fn a_day_adds_nothing_to_the_error() {
     }
 }
 
-/// A number of any size, or none at all.
-fn absurd() -> impl Strategy<Value = f64> {
+/// Finite numbers of any magnitude, including zero.
+fn extreme() -> impl Strategy<Value = f64> {
     prop_oneof![4 => -20.0..20.0f64, 1 => Just(0.0), 1 => (-300.0..300.0f64, any::<bool>()).prop_map(|(e, sign)| {
         if sign { 10f64.powf(e) } else { -10f64.powf(e) }
     })]
 }
 
 fn vector() -> impl Strategy<Value = Vector3<f64>> {
-    [absurd(), absurd(), absurd()].prop_map(Vector3::from)
+    [extreme(), extreme(), extreme()].prop_map(Vector3::from)
 }
 
 type Tick = (Option<Vector3<f64>>, Option<Vector3<f64>>, Option<Vector3<f64>>, f64, bool);
@@ -270,7 +275,7 @@ fn tick() -> impl Strategy<Value = Tick> {
 
 proptest! {
     #[test]
-    fn no_input_leads_out_of_the_finite_numbers(ticks in prop::collection::vec(tick(), 1..200)) {
+    fn fuser_output_is_finite_for_any_input(ticks in prop::collection::vec(tick(), 1..200)) {
         for name in FUSERS {
             let mut fuser = Fuser::from_name(name).unwrap();
             let mut open = Attitude::default();
@@ -280,7 +285,7 @@ proptest! {
                     open = open.rotated(rotation).attitude;
                     Motion { attitude: open, rotation, rate_rad_s, dt_s: *dt_s }
                 });
-                let inclination = force.map(|force| Projector::default().step(&force)).filter(|seen| seen.trust > 0.0);
+                let inclination = force.map(|force| Projector::default().step(&force)).filter(|inclination| inclination.trust > 0.0);
                 let input = FuserInput {
                     motion,
                     inclination,
@@ -304,7 +309,7 @@ proptest! {
     }
 
     #[test]
-    fn no_interval_leads_coning_out_of_the_finite_numbers(ticks in prop::collection::vec(([-1e3..1e3, -1e3..1e3, -1e3..1e3], 0.0..1.0f64, any::<bool>()), 1..100)) {
+    fn coning_output_is_finite_for_any_interval(ticks in prop::collection::vec(([-1e3..1e3, -1e3..1e3, -1e3..1e3], 0.0..1.0f64, any::<bool>()), 1..100)) {
         let mut gyro = Gyro::from_name("mobius-coning").unwrap();
         for (rate, dt_s, mean) in ticks {
             let kind = if mean { RateKind::Mean } else { RateKind::Instant };

@@ -1,4 +1,4 @@
-//! The filters of others as stages: their published figures.
+//! Published filters as stages, compared with their published figures.
 use crate::common::{Rmse, broad, mean};
 use attitude::{
     Vector3,
@@ -9,15 +9,15 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{SensorErrors, Motion, Scenario, Sensors};
+use scenario::{Motion, Scenario, SensorErrors, Sensors};
 
-fn set(name: &str, parameter: &str, value: f64) -> Fuser {
+fn fuser_with(name: &str, parameter: &str, value: f64) -> Fuser {
     let mut fuser = Fuser::from_name(name).unwrap();
     fuser.set(parameter, value).unwrap();
     fuser
 }
 
-fn known(attitude: Attitude) -> Estimate {
+fn exact_estimate(attitude: Attitude) -> Estimate {
     Estimate {
         attitude,
         reference: CourseReference::Magnetic,
@@ -31,13 +31,14 @@ fn known(attitude: Attitude) -> Estimate {
     }
 }
 
-/// RMS of the rotation between estimate and truth over S3's simulation, degrees.
+/// Returns the RMS of the angle between estimate and truth over scenario S3, degrees.
 fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
-        (set(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
+        (fuser_with(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
     let scenario = Scenario::parse("s3").unwrap().with_seed(seed);
-    // The paper starts from the truth; one noisy sample would outweigh gains as low as these.
-    fuser.adopt(&known(scenario.motion.at(0.0).attitude)).unwrap();
+    // The paper starts from the true attitude. With gains this low a start from one noisy sample
+    // would dominate the error.
+    fuser.adopt(&exact_estimate(scenario.motion.at(0.0).attitude)).unwrap();
     let (mut sum, mut count, mut before_s) = (0.0f64, 0.0, 0.0);
     for (t_s, reading) in scenario.readings() {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
@@ -58,29 +59,30 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     (sum / count).sqrt()
 }
 
-/// Mean over the seeds.
+/// Returns the mean over 40 seeds, degrees.
 fn s3_mean_deg(name: &str, parameter: &str, beta: f64) -> f64 {
     (1..=40).map(|seed| s3_rms_deg(name, parameter, beta, seed)).sum::<f64>() / 40.0
 }
 
 #[test]
-fn the_improved_form_is_better_by_30_percent_at_the_papers_gains_and_at_the_best_of_each() {
+fn madgwick_improved_reduces_s3_error_by_30_percent() {
     let original = |beta| s3_mean_deg("madgwick", "beta_rad_s", beta);
     let improved = |beta| s3_mean_deg("madgwick-improved", "beta_1_s", beta);
-    let best =
-        |of: &dyn Fn(f64) -> f64, betas: &[f64]| betas.iter().map(|beta| of(*beta)).fold(f64::INFINITY, f64::min);
-    let papers = (original(0.021), improved(0.029));
-    let bests = (best(&original, &[0.0, 0.001, 0.0025, 0.005, 0.01]), best(&improved, &[0.1, 0.15, 0.2, 0.3]));
+    let best = |mean_deg: &dyn Fn(f64) -> f64, betas: &[f64]| {
+        betas.iter().map(|beta| mean_deg(*beta)).fold(f64::INFINITY, f64::min)
+    };
+    let at_paper_gains = (original(0.021), improved(0.029));
+    let at_best_gains = (best(&original, &[0.0, 0.001, 0.0025, 0.005, 0.01]), best(&improved, &[0.1, 0.15, 0.2, 0.3]));
     println!(
-        "S3, mean of 40 seeds: at its gains {:.3}° → {:.3}°, best of each {:.3}° → {:.3}°",
-        papers.0, papers.1, bests.0, bests.1
+        "S3, mean of 40 seeds: at the gains of the paper {:.3}° → {:.3}°, at the best gains {:.3}° → {:.3}°",
+        at_paper_gains.0, at_paper_gains.1, at_best_gains.0, at_best_gains.1
     );
-    for (original, improved) in [papers, bests] {
+    for (original, improved) in [at_paper_gains, at_best_gains] {
         assert!(improved < 0.7 * original, "{original}° → {improved}°");
     }
 }
 
-/// Drift over a coning motion of one minute, °/s.
+/// Returns the drift over one minute of coning motion, °/s.
 fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
     let motion = Motion::from_name("coning").unwrap();
     let mut sensors = Sensors::new(motion, SensorErrors::NONE, 1);
@@ -102,8 +104,9 @@ fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
 }
 
 #[test]
-fn coning_compensation_takes_off_what_the_cone_adds() {
-    // At n samples in a turn of the cone the remainder falls with n⁴, the drift without compensation with n².
+fn coning_compensation_removes_coning_drift() {
+    // With n samples per revolution of the cone the remaining drift falls with n⁴, the
+    // uncompensated drift with n².
     for (rate_hz, gain) in [(100.0, 40.0), (200.0, 150.0), (1000.0, 3000.0)] {
         for kind in [RateKind::Mean, RateKind::Instant] {
             let drift = |name| coning_drift_deg_s(name, kind, rate_hz);
@@ -115,15 +118,15 @@ fn coning_compensation_takes_off_what_the_cone_adds() {
 }
 
 #[test]
-fn broad_gives_the_published_figures() {
+fn filters_on_broad_match_published_figures() {
     let Some(trials) = broad() else { return };
     let default = |name: &str| Fuser::from_name(name).unwrap();
-    for (name, beta, published) in [
+    for (name, fuser, published) in [
         ("madgwick", default("madgwick"), [5.23, 4.41, 2.51]),
         ("madgwick-improved", default("madgwick-improved"), [6.45, 5.36, 3.29]),
         ("vqf", default("vqf"), [2.42, 2.27, 0.66]),
     ] {
-        let Rmse { total, heading, inclination } = mean(&beta, trials, true);
+        let Rmse { total, heading, inclination } = mean(&fuser, trials, true);
         println!("BROAD, {name}, 9D: {total:.2}/{heading:.2}/{inclination:.3}");
         for (got, published) in [total, heading, inclination].into_iter().zip(published) {
             assert!((got / published - 1.0).abs() < 0.05, "{name}: {got}°, published {published}°");

@@ -1,24 +1,24 @@
-//! The fuser `aided` on flights: the synthetic ones of the scenarios over eight seeds, and a real one.
+//! Fuser `aided` on flights: scenarios with eight seeds each, and a recorded flight.
 //!
 //! `cargo test --release -p attitude flight:: -- --nocapture` prints every figure.
 use std::{io::Read, path::PathBuf};
 
-use crate::common::Once;
+use crate::common::ResultCache;
 use attitude::{
     Quaternion, Vector3,
     accel::Projector,
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
     gyro::{Gyro, RateKind, RateSample},
+    rotation::Rotation,
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    rotation::Rotation,
 };
 use scenario::Scenario;
 
 const SEEDS: core::ops::RangeInclusive<u64> = 1..=8;
-/// Time without a fix after which the body is in a gap, s.
-const GAP_S: f64 = 1.5;
+/// Time without a fix after which an error counts as one in a gap, s.
+const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {
     gyro: Gyro,
@@ -45,37 +45,39 @@ impl Chain {
     }
 }
 
-/// Root mean square and largest of what was added.
+/// Root mean square and maximum of the added values.
 #[derive(Debug, Clone, Copy, Default)]
 struct Rms {
     sum: f64,
     count: f64,
-    most: f64,
+    max: f64,
 }
 
 impl Rms {
     fn add(&mut self, x: f64) {
-        *self = self.with(Self { sum: x * x, count: 1.0, most: x.abs() });
+        *self = self.with(Self { sum: x * x, count: 1.0, max: x.abs() });
     }
 
     fn with(self, other: Self) -> Self {
-        Self { sum: self.sum + other.sum, count: self.count + other.count, most: self.most.max(other.most) }
+        Self { sum: self.sum + other.sum, count: self.count + other.count, max: self.max.max(other.max) }
     }
 
-    fn get(self) -> f64 {
+    fn value(self) -> f64 {
         if self.count > 0.0 { libm::sqrt(self.sum / self.count) } else { 0.0 }
     }
 }
 
-/// Errors in degrees: roll and pitch while there are fixes and while there are none, course, and the largest step of the attitude
-/// from one sample to the next that was not the body's.
+/// Errors, degrees.
+///
+/// `with_fixes` and `without_fixes` hold roll and pitch. `step` is the change of the attitude
+/// between samples that is not motion of the body.
 #[derive(Debug, Clone, Copy, Default)]
 struct Errors {
-    told: [Rms; 2],
-    alone: [Rms; 2],
+    with_fixes: [Rms; 2],
+    without_fixes: [Rms; 2],
     course: Rms,
     step: Rms,
-    /// Found in the end, s.
+    /// Receiver latency estimated at the end, s.
     latency_s: Rms,
 }
 
@@ -83,8 +85,8 @@ impl Errors {
     fn with(self, other: Self) -> Self {
         let both = |one: [Rms; 2], other: [Rms; 2]| [one[0].with(other[0]), one[1].with(other[1])];
         Self {
-            told: both(self.told, other.told),
-            alone: both(self.alone, other.alone),
+            with_fixes: both(self.with_fixes, other.with_fixes),
+            without_fixes: both(self.without_fixes, other.without_fixes),
             course: self.course.with(other.course),
             step: self.step.with(other.step),
             latency_s: self.latency_s.with(other.latency_s),
@@ -102,11 +104,11 @@ fn fly(scenario: &Scenario, name: &str, settings: &[(&str, f64)]) -> Errors {
         let out = chain.step(&sample, reading.force_m_s2, reading.fix).attitude;
         let truth = reading.truth.attitude;
         if let (true, Some((_, out_before, truth_before))) = (t_s > scenario.scored_from_s, before) {
-            let turned = |from: Attitude, to: Attitude| Rotation::between(from, to).quaternion();
-            let step = turned(out_before, out).conjugate() * turned(truth_before, truth);
+            let rotation = |from: Attitude, to: Attitude| Rotation::between(from, to).quaternion();
+            let step = rotation(out_before, out).conjugate() * rotation(truth_before, truth);
             errors.step.add((2.0 * step.imag().norm()).to_degrees());
             let (got, want) = (out.angles(), truth.angles());
-            let level = if since_fix_s > GAP_S { &mut errors.alone } else { &mut errors.told };
+            let level = if since_fix_s > MIN_GAP_S { &mut errors.without_fixes } else { &mut errors.with_fixes };
             level[0].add(wrapped_rad(got.roll_rad - want.roll_rad).to_degrees());
             level[1].add((got.pitch_rad - want.pitch_rad).to_degrees());
             errors.course.add(wrapped_rad(got.yaw_rad - want.yaw_rad).to_degrees());
@@ -120,14 +122,14 @@ fn fly(scenario: &Scenario, name: &str, settings: &[(&str, f64)]) -> Errors {
     errors
 }
 
-fn flown(name: &str) -> Errors {
-    flown_by("aided", name, &[])
+fn errors_of_aided(name: &str) -> Errors {
+    errors_of("aided", name, &[])
 }
 
-/// All seeds of a scenario, two at a time.
-fn flown_by(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
-    static FLOWN: Once<Errors> = Once::new();
-    FLOWN.of(&format!("{fuser} {name} {settings:?}"), || fly_seeds(fuser, name, settings))
+/// Returns the errors over all seeds of a scenario, computed once.
+fn errors_of(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
+    static ERRORS: ResultCache<Errors> = ResultCache::new();
+    ERRORS.get_or_compute(&format!("{fuser} {name} {settings:?}"), || fly_seeds(fuser, name, settings))
 }
 
 fn fly_seeds(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
@@ -143,94 +145,96 @@ fn fly_seeds(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
     });
     let pair = |level: [Rms; 2]| {
         let [roll, pitch] = level;
-        format!("{:.3} / {:.3} (max {:.2} / {:.2})", roll.get(), pitch.get(), roll.most, pitch.most)
+        format!("{:.3} / {:.3} (max {:.2} / {:.2})", roll.value(), pitch.value(), roll.max, pitch.max)
     };
     println!(
         "{fuser}, {name}: roll / pitch with fixes {}, without {}; course {:.2}; step {:.4}, deg; latency {:.3} s (max {:.3})",
-        pair(errors.told),
-        pair(errors.alone),
-        errors.course.get(),
-        errors.step.most,
-        errors.latency_s.get(),
-        errors.latency_s.most
+        pair(errors.with_fixes),
+        pair(errors.without_fixes),
+        errors.course.value(),
+        errors.step.max,
+        errors.latency_s.value(),
+        errors.latency_s.max
     );
     errors
 }
 
 fn within(level: [Rms; 2], limit_deg: f64) -> bool {
-    level.iter().all(|axis| axis.count > 0.0 && axis.get() <= limit_deg)
+    level.iter().all(|axis| axis.count > 0.0 && axis.value() <= limit_deg)
 }
 
 #[test]
-fn with_fixes_all_the_time_roll_and_pitch_are_good_to_a_twentieth_of_a_degree() {
-    let errors = flown("cruise");
-    assert!(within(errors.told, 0.05) && errors.course.get() < 0.3);
+fn cruise_with_fixes_is_within_0_05_degrees() {
+    let errors = errors_of_aided("cruise");
+    assert!(within(errors.with_fixes, 0.05) && errors.course.value() < 0.3);
 }
 
 #[test]
-fn in_gaps_of_a_minute_nothing_is_lost_and_nothing_jumps() {
-    let errors = flown("cruise?gnss=gaps");
-    assert!(within(errors.told, 0.05) && within(errors.alone, 0.06));
-    assert!(errors.step.most < 0.02);
+fn cruise_through_60_s_gaps_stays_accurate_without_jump() {
+    let errors = errors_of_aided("cruise?gnss=gaps");
+    assert!(within(errors.with_fixes, 0.05) && within(errors.without_fixes, 0.06));
+    assert!(errors.step.max < 0.02);
 }
 
 #[test]
-fn twenty_minutes_without_a_fix_cost_a_tenth_of_a_degree() {
-    assert!(within(flown("cruise?gnss=start").alone, 0.15));
+fn cruise_20_min_without_fix_is_within_0_15_degrees() {
+    assert!(within(errors_of_aided("cruise?gnss=start").without_fixes, 0.15));
 }
 
 #[test]
-fn without_any_fix_gravity_and_the_turns_level_it() {
-    assert!(within(flown("cruise?gnss=never").alone, 0.7));
+fn cruise_without_any_fix_is_within_0_7_degrees() {
+    assert!(within(errors_of_aided("cruise?gnss=never").without_fixes, 0.7));
 }
 
 #[test]
-fn wind_gusts_slip_scale_error_and_drift_are_borne() {
-    assert!(within(flown("cruise-hard").told, 0.15));
-    let gaps = flown("cruise-hard?gnss=gaps");
-    assert!(within(gaps.told, 0.15) && within(gaps.alone, 0.2));
-    assert!(gaps.step.most < 0.02);
-    assert!(within(flown("cruise-hard?gnss=start").alone, 0.8));
+fn hard_cruise_stays_within_limits() {
+    assert!(within(errors_of_aided("cruise-hard").with_fixes, 0.15));
+    let gaps = errors_of_aided("cruise-hard?gnss=gaps");
+    assert!(within(gaps.with_fixes, 0.15) && within(gaps.without_fixes, 0.2));
+    assert!(gaps.step.max < 0.02);
+    assert!(within(errors_of_aided("cruise-hard?gnss=start").without_fixes, 0.8));
 }
 
 #[test]
-fn a_latency_from_a_tenth_to_four_tenths_of_a_second_is_found() {
+fn receiver_latency_of_0_1_to_0_4_s_is_estimated() {
     for latency_s in [0.1, 0.2, 0.3, 0.4] {
-        let errors = flown(&format!("cruise?gnss_latency_s={latency_s}"));
-        let off_s = [errors.latency_s.get(), errors.latency_s.most].map(|found_s| (found_s - latency_s).abs());
-        assert!(off_s.iter().all(|off_s| *off_s < 0.015), "{latency_s} s: off by {off_s:?} s");
-        assert!(within(errors.told, 0.05) && errors.course.get() < 0.3);
+        let errors = errors_of_aided(&format!("cruise?gnss_latency_s={latency_s}"));
+        let error_s = [errors.latency_s.value(), errors.latency_s.max].map(|found_s| (found_s - latency_s).abs());
+        assert!(error_s.iter().all(|error_s| *error_s < 0.015), "{latency_s} s: error {error_s:?} s");
+        assert!(within(errors.with_fixes, 0.05) && errors.course.value() < 0.3);
     }
 }
 
 #[test]
-fn the_place_of_the_antenna_takes_off_what_its_lever_arm_adds() {
+fn antenna_position_removes_lever_arm_error() {
     let flight = "cruise?antenna_right_m=-3&antenna_forward_m=6&antenna_up_m=2";
     let set =
         |sign: f64| [("antenna_right_m", -3.0 * sign), ("antenna_forward_m", 6.0 * sign), ("antenna_up_m", 2.0 * sign)];
-    let [right, none, wrong] = [1.0, 0.0, -1.0].map(|sign| flown_by("aided", flight, &set(sign)));
-    assert!(within(right.told, 0.05) && right.course.get() < 0.3);
-    let above = |errors: Errors, limit_deg: f64| errors.told.iter().all(|axis| axis.get() > limit_deg);
+    let [right, none, wrong] = [1.0, 0.0, -1.0].map(|sign| errors_of("aided", flight, &set(sign)));
+    assert!(within(right.with_fixes, 0.05) && right.course.value() < 0.3);
+    let above = |errors: Errors, limit_deg: f64| errors.with_fixes.iter().all(|axis| axis.value() > limit_deg);
     assert!(above(none, 0.08) && above(wrong, 0.16));
 }
 
 #[test]
-fn multiple_model_flies_as_aided_where_a_receiver_tells_the_velocity() {
+fn multiple_model_with_fixes_matches_aided() {
     for flight in ["cruise", "cruise?gnss=gaps", "cruise?gnss=start"] {
-        let [one, both] = ["aided", "multiple-model"].map(|fuser| flown_by(fuser, flight, &[]));
-        for (one, both) in one.told.iter().chain(&one.alone).zip(both.told.iter().chain(&both.alone)) {
-            assert!(both.get() <= 1.02 * one.get(), "{flight}: {} against {}", both.get(), one.get());
+        let [aided, both] = ["aided", "multiple-model"].map(|fuser| errors_of(fuser, flight, &[]));
+        for (aided, both) in
+            aided.with_fixes.iter().chain(&aided.without_fixes).zip(both.with_fixes.iter().chain(&both.without_fixes))
+        {
+            assert!(both.value() <= 1.02 * aided.value(), "{flight}: {} against {}", both.value(), aided.value());
         }
-        assert!(both.course.get() <= 1.02 * one.course.get() && both.step.most < 0.02);
+        assert!(both.course.value() <= 1.02 * aided.course.value() && both.step.max < 0.02);
     }
 }
 
 #[test]
-fn multiple_model_is_levelled_by_the_turns_without_a_receiver() {
-    assert!(within(flown_by("multiple-model", "cruise?gnss=never", &[]).alone, 2.0));
+fn multiple_model_without_fixes_is_levelled_by_turns() {
+    assert!(within(errors_of("multiple-model", "cruise?gnss=never", &[]).without_fixes, 2.0));
 }
 
-/// A recorded flight: time, rate, force, the autopilot's own attitude where it counts, the fix that arrived.
+/// Sample of a recorded flight, with the attitude estimated by the autopilot and the fix received.
 struct Row {
     t_s: f64,
     rate_rad_s: Vector3<f64>,
@@ -240,12 +244,13 @@ struct Row {
     fix: Option<Fix>,
 }
 
-fn recorded() -> Option<Vec<Row>> {
-    let here = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
+fn recorded_flight() -> Option<Vec<Row>> {
+    let crate_folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let folder =
+        std::env::var_os("PLUMBLINE_DATA").map_or_else(|| crate_folder.join("../../../shared/data"), PathBuf::from);
     let Ok(file) = std::fs::File::open(folder.join("flights/apm_plane_log2_imu.csv.gz")) else {
-        assert!(std::env::var_os("PLUMBLINE_DATA").is_none(), "no flight at {}", folder.display());
-        eprintln!("skipped: no flight at {} (PLUMBLINE_DATA names another place)", folder.display());
+        assert!(std::env::var_os("PLUMBLINE_DATA").is_none(), "no flight in {}", folder.display());
+        eprintln!("skipped: no flight in {}; set PLUMBLINE_DATA to the folder of the recordings", folder.display());
         return None;
     };
     let mut imu = String::new();
@@ -273,15 +278,17 @@ fn recorded() -> Option<Vec<Row>> {
     Some(imu.lines().skip(1).map(row).collect())
 }
 
-/// RMS of inclination and heading from a minute after take-off on, deg; `covered` is told the time since that minute.
-fn over_the_flight(fuser: &str, name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [f64; 2] {
+/// Returns the RMS of inclination and heading from one minute after take-off on, degrees.
+///
+/// `is_covered` receives the time since then, s; fixes are used if it returns `true`.
+fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;
     let (mut chain, mut before_s) = (Chain::new(fuser, &[]), rows[0].t_s);
     let [mut inclination, mut heading] = [Rms::default(); 2];
     for row in rows {
         let sample = RateSample { rate_rad_s: row.rate_rad_s, dt_s: row.t_s - before_s, kind: RateKind::Mean };
         before_s = row.t_s;
-        let fix = row.fix.filter(|_| covered(row.t_s - from_s));
+        let fix = row.fix.filter(|_| is_covered(row.t_s - from_s));
         let out = chain.step(&sample, row.force_m_s2, fix);
         if row.flying && row.t_s >= from_s {
             let e = out.attitude.quaternion() * row.reference.conjugate();
@@ -290,30 +297,30 @@ fn over_the_flight(fuser: &str, name: &str, rows: &[Row], covered: impl Fn(f64) 
         }
     }
     assert_eq!(chain.fuser.validation_error(), None);
-    let rms = [inclination.get(), heading.get()];
+    let rms = [inclination.value(), heading.value()];
     println!("{fuser}, apm_plane_log2, {name}: inclination {:.2}, heading {:.2}, deg", rms[0], rms[1]);
     rms
 }
 
-/// Its reference is the solution of an autopilot, good to some 2 to 4°, and the flight is aerobatic.
+/// The reference is the solution of an autopilot, with errors of 2 to 4°. The flight is aerobatic.
 #[test]
-fn a_real_flight_is_followed_without_a_magnetometer() {
-    let Some(rows) = recorded() else { return };
-    let [inclination, heading] = over_the_flight("aided", "fixes all the time", &rows, |_| true);
+fn real_flight_without_magnetometer_is_within_limits() {
+    let Some(rows) = recorded_flight() else { return };
+    let [inclination, heading] = errors_over_flight("aided", "fixes all the time", &rows, |_| true);
     assert!(inclination < 4.8 && heading < 5.5);
     let [inclination, heading] =
-        over_the_flight("aided", "gaps of 60 s every 120 s", &rows, |t_s| t_s < 0.0 || t_s % 120.0 < 60.0);
+        errors_over_flight("aided", "gaps of 60 s every 120 s", &rows, |t_s| t_s < 0.0 || t_s % 120.0 < 60.0);
     assert!(inclination < 5.3 && heading < 6.0);
-    let [inclination, _] = over_the_flight("aided", "none after the first minute", &rows, |t_s| t_s < 0.0);
+    let [inclination, _] = errors_over_flight("aided", "none after the first minute", &rows, |t_s| t_s < 0.0);
     assert!(inclination < 5.0);
-    let [inclination, _] = over_the_flight("aided", "none", &rows, |_| false);
+    let [inclination, _] = errors_over_flight("aided", "none", &rows, |_| false);
     assert!(inclination < 8.6);
 }
 
 #[test]
-fn a_real_flight_without_a_receiver_is_levelled_by_its_turns() {
-    let Some(rows) = recorded() else { return };
-    let [told, _] = over_the_flight("multiple-model", "fixes all the time", &rows, |_| true);
-    let [alone, _] = over_the_flight("multiple-model", "none", &rows, |_| false);
-    assert!(told < 4.8 && alone < 16.0);
+fn real_flight_without_receiver_is_levelled_by_turns() {
+    let Some(rows) = recorded_flight() else { return };
+    let [with_fixes, _] = errors_over_flight("multiple-model", "fixes all the time", &rows, |_| true);
+    let [without_fixes, _] = errors_over_flight("multiple-model", "none", &rows, |_| false);
+    assert!(with_fixes < 4.8 && without_fixes < 16.0);
 }

@@ -1,4 +1,5 @@
-//! The levelling of `wz` over many seeds: the article's scenario, steady spins, the bias, a day without growth.
+//! Level of `wz` over many seeds: scenario S1 of the article, steady spins, gyro bias, error over a
+//! day.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -8,11 +9,11 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 100.0;
 
-/// The three stages on one body, at 100 Hz.
+/// Gyro, accelerometer and fuser stages of one body, at 100 Hz.
 #[derive(Clone)]
 struct Chain {
     gyro: Gyro,
@@ -32,7 +33,7 @@ impl Chain {
         self.fuser.step(&input)
     }
 
-    /// What the fuser is given.
+    /// Returns the input of the fuser.
     fn input(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> FuserInput {
         let inclination = self.accel.step(&force_m_s2);
         if !self.started {
@@ -46,7 +47,7 @@ impl Chain {
     }
 }
 
-/// Root of the mean square.
+/// Root mean square of the added values.
 #[derive(Default)]
 struct Rms {
     sum: f64,
@@ -72,19 +73,19 @@ fn bias_error_deg_s(fused: &Fused) -> f64 {
     fused.bias_rad_s.add_scalar(-SensorErrors::S1.gyro_bias_rad_s).norm().to_degrees()
 }
 
-/// Runs the article's scenario and hands over each second's time, output and truth.
-fn s1(seed: u64, duration_s: f64, mut each: impl FnMut(f64, &Fused, Attitude)) {
+/// Runs scenario S1 and passes time (s), output and true attitude of each tick to `observe`.
+fn s1(seed: u64, duration_s: f64, mut observe: impl FnMut(f64, &Fused, Attitude)) {
     let mut chain = Chain::new("wz");
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, seed);
     for tick in 0..=(duration_s * RATE_HZ) as u64 {
         let t_s = tick as f64 / RATE_HZ;
         let reading = sensors.read(t_s);
-        each(t_s, &chain.step(reading.rate_rad_s, reading.force_m_s2), reading.truth.attitude);
+        observe(t_s, &chain.step(reading.rate_rad_s, reading.force_m_s2), reading.truth.attitude);
     }
 }
 
 #[test]
-fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
+fn wz_in_s1_is_within_0_08_degrees() {
     for seed in 1..=6 {
         let (mut short, mut long, mut sd) = (Rms::default(), Rms::default(), Rms::default());
         s1(seed, 1000.0, |t_s, fused, truth| {
@@ -98,7 +99,7 @@ fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
             }
         });
         println!(
-            "seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, of sd {:.4}°",
+            "seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, reported sd {:.4}°",
             short.value(),
             long.value(),
             sd.value()
@@ -108,7 +109,7 @@ fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
 }
 
 #[test]
-fn the_bias_is_found_within_30_s() {
+fn wz_bias_error_after_30_s_is_within_0_01_deg_s() {
     let (mut at_30, mut after) = (Rms::default(), Rms::default());
     for seed in 1..=20 {
         let mut last = 0.0;
@@ -122,12 +123,12 @@ fn the_bias_is_found_within_30_s() {
         println!("seed {seed}: {last:.4} °/s at 30 s");
         at_30.add(last);
     }
-    println!("rms of the seeds {:.4} °/s at 30 s, {:.4} °/s from 30 to 120 s", at_30.value(), after.value());
+    println!("RMS over the seeds {:.4} °/s at 30 s, {:.4} °/s from 30 to 120 s", at_30.value(), after.value());
     assert!(at_30.value() <= 0.01);
 }
 
 #[test]
-fn a_steady_spin_about_the_vertical_keeps_its_level() {
+fn wz_keeps_level_in_steady_spin_about_vertical() {
     for spin_rad_s in [0.2, 0.3, 0.4, 0.5, 1.0, 3.0] {
         for seed in 1..=2 {
             let tilt = Attitude::from_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
@@ -149,18 +150,20 @@ fn a_steady_spin_about_the_vertical_keeps_its_level() {
     }
 }
 
-/// A day at 100 Hz of a scenario that repeats itself every 360 s: inclination RMSE of its first and of its last hour.
+/// Runs a day at 100 Hz of a scenario with a period of 360 s.
+///
+/// Compares the inclination RMSE of the first hour with that of the last.
 #[test]
 #[ignore = "long: a day of every fuser"]
-fn a_day_does_not_let_the_error_of_any_fuser_grow() {
+fn error_of_no_fuser_grows_over_a_day() {
     const HOUR: u64 = 360_000;
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     let period: Vec<_> = (0..36_000).map(|tick| sensors.read(tick as f64 / RATE_HZ)).collect();
-    let mut front = Chain::new("wz");
+    let mut chain = Chain::new("wz");
     let mut days = Fuser::NAMES.map(|name| (name, Fuser::from_name(name).unwrap(), Rms::default(), Rms::default()));
     for tick in 0..24 * HOUR {
         let reading = &period[(tick % 36_000) as usize];
-        let input = front.input(reading.rate_rad_s, reading.force_m_s2);
+        let input = chain.input(reading.rate_rad_s, reading.force_m_s2);
         for (_, fuser, first, last) in &mut days {
             let attitude = fuser.step(&input).attitude;
             if tick < HOUR {
@@ -173,63 +176,64 @@ fn a_day_does_not_let_the_error_of_any_fuser_grow() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // The gyro channel of the open loop drifts wherever it likes, and the chart's scale with it.
+        // The gyro channel of `wz-open` drifts without bound, and the scale of its chart with it.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }
 }
 
 #[test]
-fn a_stage_restored_halfway_goes_on_bit_for_bit() {
+fn wz_restored_halfway_continues_bit_for_bit() {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 3);
     let readings: Vec<_> = (0..1000).map(|tick| sensors.read(f64::from(tick) / RATE_HZ)).collect();
-    let mut whole = Chain::new("wz");
+    let mut uninterrupted = Chain::new("wz");
     let (first, second) = readings.split_at(503);
     for reading in first {
-        whole.step(reading.rate_rad_s, reading.force_m_s2);
+        uninterrupted.step(reading.rate_rad_s, reading.force_m_s2);
     }
-    let mut fresh = Fuser::from_name("wz").unwrap();
-    fresh.restore(&whole.fuser.snapshot()).unwrap();
-    let mut halved = Chain { fuser: fresh, ..whole.clone() };
+    let mut restored_fuser = Fuser::from_name("wz").unwrap();
+    restored_fuser.restore(&uninterrupted.fuser.snapshot()).unwrap();
+    let mut restored = Chain { fuser: restored_fuser, ..uninterrupted.clone() };
     for reading in second {
-        let [a, b] = [&mut whole, &mut halved].map(|chain| chain.step(reading.rate_rad_s, reading.force_m_s2));
+        let [a, b] =
+            [&mut uninterrupted, &mut restored].map(|chain| chain.step(reading.rate_rad_s, reading.force_m_s2));
         assert_eq!(a, b);
     }
-    assert_eq!(whole.fuser, halved.fuser);
-    assert_eq!(whole.fuser.snapshot(), halved.fuser.snapshot());
+    assert_eq!(uninterrupted.fuser, restored.fuser);
+    assert_eq!(uninterrupted.fuser.snapshot(), restored.fuser.snapshot());
 }
 
-/// Numbers of which one at least is changed to what cannot be.
+/// Sets each value of the record in turn to an implausible one.
 #[test]
-fn a_state_that_cannot_be_is_refused() {
+fn wz_record_with_implausible_value_is_rejected() {
     let mut chain = Chain::new("wz");
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     for tick in 0..2000 {
         let reading = sensors.read(f64::from(tick) / RATE_HZ);
         chain.step(reading.rate_rad_s, reading.force_m_s2);
     }
-    let sound = chain.fuser.snapshot();
-    let mut refused = 0;
-    for index in 0..sound.len {
-        let mut record = sound;
+    let valid = chain.fuser.snapshot();
+    let mut rejected = 0;
+    for index in 0..valid.len {
+        let mut record = valid;
         record.values[index] = -1e3;
         record.checksum = record.compute_checksum();
         let mut fuser = Fuser::from_name("wz").unwrap();
         let untouched = fuser.clone();
         if fuser.restore(&record).is_err() {
-            refused += 1;
+            rejected += 1;
             assert_eq!(fuser, untouched);
         }
     }
-    println!("{refused} of {} numbers", sound.len);
-    // Attitude and azimuth, bias and scale, the 100 of the covariance, times and variances.
-    assert!(refused >= 110, "{refused}");
-    chain.fuser.restore(&sound).unwrap();
+    println!("{rejected} of {} values rejected", valid.len);
+    // Attitude and azimuth, bias and scale, 100 values of the covariance, times and variances.
+    assert!(rejected >= 110, "{rejected}");
+    chain.fuser.restore(&valid).unwrap();
 }
 
 #[test]
-fn absurd_input_is_survived() {
-    let absurd = [0.0, -0.0, 1e-300, 1.0, -3.0, 1e5, -1e8, 1e155, -1e200, f64::MAX, f64::MIN];
+fn extreme_input_keeps_output_finite() {
+    let extreme = [0.0, -0.0, 1e-300, 1.0, -3.0, 1e5, -1e8, 1e155, -1e200, f64::MAX, f64::MIN];
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
     for fuser in ["wz", "wz-closed", "wz-open"] {
         let mut chain = Chain::new(fuser);
@@ -242,8 +246,8 @@ fn absurd_input_is_survived() {
             let reading = sensors.read(f64::from(tick) / RATE_HZ);
             let (mut rate_rad_s, mut force_m_s2) = (reading.rate_rad_s, reading.force_m_s2);
             if tick % 1000 < 100 {
-                rate_rad_s = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
-                force_m_s2 = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
+                rate_rad_s = Vector3::from_fn(|_, _| extreme[pick() % extreme.len()]);
+                force_m_s2 = Vector3::from_fn(|_, _| extreme[pick() % extreme.len()]);
             }
             let kind = if pick() % 2 == 0 { RateKind::Instant } else { RateKind::Mean };
             let dt_s = [0.0, 1e-9, 0.0035, 0.01, 0.3, 1.0][pick() % 6];

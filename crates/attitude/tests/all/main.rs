@@ -1,4 +1,4 @@
-//! Every integration test of `attitude`, in one executable.
+//! Integration tests of `attitude`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod aided;
@@ -17,8 +17,8 @@ mod identities;
 mod level;
 mod levelling;
 mod multiple_model;
-mod numbers;
+mod scalars;
 mod scenarios;
 mod steps;
 mod vehicles;
-mod warm;
+mod warm_start;

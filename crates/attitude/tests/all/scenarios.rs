@@ -1,4 +1,5 @@
-//! The stages on simulated motions: the article's tables, tumbling through the inverted attitude, steady spin, snapshots.
+//! Stages on simulated motions: tables of the article, tumbling through the inverted attitude,
+//! steady spin, snapshots.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -9,9 +10,9 @@ use attitude::{
     stage::{RestoreError, Stage},
     state::Attitude,
 };
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 
-/// The three stages on one body, fed tick by tick.
+/// Gyro, accelerometer and fuser stages of one body.
 #[derive(Clone)]
 struct Chain {
     gyro: Gyro,
@@ -69,13 +70,14 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count).sqrt()
 }
 
+/// Root-mean-square inclination errors from 5 s on, degrees.
 struct S1Errors {
     gyro: f64,
     fused: f64,
     bias_error_deg_s: f64,
 }
 
-/// Inclination RMSE, degrees, from 5 s on.
+/// Runs scenario S1 with its sensor errors.
 fn s1_with_errors(fuser: &str, rate_hz: f64, duration_s: f64, seed: u64) -> S1Errors {
     let mut chain = Chain::new("mobius", fuser);
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, seed);
@@ -94,13 +96,13 @@ fn s1_with_errors(fuser: &str, rate_hz: f64, duration_s: f64, seed: u64) -> S1Er
 }
 
 #[test]
-fn the_articles_table_is_met_by_its_own_method() {
+fn rk4_matches_table_of_article() {
     let table = include_str!("golden/s1.csv");
     let mut attitude = Motion::S1.at(0.0).attitude;
     let mut tick = 0;
     for row in table.lines().filter(|line| !line.starts_with(['#', 't'])) {
         let [t_s, u, v, z_rad] = row.split(',').map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>()[..] else {
-            panic!("four columns: {row}")
+            panic!("expected four columns: {row}")
         };
         while tick < (t_s * 100.0).round() as u64 {
             let t = tick as f64 / 100.0;
@@ -109,14 +111,14 @@ fn the_articles_table_is_met_by_its_own_method() {
         }
         assert_eq!(attitude.up.chart, Chart::Upright);
         for (got, want) in [(attitude.up.w.re, u), (attitude.up.w.im, v), (attitude.z_rad, z_rad)] {
-            assert!((got - want).abs() < 1e-9, "t = {t_s}: {got} is not {want}");
+            assert!((got - want).abs() < 1e-9, "t = {t_s}: got {got}, expected {want}");
         }
     }
     assert_eq!(tick, 10_000);
 }
 
 #[test]
-fn noise_free_runge_kutta_keeps_the_angles_to_1e_9_degrees() {
+fn noise_free_rk4_keeps_angles_within_1e_9_degrees() {
     let mut attitude = Motion::S1.at(0.0).attitude;
     for tick in 0..10_000 {
         let t_s = tick as f64 / 100.0;
@@ -130,7 +132,7 @@ fn noise_free_runge_kutta_keeps_the_angles_to_1e_9_degrees() {
 }
 
 #[test]
-fn the_articles_errors_are_met() {
+fn s1_errors_match_article() {
     let mean = |fuser: &str, pick: fn(&S1Errors) -> f64| {
         (1..=3).map(|seed| pick(&s1_with_errors(fuser, 100.0, 100.0, seed))).sum::<f64>() / 3.0
     };
@@ -148,7 +150,7 @@ fn the_articles_errors_are_met() {
 }
 
 #[test]
-fn wz_finds_the_bias_within_30_s() {
+fn wz_finds_gyro_bias_within_30_s() {
     for seed in 1..=3 {
         let found = s1_with_errors("wz", 100.0, 30.0, seed);
         println!("seed {seed}: bias error {:.4} °/s", found.bias_error_deg_s);
@@ -157,7 +159,7 @@ fn wz_finds_the_bias_within_30_s() {
 }
 
 #[test]
-fn tumbling_through_the_inverted_attitude_costs_nothing() {
+fn tumbling_through_inverted_attitude_adds_no_error() {
     let rate_rad_s = 500f64.to_radians();
     let axes = [
         Vector3::x(),
@@ -176,7 +178,8 @@ fn tumbling_through_the_inverted_attitude_costs_nothing() {
                 let truth = motion.at(tick as f64 / 1000.0);
                 let (open, out) = chain.step(truth.rate_rad_s, truth.force_m_s2, 1e-3);
                 let worst = total_error_deg(open, truth.attitude).max(total_error_deg(out.attitude, truth.attitude));
-                // The original form compares the force with the attitude an interval before, and leads by what it finds.
+                // The original filter compares the force with the attitude of the previous
+                // interval, so it corrects for one interval of rotation.
                 let limit_deg = if fuser == "madgwick" { 1.0 } else { 1e-6 };
                 assert!(worst < limit_deg, "{fuser}, axis {axis:?}, tick {tick}: {worst}°");
                 inverted += u64::from(out.attitude.up.chart == Chart::Inverted);
@@ -187,7 +190,7 @@ fn tumbling_through_the_inverted_attitude_costs_nothing() {
 }
 
 #[test]
-fn euler_drifts_where_mobius_does_not() {
+fn euler_drifts_and_mobius_does_not() {
     let motion = Motion::Tumble(Vector3::new(1.0, -2.0, 3.0));
     let drift_deg = |gyro: &str| {
         let mut chain = Chain::new(gyro, "wz");
@@ -204,7 +207,7 @@ fn euler_drifts_where_mobius_does_not() {
 }
 
 #[test]
-fn a_steady_spin_does_not_break_the_bias_estimate() {
+fn steady_spin_does_not_disturb_bias_estimate() {
     for spin_rad_s in [0.2, 0.5, 3.0] {
         let tilt =
             Attitude::from_angles(attitude::angles::Angles { pitch_rad: 20f64.to_radians(), ..Default::default() });
@@ -228,7 +231,7 @@ fn a_steady_spin_does_not_break_the_bias_estimate() {
 }
 
 #[test]
-fn a_restored_stage_goes_on_bit_for_bit() {
+fn restored_chain_continues_bit_for_bit() {
     for (gyro, fuser) in Gyro::NAMES.into_iter().zip(Fuser::NAMES) {
         let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 1);
         let mut chain = Chain::new(gyro, fuser);
@@ -245,7 +248,7 @@ fn a_restored_stage_goes_on_bit_for_bit() {
         other.accel.restore(&chain.accel.snapshot()).unwrap();
         other.fuser.restore(&chain.fuser.snapshot()).unwrap();
         for tick in 1000..2000 {
-            let reading = sensors_clone(tick);
+            let reading = ideal_reading(tick);
             assert_eq!(
                 chain.step(reading.0, reading.1, 0.01),
                 other.step(reading.0, reading.1, 0.01),
@@ -255,13 +258,13 @@ fn a_restored_stage_goes_on_bit_for_bit() {
     }
 }
 
-fn sensors_clone(tick: u64) -> (Vector3<f64>, Vector3<f64>) {
+fn ideal_reading(tick: u64) -> (Vector3<f64>, Vector3<f64>) {
     let truth = Motion::S1.at(tick as f64 / 100.0);
     (truth.rate_rad_s, truth.force_m_s2)
 }
 
 #[test]
-fn a_foreign_or_broken_record_is_refused_and_nothing_changes() {
+fn foreign_or_damaged_record_is_rejected_unchanged() {
     let mut fuser = Fuser::from_name("wz").unwrap();
     let untouched = fuser.clone();
     let mut record = fuser.snapshot();

@@ -1,10 +1,15 @@
-//! Steps of the attitude that are not the body's, on recordings: what a tick changes beyond the gyro's turn is either small or announced.
+//! Steps of the attitude that are not motion of the body, on recordings. A tick may correct the
+//! rotation of the gyro only by a small or an announced step.
 //!
-//! Input: a multicopter's log (PX4), the trials of BROAD, an aerobatic flight. Output: the largest unannounced step. Time: the
-//! recordings' own. Failure: without the recordings nothing is tested, and the test says so.
+//! Input: log of a multicopter (PX4), trials of BROAD, an aerobatic flight.
 //!
-//! It holds for stages that keep a level and correct it by what they find out. `wz-closed`, `wz-open`, `madgwick` and `vqf` follow each
-//! sample of the accelerometer: what they do in a tick is in proportion to what it reads.
+//! Output: largest unannounced step.
+//!
+//! Failure: without the recordings the tests are skipped with a message.
+//!
+//! This holds for stages that keep a level and correct it gradually. `wz-closed`, `wz-open`,
+//! `madgwick` and `vqf` follow each accelerometer sample, so their step is proportional to the
+//! difference that the sample shows.
 use std::path::{Path, PathBuf};
 
 use attitude::{
@@ -13,15 +18,15 @@ use attitude::{
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
-    stage::Stage,
     rotation::Rotation,
+    stage::Stage,
 };
 use recording::{Reader, gnss::FixReader};
 
 use crate::common::ulog;
 
-/// Largest unannounced step, degrees.
-const STEP_DEG: f64 = 0.05;
+/// Largest accepted unannounced step, degrees.
+const MAX_STEP_DEG: f64 = 0.05;
 const FUSERS: [&str; 6] = ["wz", "multiple-model", "aided", "levelling", "levelling-unified", "levelling-pi"];
 
 struct Sample {
@@ -32,17 +37,21 @@ struct Sample {
     fix: Option<Fix>,
 }
 
-/// The file of that name; `None`, and a word on the standard error, where there are no recordings.
+/// Returns the path of a recording.
+///
+/// Returns `None` and prints a message to standard error if the recording is missing.
 fn data(name: &str) -> Option<PathBuf> {
-    let set = std::env::var_os("PLUMBLINE_DATA").map(PathBuf::from);
-    let path =
-        set.clone().unwrap_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into()).join(name);
-    let there = path.exists();
-    assert!(there || set.is_none(), "no recording at {}", path.display());
-    if !there {
-        eprintln!("skipped: no recording at {} (PLUMBLINE_DATA names another place)", path.display());
+    let data_folder = std::env::var_os("PLUMBLINE_DATA").map(PathBuf::from);
+    let path = data_folder
+        .clone()
+        .unwrap_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into())
+        .join(name);
+    let exists = path.exists();
+    assert!(exists || data_folder.is_none(), "no recording at {}", path.display());
+    if !exists {
+        eprintln!("skipped: no recording at {}; set PLUMBLINE_DATA to the folder of the recordings", path.display());
     }
-    there.then_some(path)
+    exists.then_some(path)
 }
 
 fn multicopter() -> Option<Vec<Sample>> {
@@ -57,7 +66,7 @@ fn multicopter() -> Option<Vec<Sample>> {
     Some(ulog::samples(&log).into_iter().map(sample).collect())
 }
 
-/// A recording with the fixes of a file beside it.
+/// Reads a recording with the fixes of an accompanying file.
 fn recorded(path: &Path, mut fixes: Option<FixReader>) -> Vec<Sample> {
     let sample = |row: Result<recording::Row, _>| {
         let row = row.unwrap();
@@ -78,8 +87,8 @@ fn recorded(path: &Path, mut fixes: Option<FixReader>) -> Vec<Sample> {
     Reader::open(path).unwrap().map(sample).collect()
 }
 
-/// Runs a fuser; each tick's time, motion and output.
-fn run(name: &str, samples: &[Sample], magnetic: bool, mut see: impl FnMut(f64, &Motion, &Fused)) {
+/// Runs a fuser and passes time (s), motion and output of each tick to `observe`.
+fn run(name: &str, samples: &[Sample], magnetic: bool, mut observe: impl FnMut(f64, &Motion, &Fused)) {
     let (mut gyro, mut accel, mut fuser) =
         (Gyro::from_name("mobius").unwrap(), Projector::default(), Fuser::from_name(name).unwrap());
     let mut before_s = samples[0].t_s;
@@ -95,34 +104,34 @@ fn run(name: &str, samples: &[Sample], magnetic: bool, mut see: impl FnMut(f64, 
             rest_credible: true,
             rate_credible: true,
         });
-        see(sample.t_s - samples[0].t_s, &motion, &out);
+        observe(sample.t_s - samples[0].t_s, &motion, &out);
     }
 }
 
-/// The largest of a run, degrees, and when it was, s.
+/// Largest values of a run, degrees, each with its time, s.
 #[derive(Debug, Clone, Copy, Default)]
 struct Worst {
-    /// What a tick turned beyond the gyro's turn.
+    /// Rotation of a tick beyond the rotation that the gyro measured.
     correction: (f64, f64),
-    /// By how much that differs from the tick before.
+    /// Change of the correction between two ticks.
     change: (f64, f64),
     announced: u64,
 }
 
 fn worst(name: &str, samples: &[Sample], magnetic: bool) -> Worst {
     let (mut worst, mut before, mut correction_before) = (Worst::default(), None::<Fused>, None::<Vector3<f64>>);
-    let note = |most: &mut (f64, f64), rotation: Vector3<f64>, t_s| {
+    let note = |max: &mut (f64, f64), rotation: Vector3<f64>, t_s| {
         let deg = rotation.norm().to_degrees();
-        *most = if deg > most.0 { (deg, t_s) } else { *most };
+        *max = if deg > max.0 { (deg, t_s) } else { *max };
     };
     run(name, samples, magnetic, |t_s, motion, out| {
-        let told = out.corrections.aligned;
-        worst.announced += u64::from(told);
-        let correction = before.filter(|_| !told).map(|before| {
-            let turn = Rotation::from_rotation_vector((motion.rate_rad_s - before.bias_rad_s) * motion.dt_s);
-            let expected = before.attitude.quaternion() * turn.quaternion();
-            let rest = out.attitude.quaternion() * expected.conjugate();
-            rest.imag() * (2.0 * rest.w.signum())
+        let announced = out.corrections.aligned;
+        worst.announced += u64::from(announced);
+        let correction = before.filter(|_| !announced).map(|before| {
+            let rotation = Rotation::from_rotation_vector((motion.rate_rad_s - before.bias_rad_s) * motion.dt_s);
+            let expected = before.attitude.quaternion() * rotation.quaternion();
+            let difference = out.attitude.quaternion() * expected.conjugate();
+            difference.imag() * (2.0 * difference.w.signum())
         });
         if let Some(correction) = correction {
             note(&mut worst.correction, correction, t_s);
@@ -137,16 +146,16 @@ fn worst(name: &str, samples: &[Sample], magnetic: bool) -> Worst {
 }
 
 #[test]
-fn no_tick_of_a_multicopters_log_turns_the_attitude_unannounced() {
+fn multicopter_log_has_no_unannounced_step() {
     let Some(samples) = multicopter() else { return };
     for name in FUSERS {
         let worst = worst(name, &samples, false);
-        assert!(worst.correction.0 < STEP_DEG, "{name}: {worst:?}");
+        assert!(worst.correction.0 < MAX_STEP_DEG, "{name}: {worst:?}");
     }
 }
 
 #[test]
-fn no_tick_of_broad_turns_the_attitude_unannounced() {
+fn broad_trials_have_no_unannounced_step() {
     let Some(folder) = data("broad") else { return };
     let mut paths: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "gz"));
@@ -156,24 +165,25 @@ fn no_tick_of_broad_turns_the_attitude_unannounced() {
         let samples = recorded(&path, None);
         for (name, magnetic) in FUSERS.map(|name| (name, false)).into_iter().chain([("wz", true), ("aided", true)]) {
             let worst = worst(name, &samples, magnetic);
-            assert!(worst.correction.0 < STEP_DEG, "{name}, {}: {worst:?}", path.display());
+            assert!(worst.correction.0 < MAX_STEP_DEG, "{name}, {}: {worst:?}", path.display());
         }
     }
 }
 
-/// At 50 Hz, in aerobatics, the levelling alone leans by more in a tick, but from tick to tick by nearly the same. That is so of `wz`; the
-/// others change by as much as they are known to.
+/// At 50 Hz in aerobatics the level correction exceeds the limit in one tick but changes little
+/// between ticks. Therefore the change is limited, for `wz`, `aided` and `multiple-model` to twice
+/// the limit and for the others to their known values.
 #[test]
-fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
+fn aerobatic_flight_has_no_unannounced_step() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
     let fixes = FixReader::open(&data("flights/apm_plane_log2_gnss.csv").unwrap()).unwrap();
     let samples = recorded(&path, Some(fixes));
     for (name, magnetic) in FUSERS.map(|name| (name, false)).into_iter().chain([("wz", true), ("aided", true)]) {
         let worst = worst(name, &samples, magnetic);
         let limit_deg = match name {
-            "wz" | "aided" | "multiple-model" => 2.0 * STEP_DEG,
+            "wz" | "aided" | "multiple-model" => 2.0 * MAX_STEP_DEG,
             "levelling-pi" => 0.5,
-            // The level of `levelling`, and a step of the complex course.
+            // Level of `levelling` plus a step of the complex course.
             "levelling-unified" => 1.0,
             _ => 0.9,
         };
@@ -181,26 +191,26 @@ fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
     }
 }
 
-/// Rest is found at 8.05 s, after a movement that left the bias wrong by 0.16 °/s.
+/// Rest is detected at 8.05 s, after a movement that left a bias error of 0.16 °/s.
 #[test]
-fn the_bias_at_rest_does_not_take_the_level_from_the_mean_accelerometer() {
+fn bias_found_at_rest_does_not_disturb_level() {
     const REST_S: core::ops::Range<f64> = 7.0..9.0;
     let Some(samples) = multicopter() else { return };
     let resting = samples.iter().filter(|sample| REST_S.contains(&(sample.t_s - samples[0].t_s)));
     let mean = resting.fold(Vector3::zeros(), |sum, sample| sum + sample.force_m_s2).normalize();
     let (mut found_s, mut before_deg, mut largest_deg) = (None, 0.0, 0f64);
     run("wz", &samples, false, |t_s, _, out| {
-        let off_deg = out.attitude.horizontal(mean).norm_sqr().sqrt().to_degrees();
+        let error_deg = out.attitude.horizontal(mean).norm_sqr().sqrt().to_degrees();
         if out.corrections.rest && found_s.is_none() {
             found_s = Some(t_s);
         }
         match found_s {
-            None => before_deg = off_deg,
-            Some(_) if t_s < 12.0 => largest_deg = largest_deg.max(off_deg),
+            None => before_deg = error_deg,
+            Some(_) if t_s < 12.0 => largest_deg = largest_deg.max(error_deg),
             Some(_) => {}
         }
     });
-    println!("at rest from {found_s:?} s; off by {before_deg:.3}° before, {largest_deg:.3}° at most after");
+    println!("at rest from {found_s:?} s; level error {before_deg:.3}° before, at most {largest_deg:.3}° after");
     assert!(found_s.is_some_and(|found_s| (8.0..8.1).contains(&found_s)), "{found_s:?}");
     assert!(largest_deg < before_deg + 0.01, "{before_deg}° before, {largest_deg}° after");
 }

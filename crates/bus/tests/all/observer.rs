@@ -168,8 +168,7 @@ fn stale_files_are_removed_only_for_dead_systems() {
     fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("control"), "").unwrap();
-    let stale =
-        StaleResources::all().into_iter().flatten().find(|stale| stale.system_name == system_name).unwrap();
+    let stale = StaleResources::all().into_iter().flatten().find(|stale| stale.system_name == system_name).unwrap();
     assert_eq!((stale.liveness.clone(), stale.files.len()), (SystemLiveness::Dead, 2));
     stale.remove().unwrap();
     assert_eq!(files(&system_name), Vec::<PathBuf>::new());

@@ -24,7 +24,7 @@ mod pair;
 mod records;
 pub mod sysfs;
 
-pub use pair::{MAX_GAP_NS, DevicePair, MAX_WAIT_NS};
+pub use pair::{DevicePair, MAX_GAP_NS, MAX_WAIT_NS};
 pub use records::{Channel, Clock, Iio, Layout, Vector};
 
 /// Error while configuring a device through its folder.
@@ -77,7 +77,9 @@ pub enum IioError {
         missing: &'static str,
     },
     /// The timestamps of two devices use different clocks.
-    #[error("the gyro's timestamps use the clock {gyro:?}, the accelerometer's {accel:?}; set both devices to one clock")]
+    #[error(
+        "the gyro's timestamps use the clock {gyro:?}, the accelerometer's {accel:?}; set both devices to one clock"
+    )]
     ClockMismatch {
         /// Clock of the gyro.
         gyro: Clock,

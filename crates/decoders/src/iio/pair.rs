@@ -146,7 +146,8 @@ impl DevicePair {
         let after_index = self.forces.partition_point(|(t_ns, _)| *t_ns < now_ns);
         let before = after_index.checked_sub(1).and_then(|index| self.forces.get(index));
         let Some((after_ns, after)) = self.forces.get(after_index) else { return Force::Pending };
-        let if_close = |&(t_ns, force): &(u64, [f64; 3])| (t_ns.abs_diff(now_ns) <= MAX_GAP_NS).then_some((t_ns, force));
+        let if_close =
+            |&(t_ns, force): &(u64, [f64; 3])| (t_ns.abs_diff(now_ns) <= MAX_GAP_NS).then_some((t_ns, force));
         let force = match before {
             Some((before_ns, before)) if after_ns - before_ns <= MAX_GAP_NS => {
                 let fraction = (now_ns - before_ns) as f64 / (after_ns - before_ns) as f64;

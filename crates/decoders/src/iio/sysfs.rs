@@ -103,9 +103,15 @@ pub fn read(device: &Path) -> Result<Layout, IioError> {
     let find = |name: &str| channels.iter().find(|(other, _)| other == name).map(|(_, channel)| *channel);
     let vector = |name: &'static str| -> Result<Option<Vector>, IioError> {
         let [Some(x), Some(y), Some(z)] = AXES.map(|axis| find(&format!("{name}_{axis}"))) else { return Ok(None) };
-        let mut vector = Vector { channels: [x, y, z], offset: [0.0; 3], scale: [1.0; 3], mount_matrix: mount_matrix(device, name)? };
+        let mut vector = Vector {
+            channels: [x, y, z],
+            offset: [0.0; 3],
+            scale: [1.0; 3],
+            mount_matrix: mount_matrix(device, name)?,
+        };
         for (index, axis) in AXES.iter().enumerate() {
-            let read_number = |what: &str| first_number(device, &[format!("{name}_{axis}_{what}"), format!("{name}_{what}")]);
+            let read_number =
+                |what: &str| first_number(device, &[format!("{name}_{axis}_{what}"), format!("{name}_{what}")]);
             vector.offset[index] = read_number("offset")?.unwrap_or(0.0);
             vector.scale[index] = read_number("scale")?.unwrap_or(1.0);
         }
@@ -153,7 +159,8 @@ fn channels(folder: &Path) -> Result<(Vec<(String, Channel)>, usize), IioError> 
         let index: u32 = text.parse().map_err(|_| malformed(&path, &text, "a whole number"))?;
         let path = folder.join(format!("{name}_type"));
         let text = read_text(&path)?;
-        let (channel, size) = parse_channel_type(&text).ok_or_else(|| malformed(&path, &text, "such as le:s16/16>>0"))?;
+        let (channel, size) =
+            parse_channel_type(&text).ok_or_else(|| malformed(&path, &text, "such as le:s16/16>>0"))?;
         found.push((index, size, name.to_owned(), channel));
     }
     found.sort_by_key(|(index, ..)| *index);

@@ -2,7 +2,7 @@
 
 use decoders::{
     Framed, Measurement, Value,
-    mavlink::{FixMessage, ImuMessage, Mavlink, RawScale, MavlinkSettings},
+    mavlink::{FixMessage, ImuMessage, Mavlink, MavlinkSettings, RawScale},
 };
 use mavlink::dialects::ardupilotmega::{
     GPS_RAW_INT_DATA, GpsFixType, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage, RAW_IMU_DATA, SCALED_IMU_DATA,
@@ -32,8 +32,15 @@ fn highres(id: u8) -> MavMessage {
 fn raw_imu_is_read_only_if_selected_with_scale() {
     assert_eq!(decode(MavlinkSettings::default(), &[raw()]), []);
     let scale = Some(RawScale { rate_rad_s: 0.5, force_m_s2: 0.1, field_ut: 2.0 });
-    assert_eq!(decode(MavlinkSettings { raw_scale: scale, ..MavlinkSettings::default() }, &[raw()]), [], "not selected");
-    let found = decode(MavlinkSettings { raw_scale: scale, imu: Some(ImuMessage::RawImu), ..MavlinkSettings::default() }, &[raw(), scaled()]);
+    assert_eq!(
+        decode(MavlinkSettings { raw_scale: scale, ..MavlinkSettings::default() }, &[raw()]),
+        [],
+        "not selected"
+    );
+    let found = decode(
+        MavlinkSettings { raw_scale: scale, imu: Some(ImuMessage::RawImu), ..MavlinkSettings::default() },
+        &[raw(), scaled()],
+    );
     let value =
         Value::Imu { rate_rad_s: [0.0, 1.0, 0.0], force_m_s2: [0.0, 0.0, 10.0], field_ut: Some([14.0, 0.0, 0.0]) };
     assert_eq!(found.iter().map(|found| found.value).collect::<Vec<_>>(), [value]);
@@ -41,7 +48,9 @@ fn raw_imu_is_read_only_if_selected_with_scale() {
 
 #[test]
 fn selected_or_first_imu_message_is_read() {
-    let kinds = |imu| decode(MavlinkSettings { imu, ..MavlinkSettings::default() }, &[scaled(), highres(0), scaled(), highres(0)]);
+    let kinds = |imu| {
+        decode(MavlinkSettings { imu, ..MavlinkSettings::default() }, &[scaled(), highres(0), scaled(), highres(0)])
+    };
     let forces = |found: Vec<Measurement>| -> Vec<f64> {
         let force = |found: &Measurement| match found.value {
             Value::Imu { force_m_s2: [_, _, z], .. } => z,
@@ -56,7 +65,8 @@ fn selected_or_first_imu_message_is_read() {
 
 #[test]
 fn only_selected_system_is_read() {
-    let measurement_count = |system| decode(MavlinkSettings { system_id: Some(system), ..MavlinkSettings::default() }, &[highres(0)]).len();
+    let measurement_count =
+        |system| decode(MavlinkSettings { system_id: Some(system), ..MavlinkSettings::default() }, &[highres(0)]).len();
     assert_eq!((measurement_count(1), measurement_count(2)), (1, 0));
 }
 
@@ -66,7 +76,10 @@ fn gps_raw_without_fix_or_course_yields_no_fix() {
         MavMessage::GPS_RAW_INT(GPS_RAW_INT_DATA { fix_type, vel: 1000, cog, vel_acc, ..Default::default() })
     };
     let good = GpsFixType::GPS_FIX_TYPE_3D_FIX;
-    assert_eq!(decode(MavlinkSettings::default(), &[fix(GpsFixType::GPS_FIX_TYPE_NO_FIX, 0, 0), fix(good, u16::MAX, 0)]), []);
+    assert_eq!(
+        decode(MavlinkSettings::default(), &[fix(GpsFixType::GPS_FIX_TYPE_NO_FIX, 0, 0), fix(good, u16::MAX, 0)]),
+        []
+    );
     let disabled = MavlinkSettings { fix: FixMessage::Disabled, ..MavlinkSettings::default() };
     assert_eq!(decode(disabled, &[fix(good, 0, 0)]), []);
     for (vel_acc, sd) in [(0, 1.0), (300, 1.0), (4000, 4.0)] {

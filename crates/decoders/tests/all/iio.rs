@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use decoders::{
     DeviceTime, Framed, Measurement, Value,
-    iio::{Clock, Iio, IioError, DevicePair, sysfs},
+    iio::{Clock, DevicePair, Iio, IioError, sysfs},
 };
 
 use crate::streams::decoded;
@@ -172,7 +172,10 @@ fn pair() -> DevicePair {
     let gyro = single_quantity_device(root.path(), "iio:device0", "in_anglvel");
     let accel = single_quantity_device(root.path(), "iio:device1", "in_accel");
     assert!(matches!(Iio::new(gyro.clone()), Err(IioError::MissingChannels { missing: "in_accel" })));
-    assert!(matches!(DevicePair::new(accel.clone(), gyro.clone()), Err(IioError::MissingChannels { missing: "in_anglvel" })));
+    assert!(matches!(
+        DevicePair::new(accel.clone(), gyro.clone()),
+        Err(IioError::MissingChannels { missing: "in_anglvel" })
+    ));
     let other = decoders::iio::Layout { clock: Clock::Realtime, ..accel.clone() };
     assert!(matches!(DevicePair::new(gyro.clone(), other), Err(IioError::ClockMismatch { .. })));
     DevicePair::new(gyro, accel).unwrap()
@@ -193,8 +196,10 @@ fn times_and_x_components(found: &[Measurement]) -> Vec<(u64, f64, f64)> {
 #[test]
 fn device_pair_interpolates_force_at_rate_time() {
     let wanted = [(10, 5.0, 50.0), (15, 7.5, 75.0), (20, 10.0, 100.0), (25, 12.5, 125.0), (30, 15.0, 150.0)];
-    let gyro: Vec<u8> = wanted.iter().flat_map(|(t_ms, ..)| record_of_one_quantity(*t_ms as i16, *t_ms as i64)).collect();
-    let accel: Vec<u8> = [0i16, 8, 16, 24, 32].iter().flat_map(|t_ms| record_of_one_quantity(10 * t_ms, (*t_ms).into())).collect();
+    let gyro: Vec<u8> =
+        wanted.iter().flat_map(|(t_ms, ..)| record_of_one_quantity(*t_ms as i16, *t_ms as i64)).collect();
+    let accel: Vec<u8> =
+        [0i16, 8, 16, 24, 32].iter().flat_map(|t_ms| record_of_one_quantity(10 * t_ms, (*t_ms).into())).collect();
     // Complete, byte by byte, and in odd chunks.
     for size in [gyro.len(), 1, 17] {
         for gyro_is_first in [true, false] {

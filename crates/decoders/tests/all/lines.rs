@@ -2,7 +2,7 @@
 
 use decoders::{
     Counts, DeviceTime, Framed, Measurement, Position, Value,
-    lines::{Lines, LinesError, LineSettings},
+    lines::{LineSettings, Lines, LinesError},
 };
 use mapping::Mapping;
 use recording::{Layout, Reference, Row};

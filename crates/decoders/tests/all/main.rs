@@ -3,7 +3,6 @@
 
 mod autopilot;
 mod damage;
-mod third_party;
 mod iio;
 mod lines;
 #[path = "../../../../tests/common/python.rs"]
@@ -11,3 +10,4 @@ mod python;
 mod receivers;
 mod sensors;
 mod streams;
+mod third_party;

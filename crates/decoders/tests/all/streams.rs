@@ -233,7 +233,14 @@ fn sentence(n: u32) -> Vec<u8> {
 
 /// Layout of a 16-bit big-endian rate and force and a timestamp.
 fn layout() -> Layout {
-    let channel = |at, bytes, bits| Channel { byte_offset: at, storage_bytes: bytes, bits, shift: 0, is_signed: true, is_big_endian: bytes == 2 };
+    let channel = |at, bytes, bits| Channel {
+        byte_offset: at,
+        storage_bytes: bytes,
+        bits,
+        shift: 0,
+        is_signed: true,
+        is_big_endian: bytes == 2,
+    };
     let vector = |at: usize, scale: f64| Vector {
         channels: [0, 2, 4].map(|axis| channel(at + axis, 2, 16)),
         offset: [0.0; 3],

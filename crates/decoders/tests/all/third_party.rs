@@ -64,7 +64,9 @@ fn position(latitude_rad: Option<f64>, longitude_rad: Option<f64>, altitude_m: O
 fn numbers(value: &Value) -> Vec<f64> {
     let unknown = [f64::NAN; 3];
     match *value {
-        Value::Imu { rate_rad_s, force_m_s2, field_ut } => [rate_rad_s, force_m_s2, field_ut.unwrap_or(unknown)].concat(),
+        Value::Imu { rate_rad_s, force_m_s2, field_ut } => {
+            [rate_rad_s, force_m_s2, field_ut.unwrap_or(unknown)].concat()
+        }
         Value::Field(field_ut) => field_ut.to_vec(),
         Value::Fix { velocity_m_s, sd_m_s, position } => {
             let rest = [sd_m_s, position.latitude_rad, position.longitude_rad, position.altitude_m];

@@ -56,5 +56,8 @@ fn names_indices_and_flags_follow_the_table() {
     assert_eq!(Topic::from_name("imus"), None);
     assert_eq!(Topic::Mag.entry().presence, Presence::Flagged("FIELD"));
     assert_eq!(Service::ALL.map(|service| Service::from_name(service.name())), Service::ALL.map(Some));
-    assert_eq!([0, 5, 6, 7, 8].map(Service::from_index), [Some(Ingest), Some(Gateway), Some(Drivers), Some(Cockpit), None]);
+    assert_eq!(
+        [0, 5, 6, 7, 8].map(Service::from_index),
+        [Some(Ingest), Some(Gateway), Some(Drivers), Some(Cockpit), None]
+    );
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use attitude::{
     Vector3,
     accel::Accelerometer,
-    stage::{RestoreError, Validate, Stage},
+    stage::{RestoreError, Stage, Validate},
 };
 use host::{HostError, HostedStage};
 use launch::{ExternalStage, Service};
@@ -94,7 +94,9 @@ fn invalid_response_fails_permanently_with_reason() {
         assert!(reason.contains(message), "{fault}: {reason}");
         // After the failure no request is sent and nothing is waited for.
         let waited = started.elapsed();
-        assert!(stage.step(&Vector3::zeros()).validation_error().is_some() && stage.restore(&stage.snapshot()).is_err());
+        assert!(
+            stage.step(&Vector3::zeros()).validation_error().is_some() && stage.restore(&stage.snapshot()).is_err()
+        );
         assert!(stage.clone().failure().is_some_and(|copy| copy.to_string() == reason), "{fault}");
         println!("{fault}: {waited:?}");
     }

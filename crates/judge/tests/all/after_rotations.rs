@@ -83,8 +83,11 @@ fn hidden_axis_errors_are_diagnosed_after_90_degree_rotations() {
         let all = after_rotations(&recorded, rate_hz);
         let found = diagnose(all.iter().copied(), rate_hz);
         assert!(found.is_empty(), "{name} with rotations: {found:#?}");
-        for (error, change, issue, cause) in INPUT_ERRORS.into_iter().filter(|(error, ..)| NEED_ROTATION.contains(error)) {
-            let diagnose_changed = |readings: &[Reading]| diagnose(readings.iter().map(|reading| change(*reading)), rate_hz);
+        for (error, change, issue, cause) in
+            INPUT_ERRORS.into_iter().filter(|(error, ..)| NEED_ROTATION.contains(error))
+        {
+            let diagnose_changed =
+                |readings: &[Reading]| diagnose(readings.iter().map(|reading| change(*reading)), rate_hz);
             let with_rotations = diagnose_changed(&all);
             let is_diagnosed = with_rotations.iter().any(|(_, diagnosis)| {
                 diagnosis.issue == issue && diagnosis.causes.iter().any(|possible| possible.cause.contains(cause))

@@ -87,10 +87,20 @@ pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 17] = [
     ),
     ("times in ms", |r| Reading { t_ns: r.t_ns * 1000, ..r }, InputIssue::TimeUnit, "times in ms"),
     ("times in µs", |r| Reading { t_ns: r.t_ns * 1_000_000, ..r }, InputIssue::TimeUnit, "times in µs"),
-    ("fields in gauss", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 0.01)), ..r }, InputIssue::FieldUnit, "gauss"),
+    (
+        "fields in gauss",
+        |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 0.01)), ..r },
+        InputIssue::FieldUnit,
+        "gauss",
+    ),
     ("fields in nT", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 1000.0)), ..r }, InputIssue::FieldUnit, "nT"),
     ("fields in mT", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 0.001)), ..r }, InputIssue::FieldUnit, "mT"),
-    ("a negated accelerometer", |r| Reading { force_m_s2: scaled(r.force_m_s2, -1.0), ..r }, InputIssue::UpsideDown, ""),
+    (
+        "a negated accelerometer",
+        |r| Reading { force_m_s2: scaled(r.force_m_s2, -1.0), ..r },
+        InputIssue::UpsideDown,
+        "",
+    ),
     (
         "axes forward, right, down",
         |r| Reading {

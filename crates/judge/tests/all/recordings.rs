@@ -93,7 +93,12 @@ type InputError = (&'static str, &'static [&'static str], fn(Vec<Reading>) -> Ve
 const ALL_RECORDINGS: &[&str] = &["02_", "04_", "07_", "11_", "15_", "24_", "27_", "29_", "33_", "36_"];
 
 const INPUT_ERRORS_BY_RECORDING: [InputError; 7] = [
-    ("gravity removed", ALL_RECORDINGS, |all| all.into_iter().map(without_gravity).collect(), InputIssue::GravityRemoved),
+    (
+        "gravity removed",
+        ALL_RECORDINGS,
+        |all| all.into_iter().map(without_gravity).collect(),
+        InputIssue::GravityRemoved,
+    ),
     (
         "readings that came twice",
         ALL_RECORDINGS,

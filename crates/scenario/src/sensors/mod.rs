@@ -10,7 +10,7 @@ mod receiver;
 use attitude::{Vector3, gnss::Fix};
 
 use crate::{
-    SensorErrors, Motion, Truth,
+    Motion, SensorErrors, Truth,
     motion::Body,
     random::{RandomStream, StreamId},
 };

@@ -17,7 +17,11 @@ impl World {
     fn check_received_ticks(&self) -> Result<(), String> {
         for (number, subscriber) in self.subscribers.iter().enumerate() {
             if subscriber.received.len() as u64 != self.next_input {
-                return Err(format!("subscriber {number} received {} of {} ticks", subscriber.received.len(), self.next_input));
+                return Err(format!(
+                    "subscriber {number} received {} of {} ticks",
+                    subscriber.received.len(),
+                    self.next_input
+                ));
             }
             for packet in &subscriber.received {
                 if self.stages.get(&packet.epoch) != Some(&packet.stage) {
@@ -49,8 +53,12 @@ impl World {
     fn check_reports(&self) -> Result<(), String> {
         let limits = self.scenario.limits;
         let takeover_ms = limits.ready_timeout_ms + REQUEST_TIMEOUT_MS + limits.shadow_ms;
-        let longest_ms =
-            limits.ready_timeout_ms + 2 * limits.catch_up_timeout_ms + limits.shadow_ms + limits.commit_timeout_ms + takeover_ms + 100;
+        let longest_ms = limits.ready_timeout_ms
+            + 2 * limits.catch_up_timeout_ms
+            + limits.shadow_ms
+            + limits.commit_timeout_ms
+            + takeover_ms
+            + 100;
         for (id, (_, shadow_only)) in &self.requests {
             let reports: Vec<_> = self.reports.iter().filter(|report| report.id == *id).collect();
             let [report] = reports[..] else {
@@ -68,9 +76,13 @@ impl World {
         let last = self.reports.iter().rev().find(|report| report.outcome == SwapOutcome::Committed);
         let stage = last.map_or(0, |report| report.stage.parse().unwrap());
         match alive[..] {
-            [process] if process.stage != stage => Err(format!("stage {} owns the slot instead of stage {stage}", process.stage)),
+            [process] if process.stage != stage => {
+                Err(format!("stage {} owns the slot instead of stage {stage}", process.stage))
+            }
             [process] if !process.gate.owns_next_tick() => Err("the owner does not publish".into()),
-            [process] if Some(process.incarnation) != self.coordinator.active() => Err("the coordinator has another owner".into()),
+            [process] if Some(process.incarnation) != self.coordinator.active() => {
+                Err("the coordinator has another owner".into())
+            }
             [_] => Ok(()),
             _ => Err(format!("{} processes are alive instead of one", alive.len())),
         }
@@ -122,7 +134,10 @@ impl Statistics {
     /// Checks that each case occurred: a case that is never simulated is not tested.
     pub(crate) fn assert_all_cases_covered(&self) {
         for case in CASES {
-            assert!(self.results.get(case).is_some_and(|count| *count >= 10), "case `{case}` occurred fewer than 10 times: {self}");
+            assert!(
+                self.results.get(case).is_some_and(|count| *count >= 10),
+                "case `{case}` occurred fewer than 10 times: {self}"
+            );
         }
         assert!(self.max_held > 0 && self.repeated > 0 && self.replaced > 0, "{self}");
     }

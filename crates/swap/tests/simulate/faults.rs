@@ -23,7 +23,13 @@ impl World {
             self.requests.insert(id, (self.now_ms, shadow_only));
             let deadline_ms = if shadow_only { u64::MAX } else { self.now_ms + REQUEST_TIMEOUT_MS };
             let previous_attempts = self.rng.in_range(0, MAX_PREVIOUS_ATTEMPTS.into()) as u32;
-            self.apply(Event::Request(Request { id, stage: id.to_string(), shadow_only, deadline_ms, previous_attempts }));
+            self.apply(Event::Request(Request {
+                id,
+                stage: id.to_string(),
+                shadow_only,
+                deadline_ms,
+                previous_attempts,
+            }));
         }
         if self.rng.chance(5) {
             self.apply(Event::Promote { deadline_ms: self.now_ms + REQUEST_TIMEOUT_MS });

@@ -30,8 +30,9 @@ fn every_subscriber_gets_every_tick_once_in_order() {
     let seeds = number("SWAP_SEEDS").unwrap_or(SEEDS);
     let threads = thread::available_parallelism().unwrap().get() as u64;
     let results = thread::scope(|scope| {
-        let all: Vec<_> =
-            (0..threads).map(|first| scope.spawn(move || run_worlds((first..seeds).step_by(threads as usize)))).collect();
+        let all: Vec<_> = (0..threads)
+            .map(|first| scope.spawn(move || run_worlds((first..seeds).step_by(threads as usize))))
+            .collect();
         all.into_iter().map(|each| each.join().unwrap()).collect::<Vec<_>>()
     });
     let (statistics, mut failures) =

@@ -41,8 +41,9 @@ impl Scenario {
             max_lag_ticks: rng.in_range(8, 20),
             margin_ticks: rng.in_range(0, 60),
         };
-        let lateness_ticks =
-            limits.max_lag_ticks + limits.margin_ticks(MAX_PREVIOUS_ATTEMPTS) + (limits.commit_timeout_ms + 260) / period_ms;
+        let lateness_ticks = limits.max_lag_ticks
+            + limits.margin_ticks(MAX_PREVIOUS_ATTEMPTS)
+            + (limits.commit_timeout_ms + 260) / period_ms;
         let is_fault_free = rng.chance(300);
         Self {
             period_ms,

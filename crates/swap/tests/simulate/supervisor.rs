@@ -83,10 +83,9 @@ impl World {
                 let owner = &self.processes[self.owner as usize - 1];
                 let hung = owner.hung_until_ms + 2 * self.scenario.limits.restore_timeout_ms > self.now_ms;
                 // The previous stage has exited, and a subscriber may need what it had published.
-                let lost_handover = self
-                    .handovers
-                    .last()
-                    .filter(|(previous, commit_tick)| from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive);
+                let lost_handover = self.handovers.last().filter(|(previous, commit_tick)| {
+                    from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive
+                });
                 self.republished.extend(lost_handover.map(|(_, commit_tick)| *commit_tick));
                 let is_necessary = !owner.alive || hung || owner.gate.status().missed || lost_handover.is_some();
                 assert!(is_necessary, "unnecessary restart");
@@ -109,8 +108,11 @@ impl World {
                     kept.retain(|tick| own.first().is_none_or(|first| tick < first));
                     own.splice(..0, kept);
                     let published_from = self.processes[self.owner as usize - 1].gate.status().published_from;
-                    let is_consistent =
-                        if is_takeover { published_from <= Some(commit_tick) } else { published_from == Some(commit_tick) };
+                    let is_consistent = if is_takeover {
+                        published_from <= Some(commit_tick)
+                    } else {
+                        published_from == Some(commit_tick)
+                    };
                     assert!(published_from.is_some() && is_consistent, "committed before the new owner published");
                 }
                 self.reports.push(report);
@@ -203,8 +205,9 @@ impl World {
         let (kept, first_tick) = (self.checkpoints[&self.owner].clone(), self.resume_tick(from_tick));
         let stage = self.stages[&epoch];
         let behaviour = Behaviour::healthy(self.now_ms, self.scenario.period_ms, &mut self.rng);
-        self.owner = self
-            .start(stage, first_tick, behaviour, |incarnation, keep| OutputGate::owner(incarnation, epoch, from_tick, keep));
+        self.owner = self.start(stage, first_tick, behaviour, |incarnation, keep| {
+            OutputGate::owner(incarnation, epoch, from_tick, keep)
+        });
         self.checkpoints.insert(self.owner, kept);
         self.apply(Event::Restarted { incarnation: self.owner });
     }
@@ -226,7 +229,9 @@ impl World {
             process.decisions.send(self.now_ms, &mut self.rng, *decision);
         }
         self.processes.push(process);
-        self.trace(|world| format!("{incarnation} starts at {first_tick}, of stage {stage}; input {}", world.next_input));
+        self.trace(|world| {
+            format!("{incarnation} starts at {first_tick}, of stage {stage}; input {}", world.next_input)
+        });
         incarnation
     }
 }

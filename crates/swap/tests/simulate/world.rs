@@ -63,7 +63,9 @@ impl World {
         let checkpoint_interval_ticks = rng.in_range(5, 30);
         Self {
             processes: vec![Process::new(1, 0, gate, behaviour, 0, links, &mut rng)],
-            subscribers: (0..SUBSCRIBERS).map(|_| Subscriber::new(scenario.lateness_ticks, checkpoint_interval_ticks)).collect(),
+            subscribers: (0..SUBSCRIBERS)
+                .map(|_| Subscriber::new(scenario.lateness_ticks, checkpoint_interval_ticks))
+                .collect(),
             coordinator: Coordinator::new(1, 1, scenario.limits),
             scenario,
             now_ms: 0,
@@ -146,7 +148,8 @@ impl World {
     /// Steps the processes and ends some of them, more during a hand-over.
     fn step_processes(&mut self, has_faults: bool) {
         let newest = self.next_input.checked_sub(1 + self.rng.in_range(0, 3));
-        let in_handover = !matches!(self.coordinator.state(), SwapState::Idle | SwapState::Starting | SwapState::CatchingUp);
+        let in_handover =
+            !matches!(self.coordinator.state(), SwapState::Idle | SwapState::Starting | SwapState::CatchingUp);
         let per_mille = if has_faults { self.scenario.exits_per_mille * if in_handover { 4 } else { 1 } } else { 0 };
         let mut exited = Vec::new();
         for process in &mut self.processes {
@@ -166,7 +169,9 @@ impl World {
         for process in ahead.iter_mut().chain(behind) {
             for (number, (link, subscriber)) in process.links.iter_mut().zip(&mut self.subscribers).enumerate() {
                 while let Some(packet) = link.arrived(self.now_ms) {
-                    subscriber.receive(packet).map_err(|failure| format!("{} ms, subscriber {number}: {failure}", self.now_ms))?;
+                    subscriber
+                        .receive(packet)
+                        .map_err(|failure| format!("{} ms, subscriber {number}: {failure}", self.now_ms))?;
                 }
             }
         }
@@ -191,7 +196,9 @@ impl World {
         for (incarnation, message) in messages {
             match message {
                 ServiceMessage::Ready => self.apply(Event::Ready { incarnation }),
-                ServiceMessage::Health { status, invalid_output } => self.apply(Event::Health { incarnation, status, invalid_output }),
+                ServiceMessage::Health { status, invalid_output } => {
+                    self.apply(Event::Health { incarnation, status, invalid_output })
+                }
                 ServiceMessage::Checkpoint { next_tick } => self.store_checkpoint(incarnation, next_tick),
             }
         }

@@ -51,7 +51,8 @@ fn full_batch_is_within_size_limit() {
     fn check<M: RandomMessage>() {
         let message = M::random(&mut TestRng::new(1));
         let capacity = wire::batch::capacity(message.to_bytes().len() + 8);
-        let bytes = wire::encode_batch(&Envelope::default(), &wire::encode_samples(std::iter::repeat_n(&message, capacity)));
+        let bytes =
+            wire::encode_batch(&Envelope::default(), &wire::encode_samples(std::iter::repeat_n(&message, capacity)));
         assert!(bytes.len() <= wire::MAX_MESSAGE_BYTES, "{}: {} bytes", M::NAME, bytes.len());
         wire::decode_batch::<M>(&bytes).unwrap();
     }

@@ -3,7 +3,7 @@ use crate::common::{RandomMessage, TestRng, for_every_message};
 use messages::{AttitudeOutput, Checkpoint, Credit, FusedState, ImuSample, SensorReading};
 use prost::Message as _;
 use wire::{
-    MAX_MESSAGE_BYTES, Payload, DecodeError, DecodeErrorCounts, MAX_SAMPLES,
+    DecodeError, DecodeErrorCounts, MAX_MESSAGE_BYTES, MAX_SAMPLES, Payload,
     command::ControlMessage,
     v1::{self, Envelope, SwapRequest},
 };
@@ -42,13 +42,19 @@ fn out_of_range_value_is_rejected() {
         other => panic!("{other}"),
     };
     let not_unit = v1::Quaternion { w: 1.0, x: 1.0, y: 0.0, z: 0.0 };
-    assert_eq!(out_of_range(decode_error(v1::AttitudeOutput { quaternion: Some(not_unit), ..attitude().to_proto() })), "quaternion");
+    assert_eq!(
+        out_of_range(decode_error(v1::AttitudeOutput { quaternion: Some(not_unit), ..attitude().to_proto() })),
+        "quaternion"
+    );
     for reference in [0, 4, -1, i32::MAX] {
         let message = v1::AttitudeOutput { course_reference: reference, ..attitude().to_proto() };
         assert_eq!(out_of_range(decode_error(message)), "course_reference");
     }
     let header = v1::Header { t_start_ns: 2, t_end_ns: 1, ..v1::Header::default() };
-    assert_eq!(out_of_range(decode_error(v1::AttitudeOutput { header: Some(header), ..attitude().to_proto() })), "t_end_ns");
+    assert_eq!(
+        out_of_range(decode_error(v1::AttitudeOutput { header: Some(header), ..attitude().to_proto() })),
+        "t_end_ns"
+    );
     let message = v1::FusedState { chart: 0, ..FusedState::random(&mut TestRng::new(1)).to_proto() };
     let checkpoint = v1::Checkpoint { stage: "w\0z".into(), service: 1, ..v1::Checkpoint::default() };
     assert_eq!(out_of_range(Checkpoint::from_bytes(&checkpoint.encode_to_vec()).unwrap_err()), "stage");
@@ -57,14 +63,26 @@ fn out_of_range_value_is_rejected() {
 
 #[test]
 fn excess_size_or_count_is_rejected() {
-    assert_eq!(Credit::from_bytes(&vec![0; MAX_MESSAGE_BYTES + 1]), Err(DecodeError::TooLarge { bytes: MAX_MESSAGE_BYTES + 1 }));
-    let many = wire::encode_batch(&Envelope::default(), &wire::encode_samples(&vec![Credit { ticks: 1, ends: 0 }; MAX_SAMPLES + 1]));
+    assert_eq!(
+        Credit::from_bytes(&vec![0; MAX_MESSAGE_BYTES + 1]),
+        Err(DecodeError::TooLarge { bytes: MAX_MESSAGE_BYTES + 1 })
+    );
+    let many = wire::encode_batch(
+        &Envelope::default(),
+        &wire::encode_samples(&vec![Credit { ticks: 1, ends: 0 }; MAX_SAMPLES + 1]),
+    );
     assert!(matches!(wire::decode_batch::<Credit>(&many), Err(DecodeError::TooMany { .. })));
     let message =
         v1::Checkpoint { words: vec![1; messages::CHECKPOINT_WORDS + 1], service: 1, ..v1::Checkpoint::default() };
-    assert!(matches!(Checkpoint::from_bytes(&message.encode_to_vec()), Err(DecodeError::TooMany { what: "words", .. })));
+    assert!(matches!(
+        Checkpoint::from_bytes(&message.encode_to_vec()),
+        Err(DecodeError::TooMany { what: "words", .. })
+    ));
     let message = v1::Checkpoint { stage: "s".repeat(33), service: 1, ..v1::Checkpoint::default() };
-    assert!(matches!(Checkpoint::from_bytes(&message.encode_to_vec()), Err(DecodeError::TooMany { what: "bytes", .. })));
+    assert!(matches!(
+        Checkpoint::from_bytes(&message.encode_to_vec()),
+        Err(DecodeError::TooMany { what: "bytes", .. })
+    ));
 }
 
 #[test]

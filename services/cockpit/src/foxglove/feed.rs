@@ -13,7 +13,7 @@ use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use tokio::sync::broadcast;
 use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
-use crate::{local_system::TOPICS, foxglove::rate_limit::RateLimit, source::SourceState};
+use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::SourceState};
 
 /// Messages queued for each client: half a second of every channel. A client further behind loses
 /// the oldest.
@@ -152,7 +152,8 @@ impl Feed {
             };
             if let Some(data) = data {
                 // Sending fails only if the subscriber has disconnected meanwhile.
-                let _ = broadcaster.messages.send(ChannelMessage { session, channel: index, t_ns: stamps.log_ns, data });
+                let _ =
+                    broadcaster.messages.send(ChannelMessage { session, channel: index, t_ns: stamps.log_ns, data });
             }
         }
     }
@@ -255,7 +256,9 @@ mod tests {
             let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
             feed.push(Topic::Event, bytemuck::bytes_of(&event), 7);
         }
-        assert!(matches!(queue.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64));
+        assert!(
+            matches!(queue.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64)
+        );
         assert_eq!(names(&broadcaster, &mut queue).len(), MAX_QUEUED_MESSAGES, "the newest are kept");
     }
 }

@@ -15,5 +15,5 @@
 
 pub(crate) mod client;
 pub(crate) mod feed;
-mod rate_limit;
 pub(crate) mod protocol;
+mod rate_limit;

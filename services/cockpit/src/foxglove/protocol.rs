@@ -107,8 +107,7 @@ impl Subscriptions {
     /// Returns the reason if the request is rejected. Subscriptions listed before the invalid one
     /// remain applied.
     pub(crate) fn handle(&mut self, text: &str) -> Result<(), String> {
-        let request =
-            serde_json::from_str(text).map_err(|error| format!("not a message of the protocol: {error}"))?;
+        let request = serde_json::from_str(text).map_err(|error| format!("not a message of the protocol: {error}"))?;
         match request {
             Request::Subscribe { subscriptions } => {
                 subscriptions.into_iter().try_for_each(|subscription| self.subscribe(&subscription))
@@ -144,7 +143,9 @@ mod tests {
     #[test]
     fn one_subscription_per_channel_and_other_requests_rejected() {
         let mut subscriptions = Subscriptions::new(3);
-        subscriptions.handle(r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":2},{"id":0,"channelId":0}]}"#).unwrap();
+        subscriptions
+            .handle(r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":2},{"id":0,"channelId":0}]}"#)
+            .unwrap();
         let ids = [2, 0, 1, 9].map(|channel| subscriptions.subscription_id(channel));
         assert_eq!(ids, [Some(7), Some(0), None, None]);
         for (request, reason) in [

@@ -9,7 +9,7 @@ use std::{
 use bus::Subscriber;
 use graph::{Presence, Topic};
 use launch::MAX_CACHE_TICKS;
-use link::{Link, LinkError, IncomingQuery};
+use link::{IncomingQuery, Link, LinkError};
 use messages::Ticked;
 use runtime::{RuntimeError, ServiceContext, service_config::FIRST_EPOCH};
 use swap::ReorderBuffer;
@@ -76,7 +76,14 @@ impl Export {
             header: FrameHeader { run, rate_hz: config.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
             key: keys::key(vehicle, keys::CARRY),
         };
-        Ok(Self { sources, merge, progress: ProgressCheckpoints::open(context)?, run, next_tick: 0, state: Arc::new(state) })
+        Ok(Self {
+            sources,
+            merge,
+            progress: ProgressCheckpoints::open(context)?,
+            run,
+            next_tick: 0,
+            state: Arc::new(state),
+        })
     }
 
     pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
@@ -98,7 +105,8 @@ impl Export {
 
     /// Waits for a message of the topic that the next record needs, at most for `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
-        let awaited = self.merge.awaited_topic().and_then(|index| self.sources.iter().find(|source| source.index() == index));
+        let awaited =
+            self.merge.awaited_topic().and_then(|index| self.sources.iter().find(|source| source.index() == index));
         match awaited {
             Some(source) => source.wait(limit),
             None => thread::sleep(limit),

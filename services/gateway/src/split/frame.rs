@@ -102,7 +102,8 @@ impl Frame {
         let (length, rest) = bytes.split_first_chunk().ok_or_else(|| malformed("the header is missing"))?;
         let length = u32::from_le_bytes(*length) as usize;
         let (text, mut rest) = rest.split_at_checked(length).ok_or_else(|| malformed("the header is truncated"))?;
-        let header: FrameHeader = serde_json::from_slice(text).map_err(|_| malformed("the header is not valid JSON"))?;
+        let header: FrameHeader =
+            serde_json::from_slice(text).map_err(|_| malformed("the header is not valid JSON"))?;
         check_layouts(&header)?;
         let mask = header.mask();
         let (mut records, mut tick) = (Vec::new(), header.first_tick);

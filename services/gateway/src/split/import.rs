@@ -86,13 +86,14 @@ impl Import {
             Some(Resume::Checkpoint(record)) => record.checkpoint(),
             _ => None,
         };
-        let (next_tick, run) = checkpoint.map_or((0, None), |checkpoint| (checkpoint.next_tick, Some(checkpoint.words[0])));
+        let (next_tick, run) =
+            checkpoint.map_or((0, None), |checkpoint| (checkpoint.next_tick, Some(checkpoint.words[0])));
         let mask = import.topics.iter().filter_map(|topic| index_of(topic)).fold(0, |mask, index| mask | 1 << index);
         let end_tick = config.max_ticks.unwrap_or(u64::MAX);
         let reassembly = Reassembly::new(mask, config.rate_hz, run, next_tick, end_tick);
         let publishers = CARRIED_TOPICS.iter().enumerate();
-        let publishers =
-            publishers.map(|(index, topic)| (mask & (1 << index) != 0).then(|| publisher(context, topic.topic)).flatten());
+        let publishers = publishers
+            .map(|(index, topic)| (mask & (1 << index) != 0).then(|| publisher(context, topic.topic)).flatten());
         Ok(Self {
             publishers: publishers.map(Option::transpose).collect::<Result<_, _>>()?,
             credit: context.bus.late_subscriber(CONTROL_BUFFER)?,
@@ -195,7 +196,8 @@ impl ImportState {
     /// Waits until a tick can be published or is lost, at most for `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
         // The caller polls in either case.
-        let arrived = self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
+        let arrived =
+            self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
         drop(arrived.unwrap_or_else(PoisonError::into_inner));
     }
 
@@ -223,7 +225,9 @@ impl ImportState {
                 (reassembly.missing(), reassembly.next_tick())
             };
             let all_newer = (last_received.elapsed() > SILENCE_TIMEOUT).then_some(next_tick..u64::MAX);
-            let Some(span) = missing.or(all_newer).filter(|_| last_request.elapsed() > REQUEST_INTERVAL) else { continue };
+            let Some(span) = missing.or(all_newer).filter(|_| last_request.elapsed() > REQUEST_INTERVAL) else {
+                continue;
+            };
             last_request = Instant::now();
             let selector = format!("{}?from={};to={}", self.key, span.start, span.end);
             // A failed request is repeated after the interval.

@@ -48,7 +48,9 @@ pub enum ReassemblyError {
     )]
     Run,
     /// The tick rates differ.
-    #[error("cannot import ticks: rate is {remote} Hz on the other host, {local} Hz on this one; set the same rate in both launch files")]
+    #[error(
+        "cannot import ticks: rate is {remote} Hz on the other host, {local} Hz on this one; set the same rate in both launch files"
+    )]
     Rate {
         /// Rate of this system, Hz.
         local: f64,

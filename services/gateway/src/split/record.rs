@@ -26,8 +26,8 @@ pub struct CarriedTopic {
 /// [`Record::mask`].
 pub static CARRIED_TOPICS: LazyLock<Vec<CarriedTopic>> = LazyLock::new(|| {
     let carried = graph::Topic::carried();
-    let topics = carried
-        .filter_map(|topic| messages::dispatch!(topic, ticked M => Some(describe::<M>(topic)), other M => None));
+    let topics =
+        carried.filter_map(|topic| messages::dispatch!(topic, ticked M => Some(describe::<M>(topic)), other M => None));
     topics.take(MAX_TOPICS).collect()
 });
 
@@ -37,7 +37,14 @@ const MAX_TOPICS: usize = u8::BITS as usize;
 fn describe<M: Ticked>(topic: graph::Topic) -> CarriedTopic {
     let graph::Entry { name, presence, .. } = *M::TOPIC;
     let fingerprint = M::layout().fingerprint();
-    CarriedTopic { topic, name, size: size_of::<M>(), fingerprint, is_dense: presence == Presence::EveryTick, flag: M::FLAG }
+    CarriedTopic {
+        topic,
+        name,
+        size: size_of::<M>(),
+        fingerprint,
+        is_dense: presence == Presence::EveryTick,
+        flag: M::FLAG,
+    }
 }
 
 /// Returns the index of a topic in [`CARRIED_TOPICS`], or `None` if it cannot be carried.

@@ -1,5 +1,5 @@
 //! Integration tests of `gateway`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod split;
 mod idempotent_swaps;
+mod split;

@@ -80,7 +80,11 @@ fn frame_header(cache: &Cache, first_tick: u64) -> FrameHeader {
 /// Encodes the cached ticks of a span.
 fn frame(cache: &Cache, span: Range<u64>) -> Vec<u8> {
     let first_tick = span.start.clamp(cache.oldest_tick().unwrap(), cache.next_tick().unwrap());
-    Frame::encode(&frame_header(cache, first_tick), cache.iter_from(first_tick).take_while(|record| record.tick < span.end)).0
+    Frame::encode(
+        &frame_header(cache, first_tick),
+        cache.iter_from(first_tick).take_while(|record| record.tick < span.end),
+    )
+    .0
 }
 
 fn cache(ticks: Range<u64>, max: usize) -> Cache {
@@ -122,7 +126,10 @@ fn reassembly_is_ready_iff_delivery_is_available() {
     assert!(!reassembly.is_ready() && reassembly.next_delivery().is_none(), "2 and 3 can still come");
     let (bytes, _) = Frame::encode(&frame_header(&cache, 2), cache.iter_from(2));
     reassembly.offer(Frame::decode(&bytes).unwrap()).unwrap();
-    assert!(reassembly.is_ready() && matches!(reassembly.next_delivery(), Some(Delivery::Record(record)) if record.tick == 2));
+    assert!(
+        reassembly.is_ready()
+            && matches!(reassembly.next_delivery(), Some(Delivery::Record(record)) if record.tick == 2)
+    );
 }
 
 #[test]
@@ -152,10 +159,7 @@ fn merge_omits_skipped_or_late_topic_but_no_tick() {
     (10..7 + LATENESS).for_each(|tick| offer(&mut merge, gyro(tick)));
     assert_eq!(drain(&mut merge), []);
     offer(&mut merge, gyro(7 + LATENESS));
-    assert_eq!(
-        drain(&mut merge).iter().map(|record| (record.tick, record.mask)).collect::<Vec<_>>(),
-        [(7, gyro_only)]
-    );
+    assert_eq!(drain(&mut merge).iter().map(|record| (record.tick, record.mask)).collect::<Vec<_>>(), [(7, gyro_only)]);
 }
 
 #[test]
@@ -269,7 +273,11 @@ fn received_ticks_are_delivered_between_losses() {
     reassembly.offer(Frame::decode(&frame(&cache(0..100, 50), 50..60)).unwrap()).unwrap();
     let deliveries: Vec<_> = std::iter::from_fn(|| reassembly.next_delivery()).collect();
     let received = |ticks: Range<u64>| ticks.map(|tick| Delivery::Record(full_record(tick)));
-    let expected = [Delivery::Lost(10..20)].into_iter().chain(received(20..30)).chain([Delivery::Lost(30..50)]).chain(received(50..60));
+    let expected = [Delivery::Lost(10..20)]
+        .into_iter()
+        .chain(received(20..30))
+        .chain([Delivery::Lost(30..50)])
+        .chain(received(50..60));
     assert_eq!(deliveries, expected.collect::<Vec<_>>());
 }
 

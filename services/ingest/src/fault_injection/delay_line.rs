@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use launch::{MAX_DELAYED_READINGS, Fault, FaultKind};
+use launch::{Fault, FaultKind, MAX_DELAYED_READINGS};
 
 use crate::source::Reading;
 

@@ -20,14 +20,14 @@
 //! Faults are applied in sequence, each to the result of the previous ones. `delayed` uses the
 //! values of the source. The stamp is not changed.
 
-mod fault_rng;
 mod delay_line;
+mod fault_rng;
 
 use attitude::gnss::Fix;
 use launch::{Fault, FaultKind, Sensor};
 
 use crate::source::{Reading, ReceiverFix};
-use {fault_rng::FaultRng, delay_line::DelayLine};
+use {delay_line::DelayLine, fault_rng::FaultRng};
 
 /// Longest step of the stamps that counts as elapsed time, ns. A longer one is a leap of the clock.
 const MAX_STEP_NS: i64 = 10_000_000_000;

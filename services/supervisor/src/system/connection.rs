@@ -7,7 +7,7 @@ use control::ControlSocket;
 use launch::Service;
 use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, Health, Reference, SystemEvent};
 use pipeline::Collector;
-use runtime::{SlotInput, OrderedSubscriber, ServiceConfig, service_config::CONTROL_BUFFER};
+use runtime::{OrderedSubscriber, ServiceConfig, SlotInput, service_config::CONTROL_BUFFER};
 use supervision::Event;
 
 use super::recorded_topics::RecordedTopics;
@@ -84,8 +84,9 @@ impl BusConnection {
 
     /// Collects the attitudes received.
     pub(super) fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
-        let collect_references =
-            |collector: &mut Collector| self.reference.drain(self.buffer, |reference| collector.record_reference(reference));
+        let collect_references = |collector: &mut Collector| {
+            self.reference.drain(self.buffer, |reference| collector.record_reference(reference))
+        };
         let mut result = collect_references(collector);
         // Each is counted immediately, because after an outage as many as a topic holds have
         // arrived.

@@ -58,7 +58,9 @@ impl Painter {
         let shared = queue.clone();
         let thread = thread::Builder::new()
             .name("view".into())
-            .spawn(move || paint(&shared, |line| print_line(screen.as_ref(), line), |frame| draw_frame(screen.as_ref(), frame)))
+            .spawn(move || {
+                paint(&shared, |line| print_line(screen.as_ref(), line), |frame| draw_frame(screen.as_ref(), frame))
+            })
             .map_err(|cause| UpError::System { action: "starting the display thread".into(), cause })?;
         Ok(Self { queue, thread, is_terminal })
     }

@@ -74,7 +74,9 @@ fn is_set(root: &Path, unix_s: f64) -> bool {
     let by_battery = || {
         let clocks = fs::read_dir(root.join("sys/class/rtc")).into_iter().flatten().flatten();
         let mut readings = clocks.filter_map(|clock| fs::read_to_string(clock.path().join("since_epoch")).ok());
-        readings.any(|text| text.trim().parse().is_ok_and(|battery_s: f64| (battery_s - unix_s).abs() < MAX_CLOCK_DIFFERENCE_S))
+        readings.any(|text| {
+            text.trim().parse().is_ok_and(|battery_s: f64| (battery_s - unix_s).abs() < MAX_CLOCK_DIFFERENCE_S)
+        })
     };
     unix_s > MIN_PLAUSIBLE_UNIX_S && (by_network() || by_battery())
 }
@@ -103,7 +105,8 @@ mod tests {
     fn same_boot_age_ignores_wall_clock() {
         let now = Timestamp::now();
         assert!(!now.boot.is_empty() && now.since_boot_s > 0.0);
-        let clock_set_back = Timestamp { unix_s: now.unix_s - 1e6, since_boot_s: now.since_boot_s + 5.0, ..now.clone() };
+        let clock_set_back =
+            Timestamp { unix_s: now.unix_s - 1e6, since_boot_s: now.since_boot_s + 5.0, ..now.clone() };
         assert_eq!(clock_set_back.age_of(&now), Age::SameBoot(clock_set_back.since_boot_s - now.since_boot_s));
         let other = Timestamp { boot: "another".into(), is_set: true, ..now.clone() };
         assert_eq!(

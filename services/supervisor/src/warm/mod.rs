@@ -14,11 +14,11 @@
 //! | `file` | reading an untrusted file, writing atomically |
 //! | `writer` | thread that writes the file |
 
-mod file;
-mod writer;
 mod clock;
+mod file;
 mod location;
 mod record;
+mod writer;
 
 use std::{
     path::Path,
@@ -29,7 +29,7 @@ use messages::Checkpoint;
 use runtime::Prior;
 
 pub(crate) use location::state_file_path;
-use {file::FileError, writer::StateWriter, clock::Timestamp, record::StateError};
+use {clock::Timestamp, file::FileError, record::StateError, writer::StateWriter};
 
 use crate::{Plan, UpError};
 
@@ -68,7 +68,8 @@ impl WarmStart {
     ///
     /// Returns an error if the thread cannot be started. An unusable file is only announced.
     pub(crate) fn load(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
-        let mut warm = Self { writer: None, last_check: Instant::now(), last_written: None, latest: None, messages: Vec::new() };
+        let mut warm =
+            Self { writer: None, last_check: Instant::now(), last_written: None, latest: None, messages: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
         let sensors = record::sensor_fingerprint(&plan.config.launch.ingest);
         let name = path.display();
@@ -118,11 +119,14 @@ impl WarmStart {
     fn write_if_due(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
         let (Some(writer), Some(newest)) = (&self.writer, newest) else { return };
         let next_tick = newest.next_tick;
-        let Some(prior) = Prior::from_checkpoint(newest).filter(|_| self.last_written.is_none_or(|last| last.next_tick != next_tick)) else {
+        let Some(prior) =
+            Prior::from_checkpoint(newest).filter(|_| self.last_written.is_none_or(|last| last.next_tick != next_tick))
+        else {
             return;
         };
         let prior = with_previous_scale(prior, &mut self.latest);
-        let is_worth_writing = |last: WrittenState| last.written.elapsed() >= interval || prior.is_much_more_certain_than(&last.prior);
+        let is_worth_writing =
+            |last: WrittenState| last.written.elapsed() >= interval || prior.is_much_more_certain_than(&last.prior);
         if self.last_written.is_none_or(is_worth_writing) {
             writer.submit(prior);
             self.last_written = Some(WrittenState { written: Instant::now(), next_tick, prior });

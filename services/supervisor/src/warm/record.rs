@@ -71,7 +71,8 @@ pub(super) fn encode(prior: Prior, sensors: u64, kept: Timestamp) -> Result<Stri
 ///
 /// Returns an error if the text is damaged, from other sensors, of unknown age or too old.
 pub(super) fn decode(text: &str, sensors: u64, now: &Timestamp) -> Result<(Prior, f64), StateError> {
-    let (head, body) = text.strip_prefix(MAGIC).and_then(|rest| rest.split_once('\n')).ok_or(StateError::NotStateFile)?;
+    let (head, body) =
+        text.strip_prefix(MAGIC).and_then(|rest| rest.split_once('\n')).ok_or(StateError::NotStateFile)?;
     let (version, checksum) = head.split_once(' ').ok_or(StateError::Damaged)?;
     if version != VERSION {
         return Err(StateError::OtherVersion(version.into()));
@@ -179,7 +180,10 @@ mod tests {
         assert_eq!(rejection(timestamp("b", 10.0, 1.7e9 + 60.0, false)), StateError::UnknownAge);
         let unset = encode(PRIOR, SENSORS, timestamp("a", 1000.0, 1.7e9, false)).unwrap();
         assert_eq!(decode(&unset, SENSORS, &timestamp("b", 10.0, 1.7e9 + 60.0, true)), Err(StateError::UnknownAge));
-        assert_eq!(StateError::TooOld(days_s).to_string(), "it is 100 days old, too old for the sensor errors to be valid");
+        assert_eq!(
+            StateError::TooOld(days_s).to_string(),
+            "it is 100 days old, too old for the sensor errors to be valid"
+        );
     }
 
     #[test]
@@ -191,7 +195,10 @@ mod tests {
             bytes[index] ^= 1;
             let Ok(text) = String::from_utf8(bytes) else { continue };
             assert!(
-                matches!(rejection(&text), StateError::Damaged | StateError::OtherVersion(_) | StateError::NotStateFile),
+                matches!(
+                    rejection(&text),
+                    StateError::Damaged | StateError::OtherVersion(_) | StateError::NotStateFile
+                ),
                 "{text}"
             );
         }
@@ -233,7 +240,9 @@ mod tests {
         assert_ne!(fingerprint(""), fingerprint("ingest.sim.seed = 2"));
         assert_eq!(
             fingerprint(bus),
-            fingerprint("fuser.stage = \"vqf\"\nbuffer_s = 4\ningest = { source = \"bus\", limits.gap_s = 0.2, sim.seed = 2 }")
+            fingerprint(
+                "fuser.stage = \"vqf\"\nbuffer_s = 4\ningest = { source = \"bus\", limits.gap_s = 0.2, sim.seed = 2 }"
+            )
         );
         let good = state_text();
         assert_eq!(decode(&good, SENSORS + 1, &timestamp("a", 1001.0, 0.0, false)), Err(StateError::OtherSensors));

@@ -51,10 +51,10 @@ impl StateWriter {
                 let _ = report.try_send(line);
             }
         };
-        let thread = thread::Builder::new()
-            .name("keeper".into())
-            .spawn(work)
-            .map_err(|cause| UpError::System { action: "starting the thread that writes the state file".into(), cause })?;
+        let thread = thread::Builder::new().name("keeper".into()).spawn(work).map_err(|cause| UpError::System {
+            action: "starting the thread that writes the state file".into(),
+            cause,
+        })?;
         Ok(Self { states, messages, thread })
     }
 

@@ -8,7 +8,7 @@ use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::Collector;
 use runtime::{Pace, Role, ServiceConfig};
-use score::trial::{TrialOptions, Trial};
+use score::trial::{Trial, TrialOptions};
 
 use crate::{
     simulated::run_calibration,

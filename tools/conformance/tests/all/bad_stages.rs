@@ -24,7 +24,7 @@ enum Defect {
     AcceptsAnyState,
     /// The motion is ignored.
     IgnoresMotion,
-    /// Division by a parameter whose minimum is 0.
+    /// Division by a parameter with the minimum 0.
     Parameter,
     /// Outputs become NaN long after an interval of zero.
     DelayedNan,
@@ -79,7 +79,9 @@ impl Stage for DefectiveStage {
         let dt_s = input.motion.map_or(1.0, |motion| motion.dt_s);
         match self.defect {
             Defect::Interval => fused.innovation_rad *= dt_s * dt_s.recip(),
-            Defect::MissingState | Defect::UncheckedState => fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6,
+            Defect::MissingState | Defect::UncheckedState => {
+                fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6
+            }
             Defect::Parameter => fused.innovation_rad /= self.divisor,
             Defect::DelayedNan if self.count > 1.0 && dt_s == 0.0 => self.zero_interval_step = self.count,
             Defect::DelayedNan if self.count > self.zero_interval_step + 4000.0 => fused.innovation_rad = f64::NAN,

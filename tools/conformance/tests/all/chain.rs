@@ -4,7 +4,7 @@ use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
 use messages::AttitudeOutput;
 use runtime::{Pace, ServiceConfig};
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 100.0;
 const INTERVAL_NS: i64 = 10_000_000;
@@ -17,7 +17,9 @@ type Fault = (&'static str, usize, fn(&mut Reading, &Reading, i64));
 const FAULTS: [Fault; 12] = [
     ("NaN rate", 200, |reading, _, _| reading.rate_rad_s[1] = f64::NAN),
     ("NaN force", 300, |reading, _, _| reading.force_m_s2 = [f64::NAN; 3]),
-    ("NaN rate and force", 100, |reading, _, _| (reading.rate_rad_s, reading.force_m_s2) = ([f64::NAN; 3], [f64::NAN; 3])),
+    ("NaN rate and force", 100, |reading, _, _| {
+        (reading.rate_rad_s, reading.force_m_s2) = ([f64::NAN; 3], [f64::NAN; 3])
+    }),
     ("infinite rate and force", 100, |reading, _, _| {
         (reading.rate_rad_s, reading.force_m_s2) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     }),
@@ -26,7 +28,9 @@ const FAULTS: [Fault; 12] = [
     ("constant timestamps", 100, |reading, last, _| reading.t_ns = last.t_ns),
     ("decreasing timestamps", 100, |reading, last, i| reading.t_ns = last.t_ns - i * INTERVAL_NS),
     ("jumping timestamps", 100, |reading, _, i| reading.t_ns += (i % 7 - 3) * 3_000_000_000),
-    ("timestamps at the ends of the i64 range", 100, |reading, _, i| reading.t_ns = if i % 2 == 0 { i64::MAX } else { i64::MIN }),
+    ("timestamps at the ends of the i64 range", 100, |reading, _, i| {
+        reading.t_ns = if i % 2 == 0 { i64::MAX } else { i64::MIN }
+    }),
     ("repeated reading", 100, |reading, last, _| *reading = *last),
     ("sensors all zero", 200, |reading, _, _| (reading.rate_rad_s, reading.force_m_s2) = ([0.0; 3], [0.0; 3])),
 ];

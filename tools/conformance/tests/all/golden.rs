@@ -21,7 +21,10 @@ fn stages_match_their_golden_traces() {
         differences.extend(difference.map(|difference| format!("{slot} {stage}: {difference}\n")));
     }
     let actual = actual.display();
-    assert!(differences.is_empty(), "\n{differences}to accept the changes, run cp -r {actual}/. {GOLDEN} and review the diff");
+    assert!(
+        differences.is_empty(),
+        "\n{differences}to accept the changes, run cp -r {actual}/. {GOLDEN} and review the diff"
+    );
 }
 
 #[test]

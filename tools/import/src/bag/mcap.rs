@@ -20,7 +20,7 @@ use mcap::{
 };
 
 use super::{Message, ReadError, topics::Topic};
-use crate::{error::open_error, csv_reader::CountingReader};
+use crate::{csv_reader::CountingReader, error::open_error};
 
 /// Maximum length of a record or a chunk. A longer one ends the file.
 const MAX_RECORD_BYTES: usize = 1 << 27;
@@ -105,12 +105,15 @@ impl Cursor {
                 }
             } else {
                 let read = read_record(&mut self.reader, &mut self.file, |kind, data| self.records.handle(kind, data));
-                let damage = |found: &dyn std::fmt::Display| ReadError::Damage(format!("byte {}: {found}", self.position));
+                let damage =
+                    |found: &dyn std::fmt::Display| ReadError::Damage(format!("byte {}: {found}", self.position));
                 match read {
                     Ok(ReadOutcome::Record { length_bytes }) => {
                         self.position += (RECORD_HEADER_BYTES + length_bytes) as u64;
                     }
-                    Ok(ReadOutcome::End) | Err(McapError::UnexpectedEof) => return Err(damage(&"unexpected end of the file")),
+                    Ok(ReadOutcome::End) | Err(McapError::UnexpectedEof) => {
+                        return Err(damage(&"unexpected end of the file"));
+                    }
                     Err(cause) => return Err(damage(&cause)),
                 }
                 if let Some(bytes) = self.records.chunk.take() {

@@ -11,9 +11,9 @@
 //!
 //! Failure: a bag without usable messages is an error. Of a damaged bag the readable part is read.
 
+mod compressed;
 mod mcap;
 mod plumbline;
-mod compressed;
 pub(crate) mod ros;
 mod sqlite;
 mod topics;
@@ -28,10 +28,10 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    force_aligner::{ForceAligner, Sample},
     error::open_error,
+    force_aligner::{ForceAligner, Sample},
     row_writer::{Attitude, RowWriter, Samples},
-    source::{ReceiverFix, Source, Survey, FixSink},
+    source::{FixSink, ReceiverFix, Source, Survey},
 };
 use topics::{Kind, Role, Topic, Topics};
 
@@ -209,7 +209,9 @@ impl Source for Bag<'_> {
         let topics = self.selection.as_ref().map_or_else(Vec::new, |selection| selection.reference.clone());
         let mut join = plumbline::ReferenceJoin::default();
         let mut decode = move |Message { topic, data }: &Message| match topic.kind {
-            Kind::PlumblineImu => plumbline::inertial(data).and_then(|(tick, sample)| join.push_sample(tick, sample.t_ns)),
+            Kind::PlumblineImu => {
+                plumbline::inertial(data).and_then(|(tick, sample)| join.push_sample(tick, sample.t_ns))
+            }
             Kind::PlumblineReference => plumbline::reference(data).and_then(|reference| join.push_reference(reference)),
             _ => ros::inertial(data)?.attitude,
         };
@@ -222,7 +224,9 @@ impl Source for Bag<'_> {
 
     fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
         let mut aligner = ForceAligner::default();
-        let Some(topic) = self.selection.as_ref().and_then(|selection| selection.rows.clone()) else { return Ok(aligner) };
+        let Some(topic) = self.selection.as_ref().and_then(|selection| selection.rows.clone()) else {
+            return Ok(aligner);
+        };
         let is_plumbline = topic.kind == Kind::PlumblineImu;
         let mut messages = self.read_messages(Some(vec![topic]));
         for index in 0u64.. {
@@ -230,8 +234,11 @@ impl Source for Bag<'_> {
                 progress(self.read_bytes.get());
             }
             let Some(Message { data, .. }) = messages.next()? else { break };
-            let inertial =
-                if is_plumbline { plumbline::inertial(&data).map(|(_, inertial)| inertial) } else { ros::inertial(&data) };
+            let inertial = if is_plumbline {
+                plumbline::inertial(&data).map(|(_, inertial)| inertial)
+            } else {
+                ros::inertial(&data)
+            };
             if let Some(InertialSample { t_ns, rate_rad_s, force_m_s2, .. }) = inertial {
                 aligner.push_force((t_ns, force_m_s2), rows)?;
                 aligner.push_rate((t_ns, rate_rad_s), rows)?;
@@ -382,7 +389,13 @@ impl FixCollector {
         self.last_ns = Some(fix.t_ns);
         let unknown = Position { latitude_deg: f64::NAN, longitude_deg: f64::NAN, altitude_m: f64::NAN };
         let Position { latitude_deg, longitude_deg, altitude_m } = fix.position.or(self.position).unwrap_or(unknown);
-        on_fix(&ReceiverFix { t_ns: fix.t_ns, velocity_m_s: fix.velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
+        on_fix(&ReceiverFix {
+            t_ns: fix.t_ns,
+            velocity_m_s: fix.velocity_m_s,
+            latitude_deg,
+            longitude_deg,
+            altitude_m,
+        })?;
         Ok(true)
     }
 

@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
-use super::{VelocityFix, InertialSample, Position};
+use super::{InertialSample, Position, VelocityFix};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
 /// Maximum number of samples, and of references, that wait for their counterpart.
@@ -33,7 +33,8 @@ pub(super) fn field(data: &[u8]) -> Option<Sample> {
 }
 
 pub(super) fn fix(data: &[u8]) -> Option<VelocityFix> {
-    let GnssFix { header, velocity_m_s, latitude_rad, longitude_rad, altitude_m, .. } = GnssFix::from_bytes(data).ok()?;
+    let GnssFix { header, velocity_m_s, latitude_rad, longitude_rad, altitude_m, .. } =
+        GnssFix::from_bytes(data).ok()?;
     let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(shortest_degrees);
     Some(VelocityFix {
         t_ns: header.t_end_ns,
@@ -48,7 +49,13 @@ pub(super) fn fix(data: &[u8]) -> Option<VelocityFix> {
 /// returned.
 fn shortest_degrees(angle_rad: f64) -> f64 {
     let nearest_deg = angle_rad.to_degrees();
-    let candidates = [nearest_deg, nearest_deg.next_up(), nearest_deg.next_down(), nearest_deg.next_up().next_up(), nearest_deg.next_down().next_down()];
+    let candidates = [
+        nearest_deg,
+        nearest_deg.next_up(),
+        nearest_deg.next_down(),
+        nearest_deg.next_up().next_up(),
+        nearest_deg.next_down().next_down(),
+    ];
     let matching = candidates.into_iter().filter(|angle_deg| angle_deg.to_radians() == angle_rad);
     matching.min_by_key(|angle_deg| angle_deg.to_string().len()).unwrap_or(nearest_deg)
 }

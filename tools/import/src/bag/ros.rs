@@ -15,7 +15,7 @@ use mapping::is_rotation;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
-use super::{VelocityFix, InertialSample, Position};
+use super::{InertialSample, Position, VelocityFix};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
 const UT_PER_T: f64 = 1e6;
@@ -85,7 +85,8 @@ pub(crate) fn inertial(data: &[u8]) -> Option<InertialSample> {
     }
     let [x, y, z, w] = imu.orientation;
     let has_attitude = is_measured(&imu.orientation_covariance) && is_rotation([w, x, y, z]);
-    let reference = Reference { quaternion: frames::quaternion_to_native(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
+    let reference =
+        Reference { quaternion: frames::quaternion_to_native(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
     Some(InertialSample {
         t_ns,
         rate_rad_s: Body::Flu.to_native(finite(imu.angular_velocity)?),

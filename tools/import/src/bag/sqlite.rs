@@ -46,7 +46,8 @@ struct Progress {
 impl Cursor {
     /// Opens a file for the messages of the `wanted` topics, or of all readable topics.
     pub(super) fn open(path: &Path, wanted: Option<&[Topic]>, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ReadError> {
-        let length_bytes = fs::metadata(path).map_err(|cause| ReadError::Fatal(crate::error::open_error(path, cause)))?.len();
+        let length_bytes =
+            fs::metadata(path).map_err(|cause| ReadError::Fatal(crate::error::open_error(path, cause)))?.len();
         let connection = open_read_only(path)?;
         for table in ["topics", "messages"] {
             let query =
@@ -78,7 +79,13 @@ impl Cursor {
             ids.join(",")
         );
         let [first, last] = [first, last].map(Option::unwrap_or_default);
-        let progress = Progress { read_bytes: read_bytes.clone(), length_bytes, reported_bytes: 0, first_row_id: first, final_row_id: last };
+        let progress = Progress {
+            read_bytes: read_bytes.clone(),
+            length_bytes,
+            reported_bytes: 0,
+            first_row_id: first,
+            final_row_id: last,
+        };
         let (batch, after, has_ended) = (VecDeque::new(), i64::MIN, topics.is_empty());
         Ok(Self { connection, topics, batch, query, last_row_id: after, has_ended, progress })
     }

@@ -122,12 +122,14 @@ impl Layout {
         let finite_vector = |fields: &[Field; 3]| finite(fields.map(|field| field.number(message)));
         Some(match &self.fields {
             Fields::Inertial { rate, force } => {
-                let [rate_rad_s, force_m_s2] = [Body::Frd.to_native(finite_vector(rate)?), Body::Frd.to_native(finite_vector(force)?)];
+                let [rate_rad_s, force_m_s2] =
+                    [Body::Frd.to_native(finite_vector(rate)?), Body::Frd.to_native(finite_vector(force)?)];
                 Measurement::Inertial { t_ns, rate_rad_s, force_m_s2 }
             }
-            Fields::Field(field) => {
-                Measurement::Field { t_ns, field_ut: Body::Frd.to_native(finite_vector(field)?.map(|part| part * UT_PER_MGAUSS)) }
-            }
+            Fields::Field(field) => Measurement::Field {
+                t_ns,
+                field_ut: Body::Frd.to_native(finite_vector(field)?.map(|part| part * UT_PER_MGAUSS)),
+            },
             Fields::Fix { status, speed, course, down, position } => {
                 let [speed_m_s, course_deg, down_m_s] = finite_vector(&[*speed, *course, *down])?;
                 if status.number(message) < MIN_STATUS_3D {
@@ -155,7 +157,8 @@ impl Layout {
 }
 
 fn attitude(t_ns: i64, quaternion: [f64; 4]) -> Option<Measurement> {
-    let reference = Reference { quaternion: frames::quaternion_to_native(Earth::Ned, Body::Frd, quaternion), scored: true };
+    let reference =
+        Reference { quaternion: frames::quaternion_to_native(Earth::Ned, Body::Frd, quaternion), scored: true };
     is_rotation(quaternion).then_some(Measurement::Attitude(Attitude { t_ns, reference, reset_counter: Some(0) }))
 }
 

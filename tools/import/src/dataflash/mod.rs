@@ -24,10 +24,10 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    force_aligner::{ForceAligner, Sample},
     error::open_error,
+    force_aligner::{ForceAligner, Sample},
     row_writer::{Attitude, RowWriter, Samples},
-    source::{Source, Survey, FixSink},
+    source::{FixSink, Source, Survey},
 };
 use fields::{Estimator, Kind, Measurement};
 use messages::MessageReader;
@@ -65,7 +65,11 @@ impl Log {
     }
 
     /// Returns the valid messages of one kind and instance, in log order.
-    fn measurements(&self, kind: Kind, instance: u8) -> Result<impl Iterator<Item = Result<Measurement, ImportError>>, ImportError> {
+    fn measurements(
+        &self,
+        kind: Kind,
+        instance: u8,
+    ) -> Result<impl Iterator<Item = Result<Measurement, ImportError>>, ImportError> {
         let mut messages = self.messages()?;
         let mut next = move || -> Result<Option<Measurement>, ImportError> {
             while let Some((layout, message)) = messages.next().map_err(|cause| open_error(&self.path, cause))? {
@@ -180,7 +184,9 @@ impl Source for Log {
 
     fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
         let mut aligner = ForceAligner::default();
-        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.inertial) else { return Ok(aligner) };
+        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.inertial) else {
+            return Ok(aligner);
+        };
         for (index, measurement) in (0u64..).zip(self.measurements(Kind::Inertial, instance)?) {
             if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
                 progress(self.read_bytes.get());
@@ -196,7 +202,13 @@ impl Source for Log {
 }
 
 /// Selects the instance of a kind to read: `preferred`, or else the first one with valid messages.
-fn select_instance(counts: &Counts, kind: Kind, topic: &'static str, preferred: Option<u8>, notes: &mut Vec<Note>) -> Option<u8> {
+fn select_instance(
+    counts: &Counts,
+    kind: Kind,
+    topic: &'static str,
+    preferred: Option<u8>,
+    notes: &mut Vec<Note>,
+) -> Option<u8> {
     let instances = counts.get(&kind)?;
     let read = preferred.or_else(|| instances.iter().find(|(_, (samples, _))| *samples > 0).map(|(read, _)| *read))?;
     let others = instances.iter().filter(|(instance, _)| **instance != read).map(|(_, (samples, _))| samples).sum();

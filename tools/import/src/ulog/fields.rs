@@ -32,7 +32,11 @@ pub(crate) struct AttitudeSample {
 impl AttitudeSample {
     pub(crate) fn attitude(&self) -> Attitude {
         let quaternion = frames::quaternion_to_native(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
-        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, reset_counter: Some(self.reset_counter) }
+        Attitude {
+            t_ns: self.t_ns,
+            reference: Reference { quaternion, scored: true },
+            reset_counter: Some(self.reset_counter),
+        }
     }
 }
 
@@ -71,12 +75,18 @@ impl CombinedFields {
     /// Returns time and force of the accelerometer; `None` if the time is invalid.
     pub(super) fn force(&self, data: &[u8]) -> Option<Sample> {
         let relative_us = self.force_time_offset.as_ref().map_or(0, |time| time.parse(data));
-        Some((time_ns(self.time.parse(data), relative_us)?, Body::Frd.to_native(parse_vector(&self.force, data).map(f64::from))))
+        Some((
+            time_ns(self.time.parse(data), relative_us)?,
+            Body::Frd.to_native(parse_vector(&self.force, data).map(f64::from)),
+        ))
     }
 
     pub(super) fn field(&self, data: &[u8]) -> Option<FieldSample> {
         let (field, relative) = self.field.as_ref()?;
-        Some(FieldSample { t_ns: time_ns(self.time.parse(data), relative.parse(data))?, field_ga: parse_vector(field, data) })
+        Some(FieldSample {
+            t_ns: time_ns(self.time.parse(data), relative.parse(data))?,
+            field_ga: parse_vector(field, data),
+        })
     }
 }
 
@@ -109,7 +119,11 @@ impl AttitudeFields {
     pub(super) fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
         let part = |name| required(path, message, name, "float[4]");
         let quaternion = [part("q[0]")?, part("q[1]")?, part("q[2]")?, part("q[3]")?];
-        Ok(Self { time: SampleTime::new(path, message)?, quaternion, reset_counter: optional(message, "quat_reset_counter") })
+        Ok(Self {
+            time: SampleTime::new(path, message)?,
+            quaternion,
+            reset_counter: optional(message, "quat_reset_counter"),
+        })
     }
 
     /// Returns the attitude; `None` if the quaternion is not a rotation.

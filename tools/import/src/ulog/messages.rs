@@ -175,7 +175,8 @@ impl MessageReader {
     fn next(&mut self) -> io::Result<NextMessage<'_>> {
         let header_bytes = if self.position == 0 { HEADER_BYTES } else { MESSAGE_HEADER_BYTES };
         loop {
-            let is_new_section = self.section_ends.last().is_some_and(|&end| self.position + MESSAGE_HEADER_BYTES as u64 > end);
+            let is_new_section =
+                self.section_ends.last().is_some_and(|&end| self.position + MESSAGE_HEADER_BYTES as u64 > end);
             if is_new_section && let Some(end) = self.section_ends.pop() {
                 if end < self.position {
                     return Ok(NextMessage::Damage(format!("an overlapping section that starts at byte {end}")));
@@ -186,7 +187,9 @@ impl MessageReader {
             self.message.clear();
             match self.fill(header_bytes)? {
                 0 => return Ok(NextMessage::End),
-                length if length < header_bytes => return Ok(NextMessage::Damage("the end of the file within a message".into())),
+                length if length < header_bytes => {
+                    return Ok(NextMessage::Damage("the end of the file within a message".into()));
+                }
                 _ => {}
             }
             if self.position == 0 {

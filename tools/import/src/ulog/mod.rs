@@ -25,10 +25,10 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    force_aligner::{ForceAligner, Sample},
     error::open_error,
+    force_aligner::{ForceAligner, Sample},
     row_writer::{Attitude, RowWriter, Samples},
-    source::{Source, Survey, FixSink},
+    source::{FixSink, Source, Survey},
 };
 use fields::{AttitudeFields, CombinedFields, FieldSample, MagnetometerFields, ReceiverFields};
 use messages::LogStatus;
@@ -111,7 +111,12 @@ impl Log {
     }
 
     /// Reads the fixes of the selected receiver.
-    fn read_fixes(&self, fixes: &Series, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<(), ImportError> {
+    fn read_fixes(
+        &self,
+        fixes: &Series,
+        on_fix: &mut FixSink<'_>,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<(), ImportError> {
         let (mut series, mut receiver_fields) = (fixes.restarted(), None);
         messages::read(&self.path, &[fixes.topic], progress, &mut |message| {
             if !series.accept_instance(message) {
@@ -162,7 +167,9 @@ impl Source for Log {
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        let Some(fields) = self.selection.as_ref().map(|selection| &selection.fields).filter(|fields| fields.accepted > 0) else {
+        let Some(fields) =
+            self.selection.as_ref().map(|selection| &selection.fields).filter(|fields| fields.accepted > 0)
+        else {
             return Ok(Box::new(iter::empty()));
         };
         let (path, mut series) = (self.path.clone(), fields.restarted());

@@ -44,7 +44,17 @@ impl Series {
     /// Creates a series of the lowest instance that occurs in the log.
     pub(super) fn new(topic: &'static str, what: &'static str) -> Self {
         let instance = None;
-        Self { topic, what, instance, last_ns: None, accepted: 0, messages: 0, other_messages: 0, out_of_order: 0, rejected: 0 }
+        Self {
+            topic,
+            what,
+            instance,
+            last_ns: None,
+            accepted: 0,
+            messages: 0,
+            other_messages: 0,
+            out_of_order: 0,
+            rejected: 0,
+        }
     }
 
     /// Returns a series without samples that keeps the instance.

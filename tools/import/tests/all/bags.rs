@@ -186,7 +186,10 @@ fn bag_progress_increases_to_total() {
         let mut reports = Vec::new();
         let out = folder.path("out.csv");
         convert(&[folder.path(name)], &Options::default(), &out, &mut |progress| reports.push(progress)).unwrap();
-        assert!(reports.len() > 5 && reports.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{reports:?}");
+        assert!(
+            reports.len() > 5 && reports.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes),
+            "{reports:?}"
+        );
         assert_eq!(reports.last().unwrap().done_bytes, reports.last().unwrap().total_bytes);
     }
 }

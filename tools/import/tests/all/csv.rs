@@ -114,11 +114,7 @@ fn velocities_and_positions_become_fixes() {
     let path = folder.file("wide.csv", table);
     let imported = folder.import(&[path], Some(mapping(&[NAMES, "ve=e,vn=n,vd=d,lat=f"], "", "frd"))).unwrap();
     let fixes: Vec<_> = imported.fixes.iter().map(|fix| (fix.t_ns / MS, fix.velocity_m_s, fix.latitude_deg)).collect();
-    assert_eq!(
-        fixes,
-        [(10, [2.0, 1.0, 3.0], Some(48.0)), (30, [2.0, 1.5, 3.0], None)],
-        "a repeated fix is skipped"
-    );
+    assert_eq!(fixes, [(10, [2.0, 1.0, 3.0], Some(48.0)), (30, [2.0, 1.5, 3.0], None)], "a repeated fix is skipped");
 
     let rows = folder.file("rows.csv", "t,p,q,r,u,v,w\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n");
     let fixes = folder.file("fixes.csv", "t,e,n,z\n0,1,2,3\n0.01,1,2,3\n0.01,1,2,3\n");
@@ -199,7 +195,10 @@ fn csv_progress_increases_to_total() {
     let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")), ..Options::default() };
     let mut reports = Vec::new();
     convert(&[path], &options, &folder.path("b.csv.gz"), &mut |progress| reports.push(progress)).unwrap();
-    assert!(reports.len() > 10 && reports.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{reports:?}");
+    assert!(
+        reports.len() > 10 && reports.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes),
+        "{reports:?}"
+    );
     let last = reports.last().unwrap();
     assert_eq!(last.done_bytes, last.total_bytes);
 }

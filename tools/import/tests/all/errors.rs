@@ -39,7 +39,10 @@ fn mapping_invalid_rejected() {
         mapping_error(&[NAMES], "deg/s,degs", "rfu"),
         format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
     );
-    assert_eq!(mapping_error(&[NAMES], "US", "rfu"), format!("reading --units: found \"US\" (did you mean \"us\"?), {units}"));
+    assert_eq!(
+        mapping_error(&[NAMES], "US", "rfu"),
+        format!("reading --units: found \"US\" (did you mean \"us\"?), {units}")
+    );
     assert_eq!(
         mapping_error(&[NAMES], "g,m/s2", "rfu"),
         "reading --units: found \"g\" and \"m/s2\", expected one unit of the force"
@@ -156,6 +159,9 @@ fn incompatible_files_and_options_rejected() {
     assert!(matches!(into("no/such/folder_imu.csv"), Err(ImportError::Recording(_))));
     folder.file("b_gnss.csv", "t_s,ve,vn,vu\n0,0,0,0\n");
     let message = folder.message(&into("b_imu.csv").unwrap_err());
-    assert!(message.starts_with("writing b_imu.csv: no fixes were imported, but b_gnss.csv would be read"), "{message}");
+    assert!(
+        message.starts_with("writing b_imu.csv: no fixes were imported, but b_gnss.csv would be read"),
+        "{message}"
+    );
     assert_eq!(folder.names(), ["a.csv", "a.ulg", "b_gnss.csv"], "no file remains");
 }

@@ -5,15 +5,15 @@
 mod ardupilot;
 mod bags;
 mod common;
+mod csv;
 mod damage;
-mod flights;
-mod pyulog;
-mod formats;
-mod ulog;
 mod errors;
+mod flights;
+mod formats;
 mod fuzz;
 mod pipeline;
 #[path = "../../../../tests/common/python.rs"]
 mod python;
+mod pyulog;
 mod scripts;
-mod csv;
+mod ulog;

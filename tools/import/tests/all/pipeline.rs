@@ -28,7 +28,8 @@ fn default_stages_match_inclination_of_px4() {
         let mut before_ns = None;
         for row in &imported.rows {
             let dt_s = before_ns.replace(row.t_ns).map_or(0.0, |before_ns: i64| (row.t_ns - before_ns) as f64 / 1e9);
-            let rate = RateSample { rate_rad_s: row.rate_rad_s.into(), dt_s: dt_s.min(MAX_GAP_S), kind: RateKind::Mean };
+            let rate =
+                RateSample { rate_rad_s: row.rate_rad_s.into(), dt_s: dt_s.min(MAX_GAP_S), kind: RateKind::Mean };
             let fused = fuser.step(&FuserInput {
                 motion: Some(gyro.step(&rate)),
                 inclination: Some(accel.step(&row.force_m_s2.into())),

@@ -2,7 +2,9 @@
 
 use import::Note;
 
-use crate::common::{ATTITUDE, COMBINED, Folder, Imported, Log, MAGNETOMETER, RECEIVER_DEGREES, OLD_COMBINED, RECEIVER};
+use crate::common::{
+    ATTITUDE, COMBINED, Folder, Imported, Log, MAGNETOMETER, OLD_COMBINED, RECEIVER, RECEIVER_DEGREES,
+};
 
 const GYRO: [f32; 3] = [0.5, 0.25, -2.0];
 const ACCEL: [f32; 3] = [1.0, 2.0, -9.75];
@@ -120,11 +122,7 @@ fn force_interpolated_at_time_of_rate() {
     }
     let imported = imported(&log);
     let force: Vec<_> = imported.rows.iter().map(|row| (row.t_ns / MS - 1000, row.force_m_s2[1])).collect();
-    assert_eq!(
-        force,
-        [(0, 0.0), (2, 2.0), (4, 4.0), (6, 6.0), (8, 7.0), (10, 7.0)],
-        "the last force is held"
-    );
+    assert_eq!(force, [(0, 0.0), (2, 2.0), (4, 4.0), (6, 6.0), (8, 7.0), (10, 7.0)], "the last force is held");
 }
 
 #[test]
@@ -147,7 +145,11 @@ fn reference_interpolated_only_between_close_samples() {
         })
         .collect();
     let even = (0..=10).map(|i| (10 + i, i as f64));
-    assert_eq!(references, even.chain([(30, 90.0), (110, 90.0)]).collect::<Vec<_>>(), "no reference across a reset or a gap");
+    assert_eq!(
+        references,
+        even.chain([(30, 90.0), (110, 90.0)]).collect::<Vec<_>>(),
+        "no reference across a reset or a gap"
+    );
     assert_eq!(imported.summary.reference_rows, 13);
 }
 

@@ -32,9 +32,8 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
             return Some(Check::problem(check, found, format!("kill -KILL {pids}, then {FIX_COMMAND}")));
         }
         SystemLiveness::Unreachable { pids } => {
-            let found = format!(
-                "files of {name:?} were removed while it runs (processes {pids:?}), so no process can join"
-            );
+            let found =
+                format!("files of {name:?} were removed while it runs (processes {pids:?}), so no process can join");
             let remedy = "swap a stage or wait until a service ends: the system then renews its bus; if logind removed the files, set RemoveIPC=no in /etc/systemd/logind.conf";
             return Some(Check::problem(check, found, remedy));
         }
@@ -59,9 +58,11 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
     if fix {
         return Some(match stale.remove() {
             Ok(()) => Check::ok(check, format!("{found}; removed")),
-            Err(error) => {
-                Check::problem(check, format!("{found}; {error}"), "try again when no process of the system starts or ends")
-            }
+            Err(error) => Check::problem(
+                check,
+                format!("{found}; {error}"),
+                "try again when no process of the system starts or ends",
+            ),
         });
     }
     Some(match stale.liveness {

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use bus::{REQUIRED_OPEN_FILES, OPEN_FILES_REMEDY, SHARED_MEMORY_REMEDY, SharedMemory};
+use bus::{OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
 use rustix::{
     process::{Resource, geteuid, getrlimit},
     time::{ClockId, clock_getres},
@@ -146,7 +146,10 @@ mod tests {
 
     #[test]
     fn shared_memory_thresholds_set_severity() {
-        assert_eq!([10, 64, 1000].map(|mib| shared_memory_check(mib).result), [Severity::Problem, Severity::Warning, Severity::Ok]);
+        assert_eq!(
+            [10, 64, 1000].map(|mib| shared_memory_check(mib).result),
+            [Severity::Problem, Severity::Warning, Severity::Ok]
+        );
     }
 
     #[test]

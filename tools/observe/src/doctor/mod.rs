@@ -7,10 +7,10 @@
 //! | [`running`] | services, rates and flags of a running system |
 //! | [`at_rest`] | sensor readings at rest |
 
+pub mod at_rest;
 pub mod leftovers;
 pub mod machine;
 pub mod running;
-pub mod at_rest;
 
 use std::fmt;
 

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use bus::{BusError, Observer};
-use control::{RecordStatus, ServiceStatus, Diagnostic};
+use control::{Diagnostic, RecordStatus, ServiceStatus};
 use graph::Topic;
-use judge::{FieldQueue, Diagnosis, InputCheck};
+use judge::{Diagnosis, FieldQueue, InputCheck};
 use launch::{Service, Source, pluralize};
 use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
@@ -152,7 +152,8 @@ pub fn record_check(RecordStatus { not_recorded, output_error }: &RecordStatus) 
             Check::problem(check, format!("{error}; {found}"), "free disk space, then restart the system when possible")
         }
         None if *not_recorded > 0 => {
-            let remedy = "the supervisor was stopped or starved for longer than buffer_s; raise buffer_s or reduce the load";
+            let remedy =
+                "the supervisor was stopped or starved for longer than buffer_s; raise buffer_s or reduce the load";
             Check::warning(check, found, remedy)
         }
         None => Check::ok(check, "every attitude is in the report's figures and in the output file, if any"),
@@ -168,12 +169,16 @@ fn service_check(status: &ServiceStatus) -> Check {
         "failed" | "silent" => {
             Check::problem(check, found, "see its messages in the output of `plumb up` or in the journal")
         }
-        "backoff" | "starting" => {
-            Check::warning(check, found, "run the check again; a service that keeps failing is given up after `[restart] limit`")
-        }
-        _ if *lost > 0 => {
-            Check::warning(check, found, "if the machine is overloaded, reduce the load or raise buffer_s and lateness_s")
-        }
+        "backoff" | "starting" => Check::warning(
+            check,
+            found,
+            "run the check again; a service that keeps failing is given up after `[restart] limit`",
+        ),
+        _ if *lost > 0 => Check::warning(
+            check,
+            found,
+            "if the machine is overloaded, reduce the load or raise buffer_s and lateness_s",
+        ),
         _ if *restarts > 0 => {
             Check::warning(check, found, "it ended unexpectedly; see its messages in the output of `plumb up`")
         }

@@ -1,4 +1,5 @@
-//! The drawings of S1: the two rotations, the stereographic projection, the scheme of the fusion.
+//! Drawings of S1: the two finite rotations, the stereographic projection and the block diagram of
+//! the fusion.
 
 use attitude::Vector3;
 use figures::style::{BLUE, GREEN, GREY, ORANGE};
@@ -12,17 +13,17 @@ use crate::{
 
 const POLE: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
-/// Figures 1 to 3.
+/// Returns figures 1 to 3.
 pub(super) fn parts() -> Vec<Part> {
     vec![rotations(), projection()]
 }
 
-/// The unit sphere, the plane through its centre and the axes.
+/// Returns the unit sphere, the plane through its centre, and the axes.
 pub(super) fn sphere() -> Vec<Shape> {
     let corners = [(-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3), (-1.3, -1.3)];
     let line = |points, strength: f64| Shape::Line { points, color: BLACK.mix(strength), width: 1 };
     let view = (-65f64.to_radians()).sin_cos();
-    // The outline is the circle at right angles to the line of sight.
+    // The outline is the circle perpendicular to the line of sight.
     let (sin, cos) = 24f64.to_radians().sin_cos();
     let right = Vector3::new(-view.0, view.1, 0.0);
     let up = Vector3::new(-sin * view.1, -sin * view.0, cos);
@@ -34,7 +35,12 @@ pub(super) fn sphere() -> Vec<Shape> {
         line(circle(|cos, sin| Vector3::new(0.0, cos, sin)), 0.15),
     ];
     let axes = [(Vector3::x() * 1.45, "ξ', u"), (Vector3::y() * 1.45, "η', v"), (Vector3::z() * 1.35, "ζ'")];
-    shapes.extend(axes.map(|(to, label)| Shape::Arrow { from: Vector3::zeros(), to, color: GREY, label: label.into() }));
+    shapes.extend(axes.map(|(to, label)| Shape::Arrow {
+        from: Vector3::zeros(),
+        to,
+        color: GREY,
+        label: label.into(),
+    }));
     shapes.push(Shape::Dots { points: vec![POLE], color: BLACK.to_rgba(), radius: 3 });
     shapes
 }
@@ -63,11 +69,10 @@ fn rotations() -> Part {
     first.extend(axes([rotated[0], rotated[1], Vector3::z()], ["ξ'", "η'", ""], BLUE));
     first.push(arc_line(arc(Vector3::x(), Vector3::y(), 35f64.to_radians(), 0.55), ORANGE));
     first.push(Shape::Text { at: Vector3::new(0.68, 0.22, 0.0), text: "z".into() });
-    // A turn of 40° about an axis e of the horizontal plane.
+    // Rotation by 40° about a horizontal axis e.
     let e = (rotated[0] * 0.8 + rotated[1] * 0.6).normalize();
     let (tilt_sin, tilt_cos) = 40f64.to_radians().sin_cos();
-    let tilt =
-        |axis: Vector3<f64>| axis * tilt_cos + e.cross(&axis) * tilt_sin + e * (e.dot(&axis) * (1.0 - tilt_cos));
+    let tilt = |axis: Vector3<f64>| axis * tilt_cos + e.cross(&axis) * tilt_sin + e * (e.dot(&axis) * (1.0 - tilt_cos));
     let mut second = vec![plane()];
     second.extend(axes([rotated[0], rotated[1], Vector3::z()], ["ξ'", "η'", "ζ'"], BLUE));
     second.extend(axes(rotated.map(tilt), ["ξ", "η", "ζ"], GREEN));
@@ -78,13 +83,13 @@ fn rotations() -> Part {
         Panel::Scene(Scene { title: title.into(), azimuth_deg: 62.0, elevation_deg: 28.0, half_extent: 1.3, shapes })
     };
     let panels = vec![
-        scene("figure 1: by z about the vertical", first),
-        scene("figure 2: by δ about e, which is horizontal", second),
+        scene("figure 1: rotation by z about the vertical", first),
+        scene("figure 2: rotation by δ about the horizontal axis e", second),
     ];
     Part {
         name: "figure-1-2",
         title: "Figures 1 and 2: the two finite rotations".into(),
-        caption: "The body is reached by a turn z about ζ0, then by a turn δ about an axis e of the horizontal plane: A = A(w) A(z), (1), (7), (15).".into(),
+        caption: "The attitude is reached by a rotation z about ζ0, followed by a rotation δ about an axis e in the horizontal plane: A = A(w) A(z), (1), (7), (15).".into(),
         picture: Picture::Figure(Figure { size: (1100, 520), columns: 2, panels }),
     }
 }
@@ -101,24 +106,29 @@ fn projection() -> Part {
         Shape::Dots { points: vec![w], color: ORANGE.to_rgba(), radius: 5 },
         Shape::Text { at: up * 1.14, text: "k'' (a, b, c)".into() },
         Shape::Text { at: w + Vector3::new(0.22, 0.12, 0.0), text: "w".into() },
-        Shape::Text { at: POLE * 1.12, text: "the pole −ζ'".into() },
+        Shape::Text { at: POLE * 1.12, text: "pole −ζ'".into() },
     ]);
-    let scene =
-        Scene { title: "w = (a + jb) / (1 + c)".into(), azimuth_deg: -65.0, elevation_deg: 24.0, half_extent: 1.55, shapes };
+    let scene = Scene {
+        title: "w = (a + jb) / (1 + c)".into(),
+        azimuth_deg: -65.0,
+        elevation_deg: 24.0,
+        half_extent: 1.55,
+        shapes,
+    };
     Part {
         name: "figure-3",
-        title: "Figure 3: the end of k'' on the unit sphere and its stereographic image w".into(),
-        caption: "From the pole −ζ' a ray through the end of k'' meets the plane in w: (11), (12).".into(),
+        title: "Figure 3: the tip of k'' on the unit sphere and its stereographic image w".into(),
+        caption: "The ray from the pole −ζ' through the tip of k'' meets the plane at w: (11), (12).".into(),
         picture: Picture::Figure(Figure { size: (620, 600), columns: 1, panels: vec![Panel::Scene(scene)] }),
     }
 }
 
-/// Figure 9, as the graph of slots runs it.
+/// Returns figure 9 with the slots that implement it.
 pub(super) fn fusion() -> Part {
     let block = |at, size, lines| Block { at, size, lines };
     let arrow = |path, label| Arrow { path, label };
     let diagram = BlockDiagram {
-        title: "figure 9, and the slots that run it".into(),
+        title: "figure 9 and the slots that implement it".into(),
         size: (12.0, 5.0),
         blocks: vec![
             block((2.2, 1.2), (2.4, 1.4), &["slot gyro", "(18)–(20)"]),
@@ -140,8 +150,8 @@ pub(super) fn fusion() -> Part {
     };
     Part {
         name: "figure-9",
-        title: "Figure 9: the scheme of the fusion".into(),
-        caption: "T = 1 s. As printed the gyro's channel integrates by itself: the stage wz-open of the slot fuser. With its loop closed the exact step is applied to w_c itself: wz-closed.".into(),
+        title: "Figure 9: block diagram of the fusion".into(),
+        caption: "T = 1 s. As published, the gyro channel integrates in open loop (stage wz-open of the fuser slot). With the loop closed, the exact step is applied to w_c itself (stage wz-closed).".into(),
         picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::BlockDiagram(diagram)] }),
     }
 }

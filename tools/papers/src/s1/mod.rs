@@ -1,4 +1,4 @@
-//! S1: Matveev et al., parameters (w, z) in strapdown attitude systems, 2025.
+//! S1: Matveev et al. 2025, parameters (w, z) in strapdown attitude systems.
 
 mod drawings;
 mod operations;
@@ -7,7 +7,7 @@ mod runs;
 use attitude::Vector3;
 use figures::{
     Axis, Chart, Curve,
-    style::{BLUE, GREEN, ORANGE, SKY, LineStyle},
+    style::{BLUE, GREEN, LineStyle, ORANGE, SKY},
 };
 use plotters::style::{BLACK, Color, RGBColor};
 
@@ -21,10 +21,10 @@ pub use operations::{OperationComparison, Operations};
 pub use runs::Results;
 use runs::{NoiseFreeSample, NoisySample, TABLE_TIMES_S};
 
-/// The noise-free run and the one with errors.
+/// Number of runs: noise-free and with errors.
 pub(crate) const RUN_COUNT: u64 = 2;
 
-/// The paper's table of u, v and z.
+/// Values of u, v and z in the scenario of the paper, at the times of `TABLE_TIMES_S`; z in rad.
 const PUBLISHED: [[f64; 3]; 6] = [
     [0.0, 0.221694663, 0.0],
     [-0.267949192, 0.0, 0.087266463],
@@ -34,7 +34,7 @@ const PUBLISHED: [[f64; 3]; 6] = [
     [0.0, 0.221694663, 1.745329252],
 ];
 
-/// Figures 1 to 10 and the tables beside them.
+/// Returns figures 1 to 10 and the tables.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     let noise_free = runs::noise_free();
     progress.step();
@@ -88,14 +88,16 @@ fn parameters(noise_free: &[NoiseFreeSample]) -> Part {
     Part {
         name: "figure-4",
         title: "Figure 4: u, v and z, noise-free".into(),
-        caption: "Equations (18)–(20) by the classical Runge–Kutta method at 100 Hz from exact rates: ψ = 1 °/s t, ϑ = 25° cos 2π 0.05 t, γ = 30° sin 2π 0.05 t. The paper's values are in the table below.".into(),
+        caption: "Equations (18)–(20), integrated with the classical Runge–Kutta method at 100 Hz from exact rates: ψ = 1 °/s t, ϑ = 25° cos 2π 0.05 t, γ = 30° sin 2π 0.05 t. The paper's values are in the table below.".into(),
         picture: single_chart(chart),
     }
 }
 
 fn angles(noise_free: &[NoiseFreeSample], results: &Results) -> Part {
     let series = |name, color, value: fn(attitude::angles::Angles) -> f64| {
-        curve(name, color, LineStyle::Thick, noise_free, |sample| (sample.t_s, value(sample.attitude.angles()).to_degrees()))
+        curve(name, color, LineStyle::Thick, noise_free, |sample| {
+            (sample.t_s, value(sample.attitude.angles()).to_degrees())
+        })
     };
     let chart = Chart {
         title: "yaw, pitch and roll by (23)–(25), noise-free".into(),
@@ -113,13 +115,13 @@ fn angles(noise_free: &[NoiseFreeSample], results: &Results) -> Part {
         name: "figure-5",
         title: "Figure 5: yaw, pitch and roll, noise-free".into(),
         caption: format!(
-            "Largest difference from the angles put in over 100 s: yaw {yaw:.1e}°, pitch {pitch:.1e}°, roll {roll:.1e}°. The paper shows no difference."
+            "Largest difference from the input angles over 100 s: yaw {yaw:.1e}°, pitch {pitch:.1e}°, roll {roll:.1e}°. The paper shows no difference."
         ),
         picture: single_chart(chart),
     }
 }
 
-/// The sphere with plane and axes, and around it.
+/// Returns a panel with the unit sphere and additional shapes.
 fn sphere(title: &str, shapes: Vec<Shape>) -> Panel {
     let mut all = drawings::sphere();
     all.extend(shapes);
@@ -136,11 +138,12 @@ fn plane(title: &str, curves: Vec<Curve>) -> Panel {
     })
 }
 
-/// Every tenth point of a path on the sphere, and of its image in the plane.
+/// Returns every tenth point of a path on the sphere.
 fn decimated(up_vectors: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     up_vectors.iter().copied().step_by(10).collect()
 }
 
+/// Returns the stereographic image of every tenth point of a path, in the plane.
 fn projected(up_vectors: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     decimated(up_vectors).iter().map(|up| Vector3::new(up.x, up.y, 0.0) / (1.0 + up.z)).collect()
 }
@@ -155,18 +158,18 @@ fn path(noise_free: &[NoiseFreeSample], results: &Results) -> Part {
     let shapes = vec![
         Shape::Line { points: w.clone(), color: ORANGE.to_rgba(), width: 2 },
         Shape::OnSphere { points: decimated(&up_vectors), color: BLUE, width: 2 },
-        Shape::LegendEntry { color: ORANGE, label: "its projection w = u + jv".into() },
-        Shape::LegendEntry { color: BLUE, label: "the end of k''".into() },
+        Shape::LegendEntry { color: ORANGE, label: "projection w = u + jv".into() },
+        Shape::LegendEntry { color: BLUE, label: "tip of k''".into() },
     ];
     let panels = vec![
-        sphere("the Riemann sphere, noise-free", shapes),
-        plane("the plane of w", vec![Curve::new("w", ORANGE, LineStyle::Thick, coordinates(&w))]),
+        sphere("Riemann sphere, noise-free", shapes),
+        plane("w plane", vec![Curve::new("w", ORANGE, LineStyle::Thick, coordinates(&w))]),
     ];
     Part {
         name: "figure-6",
-        title: "Figure 6: the path of k'' on the Riemann sphere, noise-free".into(),
+        title: "Figure 6: path of k'' on the Riemann sphere, noise-free".into(),
         caption: format!(
-            "The path closes on itself: after 100 s, five swings, its ends are {:.1e} apart. k'' is drawn as (13) computes it, the third column of A; the paper defines it as the third row, of which the first two signs are reversed.",
+            "The path is closed: after 100 s, which is five periods, its ends are {:.1e} apart. k'' is drawn as computed by (13), the third column of A. The paper defines it as the third row, with the signs of the first two components reversed.",
             results.closure
         ),
         picture: Picture::Figure(Figure { size: (1200, 600), columns: 2, panels }),
@@ -184,13 +187,13 @@ fn path_with_errors(noisy: &[NoisySample], results: &Results) -> Part {
         Shape::Dots { points: decimated(&accel), color: SKY.mix(0.8), radius: 1 },
         Shape::Line { points: gyro_w.clone(), color: ORANGE.mix(0.6), width: 1 },
         Shape::OnSphere { points: decimated(&gyro), color: ORANGE, width: 2 },
-        Shape::LegendEntry { color: SKY, label: "accelerometers: a cloud".into() },
-        Shape::LegendEntry { color: ORANGE, label: "gyros: a spiral that drifts".into() },
+        Shape::LegendEntry { color: SKY, label: "accelerometers: cloud".into() },
+        Shape::LegendEntry { color: ORANGE, label: "gyros: drifting spiral".into() },
     ];
     let panels = vec![
-        sphere("the Riemann sphere, with errors", shapes),
+        sphere("Riemann sphere, with errors", shapes),
         plane(
-            "the plane of w",
+            "w plane",
             vec![
                 Curve::new("w_a, accelerometers", SKY, LineStyle::Dots, coordinates(&accel_w)),
                 Curve::new("w, gyros", ORANGE, LineStyle::Thick, coordinates(&gyro_w)),
@@ -199,9 +202,9 @@ fn path_with_errors(noisy: &[NoisySample], results: &Results) -> Part {
     ];
     Part {
         name: "figure-7",
-        title: "Figure 7: the same with errors".into(),
+        title: "Figure 7: path of k'' with errors".into(),
         caption: format!(
-            "Gyro bias 0.1 °/s on each axis, accelerometer noise 0.01 g, 100 Hz. Inclination RMSE from 5 s on: gyros {:.2}° (expected of the paper's errors: 7.25°), {:.1}° at the end (11.3°); accelerometers {:.2}° (0.80°).",
+            "Gyro bias 0.1 °/s on each axis, accelerometer noise 0.01 g, 100 Hz. Inclination RMSE from 5 s on: gyros {:.2}° (expected for these errors: 7.25°), with an error of {:.1}° at 100 s (11.3°); accelerometers {:.2}° (0.80°).",
             results.gyro_deg, results.gyro_end_deg, results.accel_deg
         ),
         picture: Picture::Figure(Figure { size: (1200, 600), columns: 2, panels }),
@@ -222,15 +225,15 @@ fn channels(noisy: &[NoisySample], results: &Results) -> Part {
         })
     };
     let panels = vec![
-        panel("v by gyros, v_a by accelerometers", "v", |m| m.gyro.up.w.im, |m| m.accel.up.w.im),
-        panel("u by gyros, u_a by accelerometers", "u", |m| m.gyro.up.w.re, |m| m.accel.up.w.re),
+        panel("v from gyros, v_a from accelerometers", "v", |m| m.gyro.up.w.im, |m| m.accel.up.w.im),
+        panel("u from gyros, u_a from accelerometers", "u", |m| m.gyro.up.w.re, |m| m.accel.up.w.re),
     ];
     let max_v = noisy.iter().map(|sample| sample.gyro.up.w.im.abs()).fold(0.0, f64::max);
     Part {
         name: "figure-8",
-        title: "Figure 8: v and v_a, with errors; u alike".into(),
+        title: "Figure 8: v and v_a, u and u_a with errors".into(),
         caption: format!(
-            "The paper's curves swing by about ±0.3 and drift to 0.4. Here the gyros' v reaches {max_v:.2} in size and is {:+.3} off at 100 s.",
+            "The paper's curves oscillate by about ±0.3 and drift to 0.4. Here the largest |v| of the gyros is {max_v:.2}, and their error of v at 100 s is {:+.3}.",
             results.drift_v
         ),
         picture: Picture::Figure(Figure { size: (1000, 800), columns: 1, panels }),
@@ -239,24 +242,30 @@ fn channels(noisy: &[NoisySample], results: &Results) -> Part {
 
 fn fusion(noisy: &[NoisySample], results: &Results) -> Part {
     let panel = |title: &str, curves| {
-        Panel::Chart(Chart { title: title.into(), x: time_axis(), y: Axis::new("v", -0.4..0.4), curves, has_legend: true })
+        Panel::Chart(Chart {
+            title: title.into(),
+            x: time_axis(),
+            y: Axis::new("v", -0.4..0.4),
+            curves,
+            has_legend: true,
+        })
     };
     let series = |name: &str, color, style, value: fn(&NoisySample) -> f64| {
         curve(name, color, style, noisy, |sample| (sample.t_s, value(sample)))
     };
     let panels = vec![
         panel(
-            "the high-passed gyros and the low-passed accelerometers",
+            "high-passed gyros and low-passed accelerometers",
             vec![
                 series("LPF(v_a)", SKY, LineStyle::Thick, |sample| sample.low_pass_accel),
                 series("HPF(v)", ORANGE, LineStyle::Thick, NoisySample::high_pass),
             ],
         ),
         panel(
-            "their sum",
+            "sum",
             vec![
                 series("v_c", SKY, LineStyle::Wide, NoisySample::sum),
-                series("the true v", BLACK, LineStyle::Thin, |sample| sample.truth.up.w.im),
+                series("true v", BLACK, LineStyle::Thin, |sample| sample.truth.up.w.im),
             ],
         ),
     ];
@@ -264,7 +273,7 @@ fn fusion(noisy: &[NoisySample], results: &Results) -> Part {
         name: "figure-10",
         title: "Figure 10: HPF(v), LPF(v_a) and their sum v_c, T = 1 s".into(),
         caption: format!(
-            "RMS from 5 s on: HPF(v) {:.3}, LPF(v_a) {:.3}, so that the sum is nearly all of the accelerometers'; v_c is {:.4} RMS off the true v. As an angle of the whole point w_c: {:.3}° RMSE (0.225°).",
+            "RMS from 5 s on: HPF(v) {:.3}, LPF(v_a) {:.3}, so the sum consists mostly of the accelerometer part. RMS error of v_c: {:.4}. Inclination RMSE of the point w_c: {:.3}° (expected 0.225°).",
             results.high_pass, results.low_pass, results.sum_error, results.open_deg
         ),
         picture: Picture::Figure(Figure { size: (1000, 800), columns: 1, panels }),
@@ -279,7 +288,7 @@ fn table(results: &Results) -> Part {
     Part {
         name: "table-parameters",
         title: "Table: u, v and z, noise-free".into(),
-        caption: "The paper's scenario, worked out by hand from (26), beside what was integrated.".into(),
+        caption: "Exact values, calculated by hand from (26), and integrated values.".into(),
         picture: Picture::Table(Table::new(
             &["t, s", "u, exact", "u, ours", "v, exact", "v, ours", "z, exact, rad", "z, ours, rad"],
             rows.collect(),
@@ -292,14 +301,14 @@ fn errors(results: &Results) -> Part {
         ("gyros alone", 7.25, results.gyro_deg),
         ("gyros alone, at 100 s", 11.3, results.gyro_end_deg),
         ("accelerometers alone", 0.80, results.accel_deg),
-        ("figure 9 as printed, open loop: wz-open", 0.225, results.open_deg),
-        ("its loop closed: wz-closed", 0.152, results.closed_deg),
+        ("figure 9 as published, open loop: wz-open", 0.225, results.open_deg),
+        ("loop closed: wz-closed", 0.152, results.closed_deg),
     ];
     let rows = rows.map(|(name, expected, ours)| vec![name.into(), format!("{expected}"), format!("{ours:.3}")]);
     Part {
         name: "table-errors",
         title: "Table: inclination RMSE with errors, degrees".into(),
-        caption: "From 5 s to 100 s, one seed; expected is an independent computation of the same scenario, of which a band of 15 % is noise.".into(),
+        caption: "From 5 s to 100 s, one seed. The expected values are from an independent implementation of the same scenario. They vary by ±15 % with the noise seed.".into(),
         picture: Picture::Table(Table::new(&["signal", "expected, °", "ours, °"], rows.into())),
     }
 }
@@ -320,10 +329,10 @@ fn operations_table() -> Part {
     let comparisons = operations::comparisons();
     Part {
         name: "table-operations",
-        title: "Table: operations of one step".into(),
-        caption: "The paper claims up to 30 % less computing by three equations in place of four. Counted from the equations as written, the quaternion kept at unit length; what processors do with them is in benches/README.md.".into(),
+        title: "Table: operations per step".into(),
+        caption: "The paper claims up to 30 % less computation with three equations instead of four. Operations are counted from the equations as written, with the quaternion normalised in each step. For processor instructions see benches/README.md.".into(),
         picture: Picture::Table(Table::new(
-            &["method: state", "multiplications", "additions", "divisions, roots", "all", "less"],
+            &["method: state", "multiplications", "additions", "divisions, roots", "total", "reduction"],
             comparisons.iter().flat_map(row).collect(),
         )),
     }

@@ -1,7 +1,9 @@
-//! Operations of one step: (u, v, z) beside the quaternion, by integrators of one order.
+//! Operations per step of (u, v, z) and of the quaternion, with integrators of the same order.
 //!
-//! Input: none. Output: multiplications, additions, divisions and roots of one step, counted by numbers that count. S1 says that three equations
-//! in place of four take up to 30 % less computing.
+//! Output: multiplications, additions, divisions and square roots of one step, counted by a number
+//! type.
+//!
+//! S1 claims that three equations instead of four need up to 30 % less computation.
 
 use std::{
     cell::Cell,
@@ -12,7 +14,7 @@ thread_local! {
     static COUNTS: Cell<Operations> = const { Cell::new(Operations { products: 0, sums: 0, others: 0 }) };
 }
 
-/// What a step takes.
+/// Number of operations of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Operations {
     /// Multiplications.
@@ -24,17 +26,17 @@ pub struct Operations {
 }
 
 impl Operations {
-    /// All of them.
+    /// Returns the total number of operations.
     pub fn total(self) -> u32 {
         self.products + self.sums + self.others
     }
 }
 
-/// A number that counts what is done with it.
+/// Number that counts the operations applied to it.
 #[derive(Debug, Clone, Copy)]
 struct Counted(f64);
 
-/// One more of a kind.
+/// Increments the counter of one kind of operation.
 fn increment(kind: fn(&mut Operations) -> &mut u32) {
     COUNTS.with(|counts| {
         let mut operations = counts.get();
@@ -70,7 +72,7 @@ impl Counted {
     }
 }
 
-/// (18)–(20) — Matveev 2025.
+/// Returns the derivatives of u, v and z: (18)–(20) — Matveev 2025.
 fn point([u, v, _]: [Counted; 3], [x, y, z]: [Counted; 3]) -> [Counted; 3] {
     let (one, half) = (Counted(1.0), Counted(0.5));
     let (product, difference) = (u * v, u * u - v * v);
@@ -81,7 +83,7 @@ fn point([u, v, _]: [Counted; 3], [x, y, z]: [Counted; 3]) -> [Counted; 3] {
     ]
 }
 
-/// q' = ½ q ⊗ (0, ω).
+/// Returns the derivative of the quaternion, q' = ½ q ⊗ (0, ω).
 fn quaternion([a, b, c, d]: [Counted; 4], [x, y, z]: [Counted; 3]) -> [Counted; 4] {
     let half = Counted(0.5);
     let (x, y, z) = (half * x, half * y, half * z);
@@ -92,7 +94,9 @@ fn advanced<const N: usize>(state: [Counted; N], slope: [Counted; N], dt: Counte
     std::array::from_fn(|i| state[i] + slope[i] * dt)
 }
 
-/// One step of the classical Runge–Kutta method with the rate at both ends and in the middle.
+/// Performs one step of the classical Runge–Kutta method.
+///
+/// `rates` are the rates at the start, in the middle and at the end of the step.
 fn fourth_order<const N: usize>(
     state: [Counted; N],
     slope: fn([Counted; N], [Counted; 3]) -> [Counted; N],
@@ -114,25 +118,25 @@ fn normalized(q: [Counted; 4]) -> [Counted; 4] {
     q.map(|x| x * inverse)
 }
 
-/// What one step takes: by (u, v, z), and by the quaternion, kept at unit length.
+/// Operations of one step by (u, v, z) and by the normalised quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OperationComparison {
-    /// The integrator.
+    /// Integration method.
     pub method: &'static str,
-    /// Of (18)–(20).
+    /// Operations by (18)–(20).
     pub point: Operations,
-    /// Of q' = ½ q ⊗ (0, ω).
+    /// Operations by q' = ½ q ⊗ (0, ω), including the normalisation.
     pub quaternion: Operations,
 }
 
 impl OperationComparison {
-    /// How much less the point takes, in total.
+    /// Returns the fraction of operations that (u, v, z) saves.
     pub fn reduction(&self) -> f64 {
         1.0 - f64::from(self.point.total()) / f64::from(self.quaternion.total())
     }
 }
 
-/// Euler's method, and the classical one of Runge and Kutta.
+/// Returns the comparison for Euler's method and for the classical Runge–Kutta method.
 pub(crate) fn comparisons() -> [OperationComparison; 2] {
     let rate = [0.3, -0.2, 0.5].map(Counted);
     let (w, q, dt) = ([0.1, 0.2, 0.3].map(Counted), [0.5; 4].map(Counted), Counted(0.01));
@@ -150,6 +154,7 @@ pub(crate) fn comparisons() -> [OperationComparison; 2] {
     ]
 }
 
+/// Runs `step` and returns the number of its operations.
 fn count_operations<T>(step: impl FnOnce() -> T) -> Operations {
     COUNTS.with(Cell::take);
     step();

@@ -1,4 +1,5 @@
-//! S1's scenario through S1's equations: noise-free by its own method, with errors by the channels of its figure 9.
+//! Scenario of S1: noise-free with the equations of the paper, with errors through the channels of
+//! its figure 9.
 
 use attitude::{
     Vector3,
@@ -9,19 +10,19 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
-use scenario::{SensorErrors, Motion, Sensors};
+use scenario::{Motion, SensorErrors, Sensors};
 
-/// Samples per second, and length, s.
 const RATE_HZ: f64 = 100.0;
+/// Number of sample intervals, 100 s in total.
 const TICKS: u32 = 10_000;
-/// From when on errors count, s.
+/// Start of the interval in which errors are scored, s.
 const SCORED_FROM_S: f64 = 5.0;
-/// T of the filters, s.
+/// Time constant T of the filters, s.
 pub(crate) const TIME_CONSTANT_S: f64 = 1.0;
-/// Of the noise.
+/// Seed of the noise.
 pub(crate) const SEED: u64 = 1;
 
-/// A sample of the noise-free run.
+/// Sample of the noise-free run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NoiseFreeSample {
     pub(crate) t_s: f64,
@@ -29,7 +30,7 @@ pub(crate) struct NoiseFreeSample {
     pub(crate) truth: Attitude,
 }
 
-/// (18)–(20) by the classical Runge–Kutta method from exact rates.
+/// Integrates (18)–(20) with the classical Runge–Kutta method from exact rates.
 pub(crate) fn noise_free() -> Vec<NoiseFreeSample> {
     let time_s = |tick: u32| f64::from(tick) / RATE_HZ;
     let mut attitude = Motion::S1.at(0.0).attitude;
@@ -43,37 +44,40 @@ pub(crate) fn noise_free() -> Vec<NoiseFreeSample> {
     samples
 }
 
-/// A sample of the run with errors.
+/// Sample of the run with errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NoisySample {
     pub(crate) t_s: f64,
     pub(crate) truth: Attitude,
-    /// The gyro's channel: (18)–(20) alone.
+    /// Gyro channel: (18)–(20) in open loop.
     pub(crate) gyro: Attitude,
-    /// The accelerometer's: (27), (28).
+    /// Accelerometer channel: (27), (28).
     pub(crate) accel: Attitude,
-    /// LPF(v) of the gyro's v, and of the accelerometer's v_a.
+    /// LPF(v) of the gyro channel.
     pub(crate) low_pass_gyro: f64,
+    /// LPF(v_a) of the accelerometer channel.
     pub(crate) low_pass_accel: f64,
-    /// Figure 9 as printed, the stage `wz-open`.
+    /// Fusion by figure 9 as published, stage `wz-open`.
     pub(crate) open: Attitude,
-    /// Its loop closed, the stage `wz-closed`.
+    /// Fusion with the loop closed, stage `wz-closed`.
     pub(crate) closed: Attitude,
 }
 
 impl NoisySample {
-    /// HPF(v) = v − LPF(v).
+    /// Returns HPF(v) = v − LPF(v).
     pub(crate) fn high_pass(&self) -> f64 {
         self.gyro.up.w.im - self.low_pass_gyro
     }
 
-    /// v_c = HPF(v) + LPF(v_a).
+    /// Returns v_c = HPF(v) + LPF(v_a).
     pub(crate) fn sum(&self) -> f64 {
         self.high_pass() + self.low_pass_accel
     }
 }
 
-/// The gyro's bias and the accelerometer's noise of S1; both channels begin where the body is.
+/// Simulates the gyro bias and the accelerometer noise of S1.
+///
+/// The gyro channel starts at the true attitude. Returns `None` if a stage does not exist.
 pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, SEED);
     let (mut gyro, mut accel) = (Gyro::from_name("rk4")?, Projector::default());
@@ -113,45 +117,46 @@ pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
     Some(samples)
 }
 
-/// The results that S1's figures stand for.
+/// Key figures of S1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Results {
-    /// Largest difference of yaw, pitch and roll from the angles put in, noise-free, degrees.
+    /// Largest errors of yaw, pitch and roll, noise-free, degrees.
     pub angles_deg: [f64; 3],
-    /// How far apart the ends of the path of w are filtered 100 s, noise-free.
+    /// Distance between the two ends of the path of w after 100 s, noise-free.
     pub closure: f64,
-    /// u, v, z at 0, 5, 10, 25, 75 and 100 s, noise-free; z in rad.
+    /// Values of u, v and z at 0, 5, 10, 25, 75 and 100 s, noise-free; z in rad.
     pub table: [[f64; 3]; 6],
-    /// Inclination error from 5 s on, with errors, RMS in degrees.
+    /// Inclination RMSE of the gyro channel from 5 s on, degrees.
     pub gyro_deg: f64,
-    /// The same of the accelerometer's channel.
+    /// Inclination RMSE of the accelerometer channel from 5 s on, degrees.
     pub accel_deg: f64,
-    /// The same of figure 9 as printed.
+    /// Inclination RMSE of figure 9 as published (open loop) from 5 s on, degrees.
     pub open_deg: f64,
-    /// The same with its loop closed.
+    /// Inclination RMSE of figure 9 with the loop closed from 5 s on, degrees.
     pub closed_deg: f64,
-    /// Inclination error of the gyro's channel at 100 s, degrees.
+    /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,
-    /// How far the gyro's v is from the true one at 100 s.
+    /// Error of v of the gyro channel at 100 s.
     pub drift_v: f64,
-    /// RMS from 5 s on of HPF(v), of LPF(v_a), and of v_c against the true v.
+    /// RMS of HPF(v) from 5 s on.
     pub high_pass: f64,
-    /// See `high_pass`.
+    /// RMS of LPF(v_a) from 5 s on.
     pub low_pass: f64,
-    /// See `high_pass`.
+    /// RMS error of v_c from 5 s on.
     pub sum_error: f64,
 }
 
-/// Times of the table, s.
+/// Times of the rows of the table, s.
 pub(crate) const TABLE_TIMES_S: [f64; 6] = [0.0, 5.0, 10.0, 25.0, 75.0, 100.0];
 
 impl Results {
-    /// Of both runs.
+    /// Evaluates both runs.
     pub(crate) fn new(noise_free: &[NoiseFreeSample], noisy: &[NoisySample]) -> Self {
         let mut angles_deg = [0.0; 3];
         for NoiseFreeSample { attitude, truth, .. } in noise_free {
             let (got, want) = (attitude.angles(), truth.angles());
-            let differences = [got.yaw_rad - want.yaw_rad, got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad];
+            let differences =
+                [got.yaw_rad - want.yaw_rad, got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad];
             angles_deg = [0, 1, 2].map(|i| f64::max(angles_deg[i], differences[i].to_degrees().abs()));
         }
         let row = |t_s: f64| {
@@ -188,7 +193,7 @@ impl Results {
     }
 }
 
-/// The angle between two up vectors, degrees.
+/// Returns the angle between the two up vectors, degrees.
 fn tilt_deg(estimate: Attitude, truth: Attitude) -> f64 {
     let (one, other): (Vector3<f64>, Vector3<f64>) = (estimate.up.direction(), truth.up.direction());
     one.cross(&other).norm().atan2(one.dot(&other)).to_degrees()
@@ -227,7 +232,7 @@ mod tests {
     fn error_run_matches_expected_rmse() {
         let results = Results::new(&noise_free(), &with_errors().unwrap());
         println!("{results:?}");
-        // One seed: a band of 15 %.
+        // The results vary by 15 % with the noise seed.
         for (got, published) in [
             (results.gyro_deg, 7.25),
             (results.gyro_end_deg, 11.3),
@@ -237,7 +242,8 @@ mod tests {
         ] {
             assert!((got / published - 1.0).abs() < 0.15, "{got}° for {published}°");
         }
-        // v leaves ±0.3 for 0.4 in figure 8, and HPF(v) is little of the sum in figure 10.
+        // In figure 8 v exceeds ±0.3 and reaches 0.4. In figure 10 HPF(v) is a small part of the
+        // sum.
         assert!((0.05..0.25).contains(&results.drift_v.abs()), "{}", results.drift_v);
         assert!(results.high_pass < 0.5 * results.low_pass && results.sum_error < 0.01, "{results:?}");
     }

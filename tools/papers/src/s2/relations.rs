@@ -1,22 +1,23 @@
-//! Pitch and roll from a direction of gravity, by every stage of the slot accel, in S2's own axes.
+//! Pitch and roll from a direction of gravity, by every stage of the accel slot, in the axes of S2.
 //!
-//! S2's axes are X forward, Y to the right, Z along the vertical that the accelerometer reads as +g; here ξ is right, η forward, ζ up,
-//! and f_ξ = −gy, f_η = −gx, f_ζ = gz.
+//! The axes of S2 are X forward, Y right and Z along the vertical, read as +g by the accelerometer.
+//! The stages use ξ right, η forward and ζ up, hence f_ξ = −gy, f_η = −gx, f_ζ = gz.
 
 use attitude::{GRAVITY_M_S2, Vector3, accel::Accelerometer, stage::Stage, state::wrapped_rad};
 
-/// Cells of the sphere, each by its middle.
+/// Number of grid cells in roll.
 pub(crate) const COLUMNS: usize = 72;
+/// Number of grid cells in pitch.
 pub(crate) const ROWS: usize = 36;
-/// g, m/s², of a thousandth.
+/// One thousandth of g, m/s².
 const MILLI_G_M_S2: f64 = 1e-3 * GRAVITY_M_S2;
 
-/// β and ψ, or differences of them, degrees.
+/// Angles β and ψ, or differences of them, degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tilt {
-    /// β, pitch.
+    /// Pitch β.
     pub pitch_deg: f64,
-    /// ψ, roll.
+    /// Roll ψ.
     pub roll_deg: f64,
 }
 
@@ -33,7 +34,7 @@ impl Tilt {
         }
     }
 
-    /// gx = −g sin β, gy = g sin ψ cos β, gz = g cos ψ cos β.
+    /// Returns gravity in the axes of S2: gx = −g sin β, gy = g sin ψ cos β, gz = g cos ψ cos β.
     fn gravity_m_s2(self) -> Vector3<f64> {
         let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) =
             (self.pitch_deg.to_radians().sin_cos(), self.roll_deg.to_radians().sin_cos());
@@ -41,7 +42,7 @@ impl Tilt {
     }
 }
 
-/// By which stage.
+/// Method of computing the angles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Method {
     Matrix,
@@ -60,7 +61,7 @@ impl Method {
         }
     }
 
-    /// What the stage makes of a gravity; nothing where there is no such stage.
+    /// Returns the angles that the stage computes from gravity; NaN if the stage does not exist.
     fn tilt(self, gravity_m_s2: Vector3<f64>) -> Tilt {
         let force_m_s2 = Vector3::new(-gravity_m_s2.y, -gravity_m_s2.x, gravity_m_s2.z);
         let up = Accelerometer::from_name(self.stage())
@@ -70,7 +71,7 @@ impl Method {
     }
 }
 
-/// A direction of gravity, and what each stage makes of it.
+/// Grid cell: a direction of gravity given by its true angles, and the estimates of all methods.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cell {
     truth: Tilt,
@@ -82,13 +83,13 @@ impl Cell {
         self.estimates[method as usize]
     }
 
-    /// Matrix minus quaternion.
+    /// Returns the angles of the matrix method minus those of the quaternion method.
     pub(crate) fn method_difference(&self) -> Tilt {
         self.estimate(Method::Matrix).minus(self.estimate(Method::Quaternion))
     }
 }
 
-/// The sphere, row by row from β = −90°.
+/// Returns the cells of the sphere, row by row from β = −90°. Each is evaluated at its centre.
 pub(crate) fn sphere_cells() -> Vec<Cell> {
     let cell = |index: usize| {
         let middle = |index: usize, count: usize, range: f64| ((index as f64 + 0.5) / count as f64 - 0.5) * range;
@@ -96,10 +97,11 @@ pub(crate) fn sphere_cells() -> Vec<Cell> {
             Tilt { pitch_deg: middle(index / COLUMNS, ROWS, 180.0), roll_deg: middle(index % COLUMNS, COLUMNS, 360.0) };
         Cell { truth, estimates: Method::ALL.map(|method| method.tilt(truth.gravity_m_s2())) }
     };
-    (0..COLUMNS * ROWS).map(at).collect()
+    (0..COLUMNS * ROWS).map(cell).collect()
 }
 
-/// β near 90° with ψ = 0 and 1 mg too much across: the errors of both angles.
+/// Returns β from 80° up to 90° with the errors of both angles, for ψ = 0 and an error of 1 mg in
+/// gy.
 pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     let at = |step: i32| {
         let truth = Tilt { pitch_deg: 80.0 + f64::from(step) * 0.02, roll_deg: 0.0 };
@@ -109,7 +111,7 @@ pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     (0..500).map(at).collect()
 }
 
-/// dβ/dgx and dψ/dgy, ° for a thousandth of g, by central differences.
+/// Returns dβ/dgx and dψ/dgy by central differences, degrees per thousandth of g.
 pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     let step_m_s2 = 1e-3 * MILLI_G_M_S2;
     let gravity_m_s2 = Tilt { pitch_deg, roll_deg }.gravity_m_s2();
@@ -121,16 +123,16 @@ pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     (difference_along(Vector3::x()).pitch_deg * scale, difference_along(Vector3::y()).roll_deg * scale)
 }
 
-/// The largest differences over the sphere.
+/// Largest differences over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Results {
-    /// Of the matrix method from what was put in.
+    /// Error of the matrix method.
     pub matrix: Tilt,
-    /// Of the quaternion method.
+    /// Error of the quaternion method.
     pub quaternion: Tilt,
-    /// Of S1's projection.
+    /// Error of the projection of S1.
     pub projector: Tilt,
-    /// Of the matrix method from the quaternion method.
+    /// Difference between matrix and quaternion method.
     pub matrix_vs_quaternion: Tilt,
 }
 

@@ -1,4 +1,4 @@
-//! S3's simulation through the stages: one full turn about each axis in rotation.
+//! Simulation of S3 with the stages: one full turn about each axis, one after the other.
 
 use attitude::{
     Vector3,
@@ -7,42 +7,45 @@ use attitude::{
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateSample},
     metrics::{Accuracy, AttitudeError},
+    rotation::Rotation,
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    rotation::Rotation,
 };
 use scenario::{Scenario, s3};
 
-/// The gains of the paper: of the original, rad/s, and of the improved form, 1/s.
+/// Original form with the gain of the paper, rad/s.
 pub(crate) const ORIGINAL: Filter = Filter { name: "madgwick", gain: Some(("beta_rad_s", 0.021)) };
+/// Improved form with the gain of the paper, 1/s.
 pub(crate) const IMPROVED: Filter = Filter { name: "madgwick-improved", gain: Some(("beta_1_s", 0.029)) };
-/// Runs of which the table takes the mean.
+/// Number of runs that are averaged for the table.
 pub(crate) const SEEDS: u64 = 40;
-/// The magnet of figure 2 c: east, as strong as the field is towards north, in the middle of each rotation.
+/// Magnetic disturbance of figure 2 c, towards east, µT: as strong as the field towards north.
 const DISTURBANCE_UT: f64 = 20.0;
+/// Interval of each turn in which the disturbance acts, s.
 const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;
 
-/// A fuser with its gain.
+/// Fuser stage, with the name and value of its gain if not the default.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Filter {
     pub(crate) name: &'static str,
     pub(crate) gain: Option<(&'static str, f64)>,
 }
 
-/// What is wrong with the sensors.
+/// Sensor errors of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SensorCase {
-    /// Figure 2 a: the gyro's noise alone, 1 °/s.
+    /// Figure 2 a: gyro noise of 1 °/s only.
     Ideal,
-    /// Figure 2 b: and the accelerometer's, 0.03.
+    /// Figure 2 b: gyro noise, and accelerometer noise of 0.03.
     AccelNoise,
-    /// Figure 2 c: in place of it a magnet beside the way.
+    /// Figure 2 c: gyro noise and a magnetic disturbance.
     MagneticDisturbance,
-    /// Of the table: all noise; the gyro's as printed, 1 rad/s, in place of 1 °/s; the first rate_sample noisy, too.
+    /// Table 1: noise of all sensors. The gyro noise is 1 °/s, or 1 rad/s as printed. The first
+    /// sample is exact or noisy.
     Table { printed_gyro_noise: bool, noisy_start: bool },
 }
 
-/// A sample of a run.
+/// Sample of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     pub(crate) t_s: f64,
@@ -69,7 +72,7 @@ fn scenario(sensors: SensorCase, seed: u64) -> Option<Scenario> {
     Some(scenario)
 }
 
-/// The run of a filter; nothing where there is no such stage.
+/// Runs a filter over the scenario. Returns `None` if the stage or its gain does not exist.
 pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<Sample>> {
     let scenario = scenario(sensors, seed)?;
     let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
@@ -81,9 +84,11 @@ pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<
     let sample = |(t_s, reading): (f64, scenario::Reading)| {
         let truth = reading.truth.attitude;
         let time_in_turn_s = t_s % (s3::DURATION_S / 3.0);
-        let disturbance = (sensors == SensorCase::MagneticDisturbance && DISTURBANCE_INTERVAL_S.contains(&time_in_turn_s))
-            .then(|| truth.matrix() * Vector3::new(DISTURBANCE_UT, 0.0, 0.0));
-        let rate_sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - previous_s, kind: scenario.rate_kind };
+        let is_disturbed =
+            sensors == SensorCase::MagneticDisturbance && DISTURBANCE_INTERVAL_S.contains(&time_in_turn_s);
+        let disturbance = is_disturbed.then(|| truth.matrix() * Vector3::new(DISTURBANCE_UT, 0.0, 0.0));
+        let rate_sample =
+            RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - previous_s, kind: scenario.rate_kind };
         previous_s = t_s;
         let out = fuser.step(&FuserInput {
             motion: Some(gyro.step(&rate_sample)),
@@ -98,31 +103,33 @@ pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<
     Some(scenario.readings().map(sample).collect())
 }
 
-/// RMS errors, degrees.
+/// RMS errors of a run, degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rms {
-    /// Differences of pitch, roll and yaw, which go wild where pitch is ±90°.
+    /// Errors of pitch, roll and yaw. They become very large near pitch ±90°.
     pub angles_deg: [f64; 3],
-    /// The rotation vector between estimate and truth, about the body's axes of pitch, roll and yaw.
+    /// Components of the rotation vector from truth to estimate, about the body axes of pitch, roll
+    /// and yaw.
     pub vector_deg: [f64; 3],
-    /// Its length.
+    /// Total error: the angle of the rotation between estimate and truth.
     pub total_deg: f64,
-    /// Its part about the vertical; none where no north is known.
+    /// Heading part of the error; `None` if the stage has no north reference.
     pub heading_deg: Option<f64>,
-    /// Its tilt.
+    /// Inclination part of the error.
     pub inclination_deg: f64,
 }
 
 impl Rms {
-    /// Over a run.
+    /// Computes the errors of a run.
     pub(crate) fn from_samples(samples: &[Sample]) -> Self {
         let mut accuracy = Accuracy::default();
         let (mut angles, mut vector) = ([0.0; 3], [0.0; 3]);
         for Sample { estimate, truth, .. } in samples {
             accuracy.add(AttitudeError::between(estimate.quaternion(), truth.quaternion()));
             let (got, want) = (estimate.angles(), truth.angles());
-            let differences = [got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad, got.yaw_rad - want.yaw_rad]
-                .map(wrapped_rad);
+            let differences =
+                [got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad, got.yaw_rad - want.yaw_rad]
+                    .map(wrapped_rad);
             let rotation = Rotation::between(*truth, *estimate).quaternion();
             let imag_norm = rotation.imag().norm();
             let angle_rad = 2.0 * imag_norm.atan2(rotation.w.abs()) * rotation.w.signum();
@@ -144,11 +151,11 @@ impl Rms {
         }
     }
 
-    /// The mean of each over so many seeds.
+    /// Returns the mean over `SEEDS` runs.
     pub(crate) fn mean_over_seeds(filter: Filter, sensors: SensorCase) -> Self {
         let mut mean = Self::default();
         for seed in 1..=SEEDS {
-            let rms = Self::of(&run(filter, sensors, seed).unwrap_or_default());
+            let rms = Self::from_samples(&run(filter, sensors, seed).unwrap_or_default());
             let share = 1.0 / SEEDS as f64;
             for axis in 0..3 {
                 mean.angles_deg[axis] += rms.angles_deg[axis] * share;
@@ -162,20 +169,20 @@ impl Rms {
     }
 }
 
-/// The table's columns: original and improved under one kind of noise.
+/// Errors of the original and the improved form in one case of table 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
-    /// The gyro's noise is as printed, 1 rad/s.
+    /// Gyro noise of 1 rad/s, as printed, instead of 1 °/s.
     pub printed_gyro_noise: bool,
-    /// The first rate_sample is noisy, too, and the filter begins with it.
+    /// Noisy first sample, from which the filter starts.
     pub noisy_start: bool,
-    /// At β = 0.021 rad/s.
+    /// Errors of the original form with β = 0.021 rad/s.
     pub original: Rms,
-    /// At β = 0.029 1/s.
+    /// Errors of the improved form with β = 0.029 1/s.
     pub improved: Rms,
 }
 
-/// 1 °/s and 1 rad/s, each with an exact and with a noisy first rate_sample.
+/// Cases of table 1: the flags `printed_gyro_noise` and `noisy_start`.
 pub(crate) const TABLE_CASES: [(bool, bool); 4] = [(false, false), (false, true), (true, false), (true, true)];
 
 impl Comparison {
@@ -202,7 +209,7 @@ mod tests {
         println!("{original:.3?} → {improved:.3?}");
         assert!((0.28..0.36).contains(&total) && (0.43..0.53).contains(&pitch), "{total}, {pitch}");
         assert!((0.49..0.60).contains(&original.total_deg), "{original:?}");
-        // Of the rotation vector yaw gains nothing.
+        // The yaw component of the rotation vector does not improve.
         assert!(gain(original.vector_deg[2], improved.vector_deg[2]) < 0.05);
     }
 
@@ -226,10 +233,11 @@ mod tests {
 
     #[test]
     fn disturbance_moves_heading_more_than_inclination() {
-        let [ideal, disturbance] =
-            [SensorCase::Ideal, SensorCase::MagneticDisturbance].map(|sensors| Rms::from_samples(&run(IMPROVED, sensors, 1).unwrap()));
-        println!("{ideal:.3?}, {disturbance:.3?}");
-        assert!(disturbance.heading_deg.unwrap() > 2.0 && disturbance.heading_deg > Some(disturbance.inclination_deg), "{disturbance:?}");
-        assert!(disturbance.inclination_deg > 4.0 * ideal.inclination_deg, "{disturbance:?}");
+        let cases = [SensorCase::Ideal, SensorCase::MagneticDisturbance];
+        let [ideal, disturbed] = cases.map(|sensors| Rms::from_samples(&run(IMPROVED, sensors, 1).unwrap()));
+        println!("{ideal:.3?}, {disturbed:.3?}");
+        let heading_deg = disturbed.heading_deg.unwrap();
+        assert!(heading_deg > 2.0 && heading_deg > disturbed.inclination_deg, "{disturbed:?}");
+        assert!(disturbed.inclination_deg > 4.0 * ideal.inclination_deg, "{disturbed:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! The drawings of S4: axes, the platform, the three schemes.
+//! Drawings of S4: axes, platform and the three block diagrams.
 
 use attitude::Vector3;
 use figures::style::{BLUE, GREEN, GREY, ORANGE};
@@ -31,11 +31,11 @@ fn axis(to: Vector3<f64>, label: &str, color: RGBColor) -> Shape {
     Shape::Arrow { from: Vector3::zeros(), to, color, label: label.into() }
 }
 
-/// Figures 1 and 2.
+/// Returns figures 1 and 2.
 pub(super) fn axes() -> Part {
     let level =
         || Shape::Line { points: circle(|cos, sin| Vector3::new(cos, sin, 0.0)), color: BLACK.mix(0.3), width: 1 };
-    // A vehicle seen from the side of its nose: fuselage and wings in the axes of the body.
+    // Outline of a vehicle in body axes: fuselage, wings and tail.
     let outline = |points: &[(f64, f64)]| Shape::Line {
         points: points.iter().map(|(x, y)| Vector3::new(*x, *y, 0.0)).collect(),
         color: GREY.to_rgba(),
@@ -51,7 +51,7 @@ pub(super) fn axes() -> Part {
     ];
     let (sin, cos) = 12f64.to_radians().sin_cos();
     let (z_sin, z_cos) = 35f64.to_radians().sin_cos();
-    // Turned by the platform's azimuth, then by both misalignments, drawn large.
+    // Rotation by the azimuth of the platform, then by both misalignments, exaggerated.
     let right = Vector3::new(z_cos * cos, z_sin * cos, sin);
     let up = Vector3::new(-sin * z_cos, -sin * z_sin, cos) + Vector3::new(z_sin, -z_cos, 0.0) * 0.25;
     let up = (up - right * up.dot(&right)).normalize();
@@ -67,35 +67,35 @@ pub(super) fn axes() -> Part {
         axis(up, "z_P", GREEN),
         Shape::Line { points: azimuth, color: ORANGE.to_rgba(), width: 2 },
         Shape::Line { points: vec![Vector3::z() * 0.8, up * 0.8], color: ORANGE.to_rgba(), width: 2 },
-        Shape::LegendEntry { color: ORANGE, label: "azimuth, which is free, and tilt, drawn large".into() },
-        Shape::LegendEntry { color: GREEN, label: "the platform".into() },
-        Shape::LegendEntry { color: GREY, label: "the geographic frame".into() },
+        Shape::LegendEntry { color: ORANGE, label: "free azimuth, and tilt (exaggerated)".into() },
+        Shape::LegendEntry { color: GREEN, label: "platform".into() },
+        Shape::LegendEntry { color: GREY, label: "geographic frame".into() },
     ];
     let scene = |title: &str, azimuth_deg, shapes| {
         Panel::Scene(Scene { title: title.into(), azimuth_deg, elevation_deg: 28.0, half_extent: 1.3, shapes })
     };
     let panels = vec![
-        scene("figure 1: the body's axes, as here", -50.0, body),
+        scene("figure 1: body axes as used here", -50.0, body),
         scene("figure 2: platform and geographic frame", 60.0, platform),
     ];
     Part {
         name: "figure-1-2",
-        title: "Figures 1 and 2: axes, and the platform's misalignment".into(),
-        caption: "The platform is a horizontal frame free in azimuth; levelling turns it by ω_c until its tilt is gone. Here it is the reference frame of (w, z), and C = Aᵀ.".into(),
+        title: "Figures 1 and 2: axes, and misalignment of the platform".into(),
+        caption: "The platform is a horizontal frame with free azimuth. Levelling rotates it at the rate ω_c until its tilt is removed. Here it is the reference frame of (w, z), and C = Aᵀ.".into(),
         picture: Picture::Figure(Figure { size: (1100, 520), columns: 2, panels }),
     }
 }
 
-/// Figure 3.
+/// Returns figure 3.
 pub(super) fn aided() -> Part {
     let diagram = BlockDiagram {
-        title: "figure 3: with a receiver".into(),
+        title: "figure 3: with GNSS".into(),
         size: (12.0, 5.0),
         blocks: vec![
             block((2.4, 1.2), (3.0, 1.3), &["C' = C ω̂ − ω̂_c C", "H = atan2(C12, C22)"]),
-            block((2.4, 3.8), (3.0, 1.3), &["f_P = C f", "turned by H: fx, fy"]),
+            block((2.4, 3.8), (3.0, 1.3), &["f_P = C f", "rotated by H: fx, fy"]),
             block((6.3, 3.8), (2.6, 1.3), &["gx = fx − V H'", "gy = fy − V'"]),
-            block((9.8, 2.5), (2.6, 1.6), &["ωx = −K gy", "ωy = K gx", "turned by −H: ω_c"]),
+            block((9.8, 2.5), (2.6, 1.6), &["ωx = −K gy", "ωy = K gx", "rotated by −H: ω_c"]),
             block((6.3, 2.0), (1.5, 0.8), &["receiver"]),
         ],
         arrows: vec![
@@ -110,17 +110,17 @@ pub(super) fn aided() -> Part {
     };
     diagram_part(
         "figure-3",
-        "Figure 3: the scheme with GNSS correction",
-        "(3), (4): the platform is levelled by the force less the motion that a receiver tells; K g is the inverse of the time constant. The stage levelling while there are fixes, and P1 of levelling-unified.",
+        "Figure 3: block diagram with GNSS correction",
+        "(3), (4): the platform is levelled by the force minus the vehicle's acceleration, which is derived from GNSS. K g is the inverse of the time constant. Stage levelling while fixes are available, and P1 of levelling-unified.",
         (1000, 440),
         diagram,
     )
 }
 
-/// Figure 5.
+/// Returns figure 5.
 pub(super) fn autonomous() -> Part {
     let diagram = BlockDiagram {
-        title: "figure 5: without".into(),
+        title: "figure 5: without GNSS".into(),
         size: (12.0, 5.0),
         blocks: vec![
             block((2.4, 1.2), (3.0, 1.3), &["C' = C ω̂ − ω̂_c C", "H = atan2(C12, C22)"]),
@@ -139,17 +139,17 @@ pub(super) fn autonomous() -> Part {
     };
     diagram_part(
         "figure-5",
-        "Figure 5: the scheme without GNSS",
-        "The low-passed force takes the place of what is left without the motion. Time constants here: low-pass 20 s, levelling 60 s.",
+        "Figure 5: block diagram without GNSS",
+        "The low-pass filtered force replaces the force without the vehicle's acceleration. Time constants here: low-pass 20 s, levelling 60 s.",
         (1000, 440),
         diagram,
     )
 }
 
-/// Figure 7.
+/// Returns figure 7.
 pub(super) fn unified() -> Part {
     let diagram = BlockDiagram {
-        title: "figure 7: two platforms in parallel, and a choice by k".into(),
+        title: "figure 7: two platforms in parallel, selected by k".into(),
         size: (12.0, 6.0),
         blocks: vec![
             block((2.6, 1.2), (2.6, 1.2), &["platform P1", "figure 3"]),
@@ -176,8 +176,8 @@ pub(super) fn unified() -> Part {
     };
     diagram_part(
         "figure-7",
-        "Figure 7: the unified scheme",
-        "The stage levelling-unified. HΓ is counted from wherever its platform began: at each change of k the offset is taken anew, so that the course goes on; roll and pitch jump by as much as the platforms are apart, which is told as `aligned`.",
+        "Figure 7: block diagram of the unified scheme",
+        "Stage levelling-unified. HΓ starts at an arbitrary direction of its platform. The offset is recomputed at each change of k, so the course is continuous. Roll and pitch jump by the difference between the platforms, which is flagged as `aligned`.",
         (1000, 480),
         diagram,
     )

@@ -1,4 +1,5 @@
-//! The simulated cruise through the levelling stages: signed errors, with a coverage, with gaps, without.
+//! Simulated cruise through the levelling stages: signed errors with continuous GNSS, with gaps and
+//! without GNSS.
 
 use attitude::{
     accel::Projector,
@@ -10,25 +11,25 @@ use attitude::{
 };
 use scenario::Scenario;
 
-/// Length of the paper's flight, s.
+/// Duration of a flight, s: that of the paper.
 pub(crate) const DURATION_S: f64 = 3500.0;
-/// The stages that are compared; the first is the paper's law with one attitude, the second its figure 7.
+/// Compared stages. The first is the law of the paper with one attitude, the second its figure 7.
 pub(crate) const STAGES: [&str; 4] = ["levelling", "levelling-unified", "levelling-pi", "aided"];
-/// Flights of which the table takes the mean square.
+/// Number of flights that are averaged for the table.
 pub(crate) const SEEDS: u64 = 4;
-/// Time after the last fix from which a stage is in a gap, s.
+/// Maximum age of the last fix, s. An older fix means a gap.
 const FIX_TIMEOUT_S: f64 = 1.5;
-/// Of so many samples one is drawn.
+/// Decimation factor of the plotted samples.
 const PLOT_DECIMATION: usize = 10;
 
-/// When there are fixes.
+/// Availability of GNSS fixes during a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GnssCoverage {
-    /// All the time.
+    /// Continuous fixes.
     Always,
-    /// Not for 60 s from 300 s on, and again every 240 s.
+    /// Gaps of 60 s: the first starts at 300 s, and another every 240 s.
     Gaps,
-    /// Not once.
+    /// No fixes.
     Never,
 }
 
@@ -44,18 +45,19 @@ impl GnssCoverage {
     }
 }
 
-/// Signed errors of a stage at one sample, degrees.
+/// Signed errors of a stage at one time, degrees.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ErrorSample {
     pub(crate) t_s: f64,
     pub(crate) roll_deg: f64,
     pub(crate) pitch_deg: f64,
-    /// Of the stage's own heading, and of the complex course on top of it.
+    /// Error of the heading of the stage itself.
     pub(crate) heading_deg: f64,
+    /// Error of the course of the stage `track` behind it.
     pub(crate) course_deg: f64,
 }
 
-/// Mean squares of roll, pitch and course errors, degrees².
+/// Sums of squared errors of roll, pitch, heading and course, degrees².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SquaredErrors {
     roll: f64,
@@ -84,22 +86,23 @@ impl SquaredErrors {
         }
     }
 
-    /// RMS of roll, degrees; none where nothing was scored.
+    /// Returns the RMS roll error, degrees, or `None` if no sample was scored.
     pub fn roll_deg(&self) -> Option<f64> {
         self.rms(self.roll)
     }
 
-    /// RMS of pitch, degrees.
+    /// Returns the RMS pitch error, degrees, or `None` if no sample was scored.
     pub fn pitch_deg(&self) -> Option<f64> {
         self.rms(self.pitch)
     }
 
-    /// RMS of the stage's own heading, degrees.
+    /// Returns the RMS error of the heading of the stage, degrees, or `None` if no sample was
+    /// scored.
     pub fn heading_deg(&self) -> Option<f64> {
         self.rms(self.heading)
     }
 
-    /// RMS of the complex course, degrees.
+    /// Returns the RMS error of the complex course, degrees, or `None` if no sample was scored.
     pub fn course_deg(&self) -> Option<f64> {
         self.rms(self.course)
     }
@@ -109,27 +112,30 @@ impl SquaredErrors {
     }
 }
 
-/// What a stage made of a flight.
+/// Errors of a stage over one or more flights.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct StageErrors {
     pub(crate) samples: Vec<ErrorSample>,
-    /// With fixes, and in gaps.
+    /// Errors while fixes were available.
     pub(crate) aided: SquaredErrors,
+    /// Errors while no fixes were available.
     pub(crate) autonomous: SquaredErrors,
 }
 
 impl StageErrors {
+    /// Adds the sums of `other`. The samples stay.
     pub(crate) fn combined(self, other: &Self) -> Self {
-        Self { samples: self.samples, aided: self.aided.combined(other.aided), autonomous: self.autonomous.combined(other.autonomous) }
+        let (aided, autonomous) = (self.aided.combined(other.aided), self.autonomous.combined(other.autonomous));
+        Self { samples: self.samples, aided, autonomous }
     }
 
-    /// The whole flight.
+    /// Returns the errors of the whole flight.
     pub(crate) fn total(&self) -> SquaredErrors {
         self.aided.combined(self.autonomous)
     }
 }
 
-/// All stages over one flight; nothing where there is no such scenario or stage.
+/// Runs all stages over one flight. Returns `None` if the scenario or a stage does not exist.
 pub(crate) fn run_flight(coverage: GnssCoverage, seed: u64) -> Option<Vec<StageErrors>> {
     let text = format!("cruise?gnss={}&seed={seed}&duration_s={DURATION_S}", coverage.key());
     let scenario = Scenario::parse(&text).ok()?;
@@ -181,7 +187,9 @@ pub(crate) fn run_flight(coverage: GnssCoverage, seed: u64) -> Option<Vec<StageE
     Some(errors)
 }
 
-/// The same over so many seeds; the samples are those of the first.
+/// Runs all stages over the flights of all seeds. The samples are those of the first seed.
+///
+/// `done` is called after each flight.
 pub(crate) fn run_flights(coverage: GnssCoverage, mut done: impl FnMut()) -> Vec<StageErrors> {
     let mut all: Option<Vec<StageErrors>> = None;
     for seed in 1..=SEEDS {
@@ -199,7 +207,7 @@ pub(crate) fn run_flights(coverage: GnssCoverage, mut done: impl FnMut()) -> Vec
 mod tests {
     use super::*;
 
-    /// Roll and pitch RMS, degrees.
+    /// Returns the RMS roll and pitch errors, degrees.
     fn axes(sums: &SquaredErrors) -> [f64; 2] {
         [sums.roll_deg().unwrap(), sums.pitch_deg().unwrap()]
     }
@@ -221,10 +229,11 @@ mod tests {
         }
         let [printed, unified, pi, aided] = &errors[..] else { panic!("four stages") };
         assert!(axes(&printed.aided).iter().all(|deg| (0.1..0.5).contains(deg)), "{:?}", axes(&printed.aided));
-        let difference = axes(&unified.aided).into_iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
-        assert!(difference.fold(0.0, f64::max) < 1e-9, "P1 is the printed law");
+        let differences =
+            axes(&unified.aided).into_iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
+        assert!(differences.fold(0.0, f64::max) < 1e-9, "P1 is the printed law");
         assert!(worse(&pi.aided) < 0.2 && worse(&aided.aided) < 0.1);
-        // T b: 50 s of 0.05 °/s.
+        // T b = 50 s · 0.05 °/s = 2.5°.
         assert!((2.0..3.0).contains(&printed.aided.course_deg().unwrap()));
     }
 
@@ -235,7 +244,8 @@ mod tests {
             println!("{name}: {:.3?} aided, {:.3?} in gaps", axes(&errors.aided), axes(&errors.autonomous));
         }
         let [printed, unified, pi, aided] = &errors[..] else { panic!("four stages") };
-        assert!((2.0..5.0).contains(&worse(&unified.autonomous)) && worse(&unified.autonomous) > worse(&printed.autonomous));
+        let (unified, printed) = (worse(&unified.autonomous), worse(&printed.autonomous));
+        assert!((2.0..5.0).contains(&unified) && unified > printed);
         assert!(worse(&pi.autonomous) < 0.3 && worse(&aided.autonomous) < 0.2);
     }
 

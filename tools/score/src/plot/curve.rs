@@ -120,7 +120,8 @@ mod tests {
             curve.push(k as f64, value);
         }
         curve.finish();
-        let lines: Vec<Vec<f64>> = curve.segments(180.0).map(|line| line.iter().map(|point| point.1).collect()).collect();
+        let lines: Vec<Vec<f64>> =
+            curve.segments(180.0).map(|line| line.iter().map(|point| point.1).collect()).collect();
         assert_eq!(lines, [vec![1.0, 2.0], vec![179.0], vec![-179.0, -178.0]]);
         assert!(!curve.is_empty() && Curve::new(5).is_empty());
     }

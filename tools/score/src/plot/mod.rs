@@ -32,7 +32,7 @@ use std::{
 
 use figures::{
     Axis, Chart, Draw, Stack, Typeface,
-    style::{AMBER, REFERENCE, SKY, LineStyle, series_style},
+    style::{AMBER, LineStyle, REFERENCE, SKY, series_style},
 };
 use launch::Launch;
 
@@ -175,7 +175,13 @@ impl<'a> Plotter<'a> {
 
     /// Draws one chain on a trial, with gyro and accelerometer alone. File names start with
     /// `base_path`.
-    pub(crate) fn draw_chain(&self, base_path: &Path, trial: &str, launch: &Launch, record: &PlotRecord) -> Result<(), ScoreError> {
+    pub(crate) fn draw_chain(
+        &self,
+        base_path: &Path,
+        trial: &str,
+        launch: &Launch,
+        record: &PlotRecord,
+    ) -> Result<(), ScoreError> {
         let title = format!("{trial}, {}", chain_label(launch));
         for figure in &FIGURES {
             let series = figure.sources.iter().map(|source| {
@@ -244,7 +250,13 @@ impl<'a> Plotter<'a> {
         Ok(())
     }
 
-    fn draw_figure(&self, base_path: &Path, title: &str, figure: &Figure, series: &[Series<'_>]) -> Result<(), ScoreError> {
+    fn draw_figure(
+        &self,
+        base_path: &Path,
+        title: &str,
+        figure: &Figure,
+        series: &[Series<'_>],
+    ) -> Result<(), ScoreError> {
         let to_chart = |(label, quantity): &(&'static str, Quantity)| {
             let drawn = series.iter().map(|series| (series, series.curves.curve(*quantity)));
             panel_chart(label, self.plots.from_s, &drawn.filter(|(_, curve)| !curve.is_empty()).collect::<Vec<_>>())
@@ -259,7 +271,13 @@ impl<'a> Plotter<'a> {
     }
 
     /// Writes `BASE_PATH.NAME.svg` or the corresponding PNG.
-    fn write(&self, base_path: &Path, name: &str, default_size: (u32, u32), drawing: &impl Draw) -> Result<(), ScoreError> {
+    fn write(
+        &self,
+        base_path: &Path,
+        name: &str,
+        default_size: (u32, u32),
+        drawing: &impl Draw,
+    ) -> Result<(), ScoreError> {
         let size = self.plots.size.unwrap_or(default_size);
         let (extension, bytes) = match &self.typeface {
             None => ("svg", figures::svg(size, drawing).map(String::into_bytes)),

@@ -13,8 +13,8 @@ use super::{
     curve::{BINS, Curve},
 };
 use crate::{
-    sensors::SensorSlots,
     error_stats::{TickErrors, Truth},
+    sensors::SensorSlots,
 };
 
 /// Largest |w| that is drawn. Beyond it the body is nearly upside down.
@@ -137,7 +137,8 @@ impl PlotRecord {
         fused_curves.push_bias(t_s, Some(fused.bias_rad_s));
         let reference = truth.map(|(truth, _)| to_attitude(truth.quaternion));
         reference_curves.push_attitude(t_s, reference);
-        let course_deg = reference.map_or(f64::NAN, |reference| (-reference.angles().yaw_rad).to_degrees().rem_euclid(360.0));
+        let course_deg =
+            reference.map_or(f64::NAN, |reference| (-reference.angles().yaw_rad).to_degrees().rem_euclid(360.0));
         reference_curves.push(Quantity::Course, t_s, course_deg);
         reference_curves.push_bias(t_s, truth.and_then(|(truth, _)| truth.gyro_bias_rad_s));
         fused_curves.push_errors(t_s, truth.map(|(_, errors)| errors), &mut self.first_heading_error_deg);
@@ -190,10 +191,11 @@ impl Curves {
 
     fn push_errors(&mut self, t_s: f64, errors: Option<&TickErrors>, first_heading_error_deg: &mut Option<f64>) {
         let deg = |of: &dyn Fn(&TickErrors) -> Option<f64>| errors.and_then(of).unwrap_or(f64::NAN);
-        let drift_deg = errors.filter(|errors| !errors.heading_is_known).map(|TickErrors { heading_error_deg, .. }| {
-            let from_deg = *first_heading_error_deg.get_or_insert(*heading_error_deg);
-            wrapped_rad((heading_error_deg - from_deg).to_radians()).to_degrees()
-        });
+        let drift_deg =
+            errors.filter(|errors| !errors.heading_is_known).map(|TickErrors { heading_error_deg, .. }| {
+                let from_deg = *first_heading_error_deg.get_or_insert(*heading_error_deg);
+                wrapped_rad((heading_error_deg - from_deg).to_radians()).to_degrees()
+            });
         let angles = |of: fn(&attitude::metrics::AngleError) -> f64| {
             errors.and_then(|errors| errors.angles.as_ref()).map_or(f64::NAN, of)
         };

@@ -58,7 +58,12 @@ fn draw_scene<B: DrawingBackend>(chart: &mut Chart<'_, B>) -> DrawResult
 where
     B::ErrorType: 'static,
 {
-    let corners = [(-PLANE_HALF_SIDE, -PLANE_HALF_SIDE), (PLANE_HALF_SIDE, -PLANE_HALF_SIDE), (PLANE_HALF_SIDE, PLANE_HALF_SIDE), (-PLANE_HALF_SIDE, PLANE_HALF_SIDE)];
+    let corners = [
+        (-PLANE_HALF_SIDE, -PLANE_HALF_SIDE),
+        (PLANE_HALF_SIDE, -PLANE_HALF_SIDE),
+        (PLANE_HALF_SIDE, PLANE_HALF_SIDE),
+        (-PLANE_HALF_SIDE, PLANE_HALF_SIDE),
+    ];
     let plane: Vec<_> = corners.iter().map(|(u, v)| project(&Vector3::new(*u, *v, 0.0))).collect();
     chart.draw_series([Polygon::new(plane, RGBColor(240, 236, 220).mix(0.8))])?;
     let circle =
@@ -102,8 +107,10 @@ where
         .draw_series(front.into_iter().map(|line| PathElement::new(line, BLUE)))?
         .label("up vector in body axes, pale behind the sphere")
         .legend(legend(BLUE));
-    let rays: Vec<_> =
-        (0..RAY_COUNT).filter_map(|k| ups.get(k * ups.len() / RAY_COUNT)).filter_map(|up| Some((*up, plane_point(up)?))).collect();
+    let rays: Vec<_> = (0..RAY_COUNT)
+        .filter_map(|k| ups.get(k * ups.len() / RAY_COUNT))
+        .filter_map(|up| Some((*up, plane_point(up)?)))
+        .collect();
     chart.draw_series(rays.iter().map(|(up, w)| {
         let ends = if up.z < 0.0 { [POLE, *w] } else { [POLE, *up] };
         PathElement::new(ends.map(|end| project(&end)).to_vec(), BLACK.mix(0.35))
@@ -117,7 +124,10 @@ where
 }
 
 /// Returns the runs of consecutive points that are visible.
-fn visible_runs(ups: &[Vector3<f64>], project_up: impl Fn(&Vector3<f64>) -> Option<(f64, f64)>) -> Vec<Vec<(f64, f64)>> {
+fn visible_runs(
+    ups: &[Vector3<f64>],
+    project_up: impl Fn(&Vector3<f64>) -> Option<(f64, f64)>,
+) -> Vec<Vec<(f64, f64)>> {
     let projected: Vec<_> = ups.iter().map(project_up).collect();
     let runs = projected.split(Option::is_none).filter(|run| run.len() > 1);
     runs.map(|run| run.iter().copied().flatten().collect()).collect()

@@ -129,7 +129,8 @@ impl Chart<'_> {
             draw_line(&mut svg, line, &x_axis, &y_axis);
         }
         svg.push_str("</g></svg>");
-        let clip_note = (largest > y_axis.to).then(|| format!("axis ends at {:.2}; the largest value is {largest:.2}", y_axis.to));
+        let clip_note =
+            (largest > y_axis.to).then(|| format!("axis ends at {:.2}; the largest value is {largest:.2}", y_axis.to));
         (svg, clip_note)
     }
 

@@ -15,9 +15,9 @@ use launch::{Calibration, Ingest, Launch};
 use crate::{
     ScoreError,
     overlay::{AngleCurves, ErrorCurves, Overlay},
+    recommendation::ranking_error,
     table::{ErrorsDeg, Scores, StageScore},
     tune::{Sweep, is_log_range},
-    recommendation::ranking_error,
 };
 use chart::{Chart, Line, stage_class};
 
@@ -156,7 +156,14 @@ impl HtmlReport<'_> {
         let line = Line { stage: stage.or(Some(0)), segments: vec![points], y_range, has_markers: true };
         let x_label = format!("{setting}{}", if unit.is_empty() { String::new() } else { format!(", {unit}") });
         let y_label = format!("{objective} error, °");
-        page.push_chart(&Chart { y_label: &y_label, x_label: &x_label, x_range, is_log_x, starts_at_zero: false, lines: vec![line] });
+        page.push_chart(&Chart {
+            y_label: &y_label,
+            x_label: &x_label,
+            x_range,
+            is_log_x,
+            starts_at_zero: false,
+            lines: vec![line],
+        });
     }
 
     fn add_trial(&self, page: &mut PageBuilder, index: usize, overlay: &Overlay) {
@@ -188,7 +195,8 @@ impl HtmlReport<'_> {
                 };
                 let rms: Vec<_> = shown.iter().map(stage_rms).collect();
                 page.push(&format!("<h3>{name} {kind}, {rms_label}: {}</h3>", escape(&rms.join(", "))));
-                let line = |(at, curves): (usize, &ErrorCurves)| Line::from_curve(&curves.curves[which], Some(at + first));
+                let line =
+                    |(at, curves): (usize, &ErrorCurves)| Line::from_curve(&curves.curves[which], Some(at + first));
                 let lines = shown.into_iter().map(line).collect();
                 let label = format!("{name}, °");
                 page.push_chart(&Chart {
@@ -206,7 +214,14 @@ impl HtmlReport<'_> {
             let stages = overlay.stages.iter().enumerate().map(|(at, angles)| line(angles, Some(at)));
             let lines = stages.chain([line(&overlay.reference, None)]).collect();
             page.push(&format!("<h3>{}</h3>", label.trim_end_matches(", °")));
-            page.push_chart(&Chart { y_label: label, x_label: "time, s", x_range, is_log_x: false, starts_at_zero: false, lines });
+            page.push_chart(&Chart {
+                y_label: label,
+                x_label: "time, s",
+                x_range,
+                is_log_x: false,
+                starts_at_zero: false,
+                lines,
+            });
         }
     }
 

@@ -8,7 +8,7 @@
 use super::{
     covariance::{ErrorState, GYRO, GYRO_UP, HEADING, Measurement, VELOCITY},
     filter::Aided,
-    standstill::{WITHOUT_RECEIVER, WITH_RECEIVER},
+    standstill::{WITH_RECEIVER, WITHOUT_RECEIVER},
     variance::{correlated_variance, square},
 };
 use crate::{Vector3, fuser::input::FuserInput};
@@ -89,7 +89,9 @@ impl Aided {
             (false, _) => Some(&WITHOUT_RECEIVER),
         };
         let rate_rad_s = motion.rate_rad_s.map(|x| x.clamp(-1e3, 1e3));
-        let Some(mean_rad_s) = self.standstill.update(rate_rad_s, force_m_s2, motion.dt_s, limits) else { return false };
+        let Some(mean_rad_s) = self.standstill.update(rate_rad_s, force_m_s2, motion.dt_s, limits) else {
+            return false;
+        };
         let mut error = ErrorState::zeros();
         let variance = square(self.settings.standstill_sd_deg_s.to_radians());
         for axis in 0..3 {

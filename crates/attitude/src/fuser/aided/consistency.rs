@@ -51,7 +51,11 @@ impl Consistency {
     /// ones.
     pub(super) fn record(&mut self, innovations: [f64; 3], interval_s: f64) {
         let square = |innovation: f64| innovation * innovation;
-        let mean = innovations.into_iter().map(|innovation| square(innovation.clamp(-MAX_INNOVATION, MAX_INNOVATION))).sum::<f64>() / 3.0;
+        let mean = innovations
+            .into_iter()
+            .map(|innovation| square(innovation.clamp(-MAX_INNOVATION, MAX_INNOVATION)))
+            .sum::<f64>()
+            / 3.0;
         self.mean += (mean - self.mean) * (interval_s / MEMORY_S).min(1.0);
     }
 

@@ -6,11 +6,11 @@ use super::{
     aiding::Aiding,
     consistency::Consistency,
     covariance::{ACCEL, Covariance, ErrorState, GYRO, HEADING, LATENCY, ROTATION, VELOCITY},
-    velocity_history::VelocityHistory,
     settings::Settings,
     standstill::StandstillDetector,
     sums::IntervalSums,
     variance::square,
+    velocity_history::VelocityHistory,
 };
 use crate::{Vector3, course::CourseReference, fuser::bias_handover::HandedOverBias, state::Attitude};
 
@@ -149,7 +149,9 @@ impl Aided {
 
     /// Returns the reported standard deviation of the inclination about each horizontal axis, rad.
     pub(super) fn reported_inclination_sd_rad(&self) -> f64 {
-        self.inclination_sd_rad() * core::f64::consts::FRAC_1_SQRT_2 * self.consistency.sd_scale(self.settings.noise_settings())
+        self.inclination_sd_rad()
+            * core::f64::consts::FRAC_1_SQRT_2
+            * self.consistency.sd_scale(self.settings.noise_settings())
     }
 
     /// Returns the reported standard deviation of the heading, rad.

@@ -61,14 +61,19 @@ impl Aided {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
         let delay_s = age_s.unwrap_or(self.latency_s);
-        let (velocity_m_s, slope_m_s2) = self.velocity_history.interpolate(delay_s, self.velocity_m_s + self.antenna_velocity_m_s, self.sums.duration_s);
+        let (velocity_m_s, slope_m_s2) = self.velocity_history.interpolate(
+            delay_s,
+            self.velocity_m_s + self.antenna_velocity_m_s,
+            self.sums.duration_s,
+        );
         let sd_m_s =
             fix.sd_m_s.filter(|sd| (0.0..1e6).contains(sd)).map_or(settings.velocity_sd_m_s, |sd| sd.max(MIN_SD_M_S));
         let (limit, variance) = (settings.innovation_limit, sd_m_s * sd_m_s);
         let force_m_s2 = slope_m_s2 + Vector3::z() * GRAVITY_M_S2;
         let tilt_coupling = force_m_s2.cross_matrix() * delay_s;
         let bias_coupling = self.attitude.matrix().transpose() * delay_s;
-        let (heading_factor, latency_factor) = (f64::from(u8::from(self.course_known)), if age_s.is_some() { 0.0 } else { 1.0 });
+        let (heading_factor, latency_factor) =
+            (f64::from(u8::from(self.course_known)), if age_s.is_some() { 0.0 } else { 1.0 });
         let innovations = [0, 1, 2].map(|axis| {
             let (tilt, bias) = (tilt_coupling.row(axis), bias_coupling.row(axis));
             let row = [
@@ -107,7 +112,11 @@ impl Aided {
             self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + rotation_rad);
             let (sin, cos) = libm::sincos(rotation_rad);
             let pending_rad = self.pending_rad;
-            self.pending_rad = Vector3::new(cos * pending_rad.x - sin * pending_rad.y, sin * pending_rad.x + cos * pending_rad.y, pending_rad.z);
+            self.pending_rad = Vector3::new(
+                cos * pending_rad.x - sin * pending_rad.y,
+                sin * pending_rad.x + cos * pending_rad.y,
+                pending_rad.z,
+            );
             let wind = square((self.settings.wind_m_s / fix.speed_m_s()).min(MAX_WIND_COURSE_SD_RAD));
             self.covariance.reset(HEADING, square(self.settings.course_sd_deg.to_radians()) + wind);
             self.reference = CourseReference::True;

@@ -34,13 +34,15 @@ impl Aided {
         let residual = wrapped_rad(libm::atan2(field.x, field.y) - settings.declination_deg.to_radians());
         if self.reference == CourseReference::Arbitrary {
             self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + residual);
-            self.reference = if settings.declination_deg == 0.0 { CourseReference::Magnetic } else { CourseReference::True };
+            self.reference =
+                if settings.declination_deg == 0.0 { CourseReference::Magnetic } else { CourseReference::True };
             self.covariance.reset(HEADING, square(settings.magnetic_sd_deg.to_radians()));
             corrections.aligned = true;
             corrections.magnetic = true;
             return;
         }
-        let variance = correlated_variance(settings.magnetic_sd_deg.to_radians(), settings.magnetic_memory_s, interval_s);
+        let variance =
+            correlated_variance(settings.magnetic_sd_deg.to_radians(), settings.magnetic_memory_s, interval_s);
         let (mut error, row) = (ErrorState::zeros(), [(HEADING, -1.0)]);
         let measurement = Measurement { residual, row: &row, variance, considered: &CONSIDERED };
         self.covariance.update(&mut error, settings.innovation_limit, &measurement);

@@ -40,13 +40,13 @@ mod covariance;
 mod filter;
 mod fixes;
 mod magnetic;
-mod velocity_history;
 mod settings;
 mod stage;
 mod standstill;
 mod strapdown;
 mod sums;
 mod variance;
+mod velocity_history;
 
 pub(super) use settings::MAGNETOMETER_COUNT;
 pub use {filter::Aided, settings::Settings};

@@ -19,8 +19,8 @@ use crate::{
         input::FuserInput,
         leaky_velocity::LeakyVelocity,
     },
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
+    scalars::Scalars,
     stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
 };
 
@@ -54,7 +54,8 @@ impl Stage for Aided {
             self.started = true;
             corrections.aligned = true;
         }
-        let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::is_plausible_force);
+        let force_m_s2 =
+            input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::is_plausible_force);
         self.handed_over.observe(input);
         if let Some(motion) = &input.motion {
             corrections.aligned |= self.propagate(motion, force_m_s2);
@@ -89,7 +90,8 @@ impl Stage for Aided {
         self.attitude.visit(visit);
         self.pending_rad.visit(visit);
         self.started.visit(visit);
-        let (mut is_magnetic, mut is_true) = (self.reference == CourseReference::Magnetic, self.reference == CourseReference::True);
+        let (mut is_magnetic, mut is_true) =
+            (self.reference == CourseReference::Magnetic, self.reference == CourseReference::True);
         is_magnetic.visit(visit);
         is_true.visit(visit);
         self.reference = match (is_magnetic, is_true) {
@@ -98,9 +100,12 @@ impl Stage for Aided {
             (false, false) => CourseReference::Arbitrary,
         };
         self.course_known.visit(visit);
-        for vector in
-            [&mut self.velocity_m_s, &mut self.antenna_velocity_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2]
-        {
+        for vector in [
+            &mut self.velocity_m_s,
+            &mut self.antenna_velocity_m_s,
+            &mut self.gyro_bias_rad_s,
+            &mut self.accel_bias_m_s2,
+        ] {
             vector.visit(visit);
         }
         self.latency_s.visit(visit);
@@ -131,7 +136,8 @@ impl Stage for Aided {
 
     fn common(&self) -> Estimate {
         let bias_variance = (GYRO..GYRO + 3).map(|axis| self.covariance.variance(axis)).fold(0.0, f64::max);
-        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.more_certain(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
+        let (bias_rad_s, bias_sd_rad_s) =
+            self.handed_over.more_certain(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
         Estimate {
             attitude: self.attitude,
             reference: self.reference,

@@ -23,7 +23,8 @@ pub(super) struct StillnessLimits {
 
 /// Limits if the receiver reports no speed: 0.8 °/s, 0.15 m/s². Tighter limits take an idling
 /// engine for motion.
-pub(super) const WITH_RECEIVER: StillnessLimits = StillnessLimits { rate_rad_s: 0.013_962_634, force_m_s2: 0.15, mean_rad_s: 0.087_266_463 };
+pub(super) const WITH_RECEIVER: StillnessLimits =
+    StillnessLimits { rate_rad_s: 0.013_962_634, force_m_s2: 0.15, mean_rad_s: 0.087_266_463 };
 /// Limits without a receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s, because a steady turn in
 /// still air looks the same.
 pub(super) const WITHOUT_RECEIVER: StillnessLimits =

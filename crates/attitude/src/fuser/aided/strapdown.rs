@@ -1,7 +1,7 @@
 //! Propagation of attitude, velocity and covariance over one interval.
 
 use super::{
-    covariance::{ACCEL, ErrorState, GYRO, HEADING, INTERVAL_S, PropagationInterval, LATENCY, ROTATION, VELOCITY},
+    covariance::{ACCEL, ErrorState, GYRO, HEADING, INTERVAL_S, LATENCY, PropagationInterval, ROTATION, VELOCITY},
     filter::Aided,
     sums::IntervalSums,
     variance::square,
@@ -87,14 +87,21 @@ impl Aided {
         let rotation = square(settings.gyro_noise_deg_sqrt_s.to_radians()) + scale2 * rate2_rad2_s / duration_s;
         let mut noise = ErrorState::zeros();
         for axis in 0..3 {
-            noise[VELOCITY + axis] = velocity * duration_s + square(ASSUMED_UNOBSERVED_ACCELERATION_M_S2) * force_outage_s;
+            noise[VELOCITY + axis] =
+                velocity * duration_s + square(ASSUMED_UNOBSERVED_ACCELERATION_M_S2) * force_outage_s;
             noise[ROTATION + axis] = rotation * duration_s;
             noise[GYRO + axis] = square(settings.gyro_bias_walk_deg_s_sqrt_s.to_radians()) * duration_s;
             noise[ACCEL + axis] = square(settings.accel_bias_walk_m_s2_sqrt_s) * duration_s;
         }
         noise[LATENCY] = square(LATENCY_WALK_S) * duration_s;
         let heading_acts = self.course_known;
-        self.covariance.propagate(&PropagationInterval { force_m_s2, to_reference, heading_acts, dt_s: duration_s, noise });
+        self.covariance.propagate(&PropagationInterval {
+            force_m_s2,
+            to_reference,
+            heading_acts,
+            dt_s: duration_s,
+            noise,
+        });
         self.covariance.limit_variances(&self.variance_limits());
         self.velocity_history.push(self.velocity_m_s + self.antenna_velocity_m_s, duration_s);
         self.sums.reset();

@@ -37,7 +37,12 @@ impl VelocityHistory {
     /// Returns velocity and acceleration `age_s` ago by linear interpolation.
     ///
     /// `now_m_s` is the present velocity; the newest entry is `since_last_s` old.
-    pub(super) fn interpolate(&self, age_s: f64, now_m_s: Vector3<f64>, since_last_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub(super) fn interpolate(
+        &self,
+        age_s: f64,
+        now_m_s: Vector3<f64>,
+        since_last_s: f64,
+    ) -> (Vector3<f64>, Vector3<f64>) {
         let mut newer = (now_m_s, 0.0);
         let mut older_age_s = since_last_s;
         let last = COUNT - 1;

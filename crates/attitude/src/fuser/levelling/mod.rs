@@ -36,11 +36,11 @@
 //! laws do not hold for backward and sideways motion; use `aided` there.
 
 mod geometry;
+mod level_force;
 mod limits;
 mod pi;
 mod platform;
 mod published;
-mod level_force;
 mod speed;
 mod unified;
 

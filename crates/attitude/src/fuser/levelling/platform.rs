@@ -1,9 +1,9 @@
 //! Platform: an attitude that is levelled by a control law.
 
 use super::{
-    geometry::{azimuth, vehicle_acceleration_m_s2, level_correction, tilt_from_acceleration, turn_rate_rad_s},
-    limits::MIN_INCLINATION_SD_RAD,
+    geometry::{azimuth, level_correction, tilt_from_acceleration, turn_rate_rad_s, vehicle_acceleration_m_s2},
     level_force::LevelForce,
+    limits::MIN_INCLINATION_SD_RAD,
 };
 use crate::{
     Complex, Vector3,
@@ -121,7 +121,8 @@ impl Platform {
         self.low_pass_m_s2 += (azimuth * level_m_s2 - self.low_pass_m_s2) * gain;
         let (unexplained_m_s2, time_constant_s) = match law {
             Law::Aided { speed_m_s, speed_rate_m_s2, time_constant_s } => {
-                let motion_m_s2 = vehicle_acceleration_m_s2(self.attitude, speed_m_s * turn_rate_rad_s, speed_rate_m_s2);
+                let motion_m_s2 =
+                    vehicle_acceleration_m_s2(self.attitude, speed_m_s * turn_rate_rad_s, speed_rate_m_s2);
                 (level_m_s2 - motion_m_s2, time_constant_s)
             }
             Law::Autonomous { time_constant_s } => (azimuth.conj() * self.low_pass_m_s2, time_constant_s),

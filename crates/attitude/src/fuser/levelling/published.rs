@@ -1,7 +1,7 @@
 //! Fuser stage `levelling`: S4 as published, aided and autonomous, with automatic switching.
 
 use super::{
-    limits::{plausible_fix, interval_s},
+    limits::{interval_s, plausible_fix},
     platform::{Law, LevelUpdate, Platform},
     speed::GroundSpeed,
 };
@@ -15,8 +15,8 @@ use crate::{
         input::FuserInput,
         leaky_velocity::LeakyVelocity,
     },
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
 };
 use core::f64::consts::PI;
@@ -126,7 +126,10 @@ impl Stage for Levelling {
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        self.platform.validation_error().or_else(|| self.speed.validation_error()).or_else(|| self.bias_handover.validation_error())
+        self.platform
+            .validation_error()
+            .or_else(|| self.speed.validation_error())
+            .or_else(|| self.bias_handover.validation_error())
     }
 
     fn common(&self) -> Estimate {

@@ -23,7 +23,7 @@
 use core::f64::consts::{FRAC_PI_2, PI};
 
 use super::{
-    limits::{plausible_fix, interval_s},
+    limits::{interval_s, plausible_fix},
     platform::{Law, LevelUpdate, Platform},
     speed::GroundSpeed,
 };
@@ -38,8 +38,8 @@ use crate::{
         leaky_velocity::LeakyVelocity,
     },
     gnss::Fix,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
 };

@@ -23,21 +23,21 @@
 mod gradient;
 
 use super::{
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
     bias_handover::HandedOverBias,
     estimate::Estimate,
     field::{field_direction, heading_correction_rad},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
     leaky_velocity::LeakyVelocity,
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
 };
 use crate::{
     Quaternion, Vector3,
     course::CourseReference,
     gyro::Motion,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
+    scalars::Scalars,
     stage::{RestoreError, Stage},
     state::Attitude,
 };

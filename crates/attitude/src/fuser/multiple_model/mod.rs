@@ -32,8 +32,8 @@ use super::{
 };
 use crate::{
     course::CourseReference,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
+    scalars::Scalars,
     stage::{RestoreError, Stage},
 };
 use {transition::Transition, turn_detector::TurnDetector};
@@ -44,7 +44,8 @@ const GROUND_MOTION_HOLD_S: f64 = 300.0;
 ///
 /// A parameter of both stages is listed once, with those of `aided`, and set in both. The
 /// magnetometer parameters of `aided` are omitted because the magnetic heading is that of `wz`.
-const PARAMETERS: &[Parameter] = &concat::<{ WZ_PARAMETERS.len() + AIDED_PARAMETERS.len() }>(WZ_PARAMETERS, AIDED_PARAMETERS);
+const PARAMETERS: &[Parameter] =
+    &concat::<{ WZ_PARAMETERS.len() + AIDED_PARAMETERS.len() }>(WZ_PARAMETERS, AIDED_PARAMETERS);
 const WZ_PARAMETERS: &[Parameter] = Wz::PARAMETERS.split_at(Wz::PARAMETERS.len() - wz::SHARED_WITH_AIDED).0;
 const AIDED_PARAMETERS: &[Parameter] =
     aided::Settings::TABLE.split_at(aided::Settings::TABLE.len() - aided::MAGNETOMETER_COUNT).0;

@@ -69,7 +69,8 @@ impl Transition {
             heading.map_or(0.0, |heading| about_vertical_rad(heading.quaternion() * level.quaternion().conjugate()));
         let remaining_rad = wrapped_rad(target_rad - self.heading_rad);
         let jumps = remaining_rad.abs() > MIN_JUMP_RAD;
-        let step_rad = if jumps { remaining_rad } else { remaining_rad * blend_gain(remaining_rad * remaining_rad, dt_s) };
+        let step_rad =
+            if jumps { remaining_rad } else { remaining_rad * blend_gain(remaining_rad * remaining_rad, dt_s) };
         self.heading_rad = wrapped_rad(self.heading_rad + step_rad);
         jumps
     }

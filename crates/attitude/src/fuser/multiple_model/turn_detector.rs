@@ -59,13 +59,7 @@ pub(super) struct TurnDetector {
 
 impl Default for TurnDetector {
     fn default() -> Self {
-        Self {
-            force_m_s2: Vector3::zeros(),
-            averaged_s: 0.0,
-            rate_rad_s: 0.0,
-            gravity_m_s2: GRAVITY_M_S2,
-            turn_s: 0.0,
-        }
+        Self { force_m_s2: Vector3::zeros(), averaged_s: 0.0, rate_rad_s: 0.0, gravity_m_s2: GRAVITY_M_S2, turn_s: 0.0 }
     }
 }
 
@@ -118,7 +112,8 @@ impl TurnDetector {
 
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let scale_error = (self.gravity_m_s2 / GRAVITY_M_S2 - 1.0).abs();
-        let in_range = scale_error <= MAX_SCALE_ERROR && (0.0..=MAX_TURN_S).contains(&self.turn_s) && self.averaged_s >= 0.0;
+        let in_range =
+            scale_error <= MAX_SCALE_ERROR && (0.0..=MAX_TURN_S).contains(&self.turn_s) && self.averaged_s >= 0.0;
         (!in_range || self.force_m_s2.amax() > MAX_FORCE_M_S2).then_some("an implausible turn")
     }
 }

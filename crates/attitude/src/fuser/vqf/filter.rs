@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Vector3,
     course::CourseReference,
-    fuser::{gyro_scale::GyroScale, hard_iron::HardIron, angle_uncertainty::AngleUncertainty},
+    fuser::{angle_uncertainty::AngleUncertainty, gyro_scale::GyroScale, hard_iron::HardIron},
     gyro::Motion,
     state::Attitude,
 };
@@ -105,7 +105,11 @@ impl Vqf {
             self.heading = AngleUncertainty::INITIAL;
         } else if state.last_mag_corr_angular_rate != 0.0 {
             let correction_rad = state.last_mag_corr_angular_rate * self.filter.coeffs().mag_ts;
-            self.heading.record_correction(state.last_mag_dis_angle, correction_rad / state.last_mag_dis_angle, interval_s);
+            self.heading.record_correction(
+                state.last_mag_dis_angle,
+                correction_rad / state.last_mag_dis_angle,
+                interval_s,
+            );
         }
         first
     }

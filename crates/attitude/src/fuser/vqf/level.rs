@@ -2,11 +2,11 @@
 
 use super::{
     filter::Vqf,
-    quaternions::{conjugate, to_vqf, from_vqf},
+    quaternions::{conjugate, from_vqf, to_vqf},
 };
 use crate::{
     Complex, GRAVITY_M_S2, Vector3,
-    fuser::{leaky_velocity::LeakyVelocity, angle_uncertainty::AngleUncertainty},
+    fuser::{angle_uncertainty::AngleUncertainty, leaky_velocity::LeakyVelocity},
     point::Point,
     state::Attitude,
 };
@@ -50,7 +50,11 @@ impl Vqf {
         let state = self.filter.state();
         let [east, north, _] = state.acc_quat.rotate(velocity_m_s.into());
         let velocity_m_s = Complex::new(east, north);
-        LeakyVelocity::from_loop(velocity_m_s, self.velocity_sd_m_s).rotated(if self.magnetic { state.delta } else { 0.0 })
+        LeakyVelocity::from_loop(velocity_m_s, self.velocity_sd_m_s).rotated(if self.magnetic {
+            state.delta
+        } else {
+            0.0
+        })
     }
 
     /// Returns the state of the force low-pass filter, once it has averaged for its time constant

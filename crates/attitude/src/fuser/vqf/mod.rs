@@ -11,18 +11,18 @@
 
 mod filter;
 mod level;
-mod vqf_state;
 mod period;
 mod quaternions;
+mod vqf_state;
 
 pub use filter::Vqf;
 
 use super::{
+    angle_uncertainty::AngleUncertainty,
     estimate::Estimate,
     field::field_direction,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    angle_uncertainty::AngleUncertainty,
 };
 use crate::{
     Vector3,

@@ -18,7 +18,11 @@ const MAX_STEP_RAD: f64 = 5.235_988e-4;
 #[inline]
 pub(super) fn fraction(pending2_rad2: f64, dt_s: f64) -> f64 {
     let fraction = (dt_s * (1.0 / TIME_CONSTANT_S)).min(1.0);
-    if pending2_rad2 * (fraction * fraction) > MAX_STEP_RAD * MAX_STEP_RAD { max_step_fraction(pending2_rad2) } else { fraction }
+    if pending2_rad2 * (fraction * fraction) > MAX_STEP_RAD * MAX_STEP_RAD {
+        max_step_fraction(pending2_rad2)
+    } else {
+        fraction
+    }
 }
 
 #[cold]

@@ -32,10 +32,10 @@ use super::{
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     fuser::{estimate::Estimate, gyro_scale::GyroScale, rest::BIAS_SD_AT_REST_RAD_S},
+    rotation::Rotation,
     scalars::Scalars,
     stage::bias_validation_error,
     state::BodyAxes,
-    rotation::Rotation,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -292,8 +292,11 @@ impl GyroErrorFilter {
     /// Returns `true` if enough samples have been accumulated for an update.
     #[inline]
     pub(super) fn is_update_due(&self) -> bool {
-        let min_interval_s =
-            if self.from_one_sample { (INITIAL_INTERVAL_FRACTION * self.observed_s()).max(INITIAL_INTERVAL_S) } else { UPDATE_INTERVAL_S };
+        let min_interval_s = if self.from_one_sample {
+            (INITIAL_INTERVAL_FRACTION * self.observed_s()).max(INITIAL_INTERVAL_S)
+        } else {
+            UPDATE_INTERVAL_S
+        };
         self.since_update_s >= min_interval_s.min(UPDATE_INTERVAL_S)
     }
 
@@ -397,8 +400,8 @@ impl GyroErrorFilter {
             return change;
         }
         let velocity_innovation_s = self.velocity_s - self.tilt_velocity_s;
-        let velocity_variance =
-            MIN_VELOCITY_SD_S * MIN_VELOCITY_SD_S + self.velocity_noise.update(velocity_innovation_s, interval_s, VELOCITY_CORRELATION);
+        let velocity_variance = MIN_VELOCITY_SD_S * MIN_VELOCITY_SD_S
+            + self.velocity_noise.update(velocity_innovation_s, interval_s, VELOCITY_CORRELATION);
         if velocity_variance < force_variance * (VELOCITY_MEMORY_S * VELOCITY_MEMORY_S) {
             self.update_pair(VELOCITY, velocity_innovation_s, velocity_variance)
         } else {
@@ -420,10 +423,13 @@ impl GyroErrorFilter {
     fn loop_error(&self, change: &State) -> LoopError {
         let tilt = Complex::new(change[TILT], change[TILT + 1]);
         let first = LoopError { tilt: tilt * self.tilt_sensitivity[0], velocity: tilt * self.tilt_sensitivity[1] };
-        self.loop_sensitivity.iter().zip(change.fixed_rows::<GYRO_ERRORS>(BIAS).iter()).fold(first, |sum, (sensitivity, change)| LoopError {
-            tilt: sum.tilt + sensitivity.tilt * *change,
-            velocity: sum.velocity + sensitivity.velocity * *change,
-        })
+        self.loop_sensitivity.iter().zip(change.fixed_rows::<GYRO_ERRORS>(BIAS).iter()).fold(
+            first,
+            |sum, (sensitivity, change)| LoopError {
+                tilt: sum.tilt + sensitivity.tilt * *change,
+                velocity: sum.velocity + sensitivity.velocity * *change,
+            },
+        )
     }
 
     /// Handles rest, at which the force shows the complete error of the loop, whatever its cause.
@@ -462,7 +468,9 @@ impl GyroErrorFilter {
         let p = &mut self.covariance;
         let decay = decay(interval_s);
         let (across, along) = (drift.map(|drift| drift.re), drift.map(|drift| drift.im));
-        let sum = |drift: &[f64; GYRO_ERRORS], values: [f64; GYRO_ERRORS]| drift.iter().zip(values).map(|(a, b)| a * b).sum::<f64>();
+        let sum = |drift: &[f64; GYRO_ERRORS], values: [f64; GYRO_ERRORS]| {
+            drift.iter().zip(values).map(|(a, b)| a * b).sum::<f64>()
+        };
         for j in 0..STATES {
             let values: [f64; GYRO_ERRORS] = core::array::from_fn(|k| p[(BIAS + k, j)]);
             p[(TILT, j)] += sum(&across, values);

@@ -13,11 +13,11 @@ use super::{
 use crate::{
     Complex, GRAVITY_M_S2,
     fuser::leaky_velocity::LeakyVelocity,
-    scalars::Scalars,
     point::Point,
-    stage::attitude_validation_error,
-    state::{Attitude, BodyAxes, AttitudeUpdate},
     rotation::Rotation,
+    scalars::Scalars,
+    stage::attitude_validation_error,
+    state::{Attitude, AttitudeUpdate, BodyAxes},
 };
 
 /// Factor from the leaky velocity, m/s, to half the tilt rate, rad/s.

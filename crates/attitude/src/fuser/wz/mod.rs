@@ -31,10 +31,10 @@ mod heading;
 mod initial_velocity;
 mod level;
 mod noise;
+mod reported_sd;
 mod settings;
 mod tilt_fault;
 mod time_constants;
-mod reported_sd;
 
 use super::{
     estimate::Estimate,
@@ -45,10 +45,10 @@ use super::{
 
 use crate::{
     Complex, Vector3,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{RestoreError, Stage},
     rotation::Rotation,
+    scalars::Scalars,
+    stage::{RestoreError, Stage},
 };
 pub(super) use settings::SHARED_WITH_AIDED;
 use {
@@ -144,7 +144,8 @@ impl Wz {
         let tilt_correction_rad = self.level.take_tilt_correction(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
         let (bias_at_rest, loop_velocity_s) = (self.rest.bias_rad_s(), self.level.velocity_s());
-        let error = self.gyro_errors.update(rate_rad_s, tilt_correction_rad, bias_at_rest, loop_velocity_s, &self.settings);
+        let error =
+            self.gyro_errors.update(rate_rad_s, tilt_correction_rad, bias_at_rest, loop_velocity_s, &self.settings);
         self.level.apply_correction(error)
     }
 }
@@ -178,7 +179,8 @@ impl Stage for Wz {
         let gyro_outage_s = self.tick_outage_s(input);
         self.reinit_after_outage(gyro_outage_s);
         self.gyro_errors.add_outage(gyro_outage_s);
-        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= MAX_PLAUSIBLE_FORCE_M_S2);
+        let inclination =
+            input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= MAX_PLAUSIBLE_FORCE_M_S2);
         let levelling = self.level.is_started() && inclination.is_some();
         let levelling_s = if levelling { dt_s } else { 0.0 };
         let axes = self.level.propagate(self.gyro_errors.corrected_rotation(rotation, dt_s), dt_s, levelling_s);
@@ -254,7 +256,11 @@ impl Stage for Wz {
 
     fn validation_error(&self) -> Option<&'static str> {
         let interval = (self.last_interval_s < 0.0 || self.gyro_outage_s < 0.0).then_some("an interval below zero");
-        let parts = self.level.validation_error().or_else(|| self.gyro_errors.validation_error()).or_else(|| self.rest.validation_error());
+        let parts = self
+            .level
+            .validation_error()
+            .or_else(|| self.gyro_errors.validation_error())
+            .or_else(|| self.rest.validation_error());
         parts.or_else(|| self.heading.validation_error()).or(interval)
     }
 

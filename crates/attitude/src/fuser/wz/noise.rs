@@ -28,7 +28,12 @@ pub(super) struct InnovationNoise {
 impl InnovationNoise {
     /// Creates the estimate with an initial standard deviation.
     pub(super) fn new(sd: f64) -> Self {
-        Self { mean_square: sd * sd, mean_lag_product: 0.0, last_innovation: Complex::new(0.0, 0.0), memory_s: INITIAL_MEMORY_S }
+        Self {
+            mean_square: sd * sd,
+            mean_lag_product: 0.0,
+            last_innovation: Complex::new(0.0, 0.0),
+            memory_s: INITIAL_MEMORY_S,
+        }
     }
 
     /// Returns the averaging time in effect, s, including the initial one.

@@ -62,8 +62,8 @@ impl TiltFaultMonitor {
         }
         let Self { innovation_sum_s, force_sum_s, excess_sum_s, duration_s } = core::mem::take(self);
         let force2 = force_sum_s.norm_sqr() / (duration_s * duration_s);
-        let is_level_wrong =
-            force2 > MIN_HORIZONTAL_FORCE * MIN_HORIZONTAL_FORCE && (excess_sum_s / duration_s).abs() < 0.5 * MAX_EXCESS_FRACTION * force2.min(1.0);
+        let is_level_wrong = force2 > MIN_HORIZONTAL_FORCE * MIN_HORIZONTAL_FORCE
+            && (excess_sum_s / duration_s).abs() < 0.5 * MAX_EXCESS_FRACTION * force2.min(1.0);
         is_level_wrong.then(|| innovation_sum_s / duration_s)
     }
 

@@ -1,59 +1,68 @@
-//! Crossed trials: the movement of each trial of BROAD in the magnetic field of another, with a gyro of its own errors.
+//! Crossed trials: the movement of one trial of BROAD in the magnetic field of another.
 //!
-//! What a place adds to the field where the body moves is the largest error of a heading, and each recording has one such place only. The
-//! field of another trial, as the cameras show it in the frame of the earth, gives ten movements six places each; mirrored at
-//! random it favours no direction, so nobody looks good here who trusts the first heading.
+//! The largest error of a heading comes from the magnetic disturbance at the place of the movement,
+//! and each recording has only one place. The field of another trial is known in earth axes from
+//! motion capture, which gives each movement six more places. The field is mirrored at random, so
+//! that an estimator has no advantage from trusting its first heading. Random scale and axis errors
+//! are added to the gyro.
 
 use super::{
-    dice::Dice,
+    rng::Rng,
     trial::{Trial, into_body, into_earth, truth},
 };
 use attitude::{Matrix3, Vector3};
 use recording::Row;
 
-/// Most that is added to the error of the gyro's scale, each axis, and to that of its axes: as much as the recorded gyros have.
-const MAX_SCALE: f64 = 0.002;
+/// Largest added error of the gyro's scale per axis, like that of the recorded gyros.
+const MAX_SCALE_ERROR: f64 = 0.002;
+/// Largest added misalignment of the gyro's axes, rad, like that of the recorded gyros.
 const MAX_SHEAR: f64 = 0.001;
-/// Noise of the magnetometer, each axis, µT.
+/// Noise of the magnetometer per axis, standard deviation, µT.
 const NOISE_UT: f64 = 0.4;
 
-/// The rows of `movement`'s trial in the field of `place`'s.
-pub(crate) fn crossed(movement: &Trial, place: &Trial, seed: u64) -> Vec<Row> {
+/// Returns the rows of the trial `movement`, in the field of the trial `place`.
+pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Row> {
     let number = |trial: &Trial| trial.number().parse::<u64>().unwrap();
-    let mut dice = Dice::of(seed.wrapping_mul(0x10_0000) + number(movement) * 0x400 + number(place));
-    let Place { mean_ut, at_rest_ut, moving_ut } = Place::of(place);
-    let mirror = Vector3::new(if dice.roll() < 0.5 { -1.0 } else { 1.0 }, 1.0, 1.0);
+    let mut rng = Rng::from_seed(seed.wrapping_mul(0x10_0000) + number(movement) * 0x400 + number(place));
+    let PlaceField { mean_ut, at_rest_ut, moving_ut } = PlaceField::from_trial(place);
+    let mirror = Vector3::new(if rng.uniform() < 0.5 { -1.0 } else { 1.0 }, 1.0, 1.0);
     let gyro = Matrix3::from_fn(|i, j| {
-        if i == j { 1.0 + dice.between(-MAX_SCALE, MAX_SCALE) } else { dice.between(-MAX_SHEAR, MAX_SHEAR) }
+        if i == j {
+            1.0 + rng.uniform_in(-MAX_SCALE_ERROR, MAX_SCALE_ERROR)
+        } else {
+            rng.uniform_in(-MAX_SHEAR, MAX_SHEAR)
+        }
     });
-    // North is where the field points in the mean, not where it points at rest.
+    // North is the direction of the mean field in motion, not that of the field at rest.
     let mean_ut = Vector3::new(0.0, mean_ut.x.hypot(mean_ut.y), mean_ut.z);
     let (from, to) = movement.movement();
     let mut rows = movement.rows.clone();
     for (tick, row) in rows.iter_mut().enumerate() {
         row.rate_rad_s = (gyro * Vector3::from(row.rate_rad_s)).into();
-        // The place's movement lasts as long as this one's.
+        // The disturbance of the place is stretched to the duration of this movement.
         let share = tick.saturating_sub(from) as f64 / (to + 1 - from) as f64;
         let moving_ut = moving_ut.get((share * moving_ut.len() as f64) as usize).filter(|_| tick >= from);
         let place_ut = moving_ut.unwrap_or(&at_rest_ut).component_mul(&mirror);
-        let noise = Vector3::from_fn(|_, _| NOISE_UT * dice.normal());
-        // Where the cameras lost the body its field is not known.
+        let noise = Vector3::from_fn(|_, _| NOISE_UT * rng.normal());
+        // The field in body axes is unknown in rows without a reference attitude.
         row.field_ut = truth(row).map(|q| (into_body(q, mean_ut + place_ut) + noise).into());
     }
     rows
 }
 
-/// The field of a trial, µT, earth axes: its mean while the body moves, and what it has besides at rest and moving, means over a fifth of
-/// a second.
-struct Place {
+/// Magnetic field of a trial, µT, earth axes.
+///
+/// The mean is taken over the movement. The other fields are differences from it: at rest, and in
+/// motion averaged over `CHUNK_ROWS` (0.2 s).
+struct PlaceField {
     mean_ut: Vector3<f64>,
     at_rest_ut: Vector3<f64>,
     moving_ut: Vec<Vector3<f64>>,
 }
 
-impl Place {
-    fn of(trial: &Trial) -> Self {
-        const MEAN_OF: usize = 57;
+impl PlaceField {
+    fn from_trial(trial: &Trial) -> Self {
+        const CHUNK_ROWS: usize = 57;
         let (from, to) = trial.movement();
         let mean = |rows: &[Row]| {
             let earth = |row: &Row| Some(into_earth(truth(row)?, row.field_ut.map(Vector3::from)?));
@@ -62,7 +71,7 @@ impl Place {
         };
         let mean_ut = mean(&trial.rows[from..=to]).unwrap();
         let mut last = Vector3::zeros();
-        let moving = trial.rows[from..=to].chunks(MEAN_OF).map(|rows| {
+        let moving = trial.rows[from..=to].chunks(CHUNK_ROWS).map(|rows| {
             last = mean(rows).map_or(last, |field| field - mean_ut);
             last
         });

@@ -1,18 +1,22 @@
-//! `wz` with nine axes on the trials of BROAD, beside VQF: `cargo test --release -p attitude heading:: -- --nocapture`.
+//! Attitude of `wz` with nine axes on the trials of BROAD, compared with VQF.
+//!
+//! `cargo test --release -p attitude heading:: -- --nocapture` prints every figure.
 pub(crate) mod crossed;
-mod dice;
+mod rng;
 mod stress;
 pub(crate) mod trial;
 
 use attitude::{Vector3, fuser::GyroScale};
 use recording::Row;
-use stress::Kind;
-use trial::{Errors, Trial, of_vqf, of_wz, of_wz_with_scale, trials};
+use stress::Disturbance;
+use trial::{Errors, Trial, trials, vqf_errors, wz_errors, wz_errors_with_scale};
 
-/// Trials without a magnetic disturbance of their own.
+/// Numbers of the trials without magnetic disturbance.
 pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
 
-/// Kinds of trials: what is in all their names. A rotation with breaks is of its own kind.
+/// Kinds of trials, each given by words that the trial names contain.
+///
+/// A rotation with breaks belongs to the kind `with_breaks` only.
 const KINDS: [&[&str]; 7] = [
     &["undisturbed", "rotation"],
     &["undisturbed", "translation"],
@@ -23,7 +27,7 @@ const KINDS: [&[&str]; 7] = [
     &["attached_magnet"],
 ];
 
-fn is_of(trial: &Trial, kind: &[&str]) -> bool {
+fn is_of_kind(trial: &Trial, kind: &[&str]) -> bool {
     let breaks = trial.name.contains("with_breaks");
     kind.iter().all(|word| trial.name.contains(word)) && (!breaks || kind.contains(&"with_breaks"))
 }
@@ -33,118 +37,121 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn heading_is_better_than_that_of_vqf() {
+fn wz_heading_on_broad_beats_vqf() {
     let Some(trials) = trials() else { return };
-    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let (mut wz, mut vqf) = (Vec::new(), Vec::new());
     println!("RMSE, degrees: total, heading, inclination of wz; of VQF 9D");
     for trial in trials {
-        ours.push(of_wz(&trial.rows, 0.0));
-        theirs.push(of_vqf(&trial.rows, 0.0));
-        println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
+        wz.push(wz_errors(&trial.rows, 0.0));
+        vqf.push(vqf_errors(&trial.rows, 0.0));
+        println!("{} | {} | {}", wz[wz.len() - 1], vqf[vqf.len() - 1], trial.name);
     }
-    for (one, (ours, theirs)) in trials.iter().zip(ours.iter().zip(&theirs)) {
-        assert!(ours.total <= theirs.total + 0.15, "{}: {ours}, VQF {theirs}", one.name);
+    for (trial, (wz, vqf)) in trials.iter().zip(wz.iter().zip(&vqf)) {
+        assert!(wz.total <= vqf.total + 0.15, "{}: {wz}, VQF {vqf}", trial.name);
     }
     for (i, trial) in trials.iter().enumerate() {
-        let rest = |all: &[Errors]| Errors::mean(&[&all[..i], &all[i + 1..]].concat());
-        println!("{} | {} | mean without {}", rest(&ours), rest(&theirs), trial.number());
-        assert!(rest(&ours).total < rest(&theirs).total, "without {}", trial.name);
+        let mean_without = |all: &[Errors]| Errors::mean(&[&all[..i], &all[i + 1..]].concat());
+        println!("{} | {} | mean without {}", mean_without(&wz), mean_without(&vqf), trial.number());
+        assert!(mean_without(&wz).total < mean_without(&vqf).total, "without {}", trial.name);
     }
     for kind in KINDS {
-        let rest = |all: &[Errors]| {
-            let others = trials.iter().zip(all).filter(|(trial, _)| !is_of(trial, kind));
+        let mean_without = |all: &[Errors]| {
+            let others = trials.iter().zip(all).filter(|(trial, _)| !is_of_kind(trial, kind));
             Errors::mean(&others.map(|(_, errors)| *errors).collect::<Vec<_>>())
         };
-        println!("{} | {} | mean without {}", rest(&ours), rest(&theirs), kind.join(" and "));
-        assert!(rest(&ours).total < rest(&theirs).total, "without {kind:?}");
+        println!("{} | {} | mean without {}", mean_without(&wz), mean_without(&vqf), kind.join(" and "));
+        assert!(mean_without(&wz).total < mean_without(&vqf).total, "without {kind:?}");
     }
-    let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
-    println!("{ours} | {theirs} | mean");
-    assert!(ours.total <= 1.80 && ours.heading <= 1.65, "{ours}");
+    let (wz, vqf) = (Errors::mean(&wz), Errors::mean(&vqf));
+    println!("{wz} | {vqf} | mean");
+    assert!(wz.total <= 1.80 && wz.heading <= 1.65, "{wz}");
 }
 
 #[test]
-fn magnets_are_told_from_the_field_of_the_place() {
+fn wz_heading_with_magnets_stays_within_limits() {
     let Some(trials) = trials() else { return };
-    for (kind, limit_deg) in Kind::ALL.into_iter().zip([2.0, 1.91, 7.5, 1.37, 1.4]) {
-        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    for (kind, limit_deg) in Disturbance::ALL.into_iter().zip([2.0, 1.91, 7.5, 1.37, 1.4]) {
+        let (mut wz, mut vqf) = (Vec::new(), Vec::new());
         for trial in trials.iter().filter(|trial| CLEAN.contains(&trial.number())) {
             for seed in 1..=4 {
                 let rows = stress::disturbed(trial, kind, seed);
-                ours.push(of_wz(&rows, 0.0).heading);
-                theirs.push(of_vqf(&rows, 0.0).heading);
+                wz.push(wz_errors(&rows, 0.0).heading);
+                vqf.push(vqf_errors(&rows, 0.0).heading);
             }
         }
-        let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+        let max = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
         println!(
-            "{kind:?}: heading of wz {:.2}° (most {:.1}°), of VQF {:.2}° (most {:.1}°)",
-            mean(&ours),
-            most(&ours),
-            mean(&theirs),
-            most(&theirs)
+            "{kind:?}: heading of wz {:.2}° (max {:.1}°), of VQF {:.2}° (max {:.1}°)",
+            mean(&wz),
+            max(&wz),
+            mean(&vqf),
+            max(&vqf)
         );
-        assert!(mean(&ours) < limit_deg, "{kind:?}: {}°", mean(&ours));
+        assert!(mean(&wz) < limit_deg, "{kind:?}: {}°", mean(&wz));
     }
 }
 
 #[test]
-fn a_start_in_the_middle_of_the_movement_is_survived() {
+fn wz_started_in_motion_beats_vqf() {
     let Some(trials) = trials() else { return };
     for unscored_s in [0.0, 20.0] {
-        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        let (mut wz, mut vqf) = (Vec::new(), Vec::new());
         for trial in trials {
             let (from, to) = trial.movement();
             let rows = &trial.rows[(from + to) / 2..];
-            ours.push(of_wz(rows, unscored_s));
-            theirs.push(of_vqf(rows, unscored_s));
-            println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
+            wz.push(wz_errors(rows, unscored_s));
+            vqf.push(vqf_errors(rows, unscored_s));
+            println!("{} | {} | {}", wz[wz.len() - 1], vqf[vqf.len() - 1], trial.name);
         }
-        let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
-        println!("{ours} | {theirs} | mean from {unscored_s} s after the start");
-        assert!(ours.total < theirs.total && ours.heading < theirs.heading, "{ours}");
-        assert!(ours.inclination < theirs.inclination + 0.005, "{ours}");
+        let (wz, vqf) = (Errors::mean(&wz), Errors::mean(&vqf));
+        println!("{wz} | {vqf} | mean from {unscored_s} s after the start");
+        assert!(wz.total < vqf.total && wz.heading < vqf.heading, "{wz}");
+        assert!(wz.inclination < vqf.inclination + 0.005, "{wz}");
     }
 }
 
 #[test]
-fn the_field_of_another_place_does_no_more_harm_than_its_own() {
+fn wz_on_crossed_trials_beats_vqf() {
     let Some(trials) = trials() else { return };
-    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let (mut wz, mut vqf) = (Vec::new(), Vec::new());
     for movement in trials {
         for place in trials.iter().filter(|trial| CLEAN.contains(&trial.number())) {
-            let rows = crossed::crossed(movement, place, 1);
-            ours.push(of_wz(&rows, 0.0));
-            theirs.push(of_vqf(&rows, 0.0));
+            let rows = crossed::crossed_rows(movement, place, 1);
+            wz.push(wz_errors(&rows, 0.0));
+            vqf.push(vqf_errors(&rows, 0.0));
         }
-        let of_movement = |all: &[Errors]| Errors::mean(&all[all.len() - CLEAN.len()..]);
-        println!("{} | {} | {}", of_movement(&ours), of_movement(&theirs), movement.name);
+        let mean_of_movement = |all: &[Errors]| Errors::mean(&all[all.len() - CLEAN.len()..]);
+        println!("{} | {} | {}", mean_of_movement(&wz), mean_of_movement(&vqf), movement.name);
     }
-    let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
-    println!("{ours} | {theirs} | mean of 60 crossed trials");
-    assert!(ours.total <= 1.50 && ours.total < theirs.total, "{ours}");
+    let (wz, vqf) = (Errors::mean(&wz), Errors::mean(&vqf));
+    println!("{wz} | {vqf} | mean of 60 crossed trials");
+    assert!(wz.total <= 1.50 && wz.total < vqf.total, "{wz}");
 }
 
-/// As a warm start keeps it: every trial begins with the scale that was found last, known within 0.2 %. Each crossed trial has errors of
-/// its gyro of its own besides: there what is kept must do no harm.
+/// Emulates warm starts: each trial starts with the last gyro scale found, known within 0.2 %.
+///
+/// The gyro errors differ between crossed trials, so there the kept scale must not do harm.
 #[test]
-fn a_scale_of_the_gyro_that_was_kept_pays() {
+fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };
     let places: Vec<_> = trials.iter().filter(|trial| CLEAN.contains(&trial.number())).collect();
-    let open: Vec<_> = trials.iter().map(|trial| trial.rows.clone()).collect();
+    let recorded: Vec<_> = trials.iter().map(|trial| trial.rows.clone()).collect();
     let pairs = trials.iter().flat_map(|movement| places.iter().map(move |place| (movement, place)));
-    let crossed: Vec<_> = pairs.map(|(movement, place)| crossed::crossed(movement, place, 1)).collect();
-    for (of, rows, most) in [("open", &open, 0.99), ("crossed", &crossed, 1.0)] {
-        let (cold, warm) = (with_scale_kept(rows, false), with_scale_kept(rows, true));
-        println!("{cold} cold | {warm} with the scale of the trial before | {of}");
-        assert!(warm.total < most * cold.total, "{of}: {warm}, cold {cold}");
+    let crossed: Vec<_> = pairs.map(|(movement, place)| crossed::crossed_rows(movement, place, 1)).collect();
+    for (name, rows, max_ratio) in [("recorded", &recorded, 0.99), ("crossed", &crossed, 1.0)] {
+        let (cold, warm) = (mean_errors(rows, false), mean_errors(rows, true));
+        println!("{cold} cold | {warm} with the scale of the trial before | {name}");
+        assert!(warm.total < max_ratio * cold.total, "{name}: {warm}, cold {cold}");
     }
 }
 
-fn with_scale_kept(trials: &[Vec<Row>], kept: bool) -> Errors {
+/// Returns the mean errors of `wz`. If `keeps_scale`, each trial starts with the scale found
+/// before.
+fn mean_errors(trials: &[Vec<Row>], keeps_scale: bool) -> Errors {
     let mut scale = GyroScale::UNKNOWN;
     let errors = trials.iter().map(|rows| {
-        let (errors, found) = of_wz_with_scale(rows, scale);
-        if kept && found.sd.min() < 0.0015 {
+        let (errors, found) = wz_errors_with_scale(rows, scale);
+        if keeps_scale && found.sd.min() < 0.0015 {
             scale = GyroScale { sd: Vector3::repeat(0.002), ..found };
         }
         errors

@@ -1,57 +1,57 @@
-//! Disturbances put on the trials of BROAD that have none of their own.
+//! Magnetic disturbances added to the undisturbed trials of BROAD.
 
 use super::{
-    dice::Dice,
+    rng::Rng,
     trial::{DT_S, Trial, into_body, truth},
 };
 use attitude::{Quaternion, Vector3};
 use recording::Row;
 
-/// What is put on.
+/// Kind of magnetic disturbance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// 4 to 40 µT fixed to the body, put on and taken off while it moves.
-    BodyStep,
-    /// 4 to 40 µT fixed to the body, put on 10 s before it moves.
-    BodyBefore,
-    /// 2 to 20 µT fixed to the body from the start.
-    BodyAlways,
-    /// Eight passes of a magnet that stands beside the scene: 5 to 40 µT, 0.5 to 3 s.
+pub(crate) enum Disturbance {
+    /// 4 to 40 µT fixed to the body, added and removed during the movement.
+    BodyTemporary,
+    /// 4 to 40 µT fixed to the body, added 10 s before the movement.
+    BodyBeforeMotion,
+    /// 2 to 20 µT fixed to the body, present from the start.
+    BodyPermanent,
+    /// Eight passes of a magnet that is fixed to the ground: 5 to 40 µT for 0.5 to 3 s each.
     Passes,
-    /// The field of the place changes for good by 10 µT at half time.
-    Place,
+    /// Permanent change of the ambient field by 10 µT, halfway through the movement.
+    AmbientStep,
 }
 
-impl Kind {
-    /// All.
-    pub(crate) const ALL: [Self; 5] = [Self::BodyStep, Self::BodyBefore, Self::BodyAlways, Self::Passes, Self::Place];
+impl Disturbance {
+    pub(crate) const ALL: [Self; 5] =
+        [Self::BodyTemporary, Self::BodyBeforeMotion, Self::BodyPermanent, Self::Passes, Self::AmbientStep];
 }
 
-/// The trial's rows with a disturbance of this kind.
-pub(crate) fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
-    let mut dice = Dice::of(seed.wrapping_mul(0x1000) + trial.number().parse::<u64>().unwrap());
+/// Returns the rows of `trial` with a random disturbance of this kind.
+pub(crate) fn disturbed(trial: &Trial, kind: Disturbance, seed: u64) -> Vec<Row> {
+    let mut rng = Rng::from_seed(seed.wrapping_mul(0x1000) + trial.number().parse::<u64>().unwrap());
     let (from, to) = trial.movement();
     let length = (to - from) as f64;
     let at = |share: f64| from + (length * share) as usize;
     let mut rows = trial.rows.clone();
     match kind {
-        Kind::BodyStep => {
-            let magnet = dice.direction() * dice.between(4.0, 40.0);
-            let (on, off) = (at(dice.between(0.1, 0.4)), at(dice.between(0.5, 0.9)));
+        Disturbance::BodyTemporary => {
+            let magnet = rng.direction() * rng.uniform_in(4.0, 40.0);
+            let (on, off) = (at(rng.uniform_in(0.1, 0.4)), at(rng.uniform_in(0.5, 0.9)));
             rows[on..off].iter_mut().for_each(|row| add(row, magnet));
         }
-        Kind::BodyBefore => {
-            let magnet = dice.direction() * dice.between(4.0, 40.0);
+        Disturbance::BodyBeforeMotion => {
+            let magnet = rng.direction() * rng.uniform_in(4.0, 40.0);
             rows[from - (10.0 / DT_S) as usize..].iter_mut().for_each(|row| add(row, magnet));
         }
-        Kind::BodyAlways => {
-            let magnet = dice.direction() * dice.between(2.0, 20.0);
+        Disturbance::BodyPermanent => {
+            let magnet = rng.direction() * rng.uniform_in(2.0, 20.0);
             rows.iter_mut().for_each(|row| add(row, magnet));
         }
-        Kind::Passes => {
+        Disturbance::Passes => {
             for _ in 0..8 {
-                let magnet = dice.direction() * dice.between(5.0, 40.0);
-                let (middle, half_s) = (dice.between(0.02, 0.98), 0.5 * dice.between(0.5, 3.0));
+                let magnet = rng.direction() * rng.uniform_in(5.0, 40.0);
+                let (middle, half_s) = (rng.uniform_in(0.02, 0.98), 0.5 * rng.uniform_in(0.5, 3.0));
                 let half = (half_s / DT_S) as usize;
                 let middle = at(middle);
                 let mut q = Quaternion::new(1.0, 0.0, 0.0, 0.0);
@@ -62,8 +62,8 @@ pub(crate) fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
                 }
             }
         }
-        Kind::Place => {
-            let change = dice.direction() * 10.0;
+        Disturbance::AmbientStep => {
+            let change = rng.direction() * 10.0;
             let mut q = Quaternion::new(1.0, 0.0, 0.0, 0.0);
             for row in &mut rows[at(0.5)..] {
                 q = truth(row).unwrap_or(q);

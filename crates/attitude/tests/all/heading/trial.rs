@@ -1,4 +1,4 @@
-//! A trial of BROAD and the errors of an estimator on it.
+//! Trials of BROAD and the errors of an estimator on them.
 
 use attitude::{
     Quaternion, Vector3,
@@ -14,19 +14,17 @@ use std::{
 };
 use vqf_rs::VQF;
 
-/// BROAD's sampling interval, s.
+/// Sampling interval of BROAD, s.
 pub(crate) const DT_S: f64 = 0.0035;
 
-/// A trial: what the sensors read, and the truth.
+/// Trial of BROAD: sensor readings with reference attitudes.
 #[derive(Clone)]
 pub(crate) struct Trial {
-    /// Its name.
     pub(crate) name: String,
-    /// Its rows.
     pub(crate) rows: Vec<Row>,
 }
 
-/// The trials, read once, or `None` with a word about it where there is no data.
+/// Returns the trials, read once; prints a message and returns `None` if the data is missing.
 pub(crate) fn trials() -> Option<&'static [Trial]> {
     static TRIALS: LazyLock<Option<Vec<Trial>>> = LazyLock::new(read_trials);
     TRIALS.as_deref()
@@ -50,19 +48,19 @@ fn read_trials() -> Option<Vec<Trial>> {
 }
 
 impl Trial {
-    /// Its number in BROAD.
+    /// Returns the trial's number in BROAD.
     pub(crate) fn number(&self) -> &str {
         &self.name[..2]
     }
 
-    /// Ticks of the first and the last scored row.
+    /// Returns the indices of the first and the last scored row.
     pub(crate) fn movement(&self) -> (usize, usize) {
         let scored = |row: &Row| row.reference.is_some_and(|reference| reference.scored);
         (self.rows.iter().position(scored).unwrap(), self.rows.iter().rposition(scored).unwrap())
     }
 }
 
-/// The attitude of a row as the cameras saw it.
+/// Returns the reference attitude of a row, from motion capture.
 pub(crate) fn truth(row: &Row) -> Option<Quaternion<f64>> {
     row.reference.map(|reference| {
         let [w, x, y, z] = reference.quaternion;
@@ -70,17 +68,17 @@ pub(crate) fn truth(row: &Row) -> Option<Quaternion<f64>> {
     })
 }
 
-/// A vector of the earth in body axes.
+/// Rotates a vector from earth axes to body axes.
 pub(crate) fn into_body(q: Quaternion<f64>, earth: Vector3<f64>) -> Vector3<f64> {
     into_earth(q.conjugate(), earth)
 }
 
-/// A vector of the body in axes of the earth.
+/// Rotates a vector from body axes to earth axes.
 pub(crate) fn into_earth(q: Quaternion<f64>, body: Vector3<f64>) -> Vector3<f64> {
     (q * Quaternion::from_imag(body) * q.conjugate()).imag()
 }
 
-/// Root mean squares, degrees.
+/// Root-mean-square errors, degrees.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Errors {
     /// 2 acos |e_w|.
@@ -92,7 +90,7 @@ pub(crate) struct Errors {
 }
 
 impl Errors {
-    /// The mean over trials.
+    /// Returns the mean over trials.
     pub(crate) fn mean(all: &[Self]) -> Self {
         let mean = |pick: fn(&Self) -> f64| all.iter().map(pick).sum::<f64>() / all.len() as f64;
         Self { total: mean(|e| e.total), heading: mean(|e| e.heading), inclination: mean(|e| e.inclination) }
@@ -105,7 +103,7 @@ impl std::fmt::Display for Errors {
     }
 }
 
-/// The errors of an estimator on rows, those before `unscored_s` left out.
+/// Returns the errors of an estimator over the scored rows, without the first `unscored_s` seconds.
 pub(crate) fn errors(
     rows: &[Row],
     unscored_s: f64,
@@ -133,7 +131,7 @@ pub(crate) fn errors(
     Errors { total, heading, inclination }
 }
 
-/// The default path from readings to the fused attitude.
+/// Default stages from sensor readings to the fused attitude.
 pub(crate) struct Chain {
     gyro: Gyro,
     accel: Projector,
@@ -142,7 +140,7 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// With the stage's defaults.
+    /// Creates the stages with their default parameters.
     pub(crate) fn new() -> Self {
         Self {
             gyro: Gyro::from_name("mobius").unwrap(),
@@ -152,7 +150,7 @@ impl Chain {
         }
     }
 
-    /// One row.
+    /// Processes one row.
     pub(crate) fn step(&mut self, row: &Row) -> Fused {
         let dt_s = if self.started { DT_S } else { 0.0 };
         self.started = true;
@@ -168,14 +166,14 @@ impl Chain {
     }
 }
 
-/// Errors of `wz`.
-pub(crate) fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
+/// Returns the errors of `wz`.
+pub(crate) fn wz_errors(rows: &[Row], unscored_s: f64) -> Errors {
     let mut chain = Chain::new();
     errors(rows, unscored_s, |_, row| chain.step(row).attitude.quaternion())
 }
 
-/// Errors of `wz` that begins with a scale of the gyro, and the scale it ends with.
-pub(crate) fn of_wz_with_scale(rows: &[Row], scale: GyroScale) -> (Errors, GyroScale) {
+/// Returns the errors of `wz` started with a known gyro scale, and the scale estimated at the end.
+pub(crate) fn wz_errors_with_scale(rows: &[Row], scale: GyroScale) -> (Errors, GyroScale) {
     let mut fuser = Fuser::from_name("wz").unwrap();
     fuser.seed_sensor_errors(&Estimate { gyro_scale: scale, ..Estimate::UNKNOWN }).unwrap();
     let mut chain = Chain { fuser, ..Chain::new() };
@@ -183,8 +181,8 @@ pub(crate) fn of_wz_with_scale(rows: &[Row], scale: GyroScale) -> (Errors, GyroS
     (errors, chain.fuser.common().gyro_scale)
 }
 
-/// Errors of VQF with its own defaults.
-pub(crate) fn of_vqf(rows: &[Row], unscored_s: f64) -> Errors {
+/// Returns the errors of VQF with its own default parameters.
+pub(crate) fn vqf_errors(rows: &[Row], unscored_s: f64) -> Errors {
     let mut vqf = VQF::new(DT_S, None, None, None);
     errors(rows, unscored_s, |_, row| {
         vqf.update(row.rate_rad_s, row.force_m_s2, row.field_ut);

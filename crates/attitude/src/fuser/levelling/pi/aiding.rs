@@ -1,7 +1,7 @@
 //! Measurements from fixes: velocity increments and the track.
 
 use super::{
-    delay_matching::{MAX_AGE_S, DelayMatchedIntegral},
+    delay_matching::{DelayMatchedIntegral, MAX_AGE_S},
     settings::PiSettings,
 };
 use crate::{Complex, gnss::Fix, scalars::Scalars};
@@ -94,10 +94,12 @@ impl Aiding {
         let recent = self.is_recent(settings.gap_s);
         let previous_m_s = core::mem::replace(&mut self.velocity_m_s, velocity_m_s);
         let increment = self.matched.take_increment(age_s);
-        let is_complete = core::mem::replace(&mut self.is_increment_complete, self.matched.since_fix_s() > age_s - 1e-6);
+        let is_complete =
+            core::mem::replace(&mut self.is_increment_complete, self.matched.since_fix_s() > age_s - 1e-6);
         (self.since_fix_s, self.has_fix) = (0.0, true);
 
-        let (speed_m_s, previous_speed_m_s) = (libm::sqrt(velocity_m_s.norm_sqr()), libm::sqrt(previous_m_s.norm_sqr()));
+        let (speed_m_s, previous_speed_m_s) =
+            (libm::sqrt(velocity_m_s.norm_sqr()), libm::sqrt(previous_m_s.norm_sqr()));
         let axes_valid = azimuth_known || speed_m_s.max(previous_speed_m_s) < SLOW_SPEED_M_S;
         let span_s = increment.span_s;
         let usable = is_complete && recent && axes_valid && (1e-3..=2.0 * settings.gap_s).contains(&span_s);
@@ -105,8 +107,9 @@ impl Aiding {
         let matched = usable.then_some(MatchedIncrement { by_force_m_s: increment.velocity_m_s, by_fixes_m_s, span_s });
 
         let along = (velocity_m_s * previous_m_s.conj()).re;
-        let is_confirmed =
-            recent && previous_speed_m_s >= settings.track_speed_m_s && along > MIN_TRACK_COSINE * speed_m_s * previous_speed_m_s;
+        let is_confirmed = recent
+            && previous_speed_m_s >= settings.track_speed_m_s
+            && along > MIN_TRACK_COSINE * speed_m_s * previous_speed_m_s;
         let is_moving = speed_m_s >= settings.track_speed_m_s;
         (matched, is_moving.then(|| Track { direction: velocity_m_s / speed_m_s, age_s, is_confirmed }))
     }

@@ -95,7 +95,11 @@ impl Heading {
         let (norm2, threshold_m_s) = (by_force_m_s.norm_sqr(), SIGNIFICANT_ACCELERATION_M_S2 * span_s);
         let regularised = norm2 + threshold_m_s * threshold_m_s;
         let cross = (by_fixes_m_s.conj() * by_force_m_s).im;
-        let error_rad = if regularised > 0.0 { (cross / regularised).clamp(-MAX_AZIMUTH_ERROR_RAD, MAX_AZIMUTH_ERROR_RAD) } else { 0.0 };
+        let error_rad = if regularised > 0.0 {
+            (cross / regularised).clamp(-MAX_AZIMUTH_ERROR_RAD, MAX_AZIMUTH_ERROR_RAD)
+        } else {
+            0.0
+        };
         if norm2 > threshold_m_s * threshold_m_s {
             self.turning_s = (self.turning_s + span_s).min(FULL_TURNING_S);
         }

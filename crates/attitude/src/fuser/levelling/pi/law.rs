@@ -4,7 +4,7 @@ use core::f64::consts::PI;
 
 use super::{
     aiding::{MatchedIncrement, Track},
-    filter::{KNOWN_BIAS_SD_RAD_S, MAX_BIAS_RAD_S, UNKNOWN_BIAS_SD_RAD_S, LevellingPi},
+    filter::{KNOWN_BIAS_SD_RAD_S, LevellingPi, MAX_BIAS_RAD_S, UNKNOWN_BIAS_SD_RAD_S},
     heading::HeadingCorrection,
 };
 use crate::{
@@ -12,9 +12,12 @@ use crate::{
     fuser::{
         fused::Corrections,
         levelling::{
-            geometry::{azimuth, vehicle_acceleration_m_s2, forward, level_correction, tilt_from_acceleration, gyro_error_from_tilt},
-            limits::{MAX_FORCE_M_S2, MAX_RATE_RAD_S, limited},
+            geometry::{
+                azimuth, forward, gyro_error_from_tilt, level_correction, tilt_from_acceleration,
+                vehicle_acceleration_m_s2,
+            },
             level_force::LevelForce,
+            limits::{MAX_FORCE_M_S2, MAX_RATE_RAD_S, limited},
         },
         low_pass::{averaging_gain, low_pass_gain},
     },
@@ -72,7 +75,8 @@ impl LevellingPi {
     fn level_by_increment(&mut self, increment: &MatchedIncrement) {
         let settings = self.settings;
         let MatchedIncrement { by_force_m_s, by_fixes_m_s, span_s } = *increment;
-        let unexplained_m_s = limited_norm(by_force_m_s - by_fixes_m_s, MAX_UNEXPLAINED_M_S + MAX_UNEXPLAINED_M_S2 * span_s);
+        let unexplained_m_s =
+            limited_norm(by_force_m_s - by_fixes_m_s, MAX_UNEXPLAINED_M_S + MAX_UNEXPLAINED_M_S2 * span_s);
         let tilt_rad = tilt_from_acceleration(unexplained_m_s) / settings.time_constant_s;
         self.pending_rad += tilt_rad;
         self.learn_bias(azimuth(self.attitude).conj() * tilt_rad, 0.25 / settings.time_constant_s);
@@ -143,7 +147,8 @@ impl LevellingPi {
             (settings.cold_time_constant_s, settings.cold_low_pass_s, 0.0, 1.0)
         };
         let axes = azimuth(self.attitude);
-        let unexplained_m_s2 = axes * (force.level_m_s2 - vehicle_acceleration_m_s2(self.attitude, speed_m_s * turn_rate_rad_s, 0.0));
+        let unexplained_m_s2 =
+            axes * (force.level_m_s2 - vehicle_acceleration_m_s2(self.attitude, speed_m_s * turn_rate_rad_s, 0.0));
         let gain = averaging_gain(force.dt_s, low_pass_s, &mut self.averaging_deficit_s);
         self.low_pass_m_s2 += (unexplained_m_s2 - self.low_pass_m_s2) * gain;
         let gain = weight * low_pass_gain(force.dt_s, time_constant_s);
@@ -172,7 +177,8 @@ impl LevellingPi {
         let (rate, force) = (limited(rate_rad_s, MAX_RATE_RAD_S), limited(force_m_s2, MAX_FORCE_M_S2));
         let Some(mean_rad_s) = self.standstill.step(rate, force, speed_m_s, dt_s) else { return false };
         self.bias_rad_s += (mean_rad_s - self.bias_rad_s) * low_pass_gain(dt_s, STANDSTILL_BIAS_TIME_CONSTANT_S);
-        self.bias_variance_rad2_s2 = self.bias_variance_rad2_s2.min(STANDSTILL_BIAS_SD_RAD_S * STANDSTILL_BIAS_SD_RAD_S);
+        self.bias_variance_rad2_s2 =
+            self.bias_variance_rad2_s2.min(STANDSTILL_BIAS_SD_RAD_S * STANDSTILL_BIAS_SD_RAD_S);
         true
     }
 }

@@ -13,10 +13,10 @@
 //! right.
 
 mod aiding;
+mod delay_matching;
 mod filter;
 mod heading;
 mod law;
-mod delay_matching;
 mod settings;
 mod standstill;
 
@@ -24,8 +24,8 @@ pub use {filter::LevellingPi, settings::PiSettings};
 
 use super::{
     geometry::{azimuth, turn_rate_rad_s},
-    limits::{MIN_INCLINATION_SD_RAD, limited, plausible_fix, interval_s},
     level_force::LevelForce,
+    limits::{MIN_INCLINATION_SD_RAD, interval_s, limited, plausible_fix},
 };
 use crate::{
     Complex, Vector3,
@@ -40,10 +40,10 @@ use crate::{
         low_pass::low_pass_gain,
     },
     gnss::Fix,
-    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
     rotation::Rotation,
+    scalars::Scalars,
+    stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
 };
 use {
     filter::{KNOWN_BIAS_SD_RAD_S, MAX_BIAS_RAD_S, UNKNOWN_BIAS_SD_RAD_S},
@@ -204,7 +204,8 @@ impl Stage for LevellingPi {
     fn common(&self) -> Estimate {
         // The initial standard deviation is an assumption, not an estimate.
         let own_sd_rad_s = Some(self.bias_sd_rad_s()).filter(|sd_rad_s| *sd_rad_s < UNKNOWN_BIAS_SD_RAD_S);
-        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.more_certain(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY));
+        let (bias_rad_s, bias_sd_rad_s) =
+            self.bias_handover.more_certain(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY));
         Estimate {
             attitude: self.attitude,
             reference: self.reference(),

@@ -6,7 +6,7 @@
 //! rotation since that time. With that attitude R', the means of an interval are those of R'm, of
 //! R' and of Ω = R'ω.
 
-use crate::{Complex, Vector3, scalars::Scalars, state::BodyAxes, rotation::Rotation};
+use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyAxes};
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
@@ -107,7 +107,8 @@ impl FieldAverager {
         let rate_rad_s = input.rate_rad_s.map(|rate| rate.clamp(-MAX_RATE_RAD_S, MAX_RATE_RAD_S));
         self.rotation_rad += rate_rad_s * dt_s;
         self.sums.rate_rms_rad_s += rate_rad_s.norm_squared() * dt_s;
-        self.sums.acceleration_rms_m_s2 += input.horizontal_force_m_s2.norm_sqr().min(MAX_FORCE_M_S2 * MAX_FORCE_M_S2) * dt_s;
+        self.sums.acceleration_rms_m_s2 +=
+            input.horizontal_force_m_s2.norm_sqr().min(MAX_FORCE_M_S2 * MAX_FORCE_M_S2) * dt_s;
         if let Some(norm_m_s2) = input.force_norm_m_s2 {
             self.vibration.observe(norm_m_s2);
         }
@@ -142,7 +143,11 @@ impl FieldAverager {
         }
         self.sums.duration_s += self.window_s;
         let vertical_rotation_rad = input.attitude.up.direction().component_mul(&self.rotation_rad);
-        self.sums.vertical_rotation_rad.iter_mut().zip(vertical_rotation_rad.iter()).for_each(|(sum, part)| *sum += part);
+        self.sums
+            .vertical_rotation_rad
+            .iter_mut()
+            .zip(vertical_rotation_rad.iter())
+            .for_each(|(sum, part)| *sum += part);
         self.last_rate_rad_s = rate_rad_s;
         self.rotation_rad = Vector3::zeros();
         self.window_s = 0.0;
@@ -175,9 +180,7 @@ impl FieldAverager {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
         let sums = [sums.duration_s, sums.gyro_outage_s, sums.windows, sums.rate_rms_rad_s, sums.acceleration_rms_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
-        negative
-            .then_some("a sum of the field averager below zero")
-            .or_else(|| self.vibration.validation_error())
+        negative.then_some("a sum of the field averager below zero").or_else(|| self.vibration.validation_error())
     }
 
     fn end_interval(&mut self, input: &HeadingInput) -> IntervalMeans {

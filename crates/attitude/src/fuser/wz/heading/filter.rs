@@ -136,7 +136,9 @@ impl Propagation {
                 .scale_variance
                 .map(|variance| square(SCALE_SD_FACTOR) * variance + square(SCALE_SD_FLOOR)),
             local_field_decay,
-            local_field_variance_ut2: LOCAL_FIELD_SD_UT * LOCAL_FIELD_SD_UT * (1.0 - local_field_decay * local_field_decay),
+            local_field_variance_ut2: LOCAL_FIELD_SD_UT
+                * LOCAL_FIELD_SD_UT
+                * (1.0 - local_field_decay * local_field_decay),
             heading_variance_rad2: walk_rad * walk_rad * t_s,
             field_variance_ut2: FIELD_WALK_UT * FIELD_WALK_UT * t_s,
         }
@@ -392,9 +394,16 @@ impl FieldFilter {
     /// Updates with the mean field of an interval, which has the given variance on each axis.
     ///
     /// The measurement is used only if the innovation passes the gate.
-    pub(super) fn measure(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64, gate: f64) -> MeasurementResult {
+    pub(super) fn measure(
+        &mut self,
+        interval: &IntervalMeans,
+        delay_s: f64,
+        variance_ut2: f64,
+        gate: f64,
+    ) -> MeasurementResult {
         let (rate, e) = (interval.rate_rad_s, [self.x[0], self.x[1], self.x[2]]);
-        let field_rate = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
+        let field_rate =
+            [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
         let delay_error_s = self.x[TAU] - delay_s;
         let mut innovation = [0.0; 3];
         let mut w = [[0.0; STATES]; 3];

@@ -18,8 +18,8 @@
 //! has turned. B and E restart from M when B fails, or after 50 s without a decision.
 
 use super::{
-    filter::{B, BETA, E, FieldFilter, Propagation, TAU},
     field_averager::IntervalMeans,
+    filter::{B, BETA, E, FieldFilter, Propagation, TAU},
 };
 use crate::{fuser::wz::settings::Settings, scalars::Scalars};
 
@@ -147,7 +147,8 @@ impl HypothesisTest {
                     - ALLOWANCE_PER_S * t_s
             };
             self.lead_over_main = (self.lead_over_main + lead(main.nis, main.determinant)).max(0.0);
-            self.lead_over_environment = (self.lead_over_environment + lead(environment.nis, environment.determinant)).max(0.0);
+            self.lead_over_environment =
+                (self.lead_over_environment + lead(environment.nis, environment.determinant)).max(0.0);
         }
         self.challenger_rejected_s = if body.accepted { 0.0 } else { self.challenger_rejected_s + t_s };
         self.challenge_age_s += t_s;
@@ -159,7 +160,8 @@ impl HypothesisTest {
         } else if is_turning || on_probation {
             self.rejected_s += t_s;
         }
-        let max_rejected_s = if on_probation { self.accepted_s.max(MIN_PROBATION_REJECTION_S) } else { REJECTION_TIMEOUT_S };
+        let max_rejected_s =
+            if on_probation { self.accepted_s.max(MIN_PROBATION_REJECTION_S) } else { REJECTION_TIMEOUT_S };
         let mut replaced = false;
         if self.lead_over_main > WIN_MARGIN && self.lead_over_environment > WIN_MARGIN && self.has_new_hard_iron() {
             self.main = self.body;
@@ -179,7 +181,9 @@ impl HypothesisTest {
             *self = Self::new(reset);
             self.start(interval, delay_s, variance_ut2);
             replaced = true;
-        } else if self.challenger_rejected_s > CHALLENGER_REJECTION_TIMEOUT_S || self.challenge_age_s > CHALLENGE_TIMEOUT_S {
+        } else if self.challenger_rejected_s > CHALLENGER_REJECTION_TIMEOUT_S
+            || self.challenge_age_s > CHALLENGE_TIMEOUT_S
+        {
             self.restart_challengers();
         }
         TestOutcome { accepted: main.accepted, replaced }
@@ -197,7 +201,8 @@ impl HypothesisTest {
     /// Returns `true` if B has a hard iron of its own and the body has turned enough to show it.
     fn has_new_hard_iron(&self) -> bool {
         let distance2_ut2 = self.body.hard_iron_distance2_ut2(&self.main);
-        distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
+        distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT
+            && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
     }
 
     /// Handles a return to the last rest site. Returns `false` if it does not pass the gate of M.
@@ -228,8 +233,27 @@ impl HypothesisTest {
 impl Scalars for HypothesisTest {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.for_each_filter(|filter| filter.visit(visit));
-        let Self { lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s, challenge_turn_rad, accepted_s, rejected_s, .. } = self;
-        [lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s, challenge_turn_rad, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
+        let Self {
+            lead_over_main,
+            lead_over_environment,
+            challenger_rejected_s,
+            challenge_age_s,
+            challenge_turn_rad,
+            accepted_s,
+            rejected_s,
+            ..
+        } = self;
+        [
+            lead_over_main,
+            lead_over_environment,
+            challenger_rejected_s,
+            challenge_age_s,
+            challenge_turn_rad,
+            accepted_s,
+            rejected_s,
+        ]
+        .into_iter()
+        .for_each(&mut *visit);
         self.direction_invalidated.visit(visit);
     }
 }

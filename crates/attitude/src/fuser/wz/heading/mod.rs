@@ -34,10 +34,10 @@
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
 
+mod field_averager;
 mod filter;
 mod hypothesis_test;
 mod input;
-mod field_averager;
 mod rest_site;
 mod vibration;
 
@@ -57,9 +57,9 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 use {
+    field_averager::{FieldAverager, IntervalMeans},
     filter::{BETA, DRIFT_SD_RAD_S, FieldFilter, Propagation, TAU},
     hypothesis_test::HypothesisTest,
-    field_averager::{IntervalMeans, FieldAverager},
     rest_site::{RestSite, SiteMatch},
 };
 
@@ -238,7 +238,8 @@ impl Heading {
         if !self.started && field_ut.is_none() && self.field_averager.is_empty() {
             return HeadingUpdate::default();
         }
-        self.pending_rad -= self.pending_rad * correction_smoothing::fraction(self.pending_rad * self.pending_rad, input.dt_s);
+        self.pending_rad -=
+            self.pending_rad * correction_smoothing::fraction(self.pending_rad * self.pending_rad, input.dt_s);
         match self.field_averager.step(input, field_ut, self.hypothesis_test.main.x[TAU], !self.started) {
             Some(interval) => self.update(&interval, settings),
             None => HeadingUpdate::default(),
@@ -272,10 +273,13 @@ impl Heading {
         }
         let rate_noise_ut = NOISE_PER_RATE_S * strength_ut * interval.rate_rms_rad_s;
         let settling_noise_ut = self.settling_tilt_rad * strength_ut;
-        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows + rate_noise_ut * rate_noise_ut + settling_noise_ut * settling_noise_ut;
+        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows
+            + rate_noise_ut * rate_noise_ut
+            + settling_noise_ut * settling_noise_ut;
         if self.settling_tilt_rad > 0.0 {
             self.settling_tilt_rad *= libm::exp(-interval.duration_s / SETTLING_S);
-            self.settling_tilt_rad = if self.settling_tilt_rad < SETTLED_TILT_RAD { 0.0 } else { self.settling_tilt_rad };
+            self.settling_tilt_rad =
+                if self.settling_tilt_rad < SETTLED_TILT_RAD { 0.0 } else { self.settling_tilt_rad };
         }
         if first {
             return self.start(interval, settings, variance_ut2);
@@ -357,7 +361,8 @@ impl Scalars for Heading {
         self.field_averager.visit(visit);
         self.hypothesis_test.visit(visit);
         self.rest_site.visit(visit);
-        let Self { was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true, .. } = self;
+        let Self { was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true, .. } =
+            self;
         [was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true]
             .into_iter()
             .for_each(|flag| flag.visit(visit));

@@ -1,0 +1,140 @@
+//! Removal of a running system's files.
+//!
+//! Running services continue. When one of them exits, all services restart on a new bus.
+use std::{fs, path::PathBuf, time::Duration};
+
+use crate::common::{Running, System, plumb, signal, wait_for};
+use rustix::process::Signal;
+
+/// Returns the files of the system in `/dev/shm` with names ending in `kind`.
+///
+/// An empty `kind` selects all files, the name of the system selects its folder.
+pub(crate) fn files(system: &System, kind: &str) -> Vec<PathBuf> {
+    let all = system.leftovers().into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
+    all.filter(|path| path.to_str().unwrap().ends_with(kind)).collect()
+}
+
+pub(crate) fn remove(paths: &[PathBuf]) {
+    assert!(!paths.is_empty());
+    for path in paths {
+        let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        // The owner may have removed the file meanwhile.
+        assert!(removed.is_ok() || !path.exists(), "{}: {removed:?}", path.display());
+    }
+}
+
+fn pids(running: &Running) -> Vec<u32> {
+    running.all_services().into_iter().map(|(_, pid)| pid).collect()
+}
+
+/// Removes files of one kind after the other and kills a service after each removal.
+fn assert_restarts_without_loss(cases: &[(&str, &str)]) {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.wait_until_running();
+    for (kind, service) in cases {
+        std::thread::sleep(Duration::from_millis(1200));
+        let before = pids(&running);
+        remove(&files(&system, if *kind == "folder" { &system.name } else { kind }));
+        std::thread::sleep(Duration::from_millis(300));
+        assert_eq!(pids(&running), before, "running services continue");
+        signal(running.service(service), Signal::KILL);
+        wait_for("all services to restart", || {
+            running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+        });
+        system.wait_until_running();
+    }
+    let run = system.stop_and_assert_undisturbed(running, &out, "");
+    println!("{} longest latency {} µs", run.json["ticks_out"], run.number("/latency_us/max"));
+    let times = run.stderr.matches("restarting every service from its checkpoint").count();
+    assert_eq!(times, cases.len(), "{}", run.stderr);
+}
+
+#[test]
+fn system_with_removed_files_restarts_without_loss() {
+    // All files, like logind with RemoveIPC=yes.
+    assert_restarts_without_loss(&[("", "fuser"), ("", "ingest"), ("", "course")]);
+}
+
+#[test]
+fn system_with_some_files_removed_restarts_without_loss() {
+    assert_restarts_without_loss(&[(".data", "gyro"), ("folder", "accel")]);
+}
+
+#[test]
+fn system_with_removed_files_restarts_on_swap() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.wait_until_running();
+    let before = pids(&running);
+    // The folder holds the supervisor's socket and stays.
+    let without_folder: Vec<_> = files(&system, "").into_iter().filter(|path| !path.is_dir()).collect();
+    remove(&without_folder);
+    for fix in [&[][..], &["--fix"]] {
+        let doctor = plumb(&[&["doctor", "--json", "--system", &system.name], fix].concat()).output().unwrap();
+        let text = String::from_utf8(doctor.stdout).unwrap();
+        assert_eq!(doctor.status.code(), Some(1), "{text}");
+        assert!(text.contains("were removed while it runs") && !text.contains("is not running"), "{text}");
+    }
+    assert_eq!(system.ps().len(), 5, "doctor must not affect the running system");
+    let observer = plumb(&["topic", "hz", "imu", "--count", "1", "--system", &system.name]).output().unwrap();
+    let text = String::from_utf8(observer.stderr).unwrap();
+    assert!(text.contains("its files were removed while it is running"), "{text}");
+
+    let rejected = system.swap_once(&["fuser", "multiple-model"]);
+    let reason = rejected["reason"].as_str().unwrap();
+    assert!(reason.contains("its files were removed") || reason.contains("every service is restarting"), "{reason}");
+    wait_for("all services to restart", || {
+        running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+    });
+    system.wait_until_running();
+    assert_eq!(system.swap(&["fuser", "multiple-model"])["outcome"], "committed");
+    let run = system.stop_and_assert_undisturbed(running, &out, "");
+    assert_eq!(run.stderr.matches("restarting every service from its checkpoint").count(), 1, "{}", run.stderr);
+}
+
+#[test]
+fn repeated_file_removal_stops_system_with_error() {
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    for round in 1..=4 {
+        let before = pids(&running);
+        remove(&files(&system, ""));
+        signal(running.service("gyro"), Signal::KILL);
+        if round < 4 {
+            wait_for("all services to restart", || {
+                running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+            });
+            system.wait_until_running();
+        }
+    }
+    let run = running.wait();
+    assert_eq!(run.code, Some(1), "{}", run.stderr);
+    let error = run.json["error"].as_str().unwrap();
+    assert!(error.contains("4 times within 60 s"), "{error}");
+    assert_eq!(run.stderr.matches("restarting every service from its checkpoint").count(), 3, "{}", run.stderr);
+}
+
+#[test]
+fn file_removal_is_reported_and_spares_successor() {
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    remove(&files(&system, ""));
+    std::thread::sleep(Duration::from_millis(2500));
+    // The system is no longer visible, so a user may start it a second time.
+    let next = system.start(&[]);
+    system.wait_until_running();
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    assert_eq!(run.stderr.matches("running services continue, but all will restart").count(), 1, "{}", run.stderr);
+    assert!(run.stderr.contains("RemoveIPC=no"), "{}", run.stderr);
+    assert_eq!(system.ps().len(), 5, "the second system still responds");
+    next.interrupt();
+    next.wait().assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+}
