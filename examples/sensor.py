@@ -10,7 +10,7 @@ from plumbline.sensor import FeedError, Sensor
 
 sensor = Sensor(sys.argv[1] if len(sys.argv) > 1 else "plumbline")
 while True:
-    # Replace these by the device's measurements, rad/s and m/s² in its own axes, and the timestamp by the time of the measurement.
+    # Replace these with the device's measurements, in rad/s and m/s² in its own axes, and the timestamp with the time of the measurement.
     rate_rad_s, force_m_s2 = (0.0, 0.0, 0.1), (0.0, 0.0, 9.81)
     try:
         sensor.send(time.monotonic_ns(), rate_rad_s, force_m_s2)

@@ -72,7 +72,8 @@ fn kill_command(pids: &[u32]) -> String {
     pids.iter().fold("kill".into(), |line, pid| format!("{line} {pid}"))
 }
 
-/// Checks the running system of this supervisor, or returns why it cannot be observed.
+/// Checks the running system of the given supervisor. Returns a failed check if it cannot be
+/// observed.
 fn check_running_system(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>, Check> {
     let observe_failed = |error: BusError| {
         let remedy = match &error {

@@ -1,4 +1,4 @@
-//! `plumb import`: converts logs of other systems. Other commands that read recordings use it, too.
+//! `plumb import`: converts logs of other systems. Other commands that read recordings also use it.
 
 use std::{
     path::{Path, PathBuf},
@@ -63,13 +63,13 @@ impl ReadOptions {
         Ok(Options { mapping: mapping.transpose()?, topics: topics.clone() })
     }
 
-    /// Returns `true` if any of the arguments is given.
+    /// Returns `true` if any argument is given.
     pub(crate) fn is_set(&self) -> bool {
         let Self { maps, units, frame, topics } = self;
         !maps.is_empty() || units.is_some() || frame.is_some() || !topics.is_empty()
     }
 
-    /// Adds the mapping arguments to the line of a source as keys of its section.
+    /// Appends the mapping arguments to a source `line` as `key=value` pairs.
     pub(crate) fn apply_to_source(&self, line: &str) -> String {
         let map = (!self.maps.is_empty()).then(|| self.maps.join(","));
         let keys = [("map", map), ("units", self.units.clone()), ("frame", self.frame.clone())];
@@ -93,7 +93,8 @@ pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
     }
 }
 
-/// Imports the files, or takes a native recording unchanged, and writes MCAP. Returns the summary.
+/// Imports the files and writes MCAP. A native recording is written without an import. Returns the
+/// summary.
 fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, ImportError> {
     if let [file] = files
         && options.mapping.is_none()
@@ -109,7 +110,8 @@ fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String
     Ok(summary_text(&summary, out))
 }
 
-/// Recording in a readable format. An imported one is temporary and removed on drop.
+/// Recording in a readable format. An imported recording is a temporary file, which is removed on
+/// drop.
 pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
     _folder: Option<TempDir>,
@@ -131,7 +133,7 @@ impl ReadableFile {
         Ok(readable)
     }
 
-    /// Imports a foreign log or several tables that belong together, and returns the summary.
+    /// Imports a foreign log, or several tables that belong together. Also returns the summary.
     pub(crate) fn import(files: &[PathBuf], options: &Options) -> Result<(Self, Summary), ImportError> {
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::TemporaryFolder { cause })?;

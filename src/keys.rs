@@ -25,7 +25,7 @@ Examples:
         #[command(flatten)]
         issue: IssueArgs,
     },
-    /// Renew the router's certificate, also for other hosts
+    /// Renew the router's certificate, optionally for other hosts
     #[command(after_help = "\
 Examples:
   plumb keys router --router 192.168.1.5 --force
@@ -48,7 +48,7 @@ Examples:
         /// IPv4 address or name at which the vehicle listens, repeatable
         #[arg(long = "host", value_name = "HOST")]
         hosts: Vec<String>,
-        /// Vehicle of the same split system whose ticks it takes, repeatable
+        /// Vehicle of the same split system to import ticks from, repeatable
         #[arg(long, value_name = "VEHICLE")]
         imports: Vec<String>,
     },
@@ -121,10 +121,10 @@ pub(crate) struct IssueArgs {
     folder: FolderArgs,
 }
 
-/// Arguments that select the folder of keys.
+/// Arguments that select the key folder.
 #[derive(Args)]
 pub(crate) struct FolderArgs {
-    /// Folder of keys
+    /// Key folder
     #[arg(long, default_value = "keys")]
     dir: PathBuf,
     /// Print JSON

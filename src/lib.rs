@@ -223,7 +223,7 @@ fn fail(error: &dyn Display, code: u8) -> ExitCode {
     fail_after_result(error, code)
 }
 
-/// Reports an error of a result that has already been printed.
+/// Reports the error of a command that has already printed its result.
 fn fail_after_result(error: &dyn Display, code: u8) -> ExitCode {
     supervisor::announce(error);
     ExitCode::from(code)

@@ -1,4 +1,4 @@
-//! `plumb`.
+//! Entry point of the `plumb` executable.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

@@ -51,7 +51,7 @@ pub(crate) struct Record {
     duration_s: Option<f64>,
 }
 
-/// Error of a recording.
+/// Error while recording.
 #[derive(Debug, thiserror::Error)]
 enum RecordError {
     #[error(transparent)]
@@ -94,7 +94,7 @@ pub(crate) fn run(record: &Record) -> ExitCode {
     }
 }
 
-/// Records until the time is over, a signal arrives or the system ends.
+/// Records until the time limit is reached, a signal arrives or the system ends.
 fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> Result<RecordingSummary, RecordError> {
     let name = system.name();
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
@@ -134,7 +134,7 @@ fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> 
     Ok(recorder.finish(end_reason, None))
 }
 
-/// Interval between two checks whether the system is running.
+/// Interval between checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Open topics of a running system. The taps must be dropped before the observer.
@@ -169,8 +169,7 @@ impl TopicTaps {
     }
 
     fn drain_into(&mut self, recorder: &mut Recorder) {
-        // Some topics, such as those of a driver, open later. A topic that cannot be opened now is
-        // tried again.
+        // Some topics, such as those of a driver, become available later, so opening is retried.
         if self.checked_at.elapsed() >= LIVENESS_INTERVAL {
             let _ = self.open();
         }
@@ -184,7 +183,8 @@ impl TopicTaps {
     }
 }
 
-/// Attaches to the renewed bus of the same system; `None` if the system has ended.
+/// Attaches to the renewed bus of the same system. Returns `None` if the system has ended, on a
+/// timeout or on a stop request.
 fn reattach(name: &str, supervisor: u32, topics: &[Topic], stop: &mut StopCondition) -> Option<TopicTaps> {
     let started = Instant::now();
     while started.elapsed() < RENEWAL_TIMEOUT && !stop.is_met() {
@@ -211,9 +211,9 @@ fn is_alive(pid: u32) -> bool {
 pub(crate) struct FlightRecorder {
     folder: PathBuf,
     launch_file: Option<PathBuf>,
-    /// Source that replaces the launch file's, from the command line.
+    /// Source from the command line, which overrides that of the launch file.
     source: Option<String>,
-    /// Receiver that replaces the launch file's, from the command line.
+    /// Receiver from the command line, which overrides that of the launch file.
     receiver: Option<String>,
     recorder: Option<Recorder>,
 }
@@ -235,7 +235,7 @@ impl supervisor::Recorder for FlightRecorder {
         let mode = match config.launch.tick_source() {
             Service::Ingest if config.is_lockstep() => RecordingMode::Lockstep,
             Service::Ingest => RecordingMode::FromFirstTick,
-            // The ticks come from another host and do not start here.
+            // The ticks come from another host and need not begin with the first one.
             _ => RecordingMode::FromAnyTick,
         };
         let header = FlightHeader {

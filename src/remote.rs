@@ -23,7 +23,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Deadline of a swap after the request.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
-/// Default endpoint: where a gateway on this machine listens.
+/// Default endpoint, at which a gateway on this machine listens.
 const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
 /// Error of a request to a remote vehicle.
@@ -32,12 +32,12 @@ pub(crate) enum RemoteError {
     /// The network failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A QUIC endpoint needs certificates and no folder of keys was given.
+    /// A QUIC endpoint needs certificates, but no key folder was given.
     #[error(
         "--keys is missing: {endpoint} requires a certificate; create a folder with `plumb keys operator NAME` or `plumb keys viewer NAME`"
     )]
     NoKeys { endpoint: String },
-    /// The folder of keys is incomplete.
+    /// The key folder is incomplete.
     #[error(
         "no {file} in {folder}: --keys expects a folder created by `plumb keys operator NAME` or `plumb keys viewer NAME`"
     )]
@@ -86,7 +86,7 @@ impl RemoteEndpoint {
         if self.connect.is_empty() { vec![DEFAULT_ENDPOINT.to_owned()] } else { self.connect.clone() }
     }
 
-    /// Returns the reason why a vehicle that responds rejects a command.
+    /// Returns the error for a command that is rejected by a vehicle that responds to queries.
     fn read_only_error(&self, vehicle: &str, request: &SwapRequest) -> RemoteError {
         let (vehicle, SwapRequest { slot, stage, .. }) = (vehicle.into(), request.clone());
         match self.endpoints().into_iter().find(|endpoint| !is_secured(endpoint)) {
@@ -106,14 +106,14 @@ impl RemoteEndpoint {
         Ok(Endpoints { tls, ..Endpoints::with_connect(connect) })
     }
 
-    /// Connects as a Zenoh client, to which a router forwards everything it subscribes to.
+    /// Connects as a Zenoh client. A router forwards to a client everything that it subscribes to.
     pub(crate) fn open_as_client(&self) -> Result<Link, RemoteError> {
         let endpoints = Endpoints { client: true, ..self.link_endpoints()? };
         endpoints.check_certificates()?;
         Ok(Link::connect(&endpoints, CONNECT_TIMEOUT)?)
     }
 
-    /// Connects as a client to a single secured endpoint, else as a Zenoh peer.
+    /// Connects as a client if there is a single, secured endpoint; otherwise as a Zenoh peer.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
         let endpoints = self.link_endpoints()?;
         endpoints.check_certificates()?;
@@ -121,7 +121,7 @@ impl RemoteEndpoint {
     }
 }
 
-/// Returns the certificate files in a party's folder.
+/// Returns the paths of the certificate files in a party's folder.
 fn tls(folder: &Path) -> Result<Tls, RemoteError> {
     let file = |file| {
         let path = folder.join(file);
@@ -160,7 +160,8 @@ pub(crate) fn swap_over(
 ) -> Result<SwapReport, RemoteError> {
     let Services { t_now_ns, services } = query_services(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
-    // The vehicle rejects a request for an unknown slot with its own message.
+    // For an unknown slot any epoch will do, because the vehicle rejects the request with its own
+    // message.
     let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
     let request = SwapRequest {
         request_id: request_id(),
@@ -188,7 +189,7 @@ fn query_services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
     link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), RESPONSE_TIMEOUT)
 }
 
-/// Returns a request id that is unique: process id and time.
+/// Returns a unique request id, composed of process id and time.
 fn request_id() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     format!("{}-{:x}", std::process::id(), since.as_nanos())
@@ -220,7 +221,7 @@ fn swap_report(reply: SwapAnswer) -> SwapReport {
     let outcome = match reply.outcome() {
         swap_answer::Outcome::Committed => SwapOutcome::Committed,
         swap_answer::Outcome::Aborted => SwapOutcome::Aborted,
-        // The reason explains an outcome that is unknown at the deadline.
+        // This includes an outcome that is unknown at the deadline, which the reason explains.
         _ => SwapOutcome::Refused,
     };
     let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = reply;

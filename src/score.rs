@@ -218,7 +218,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
     }
 }
 
-/// Opens a recording, or returns `None` for a simulation.
+/// Opens a recording. Returns `None` for a simulation.
 fn readable(file: &str, reading: &ReadOptions) -> Result<Option<ReadableFile>, ImportError> {
     if file.starts_with("sim:") { Ok(None) } else { ReadableFile::open(Path::new(file), reading).map(Some) }
 }

@@ -137,7 +137,8 @@ fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Optio
     }
 }
 
-/// Returns the source of Plumbline's crates as a crate in another folder refers to it.
+/// Returns the location of Plumbline's crates as a URL or absolute path, so that a crate in another
+/// folder can refer to it.
 fn crates_source(source: &str) -> Result<String, String> {
     if source.contains("://") {
         return Ok(source.into());
@@ -186,7 +187,7 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
             Some(report) => report,
             None => {
                 let Some(program) = launch.stages.get(name) else { continue };
-                // With a slow language the suite takes minutes.
+                // The suite takes minutes for a stage in a slow language, so progress is printed.
                 let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
                 match conformance::run_external(name, program, on_start) {
                     Ok(report) => report,

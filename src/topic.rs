@@ -23,7 +23,7 @@ use crate::{
 
 /// Default time over which rates are measured.
 const DEFAULT_RATE_PERIOD: Duration = Duration::from_secs(1);
-/// Interval between two printed lines of a rate.
+/// Interval between two printed rates.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 #[derive(Subcommand)]
@@ -182,8 +182,8 @@ fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Result<
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }
 
-/// Receives up to `messages` messages of a topic while both callbacks return `true`, and returns
-/// its flow report.
+/// Receives up to `messages` messages of a topic while both callbacks return `true`. Returns the
+/// flow report.
 ///
 /// `on_poll` is called with the flow before each poll, but not with the final flow.
 fn follow_topic(

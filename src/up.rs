@@ -125,7 +125,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
     }
 }
 
-/// Runs the system, or replays a flight, after importing a foreign recording.
+/// Replays a flight, or runs the system after importing its recording if necessary.
 fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut FlightRecorder>) -> Report {
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);

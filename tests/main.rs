@@ -7,6 +7,7 @@ mod common;
 
 mod cli;
 mod cockpit;
+mod docs;
 mod network;
 mod pipeline;
 mod reliability;

@@ -86,14 +86,14 @@ impl BridgeError {
 
 /// Sender of attitudes in another protocol.
 trait AttitudeSender {
-    /// Sends an attitude. Called once per tick in order, with the tick's sample if samples are
-    /// read.
+    /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
+    /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
     /// Called several times a second, after all available attitudes have been sent.
     fn poll(&mut self);
 }
 
-/// Counts of attitudes sent and not sent.
+/// Numbers of attitudes sent and withheld, and of messages dropped.
 #[derive(Debug, Default, Serialize)]
 struct SendCounts {
     /// Attitudes sent.
@@ -101,7 +101,7 @@ struct SendCounts {
     /// Heartbeats sent, if the protocol has them.
     #[serde(skip_serializing_if = "Option::is_none")]
     heartbeats: Option<u64>,
-    /// Attitudes not sent because their flag marks them as not aligned yet.
+    /// Attitudes not sent because they are flagged as not aligned yet.
     unaligned: u64,
     /// Attitudes not sent because they were not a finite rotation or lacked a required sample.
     invalid: u64,
@@ -144,7 +144,7 @@ impl BridgeArgs {
         Ok(observer(&self.system.name(), "bridge")?)
     }
 
-    /// Sends attitudes until the time is over, a signal arrives or the system ends.
+    /// Sends attitudes until the time limit is reached, a signal arrives or the system ends.
     fn forward(
         &self,
         observer: &Observer,
@@ -161,7 +161,7 @@ impl BridgeArgs {
             if let Some(tap) = taps.1.tap(observer)? {
                 tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
             }
-            // A sample is published before the attitude of its tick, so it is available here, too.
+            // A sample is published before the attitude of its tick, so it is available by now.
             if let Some(tap) = taps.0.as_mut().map(|late| late.tap(observer)).transpose()?.flatten() {
                 tap.drain(&mut |bytes| samples.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
                 samples.drain(..samples.len().saturating_sub(MAX_SAMPLES));
@@ -172,7 +172,7 @@ impl BridgeArgs {
                         samples.pop_front();
                     }
                     let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
-                    // The samples of the first attitudes may have been published before the topic
+                    // The samples of the first attitudes may have been published before their topic
                     // was opened.
                     is_joined |= sample.is_some();
                     if is_joined {
@@ -187,7 +187,7 @@ impl BridgeArgs {
     }
 }
 
-/// Topic that may be opened later.
+/// Topic that may become available later.
 struct LateTopic {
     topic: Topic,
     tap: Option<Tap>,

@@ -111,7 +111,7 @@ impl AttitudeSender for RosPublisher {
     fn poll(&mut self) {}
 }
 
-/// Returns the time of CLOCK_REALTIME, ns.
+/// Returns the current time on CLOCK_REALTIME, ns.
 fn unix_ns() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)

@@ -41,20 +41,20 @@ pub(crate) struct RosSensor {
 /// Counts of received messages.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct SensorCounts {
-    /// Readings passed to the system.
+    /// Readings forwarded to the system.
     readings: u64,
-    /// Readings passed with a magnetic field.
+    /// Forwarded readings that include a magnetic field.
     fields: u64,
     /// Messages that were malformed, not finite, or without rate or force.
     rejected: u64,
-    /// Readings that arrived while the system accepted none.
+    /// Readings that arrived while the system was not accepting any.
     undelivered: u64,
 }
 
 impl RosSensor {
     pub(super) fn run(&self) -> Result<SensorCounts, BridgeError> {
         let observer = self.args.attach()?;
-        // Fails immediately if the system does not take readings from the bus.
+        // Fails immediately if the system does not receive its readings from the bus.
         let mut sensor = Sensor::open(&self.args.system.name())?;
         let link = self.endpoint.open_as_client()?;
         let node = Node::new(self.domain, &link.identity().0);
@@ -75,7 +75,7 @@ impl RosSensor {
         let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration_s.map(Duration::from_secs_f64));
         while !stop.is_met() {
             let Some(arrival) = imu.next(RECEIVE_TIMEOUT).filter(|arrival| arrival.is_present) else { continue };
-            // The newest field is passed once, with the next reading.
+            // The newest field is forwarded once, with the next reading.
             let mut field_ut = None;
             while let Some(arrival) = mag.as_ref().and_then(|mag| mag.next(Duration::ZERO)) {
                 let read = ros_messages::field_ut(&arrival.bytes);

@@ -191,7 +191,7 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     Ok(calibrator.finish()?)
 }
 
-/// Calibrates from the readings of a flight, which are recorded as measured.
+/// Calibrates from the raw readings recorded in a flight.
 fn calibrate_flight(
     kind: Kind,
     mut known: Prior,

@@ -36,7 +36,7 @@ pub(crate) struct Vehicle {
     pub(crate) frame: Frame,
     /// Arrival time of the newest attitude.
     pub(crate) attitude_at: Option<Instant>,
-    /// End-to-end latencies of the attitudes since they were last taken.
+    /// End-to-end latencies of the attitudes since the latencies were last evaluated.
     pub(crate) latencies: LatencyHistogram,
     decode_errors: DecodeErrorCounts,
 }
@@ -44,7 +44,7 @@ pub(crate) struct Vehicle {
 /// Vehicles by name.
 pub(crate) type Vehicles = BTreeMap<String, Vehicle>;
 
-/// Returns the vehicle of this name, adding it unless there are too many.
+/// Returns the named vehicle. Adds it if there is room, otherwise returns `None`.
 fn entry<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
     let has_room = vehicles.len() < MAX_VEHICLES;
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
@@ -79,7 +79,8 @@ pub(crate) fn record_message(
 }
 
 impl Vehicle {
-    /// Counts a batch of messages of a topic and writes it to the table, if any.
+    /// Counts a batch of messages of a topic and writes it to the topic's table if `tables` is
+    /// given.
     fn record_batch<M: Payload>(
         &mut self,
         name: &str,

@@ -29,7 +29,7 @@ use fleet::Vehicles;
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest wait for a message.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
-/// Maximum number of messages received per poll, so that input and display are not starved.
+/// Maximum number of messages received per poll, so that key input and display are not starved.
 const MAX_MESSAGES: usize = 1000;
 
 /// Arguments of `plumb station`.
@@ -70,7 +70,7 @@ struct VehicleMonitor {
     seconds: Option<f64>,
 }
 
-/// Monitors vehicles until the time is over, the user quits or a signal arrives.
+/// Monitors vehicles until the time limit is reached, the user quits or a signal arrives.
 pub(crate) fn run(station: &Station) -> ExitCode {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -132,7 +132,7 @@ impl VehicleMonitor {
         is_timed_out || self.stop.load(Ordering::SeqCst)
     }
 
-    /// Processes the received messages, or waits briefly if there are none.
+    /// Processes received messages. Waits briefly if no message is available.
     fn poll(&mut self) -> Result<(), TableError> {
         while let Some(token) = self.liveliness.next(Duration::ZERO) {
             fleet::update_liveliness(&mut self.vehicles, &token);

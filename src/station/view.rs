@@ -39,7 +39,7 @@ struct VehicleStats {
     last_count: Option<(Instant, u64)>,
 }
 
-/// Draws the vehicles until the user quits or the time is over.
+/// Draws the vehicles until the user quits or the time limit is reached.
 pub(super) fn show(monitor: &mut VehicleMonitor, vehicle: Option<&str>) -> Result<(), Box<dyn Error>> {
     let mut view = View { selected: vehicle.map(str::to_owned), ..View::default() };
     let mut screen = Screen::open()?;
@@ -80,7 +80,7 @@ impl View {
             let stats = self.per_vehicle.entry(name.clone()).or_default();
             stats.count(vehicle);
             let (figures, attitude) = (stats.figures(vehicle), attitude(vehicle));
-            // A vehicle that is not live has no trend, which shows as a gap.
+            // For a vehicle that is not live no values are added, so its trend shows a gap.
             let is_live = state(vehicle) == DataState::Live;
             let figures = if is_live { figures } else { Figures { lost: figures.lost, ..Figures::default() } };
             stats.trends.push(&figures, attitude.as_ref().filter(|_| is_live));

@@ -70,7 +70,8 @@ impl ObservedSystem {
     }
 }
 
-/// Returns the changes since the last snapshot, or `None` if the system has ended.
+/// Returns a snapshot that covers the time since the previous one, or `None` if the system has
+/// ended.
 fn take_snapshot(
     name: &str,
     observer: &Observer,

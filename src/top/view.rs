@@ -34,7 +34,7 @@ enum ViewError {
     Bus(#[from] bus::BusError),
 }
 
-/// Draws the system until the user quits. After the system has ended it waits for a restart.
+/// Draws the system until the user quits. After the system has ended, waits for it to restart.
 pub(super) fn run(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
     match draw_until_stopped(command, observed) {
         Ok(()) => ExitCode::SUCCESS,
@@ -69,7 +69,7 @@ fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<
         }
         if observed.is_none() && reattached_at.elapsed() >= REATTACH_INTERVAL {
             reattached_at = Instant::now();
-            // If the system is not back yet, the next attempt finds it.
+            // If the system is not back yet, another attempt follows.
             observed = ObservedSystem::attach(&view.display.name).ok();
             if observed.is_some() {
                 view = View::new(&view.display.name);
@@ -80,7 +80,7 @@ fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<
             if let Some(system) = &observed {
                 view.update(system);
             }
-            // An ended system is no longer read, and its last frame stays.
+            // A system that has ended is no longer read, and its last frame stays on the screen.
             observed = observed.filter(|_| !matches!(view.display.state, DataState::Ended(_)));
             let step = stepped_at.elapsed() >= trend::SAMPLE_INTERVAL && observed.is_some();
             if step {
@@ -92,7 +92,7 @@ fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<
     Ok(())
 }
 
-/// Thread that queries the supervisor, which may be slow or stopped.
+/// Queries the supervisor in a separate thread, because it may be slow or stopped.
 struct StatusPoller {
     requests: SyncSender<()>,
     replies: Receiver<Result<Vec<ServiceStatus>, ControlError>>,
@@ -125,7 +125,7 @@ struct View {
     display: Snapshot,
     frame: DisplayFrame,
     snapshot: Option<SystemSnapshot>,
-    /// Whether the supervisor failed to respond to the last request.
+    /// `true` if the supervisor failed to respond to the last request.
     is_silent: bool,
 }
 
@@ -152,13 +152,13 @@ impl View {
 
     fn draw(&mut self, screen: &mut Screen, step: bool) -> io::Result<()> {
         let Self { display, snapshot, is_silent, .. } = self;
-        // The frame of the panel takes a column on either side.
+        // The border of the panel takes one column on each side.
         display.panels = vec![services(snapshot.as_ref(), screen.columns()?.saturating_sub(2), *is_silent)];
         if let Some(snapshot) = snapshot {
             display.figures = Figures { tick: display.figures.tick, ..figures(snapshot) };
         }
         if step {
-            // A system that is not live has no trend, which shows as a gap.
+            // For a system that is not live no attitude is added, so its trend shows a gap.
             let attitude = display.attitude.as_ref().filter(|_| display.state == DataState::Live);
             display.trends.push(&display.figures, attitude);
         }

@@ -15,8 +15,8 @@ pub(crate) struct DisplayFrame(Output);
 impl DisplayFrame {
     /// Returns the output frame of the selected system.
     ///
-    /// The system's own frame is used if a local system does not respond, and for a remote vehicle,
-    /// whose envelopes name their frame.
+    /// The default frame is used if a local system does not respond. It is also used for a remote
+    /// vehicle, because its envelopes name their frame.
     pub(crate) fn from_system(system: &SystemArgs) -> Self {
         if system.remote().is_none() { Self::from_local_system(&system.name()) } else { Self(Output::default()) }
     }
@@ -27,13 +27,13 @@ impl DisplayFrame {
         Self(config.map_or_else(Output::default, |config| config.launch.output))
     }
 
-    /// Returns the frame.
     pub(crate) fn frame(&self) -> Frame {
         self.0.frame
     }
 
-    /// Decodes a message. An attitude is converted to the display frame unless its publisher
-    /// `reported` a frame, and the frame used is added to the result.
+    /// Decodes a message. If the publisher `reported` the frame of an attitude, the attitude keeps
+    /// that frame; otherwise it is converted to the display frame. The frame is added to the
+    /// result.
     pub(crate) fn record(
         &self,
         layout: &Layout,

@@ -1,4 +1,4 @@
-//! Topics to observe, of a system on this machine or of a remote vehicle.
+//! Observed topics of a system on this machine or of a remote vehicle.
 //!
 //! `observe` displays bytes with their layout and is independent of the source.
 
@@ -148,7 +148,8 @@ impl<'a> StopCondition<'a> {
     pub(crate) fn new(is_running: impl Fn() -> bool + 'a, timeout: Option<Duration>) -> Self {
         let stop_requested = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            // If a signal cannot be caught it ends the process, which leaves nothing behind.
+            // If a signal cannot be caught, it ends the process immediately, which leaves nothing
+            // behind.
             let _ = signal_hook::flag::register(signal, stop_requested.clone());
         }
         let is_running = Box::new(is_running);
@@ -165,7 +166,7 @@ impl<'a> StopCondition<'a> {
         !self.system_runs || self.stop_requested.load(Ordering::SeqCst) || is_timed_out
     }
 
-    /// Returns `true` if the system has ended or was replaced by another of its name.
+    /// Returns `true` if the system has ended or was replaced by another one of the same name.
     pub(crate) fn system_ended(&self) -> bool {
         !self.system_runs
     }

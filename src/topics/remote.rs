@@ -26,7 +26,8 @@ const FIND_TIMEOUT: Duration = Duration::from_secs(5);
 const QUERY_INTERVAL: Duration = Duration::from_millis(100);
 /// Time after which an unreachable vehicle is given up.
 const UNREACHABLE_TIMEOUT: Duration = Duration::from_secs(10);
-/// Maximum number of batches received in one poll. The rest follows in the next poll.
+/// Maximum number of batches received in one poll. The remaining ones are received in the next
+/// poll.
 const MAX_BATCHES: usize = 4096;
 
 /// Callback for delivery statistics and, if present, a message with the frame that its publisher
@@ -40,7 +41,7 @@ pub(crate) struct RemoteVehicle {
     liveliness: MessageStream,
     /// Names of the topics that the vehicle publishes.
     topics: Vec<String>,
-    /// Time since which the vehicle is unreachable.
+    /// Time at which the vehicle became unreachable; `None` while it is reachable.
     unreachable_since: Cell<Option<Instant>>,
 }
 
@@ -137,8 +138,8 @@ impl RemoteTopic {
         }
     }
 
-    /// Adds the samples not sent by the gateway since the first batch. The envelope counts them
-    /// since the gateway's start.
+    /// Updates the counts of samples that the gateway has not sent since the first batch. The
+    /// counts in the envelope begin when the gateway starts.
     fn count(&mut self, envelope: &Envelope) {
         let before = match &self.last {
             None => envelope,

@@ -1,4 +1,4 @@
-//! Remote vehicles for the cockpit: a summary of each, and views of the selected ones.
+//! Remote vehicles for the cockpit: a summary of each vehicle, and views of the selected ones.
 
 use std::{
     collections::BTreeMap,
@@ -90,7 +90,7 @@ impl Fleet {
         Arc::new(RemoteCommandTarget { name, link, endpoint, lines })
     }
 
-    /// Opens the view of a vehicle, or an empty view.
+    /// Opens the view of a vehicle, or an empty view if no vehicle is named.
     fn open_view(&self, name: Option<&str>) -> VehicleView {
         let hub = Arc::new(Hub::default());
         let target: Arc<dyn CommandTarget> = match name {
@@ -114,7 +114,7 @@ impl Fleet {
     }
 }
 
-/// Returns `true` if the view has viewers or had some recently; else closes the view.
+/// Returns `true` if the view has viewers or had some recently. Otherwise closes the view.
 fn is_in_use(views: &Mutex<BTreeMap<String, OpenView>>, name: &str, hub: &Hub) -> bool {
     let mut views = views.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(open_view) = views.get_mut(name) else { return true };
@@ -156,7 +156,7 @@ impl VehicleDirectory for Fleet {
     }
 }
 
-/// Last reports of the services of each vehicle.
+/// Newest service report of each vehicle.
 type ServiceReports = Mutex<BTreeMap<String, Services>>;
 
 /// Queries the services of all vehicles while the reports are in use.
@@ -188,7 +188,7 @@ fn receive_messages(
         }
         for stream in streams {
             if let Some(message) = stream.next(RECEIVE_TIMEOUT) {
-                // Without tables recording cannot fail.
+                // Recording a message cannot fail without tables.
                 let _ = fleet::record_message(&mut vehicles, &message, None);
             }
         }

@@ -118,7 +118,7 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let own_address =
         statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
     if let Some(base) = own_address.filter(|_| view.listen.is_none()) {
-        // The system has a cockpit of its own.
+        // The system runs a cockpit itself, so only the address is printed.
         return Ok(print(&server::address(&base, Some(view.role_token(&tokens)))));
     }
     let (hub, target) = (Arc::new(Hub::default()), Arc::new(SupervisorClient::new(&name)));
@@ -149,7 +149,7 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     let (hub, recording) = (Arc::new(Hub::default()), Arc::new(builder.finish()));
     hub.publish_status(recording.status());
     let server = view.bind()?;
-    // On the loopback any local user may view a recording, which takes no commands.
+    // On the loopback interface any local user may view a recording, which accepts no commands.
     let tokens = view.tls.is_some().then(Tokens::load).transpose()?;
     let url = server.address(tokens.as_ref().map(|tokens| view.role_token(tokens)));
     let vehicle_view = VehicleView { system: name, hub, target: None };
@@ -181,7 +181,7 @@ fn site(
     SiteContent { vehicles: Arc::new(directory), tokens, recording, foxglove_origins: Vec::new() }
 }
 
-/// Waits until the time is over or a signal arrives.
+/// Waits until the time limit is reached or a signal arrives.
 fn wait_until_stopped(view: &View) {
     let mut stop = StopCondition::new(|| true, view.seconds);
     while !stop.is_met() {
@@ -190,7 +190,7 @@ fn wait_until_stopped(view: &View) {
 }
 
 impl View {
-    /// Binds the server. Beyond the loopback TLS is required.
+    /// Binds the server. TLS is required except on the loopback interface.
     fn bind(&self) -> Result<Server, ViewError> {
         let listen = self.listen.unwrap_or(Cockpit::default().listen);
         if self.tls.is_none() && !listen.ip().is_loopback() {

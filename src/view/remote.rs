@@ -35,7 +35,7 @@ pub(super) struct RemoteSource {
     state: SourceState,
 }
 
-/// Vehicle and the subscribed ones of its topics.
+/// Vehicle and those of its topics that are subscribed to.
 type Found = (RemoteVehicle, Vec<(Topic, RemoteTopic)>);
 
 impl RemoteSource {
@@ -97,7 +97,8 @@ impl Source for RemoteSource {
     }
 }
 
-/// Converts an attitude to the system's native frame, or returns `None` if it is in that frame.
+/// Converts an attitude to the native frame. Returns `None` if the message is not an attitude or
+/// has no reported frame.
 fn to_native_frame(topic: Topic, bytes: &[u8], reported: Option<Output>) -> Option<AttitudeOutput> {
     let Output { frame, .. } = reported.filter(|_| topic == Topic::Attitude)?;
     Some(attitude_from_frame(frame, bytemuck::try_pod_read_unaligned(bytes).ok()?))

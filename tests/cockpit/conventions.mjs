@@ -1,4 +1,4 @@
-// Compares the page's attitude mathematics with docs/conventions.json and prints the largest
+// Compares the page's attitude mathematics with docs/reference/conventions.json and prints the largest
 // differences.
 //
 //     node conventions.mjs PAGE_FOLDER CONVENTIONS

@@ -497,7 +497,7 @@ fn page_mathematics_matches_conventions() {
         return;
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/conventions.mjs");
-    let output = run(Command::new("node").arg(script).args([PAGE, "docs/conventions.json"])).unwrap();
+    let output = run(Command::new("node").arg(script).args([PAGE, "docs/reference/conventions.json"])).unwrap();
     println!("{output}");
     let largest: Value = serde_json::from_str(&output).unwrap();
     assert_eq!(largest["cases"], 14);

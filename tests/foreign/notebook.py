@@ -1,6 +1,6 @@
 """Runs the cells of a notebook in its folder, in order, with numpy but without Jupyter.
 
-    python tests/foreign/notebook.py docs/s1.ipynb
+    python tests/foreign/notebook.py docs/reference/s1.ipynb
 
 The results are compared with those of `plumb score`. Prints the executed cells and the pictures as
 one line of JSON.

@@ -160,8 +160,7 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.stderr);
 
-    // Of the readings sent since the bridge joined, the valid ones are delivered and the damaged
-    // ones counted.
+    // Valid readings sent since the bridge joined are delivered, and damaged ones are counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
     let [readings, rejected, undelivered, fields] =
         ["readings", "rejected", "undelivered", "fields"].map(|name| received[name].as_f64().unwrap());

@@ -53,8 +53,8 @@ impl Link {
         let mut ready = String::new();
         packets.2.read_line(&mut ready).unwrap();
         if ready.is_empty() {
-            let stderr = packets.0.wait_with_output().unwrap();
-            return Err(String::from_utf8_lossy(&stderr.stderr).into_owned());
+            let exited = packets.0.wait_with_output().unwrap();
+            return Err(String::from_utf8_lossy(&exited.stderr).into_owned());
         }
         link.packets = Some(packets);
         Ok(link)
@@ -142,7 +142,7 @@ impl Station {
         fs::metadata(self.tables.join("boat/attitude.csv")).map_or(0, |file| file.len())
     }
 
-    /// Waits until more attitudes are table_bytes.
+    /// Waits until more attitudes are written.
     fn wait_for_more(&self, limit: Duration, what: &str) {
         let before = self.table_bytes();
         wait_for_within(limit, what, || self.table_bytes() > before);

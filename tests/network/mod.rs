@@ -3,7 +3,6 @@
 
 mod bridge;
 mod certificates;
-mod docs;
 mod gateway;
 mod impaired_network;
 mod links;

@@ -120,13 +120,13 @@ impl CuttableProxy {
         let (is_cut, is_stopped) = (proxy.is_cut.clone(), proxy.is_stopped.clone());
         thread::spawn(move || {
             while !is_stopped.load(Ordering::SeqCst) {
-                let Ok((here, _)) = listener.accept() else {
+                let Ok((client, _)) = listener.accept() else {
                     thread::sleep(Duration::from_millis(5));
                     continue;
                 };
-                if let (false, Ok(there)) = (is_cut.load(Ordering::SeqCst), TcpStream::connect(("127.0.0.1", port))) {
-                    forward(&here, &there, &is_cut);
-                    forward(&there, &here, &is_cut);
+                if let (false, Ok(server)) = (is_cut.load(Ordering::SeqCst), TcpStream::connect(("127.0.0.1", port))) {
+                    forward(&client, &server, &is_cut);
+                    forward(&server, &client, &is_cut);
                 }
             }
         });
@@ -183,14 +183,14 @@ fn split_system_output_equals_single_host() {
 
 #[test]
 fn base_imports_only_from_hosts_it_connects_to() {
-    let called = format!("tcp/127.0.0.1:{}", free_port());
-    let honest = board(&called, "");
-    let base = base(&honest, &called, "");
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let honest = board(&endpoint, "");
+    let base = base(&honest, &endpoint, "");
     let base_running = base.start(&[]);
-    let at = || Some(service_status(&base, "gateway")?["address"].as_str()?.to_owned());
-    wait_for("the base to listen", || at().is_some());
+    let address = || Some(service_status(&base, "gateway")?["address"].as_str()?.to_owned());
+    wait_for("the base to listen", || address().is_some());
     // A second system with the name of the board.
-    let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, at().unwrap());
+    let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, address().unwrap());
     let forger = board(&format!("tcp/127.0.0.1:{}", free_port()), &more);
     let forger_running = forger.start(&[]);
     wait_for("forged ticks", || ticks(&forger) > 3000);
@@ -331,7 +331,8 @@ fn outage_beyond_cache_lists_lost_ticks() {
     assert_eq!(missing, listed, "{}", run.stderr);
 }
 
-/// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`.
+/// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`,
+/// where A and B are inclusive.
 fn parse_lost_ticks(stderr: &str) -> HashSet<u64> {
     let lines = stderr.lines().filter_map(|line| line.split_once("no longer cached by the other host: "));
     let spans = lines.flat_map(|(_, spans)| spans.split(';').next().unwrap().split(", "));
@@ -420,14 +421,14 @@ fn run(program: &str, arguments: &[&str]) -> Result<(), String> {
 
 /// Creates certificates for both ends: `ca.pem`, and `a.pem` and `b.pem` with their keys.
 fn certificates(folder: &Path) -> Result<(), String> {
-    let at = |file: &str| folder.join(file).to_str().unwrap().to_owned();
+    let path = |file: &str| folder.join(file).to_str().unwrap().to_owned();
     let curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"];
-    let authority = ["req", "-x509", "-subj", "/CN=ca", "-keyout", &at("ca.key"), "-out", &at("ca.pem")];
+    let authority = ["req", "-x509", "-subj", "/CN=ca", "-keyout", &path("ca.key"), "-out", &path("ca.pem")];
     run("openssl", &[&authority[..], &curve].concat())?;
     for (end, address) in [("a", "10.77.0.1"), ("b", "10.77.0.2")] {
-        let (key, pem) = (at(&format!("{end}.key")), at(&format!("{end}.pem")));
+        let (key, pem) = (path(&format!("{end}.key")), path(&format!("{end}.pem")));
         let name = format!("subjectAltName=IP:{address}");
-        let (subject, ca, ca_key) = (format!("/CN={end}"), at("ca.pem"), at("ca.key"));
+        let (subject, ca, ca_key) = (format!("/CN={end}"), path("ca.pem"), path("ca.key"));
         let request = ["req", "-x509", "-subj", &subject, "-keyout", &key, "-out", &pem, "-addext", &name];
         let signed = ["-CA", &ca, "-CAkey", &ca_key, "-addext", "basicConstraints=critical,CA:FALSE"];
         run("openssl", &[&request[..], &signed, &curve].concat())?;
@@ -454,15 +455,15 @@ fn unplugged_link_for_5_s_loses_no_tick() {
     let keys = tempfile::tempdir().unwrap();
     let wire = match Wire::create().and_then(|wire| certificates(keys.path()).map(|()| wire)) {
         Ok(wire) => wire,
-        Err(error) => return eprintln!("skipped: cannot create network namespaces: {error}"),
+        Err(error) => return eprintln!("skipped: cannot create namespaces or certificates: {error}"),
     };
-    let at = |file: &str| keys.path().join(file).to_str().unwrap().to_owned();
+    let path = |file: &str| keys.path().join(file).to_str().unwrap().to_owned();
     let tls = |end: &str| {
-        let (ca, cert, key) = (at("ca.pem"), at(&format!("{end}.pem")), at(&format!("{end}.key")));
-        format!("access = {:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}", at("open.json5"))
+        let (ca, cert, key) = (path("ca.pem"), path(&format!("{end}.pem")), path(&format!("{end}.key")));
+        format!("access = {:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}", path("open.json5"))
     };
     // Roles are covered by the tests of sessions.
-    fs::write(at("open.json5"), EVERYTHING).unwrap();
+    fs::write(path("open.json5"), EVERYTHING).unwrap();
     let endpoint = "quic/10.77.0.1:7451";
     let board = board(endpoint, &tls("a"));
     let base = base(&board, endpoint, &tls("b"));

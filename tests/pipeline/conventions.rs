@@ -1,4 +1,5 @@
-//! Conversions and outputs compared with `docs/conventions.json`, which is computed from matrices.
+//! Conversions and outputs compared with `docs/reference/conventions.json`, which is computed from
+//! matrices.
 use std::collections::BTreeMap;
 
 use attitude::{
@@ -62,7 +63,7 @@ impl Vector {
 }
 
 fn vectors() -> Vec<Vector> {
-    serde_json::from_str(include_str!("../../docs/conventions.json")).unwrap()
+    serde_json::from_str(include_str!("../../docs/reference/conventions.json")).unwrap()
 }
 
 /// Asserts equal quaternions up to their common sign.

@@ -22,7 +22,7 @@ impl Choices {
     }
 }
 
-/// Returns a launch file whose buffers outlast any stall of a loaded machine.
+/// Returns a launch file with buffers that outlast any stall of a loaded machine.
 fn launch(order: [&str; 5], source: &str) -> String {
     format!("services = {order:?}\nbuffer_s = 20.0\nlateness_s = 10.0\n{source}")
 }

@@ -31,7 +31,7 @@ fn launch(more: &str) -> String {
 }
 
 /// Returns the output of a replay at full speed.
-fn replayed(file: &Path) -> Vec<u8> {
+fn replay_output(file: &Path) -> Vec<u8> {
     let system = System::new(&launch(""));
     let out = system.path("out.csv");
     let run = system.run(&["--replay", file.to_str().unwrap(), "--speed", "max", "--out", out.to_str().unwrap()]);
@@ -49,7 +49,7 @@ fn status(system: &System, service: &str) -> Option<Value> {
     system.ps().into_iter().find(|entry| entry["service"] == service)
 }
 
-/// Running system whose standard error is read while it runs.
+/// Running system with its standard error in a file that can be read meanwhile.
 struct LoggedSystem {
     running: Running,
     stderr: PathBuf,
@@ -94,7 +94,7 @@ fn recording_on_stdin_equals_replay_and_ends_run() {
             .wait();
     run.assert_complete();
     assert_eq!(run.number("/ticks_out"), 60_000.0);
-    assert!(fs::read(out).unwrap() == replayed(&file), "the bytes differ");
+    assert!(fs::read(out).unwrap() == replay_output(&file), "the bytes differ");
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
@@ -118,7 +118,7 @@ fn fast_pipe_loses_nothing_while_services_freeze() {
     drop(input);
     let run = running.wait();
     run.assert_complete();
-    assert!(fs::read(out).unwrap() == replayed(&file), "the bytes differ");
+    assert!(fs::read(out).unwrap() == replay_output(&file), "the bytes differ");
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn last_line(output: &Output) -> &str {
 #[test]
 fn notebook_reproduces_scores() {
     let Some(python) = python() else { return };
-    let output = run(python, root(), &["tests/foreign/notebook.py", "docs/s1.ipynb"]);
+    let output = run(python, root(), &["tests/foreign/notebook.py", "docs/reference/s1.ipynb"]);
     let report: Value = serde_json::from_str(last_line(&output)).unwrap();
     assert_eq!(report["pictures"], serde_json::json!(["errors-over-time", "plane-of-w", "sweep", "yaw-over-time"]));
 }

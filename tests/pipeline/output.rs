@@ -15,7 +15,7 @@ const HEADER: &str = "t_s,qw,qx,qy,qz,chart,u,v,z_rad,yaw_rad,pitch_rad,roll_rad
                     bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,inclination_sd_rad,course_sd_rad,flags";
 
 /// Returns the attitude file that a run writes.
-fn written(system: &System, arguments: &[&str]) -> String {
+fn run_output(system: &System, arguments: &[&str]) -> String {
     let out = system.path("out.csv");
     let _ = fs::remove_file(&out);
     system
@@ -33,9 +33,9 @@ fn number(header: &str, line: &str, name: &str) -> f64 {
 #[test]
 fn all_columns_are_equal_in_one_process_and_five() {
     let system = System::new("ingest.sim.scenario = \"tumble\"");
-    let plain = written(&system, &["--in-process"]);
+    let plain = run_output(&system, &["--in-process"]);
     let [in_five, in_one] =
-        [&[][..], &["--in-process"]].map(|mode| written(&system, &[mode, &["--columns", "all"]].concat()));
+        [&[][..], &["--in-process"]].map(|mode| run_output(&system, &[mode, &["--columns", "all"]].concat()));
     assert!(in_five == in_one, "the bytes differ");
     assert_eq!((plain.lines().next(), in_one.lines().next()), (Some("t_s,qw,qx,qy,qz"), Some(HEADER)));
     assert_eq!((plain.lines().count(), in_one.lines().count()), (3001, 3001));
@@ -65,10 +65,10 @@ fn all_columns_are_equal_in_one_process_and_five() {
 
 #[test]
 fn output_frame_applies_to_all_columns_without_minus_zero() {
-    let native = written(&System::new(""), &["--in-process", "--columns", "all"]);
+    let native = run_output(&System::new(""), &["--in-process", "--columns", "all"]);
     for (name, frame) in Frame::NAMES.into_iter().skip(1) {
         let system = System::new(&format!("output = {{ frame = {name:?}, quaternion = \"xyzw\" }}"));
-        let converted = written(&system, &["--in-process", "--columns", "all"]);
+        let converted = run_output(&system, &["--in-process", "--columns", "all"]);
         let header = HEADER.replacen("qw,qx,qy,qz", "qx,qy,qz,qw", 1);
         assert_eq!(converted.lines().next(), Some(header.as_str()));
         assert!(!converted.contains(",-0,") && converted.lines().count() == native.lines().count());
@@ -99,9 +99,9 @@ fn output_frame_applies_to_all_columns_without_minus_zero() {
 fn replayed_flight_writes_same_columns_and_records_frame() {
     let system = System::new("output.frame = \"ned-frd\"");
     let flights = system.path("flights");
-    let recorded = written(&system, &["--columns", "bias,uvz", "--record", flights.to_str().unwrap()]);
+    let recorded = run_output(&system, &["--columns", "bias,uvz", "--record", flights.to_str().unwrap()]);
     let flight = fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
-    let replayed = written(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
+    let replayed = run_output(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
     assert!(recorded == replayed, "the bytes differ");
     assert!(recorded.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
     // The topics of a flight stay in native axes, so an import does not need the output frame.
@@ -197,7 +197,7 @@ fn enu_flu_angles_follow_rep_103() {
     let system =
         System::new("output = { frame = \"enu-flu\", quaternion = \"xyzw\" }\ningest.sim.scenario = \"tumble\"");
     let out = system.path("out.csv");
-    fs::write(&out, written(&system, &["--in-process", "--columns", "angles"])).unwrap();
+    fs::write(&out, run_output(&system, &["--in-process", "--columns", "angles"])).unwrap();
     // REP 103: intrinsic rotations about z, y and x.
     let check = "
 import csv, sys

@@ -24,7 +24,7 @@ fn replay(system: &System, file: &Path, arguments: &[&str]) -> Run {
     run
 }
 
-fn unpacked(file: &Path) -> String {
+fn unpack(file: &Path) -> String {
     let mut text = String::new();
     MultiGzDecoder::new(File::open(file).unwrap()).read_to_string(&mut text).unwrap();
     text
@@ -78,7 +78,7 @@ fn recording_gives_same_bytes_packed_or_plain() {
     let packed = data.join("broad").join(TRIAL);
     let system = System::new("");
     let plain = system.path("plain.csv");
-    fs::write(&plain, unpacked(&packed)).unwrap();
+    fs::write(&plain, unpack(&packed)).unwrap();
     let run = replay(&system, &packed, &[]);
     let bytes = fs::read(system.path("out.csv")).unwrap();
     for (file, mode) in [(&packed, &["--in-process"][..]), (&plain, &["--in-process"]), (&plain, &[])] {
@@ -88,8 +88,7 @@ fn recording_gives_same_bytes_packed_or_plain() {
     }
 }
 
-/// Converts a recording to that of a sensor with the axes forward, right, down, whose reference is
-/// that of the sensor.
+/// Converts a recording, including its reference, to a sensor with the axes forward, right, down.
 fn to_frd_sensor(text: &str) -> String {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -122,7 +121,7 @@ fn mounting_rotates_reference_with_sensors() {
     let trial = data.join("broad").join(TRIAL);
     let system = System::new("[ingest.mounting]\naxes = \"frd\"");
     let rotated = system.path("rotated.csv");
-    fs::write(&rotated, to_frd_sensor(&unpacked(&trial))).unwrap();
+    fs::write(&rotated, to_frd_sensor(&unpack(&trial))).unwrap();
     let run = replay(&system, &rotated, &["--in-process", "--for", "60s"]);
     let plain = replay(&System::new(""), &trial, &["--in-process", "--for", "60s"]);
     for error in ["/error_deg/inclination_rmse", "/error_deg/inclination_max"] {
@@ -137,7 +136,7 @@ fn reported_error_matches_written_attitudes() {
     let trial = data.join("broad").join(TRIAL);
     let system = System::new("");
     let run = replay(&system, &trial, &[]);
-    let references = scored_references(&unpacked(&trial));
+    let references = scored_references(&unpack(&trial));
     let attitudes = attitudes(&system.path("out.csv"));
     assert_eq!(run.number("/ticks_out"), references.len() as f64);
     assert_eq!(attitudes.len(), references.len());
@@ -161,6 +160,6 @@ fn real_flight_gives_valid_attitudes() {
     let run = replay(&system, &flight, &[]);
     let attitudes = attitudes(&system.path("out.csv"));
     assert_valid_attitudes(&attitudes);
-    assert_eq!(attitudes.len(), scored_references(&unpacked(&flight)).len());
+    assert_eq!(attitudes.len(), scored_references(&unpack(&flight)).len());
     println!("{}", run.stderr);
 }

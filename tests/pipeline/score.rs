@@ -10,7 +10,7 @@ use tempfile::TempDir;
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 
-/// Returns a recording of a level body at rest, whose reference is rotated by `heading_deg` about
+/// Returns a recording of a level body at rest with a reference rotated by `heading_deg` about
 /// up and then by `tilt_deg` about east.
 ///
 /// The references of rows that must not be scored would spoil any score.

@@ -44,8 +44,8 @@ fn scores_can_be_recomputed_from_table() {
         // The open-loop gyro starts at the accelerometer's up vector and drifts. The
         // accelerometer's error stays the same.
         let distance = |of: &str, row: usize| {
-            let off = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
-            off("u").hypot(off("v"))
+            let axis_error = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
+            axis_error("u").hypot(axis_error("v"))
         };
         assert_eq!(distance("gyro", 0), distance("accel", 0));
         let mean =

@@ -61,13 +61,13 @@ fn lines_of(document: &Document<'_>) -> Vec<Vec<String>> {
     let charts =
         document.descendants().filter(|node| node.has_tag_name("svg") && node.attribute("aria-label").is_some());
     let class = |node: Node<'_, '_>| node.attribute("class").unwrap().to_owned();
-    let of = |chart: Node<'_, '_>| {
+    let line_classes = |chart: Node<'_, '_>| {
         let mut lines: Vec<_> = chart.descendants().filter(|node| node.has_tag_name("polyline")).map(class).collect();
         lines.sort();
         lines.dedup();
         lines
     };
-    charts.map(of).collect()
+    charts.map(line_classes).collect()
 }
 
 #[test]

@@ -31,7 +31,7 @@ impl Drop for TerminatedProcess {
     }
 }
 
-/// Simulated unit that is unit in a given way.
+/// Simulated unit that moves in a given way.
 struct MovingUnit(TerminatedProcess);
 
 impl MovingUnit {

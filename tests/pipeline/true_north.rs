@@ -34,7 +34,7 @@ fn courses(path: &Path) -> Vec<(f64, String)> {
 }
 
 /// Runs a launch file and returns the system with the path of its output.
-fn written(launch: &str, arguments: &[&str]) -> (System, PathBuf) {
+fn run_output(launch: &str, arguments: &[&str]) -> (System, PathBuf) {
     let system = System::new(launch);
     let out = system.path("out.csv");
     let run = system.run(&[arguments, &["--out", out.to_str().unwrap(), "--columns", "course"]].concat());
@@ -45,10 +45,10 @@ fn written(launch: &str, arguments: &[&str]) -> (System, PathBuf) {
 #[test]
 fn magnetic_course_is_corrected_by_local_declination() {
     let arguments = ["--source", "sim:s3?seed=3", "--for", "15s", "--speed", "max"];
-    let (_magnetic, magnetic) = written("", &arguments);
+    let (_magnetic, magnetic) = run_output("", &arguments);
     let north = launch(&format!("north = \"true\"\ndate = 2025-01-01\n{POSITION}"));
-    let (_true, true_) = written(&north, &arguments);
-    let (_alone, alone) = written(&north, &[&arguments[..], &["--in-process"]].concat());
+    let (_true, true_) = run_output(&north, &arguments);
+    let (_alone, alone) = run_output(&north, &[&arguments[..], &["--in-process"]].concat());
     assert!(fs::read(&true_).unwrap() == fs::read(alone).unwrap(), "one process and five differ");
     let pairs: Vec<_> = courses(&magnetic).into_iter().zip(courses(&true_)).collect();
     assert!(pairs.iter().filter(|((_, reference), _)| reference == "magnetic").count() > 10_000);
@@ -65,10 +65,10 @@ fn declination_follows_newest_fix_and_survives_restart() {
     let Some(data) = data() else { return };
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");
     let arguments = ["--replay", file.to_str().unwrap(), "--for", "200s", "--speed"];
-    let (_magnetic, magnetic) = written("", &[&arguments[..], &["max", "--in-process"]].concat());
+    let (_magnetic, magnetic) = run_output("", &[&arguments[..], &["max", "--in-process"]].concat());
     // The position in the launch file is on the other side of the earth.
     let north = launch(&format!("north = \"true\"\ndate = 2026-06-01\n{POSITION}"));
-    let (_alone, alone) = written(&north, &[&arguments[..], &["max", "--in-process"]].concat());
+    let (_alone, alone) = run_output(&north, &[&arguments[..], &["max", "--in-process"]].concat());
     let system = System::new(&north);
     let out = system.path("out.csv");
     let to = ["40", "--out", out.to_str().unwrap(), "--columns", "course"];

@@ -4,7 +4,8 @@
 //! are in Plumbline's frames (body right, forward, up; reference east, north, up); *external*
 //! values are in another frame. Native values converted to an external frame contain no −0.
 //!
-//! `docs/conventions.md` has the equations and `docs/conventions.json` test vectors.
+//! `docs/reference/conventions.md` has the equations, `docs/reference/conventions.json` test
+//! vectors.
 //!
 //! External axes are one of three permutations of the native axes, the same for body and reference:
 //! the identity; (second, −first, third); (second, first, −third). The first two differ by a

@@ -1,15 +1,15 @@
-//! Creates what a system needs before its first member joins: the folder and the node segment.
+//! Creates the folder and the node segment that a system needs before its first member joins.
 //!
 //! Input: a claimed name without members.
 //!
 //! Output: a folder and the segment in which iceoryx2 counts nodes, accessible to this user only.
 //!
-//! Failure: reported. Another user who modifies the segment during the short time in which it is
-//! accessible can prevent the start, but nothing else.
+//! Failure: every error is returned to the caller. Another user who modifies the segment during the
+//! short time in which it is accessible can prevent the start, but cannot do any other harm.
 //!
 //! iceoryx2 creates that segment readable and writable for everybody regardless of the umask, and
-//! uses an existing one as it is. Therefore the segment is created once and then replaced by a
-//! private copy before any other process joins.
+//! accepts an existing segment unchanged. Therefore the segment is created once and then replaced
+//! by a private copy before any other process joins.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -34,7 +34,7 @@ impl SystemName {
         for path in segments {
             replace(&path).map_err(|cause| BusError::File { doing: "restricting access to", path, cause })?;
         }
-        // This checks that iceoryx2 accepts the copy.
+        // Creating a second node checks that iceoryx2 accepts the copy.
         self.create_first_node()
     }
 
@@ -43,7 +43,7 @@ impl SystemName {
     }
 }
 
-/// Replaces a file by a copy that only this user can access.
+/// Replaces a file with a copy that only this user can access.
 fn replace(path: &Path) -> io::Result<()> {
     let mut contents = Vec::new();
     File::open(path)?.take(MAX_SEGMENT_BYTES).read_to_end(&mut contents)?;

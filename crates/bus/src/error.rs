@@ -38,9 +38,9 @@ pub enum BusError {
     ForeignFile {
         /// File or folder.
         path: PathBuf,
-        /// Problem of the file.
+        /// Problem with the file.
         why: String,
-        /// Advice if another user's system may be running; empty for a file of this user.
+        /// Advice if another user's system may be running; empty if the file belongs to this user.
         hint: String,
     },
     /// A file or folder of the bus could not be used.
@@ -125,7 +125,7 @@ pub enum BusError {
         /// Name of the topic.
         topic: &'static str,
     },
-    /// The topic was created with another payload layout, by another version of the program.
+    /// The topic was created with another payload layout, by a different version of the program.
     #[error(
         "opening the topic `{topic}`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     )]

@@ -9,7 +9,8 @@ use crate::{BusError, Publisher, SystemName, port::BusTopic, session::ObserverSe
 #[derive(Debug)]
 pub struct Feeder<M: Message> {
     session: ObserverSession,
-    /// Released when the feeder is dropped. The port precedes the node it belongs to.
+    /// Released when the feeder is dropped. The port comes first, so that it is dropped before its
+    /// node.
     endpoint: Option<(Publisher<M>, Node<ipc::Service>)>,
     buffer: usize,
 }
@@ -48,7 +49,7 @@ impl<M: Message> Feeder<M> {
         self.buffer
     }
 
-    /// Returns `true` while the joined run continues.
+    /// Returns `true` while the run that the feeder joined continues.
     pub fn is_running(&self) -> bool {
         self.session.is_running()
     }

@@ -1,16 +1,17 @@
 //! The on-board bus: typed topics in shared memory and wake-ups for their subscribers.
 //!
-//! Input: messages of a topic.
+//! Input: the messages of each publisher.
 //!
-//! Output: the same messages at every subscriber, without a copy by the kernel.
+//! Output: the same messages for every subscriber, without a copy by the kernel.
 //!
 //! Time: every wait has a timeout. No other function reads a clock.
 //!
-//! Failure: a publisher never blocks on a subscriber. For a slow subscriber the oldest messages are
-//! overwritten, which shows as a gap in the ticks.
+//! Failure: a publisher never blocks on a subscriber. If a subscriber is too slow, its oldest
+//! messages are overwritten, which shows as a gap in the ticks.
 //!
-//! Data is transported by iceoryx2, which no other crate uses directly. Its events cost as much as
-//! a hop and can lose a wake-up, so each topic has a futex word in shared memory instead.
+//! Data is transported by iceoryx2, which no other crate uses directly. The events of iceoryx2 cost
+//! as much as sending a message and can lose a wake-up, so each topic has a futex word in shared
+//! memory instead.
 
 mod bootstrap;
 mod error;

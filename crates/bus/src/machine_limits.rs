@@ -4,7 +4,7 @@
 //!
 //! Output: confirmation, or the resource that is short and the remedy.
 //!
-//! Failure: a limit that cannot be read counts as sufficient.
+//! Failure: a limit that cannot be read is assumed to be sufficient.
 
 use std::{fmt, fs, io};
 
@@ -20,18 +20,19 @@ use signal_hook::{
 
 use crate::{BusError, system_name::SHARED_MEMORY};
 
-/// Number of files that a process must be allowed to open. Five services use 75; gateway,
+/// Number of files that a process must be allowed to open. Five services use 75; the gateway,
 /// candidates and leftovers of killed processes need more.
 pub const REQUIRED_OPEN_FILES: u64 = 256;
-/// Advice for raising the limit on open files.
+/// Advice for raising the open-file limit.
 pub const OPEN_FILES_REMEDY: &str =
     "allow more: ulimit -n 4096, or LimitNOFILE=4096 in the unit; in a container --ulimit nofile=4096";
 /// Advice for freeing or adding shared memory.
 pub const SHARED_MEMORY_REMEDY: &str =
     "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
-/// Spare files and memory below which a failure is attributed to their shortage. A failed operation
-/// has already returned what it had taken.
+/// Spare open files below which a failure is attributed to the open-file limit. By then, the failed
+/// operation has closed the files that it had opened.
 const MIN_SPARE_FILES: u64 = 16;
+/// Free shared memory below which a failure is attributed to a lack of memory, bytes.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
 /// Shared memory of this machine.
@@ -79,7 +80,7 @@ impl fmt::Display for Mib {
     }
 }
 
-/// Raises the limit on open files of this process and its children to the maximum.
+/// Raises the open-file limit of this process and its children to the maximum.
 pub(crate) fn raise_open_file_limit() -> Result<(), BusError> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     if current != maximum {
@@ -96,7 +97,7 @@ pub(crate) fn raise_open_file_limit() -> Result<(), BusError> {
 pub fn report_memory_exhaustion() {
     let report = || {
         for part in ["out of shared memory for the bus (df /dev/shm); ", SHARED_MEMORY_REMEDY, "\n"] {
-            // Without a reader of stderr only the signal reports the cause.
+            // If stderr is closed, the signal alone has to indicate the cause.
             let _ = rustix::io::write(io::stderr(), part.as_bytes());
         }
         let _ = emulate_default_handler(SIGBUS);
@@ -109,7 +110,7 @@ pub fn report_memory_exhaustion() {
     drop(registered);
 }
 
-/// Describes an error of iceoryx2. A shortage of files or memory is added as the likely cause.
+/// Describes an iceoryx2 error. If files or memory are short, this is given as the likely cause.
 pub(crate) fn describe_cause(cause: &dyn fmt::Debug) -> String {
     let open = fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count() as u64);
     let allowed = getrlimit(Resource::Nofile).current.filter(|allowed| open + MIN_SPARE_FILES > *allowed);

@@ -1,7 +1,7 @@
-//! Observers of a running system, which are not part of it.
+//! Observers: processes that read from a running system without being part of it.
 //!
-//! The number of observers is limited by lock files, so that topics always have enough ports for
-//! services. An observer neither waits for nor wakes any other process.
+//! Lock files limit the number of observers, so that topics always have enough ports for services.
+//! An observer neither waits for nor wakes any other process.
 
 use std::{fs::File, rc::Rc};
 
@@ -35,7 +35,7 @@ impl Observer {
         Ok(Self { session: Rc::new(session), node: Some(node), _lock: lock })
     }
 
-    /// Subscribes to a topic from its next message on.
+    /// Subscribes to a topic, starting with its next message.
     pub fn tap(&self, topic: Topic) -> Result<Tap, BusError> {
         let gone = || self.session.system_name().absence_error();
         let node = self.node.as_ref().ok_or_else(gone)?;
@@ -46,7 +46,7 @@ impl Observer {
         Tap::open(node, topic, self.session.clone())
     }
 
-    /// Returns `true` while the joined run continues.
+    /// Returns `true` while the observed run of the system continues.
     pub fn is_running(&self) -> bool {
         self.session.is_running()
     }
@@ -63,7 +63,7 @@ impl Drop for Observer {
     }
 }
 
-/// Locks a free observer place, which is held as long as the file is open.
+/// Locks a free observer place. The place remains taken as long as the returned file is open.
 fn lock_free_place(system_name: &SystemName) -> Result<File, BusError> {
     for number in 0..MAX_OBSERVERS {
         let file = system_name.open_observer_lock(number)?;

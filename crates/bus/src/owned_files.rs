@@ -4,8 +4,8 @@
 //!
 //! Output: the opened file, or the result of the check.
 //!
-//! Failure: symbolic links are not followed. A file of another kind or of another user, or one
-//! accessible to others, is reported and left unchanged.
+//! Failure: symbolic links are not followed. A file of another kind, one that belongs to another
+//! user, or one that is accessible to others is reported and left unchanged.
 
 use std::{
     fs::{self, File},
@@ -22,13 +22,13 @@ use rustix::{
 
 use crate::BusError;
 
-/// Permission bits of group and others.
+/// Permission bits for the group and for others.
 const GROUP_AND_OTHERS: u32 = 0o077;
 
 /// Opens a file for reading and writing. With `create` it is created if missing.
 pub(crate) fn open_file(path: &Path, create: bool) -> Result<File, BusError> {
     let create = if create { OFlags::CREATE } else { OFlags::empty() };
-    // Non-blocking, in case the path is a named pipe.
+    // Does not block if the path is a named pipe.
     let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC | create;
     match open(path, flags, Mode::RUSR | Mode::WUSR) {
         Ok(opened) => {

@@ -1,8 +1,8 @@
 //! Untyped ports of a topic, which send and receive bytes.
 //!
-//! Every payload passes through iceoryx2 as a byte slice of fixed length. So the code of iceoryx2
-//! is compiled once in this crate and not for every payload type in every service. The attributes
-//! of the topic contain the layout of the bytes.
+//! Every payload passes through iceoryx2 as a byte slice of fixed length. Therefore the code of
+//! iceoryx2 is compiled once, in this crate, and not for every payload type in every service. The
+//! attributes of the topic describe the layout of the bytes.
 
 use std::fmt;
 
@@ -29,20 +29,20 @@ use crate::{BusError, machine_limits::describe_cause};
 
 /// Maximum number of observers of a system at the same time.
 pub const MAX_OBSERVERS: usize = 4;
-/// Maximum number of publishers of a topic: owner, candidate and feeder, and as many killed ones
-/// that are not yet cleaned up.
+/// Maximum number of publishers of a topic: owner, candidate and feeder, and the same number of
+/// killed processes that are not yet cleaned up.
 const MAX_PUBLISHERS: usize = 6;
-/// Maximum number of subscribers of a topic. This covers two services, each with its owner, a
-/// candidate and a killed process that is not yet cleaned up; the gateway twice for the same
-/// reason; the supervisor for its own needs, a recorder and the input check; and each observer
-/// twice.
+/// Maximum number of subscribers of a topic. This covers two services, each with an owner, a
+/// candidate and a killed process that is not yet cleaned up. It also covers the gateway and a
+/// killed predecessor; the supervisor, its recorder and its input check; and two subscriptions per
+/// observer.
 const MAX_SUBSCRIBERS: usize = 12 + 2 * MAX_OBSERVERS;
-/// Maximum number of publishers of a topic on which all services or all candidates publish.
+/// Maximum number of publishers of a topic on which every service or every candidate publishes.
 const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
-/// Length of a layout piece, bytes. iceoryx2 stores eight attributes of 256 bytes.
+/// Length of a piece of the layout text, bytes. iceoryx2 stores eight attributes of 256 bytes.
 const LAYOUT_CHUNK_BYTES: usize = 250;
-/// Alignment of payloads, bytes, at which a 64-bit processor reads every number at once.
+/// Alignment of payloads, bytes. A 64-bit processor reads aligned numbers in one access.
 const ALIGNMENT: usize = 8;
 
 /// Topic on the bus of a system.
@@ -54,8 +54,8 @@ pub(crate) struct BusTopic {
 }
 
 impl BusTopic {
-    /// Opens or creates the topic of `M`, with `buffer` messages per subscriber and as many of
-    /// history.
+    /// Opens or creates the topic of `M`. It buffers `buffer` messages per subscriber and keeps the
+    /// same number as history.
     pub(crate) fn open_or_create<M: Message>(node: &Node<ipc::Service>, buffer: usize) -> Result<Self, BusError> {
         Self::open_or_create_bytes(node, M::TOPIC, size_of::<M>(), &M::layout().to_string(), buffer)
     }
@@ -77,8 +77,8 @@ impl BusTopic {
         Ok(Box::new(IoxOutPort { topic: self.name, port }))
     }
 
-    /// Creates a subscribing port that also receives the `history` newest messages that publishers
-    /// hold.
+    /// Creates a subscribing port. It also receives up to `history` of the newest messages that
+    /// publishers still hold.
     pub(crate) fn subscriber(&self, buffer: usize, history: usize) -> Result<Box<dyn InPort>, BusError> {
         let builder = self.factory.subscriber_builder().buffer_size(buffer).history_request(history);
         let port = builder.create().map_err(|cause| failed(self.name, &cause))?;
@@ -90,7 +90,7 @@ impl BusTopic {
         self.factory.static_config().subscriber_max_buffer_size()
     }
 
-    /// Returns the nodes of the publishers and those of the subscribers.
+    /// Returns the node identifiers of the publishers and of the subscribers.
     pub(crate) fn nodes(&self) -> [Vec<u128>; 2] {
         let [mut publishers, mut subscribers] = [const { Vec::new() }; 2];
         let ports = self.factory.dynamic_config();
@@ -144,19 +144,19 @@ impl BusTopic {
     }
 }
 
-/// Publishing port for bytes. The trait object keeps iceoryx2's drop code in this crate.
+/// Publishing port for bytes. As a trait object, it keeps iceoryx2's drop code in this crate.
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
     fn send(&self, message: &[u8]) -> Result<(), BusError>;
-    /// Delivers the buffered history to subscribers that joined since the last action.
+    /// Delivers the buffered history to subscribers that joined since the last call or message.
     fn deliver_history(&self) -> Result<(), BusError>;
 }
 
-/// Subscribing port for bytes. The trait object keeps iceoryx2's drop code in this crate.
+/// Subscribing port for bytes. As a trait object, it keeps iceoryx2's drop code in this crate.
 pub(crate) trait InPort: fmt::Debug {
-    /// Passes the oldest unread message to `handle` and returns whether there was one.
+    /// Passes the oldest unread message to `handle`. Returns `false` if there was no such message.
     fn receive(&self, handle: &mut dyn FnMut(&[u8])) -> Result<bool, BusError>;
-    /// Returns the maximum number of buffered messages.
+    /// Returns the maximum number of messages in the buffer.
     fn buffer(&self) -> usize;
 }
 
@@ -214,7 +214,7 @@ fn failed(topic: &'static str, cause: &dyn fmt::Debug) -> BusError {
     BusError::Topic { topic, cause: describe_cause(cause) }
 }
 
-/// Returns the attributes with the layout that an existing topic must have.
+/// Returns the layout attributes that an existing topic must have.
 fn required_layout(topic: &'static str, layout: &str) -> Result<AttributeVerifier, BusError> {
     let mut attributes = AttributeVerifier::new();
     for (key, chunk) in layout_chunks(layout) {

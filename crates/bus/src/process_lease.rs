@@ -1,4 +1,4 @@
-//! Lease of a process in a running system, released when its last port is dropped.
+//! A process's lease on a running system, released when the last port of the process is dropped.
 
 use std::{
     fs::{self, File},
@@ -11,8 +11,8 @@ use std::{
 
 use crate::{BusError, SystemName, shared_state::SharedState};
 
-/// Timeout for other services to end before leftovers of a killed owner are removed. A hanging
-/// service is killed after a second.
+/// Timeout for other services to exit before leftovers of a killed owner are removed. A hanging
+/// service is killed after one second.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Shared state of the system, and the lock that marks this process as a member.
@@ -22,9 +22,9 @@ pub(crate) struct ProcessLease {
     run: u64,
     members_lock: Option<File>,
     system_name: SystemName,
-    /// Owner of the name when this process joined.
+    /// Process that owned the name when this process joined.
     owner_pid: u32,
-    /// Set when this process was notified that the owner has died.
+    /// Set when this process is notified that the owner has died.
     pub(crate) owner_exited: Arc<AtomicBool>,
 }
 
@@ -48,7 +48,8 @@ impl ProcessLease {
     fn is_orphaned(&self) -> bool {
         self.owner_exited.load(Ordering::SeqCst) || {
             let stat = fs::read_to_string(format!("/proc/{}/stat", self.owner_pid)).unwrap_or_default();
-            // The state follows the process name in parentheses, which may contain any character.
+            // In this file the state follows the process name in parentheses, which may contain any
+            // character.
             let state = stat.rsplit_once(')').and_then(|(_, after)| after.trim_start().chars().next());
             self.owner_pid != 0 && matches!(state, None | Some('Z'))
         }
@@ -56,11 +57,12 @@ impl ProcessLease {
 }
 
 impl Drop for ProcessLease {
-    /// If the owner was killed, the last service to leave removes the files of the system.
+    /// Leaves the system. If the owner was killed, the last service to leave removes the system's
+    /// files.
     fn drop(&mut self) {
         self.members_lock = None;
         if self.is_orphaned() {
-            // An error means that another process removes the files or has claimed the name.
+            // An error means that another process is removing the files or has claimed the name.
             drop(self.system_name.claim_orphaned(MEMBERS_EXIT_TIMEOUT));
         }
     }

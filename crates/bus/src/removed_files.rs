@@ -19,7 +19,7 @@ impl SystemName {
             let open = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
             open.filter_map(|fd| self.removed_target(&fd.path())).next()
         };
-        // A file that is just being cleaned up is closed at the second check.
+        // A file that is just being cleaned up has been closed by the second check.
         pids.iter().find_map(find)?;
         std::thread::sleep(POLL_INTERVAL);
         pids.iter().find_map(find)
@@ -31,10 +31,10 @@ impl SystemName {
         let is_of_system = path.starts_with(self.root())
             || path.to_str()?.strip_prefix(self.root().to_str()?).is_some_and(|rest| rest.starts_with('.'));
         let is_permanent = match path.extension()?.to_str()? {
-            // A connection file ends with either of its ports.
+            // A connection file is removed as soon as one of its two ports is closed.
             "connection" => false,
-            // The data file of a publisher ends with it, while subscribers keep it open for a
-            // while.
+            // The data file of a publisher is removed with the publisher, but subscribers keep it
+            // open for a while.
             "data" => fs::symlink_metadata(fd).ok()?.permissions().mode() & OWNER_WRITABLE != 0,
             _ => !path.starts_with(self.root().join("nodes")),
         };

@@ -1,8 +1,9 @@
 //! Session of a process that is not part of the system, bound to one run of it.
 //!
-//! Such a process creates no topic and holds locks only briefly, so if it is killed or stopped it
-//! delays neither the system nor the next run. Its resources on the bus have the names of one run.
-//! Once another run has started, those names belong to the new run and are left alone.
+//! Such a process creates no topic and holds locks only briefly, so that it delays neither the
+//! system nor the next run if it is killed or stopped. The names of its resources on the bus are
+//! specific to one run. Once another run has started, those names belong to the new run, and the
+//! process leaves the resources alone.
 
 use std::{cell::RefCell, fs::File, mem, sync::Arc};
 
@@ -13,7 +14,7 @@ use iceoryx2::{
 
 use crate::{BusError, Port, SystemName, shared_state::SharedState};
 
-/// Session of an observer or feeder with one run of a system.
+/// Session of an observer or a feeder, bound to one run of a system.
 #[derive(Debug)]
 pub(crate) struct ObserverSession {
     system_name: SystemName,
@@ -49,8 +50,8 @@ impl ObserverSession {
         self.is_current_run() && matches!(self.system_name.owner_pid(), Ok(Some(_)))
     }
 
-    /// Keeps another run from starting while the returned file is held. Returns `None` if one has
-    /// started.
+    /// Prevents another run from starting while the returned file is held. Returns `None` if
+    /// another run has already started.
     pub(crate) fn lock_run(&self) -> Result<Option<File>, BusError> {
         let lock = self.system_name.lock_running()?;
         Ok(Some(lock).filter(|_| self.is_current_run()))
@@ -60,8 +61,8 @@ impl ObserverSession {
         self.state.run() == self.run && self.system_name.shared_state().is_ok_and(|state| state.run() == self.run)
     }
 
-    /// Releases a port or node. It is leaked instead if another run has started, because its files
-    /// then belong to that run.
+    /// Releases a port or node. If another run has started, the port or node is leaked instead,
+    /// because files of these names then belong to that run.
     pub(crate) fn release<P>(&self, port: P) {
         match self.lock_run() {
             Ok(Some(_inside)) => drop(port),

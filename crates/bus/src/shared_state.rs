@@ -23,17 +23,18 @@ pub(crate) const SHARED_STATE_BYTES: usize = size_of::<Layout>();
 pub(crate) struct WakeWord {
     pub(crate) wake_count: AtomicU32,
     pub(crate) waiting: AtomicU32,
-    /// Tick after the newest one published on the topic.
+    /// Tick after the highest one announced for publication on the topic.
     pub(crate) next_tick: AtomicU64,
-    /// Messages sent by a publisher that waits for its only subscriber, and those consumed by it.
+    /// Number of messages sent on a topic with flow control, which has a single subscriber.
     pub(crate) sent: AtomicU64,
+    /// Number of messages consumed by that subscriber.
     pub(crate) consumed: AtomicU64,
 }
 
 #[repr(C)]
 struct Layout {
     owner_pid: AtomicU32,
-    /// Start of the run, CLOCK_MONOTONIC, ns, which identifies the run.
+    /// Start time of the run, CLOCK_MONOTONIC, ns. It identifies the run.
     run: AtomicU64,
     words: [WakeWord; WORD_COUNT],
 }
@@ -71,7 +72,7 @@ impl SharedState {
         self.layout().owner_pid.store(pid, SeqCst);
     }
 
-    /// Returns the identifier of the run. Each run of a system has another one.
+    /// Returns the identifier of the run, which is different for each run of a system.
     pub(crate) fn run(&self) -> u64 {
         self.layout().run.load(SeqCst)
     }
@@ -104,7 +105,7 @@ impl SharedState {
 
     fn layout(&self) -> &Layout {
         #[allow(unsafe_code)]
-        // SAFETY: mapped in `map` with this layout and unmapped only in `drop`.
+        // SAFETY: the state was mapped in `map` with this layout and is unmapped only in `drop`.
         unsafe {
             self.0.as_ref()
         }
@@ -124,7 +125,7 @@ impl Drop for SharedState {
 // SAFETY: the mapping holds only atomics, which any thread may use.
 unsafe impl Send for SharedState {}
 #[allow(unsafe_code)]
-// SAFETY: as above.
+// SAFETY: see `Send`.
 unsafe impl Sync for SharedState {}
 
 impl WakeWord {
@@ -132,7 +133,7 @@ impl WakeWord {
     pub(crate) fn wake(&self) {
         self.wake_count.fetch_add(1, SeqCst);
         if self.waiting.load(SeqCst) != 0 && self.waiting.swap(0, SeqCst) != 0 {
-            // This fails only if no subscriber waits any more.
+            // Waking fails only if no subscriber is waiting any more.
             let _ = futex::wake(&self.wake_count, futex::Flags::empty(), i32::MAX as u32);
         }
     }

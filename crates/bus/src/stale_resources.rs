@@ -1,4 +1,4 @@
-//! Files that systems have left on this machine, and their removal.
+//! Finds and removes files that systems have left on this machine.
 
 use std::{
     collections::BTreeSet,
@@ -19,7 +19,7 @@ use crate::{
     system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
 };
 
-/// Files of one system.
+/// Files of one system and their state.
 #[derive(Debug)]
 pub struct StaleResources {
     /// Name of the system.
@@ -30,7 +30,8 @@ pub struct StaleResources {
     pub files: Vec<PathBuf>,
     /// Killed processes that are still registered on its bus.
     pub dead: Vec<Port>,
-    /// Segment whose creator was killed. Opening its topic would block forever.
+    /// Segment left incomplete by a killed process. Opening the segment's topic would block
+    /// forever.
     pub incomplete_segment: Option<PathBuf>,
 }
 
@@ -57,7 +58,7 @@ pub enum SystemLiveness {
 }
 
 impl StaleResources {
-    /// Returns every system with files on this machine, or an error if they belong to another user.
+    /// Returns every system with files on this machine. A system of another user yields an error.
     pub fn all() -> Vec<Result<Self, BusError>> {
         let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
         let file_names = entries.map(|entry| entry.file_name());
@@ -105,7 +106,7 @@ impl StaleResources {
     /// Fails if the system is unreachable or processes without a supervisor are still running.
     pub fn remove(&self) -> Result<(), BusError> {
         match self.liveness {
-            // Claiming the name and releasing it removes all its files.
+            // Claiming the name and releasing it again removes all files of the system.
             SystemLiveness::Dead => self.system_name.claim_within(Duration::ZERO).map(drop),
             SystemLiveness::Running { .. } => {
                 let _lock = self.system_name.lock_running()?;
@@ -118,7 +119,7 @@ impl StaleResources {
 }
 
 impl SystemName {
-    /// Removes what killed processes have left on the bus of a running system.
+    /// Removes the resources that killed processes have left on the bus of a running system.
     ///
     /// # Errors
     ///
@@ -136,7 +137,7 @@ impl SystemName {
         left.map_or(Ok(()), |cause| Err(failed(format!("cleaning up after a killed process: {cause:?}"))))
     }
 
-    /// Returns the reason why no process can join.
+    /// Returns the error that explains why no process can join.
     pub(crate) fn absence_error(&self) -> BusError {
         let name = self.name().into();
         match self.processes_without_files() {
@@ -145,7 +146,7 @@ impl SystemName {
         }
     }
 
-    /// Returns the processes of a system whose files were removed.
+    /// Returns the processes that still run although the files of their system were removed.
     fn processes_without_files(&self) -> Vec<u32> {
         let mut removed = self.members_path().into_os_string();
         removed.push(DELETED_SUFFIX);
@@ -166,8 +167,8 @@ impl SystemName {
         own.map(|entry| entry.path()).chain(folder).collect()
     }
 
-    /// Returns a segment whose creator was killed before setting its size. Opening it would block
-    /// forever.
+    /// Returns a segment without a size, if any, because its creator was killed too early. Opening
+    /// such a segment would block forever.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
         let is_empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
@@ -175,7 +176,7 @@ impl SystemName {
         };
         let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
         let deadline = Instant::now() + OWNER_START_TIMEOUT;
-        // A segment that is just being created has a size at a later check.
+        // A segment that is just being created will have a size at a later check.
         while !suspects.is_empty() && Instant::now() < deadline {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);

@@ -1,5 +1,5 @@
-//! System names: each running system has a unique name, which all its files carry and which are
-//! removed at its end.
+//! System names. Each running system has a unique name, which is part of the names of all its
+//! files. The files are removed when the system ends.
 
 use std::{
     fs::{self, File},
@@ -17,19 +17,19 @@ use crate::{
     shared_state::{SHARED_STATE_BYTES, SharedState},
 };
 
-/// Folder of the segments and folders of all systems.
+/// Folder that contains the segments and folders of all systems.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// Prefix of all their names, followed by the name of the system and a dot.
+/// Prefix of the names of these segments and folders. The name of the system follows.
 pub(crate) const NAME_PREFIX: &str = "plumbline.";
-/// Timeout for the services of a previous owner to end.
+/// Timeout for the services of a previous owner to exit.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout for the locks of a killed owner to be released.
 const OWNER_EXIT_TIMEOUT: Duration = Duration::from_millis(500);
-/// Timeout for an owner to record its process identifier, and for the check of an owner's lock.
+/// Timeout for an owner to record its process identifier, and for a new segment to receive a size.
 pub(crate) const OWNER_START_TIMEOUT: Duration = Duration::from_millis(100);
-/// Timeout of an ending owner for observers that are attaching or detaching.
+/// Timeout for observers that are attaching or detaching when the owner ends.
 const OBSERVERS_TIMEOUT: Duration = Duration::from_millis(200);
-/// Interval between two attempts to take a lock.
+/// Interval between two attempts to acquire a lock.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Name of a system, which determines the names of its shared memory and folder.
@@ -70,15 +70,15 @@ impl SystemName {
         Ok(claim)
     }
 
-    /// Claims the name only to remove the files of a previous owner. Its services have
-    /// `members_limit` to end.
+    /// Claims the name only to remove the files of a previous owner. The services of that owner
+    /// have `members_limit` to exit.
     pub(crate) fn claim_within(&self, members_limit: Duration) -> Result<Claim, BusError> {
         self.acquire(members_limit, true).map(|(claim, _)| claim)
     }
 
-    /// Claims the name like [`claim_within`](Self::claim_within), but only if a previous owner left
-    /// its shared state. After another process has removed the state, this fails instead of
-    /// creating it.
+    /// Claims the name like [`claim_within`](Self::claim_within), but only if a previous owner has
+    /// left its shared state. If another process has removed that state, the call fails instead of
+    /// creating a new one.
     pub(crate) fn claim_orphaned(&self, members_limit: Duration) -> Result<Claim, BusError> {
         self.acquire(members_limit, false).map(|(claim, _)| claim)
     }
@@ -87,8 +87,8 @@ impl SystemName {
     fn acquire(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
         self.files().iter().try_for_each(|path| owned_files::check_owner(path))?;
         let deadline = Instant::now() + OWNER_EXIT_TIMEOUT;
-        // An ending owner removes the file. A file locked after that is stale, so the loop opens it
-        // again.
+        // An owner removes this file when it ends. If the file was locked after that, it is stale,
+        // and the loop opens the new one.
         for _ in 0..1000 {
             let file = self.open_shared_state(create)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
@@ -108,7 +108,8 @@ impl SystemName {
             let is_new = file.metadata().is_ok_and(|metadata| metadata.len() == 0);
             let result = self.take_over(&file, members_limit);
             if result.is_err() && is_new {
-                // No earlier run created the file, so there are no other files to find through it.
+                // The file was created just now, so there are no files of an earlier run that need
+                // it.
                 let _ = fs::remove_file(self.shared_state_path());
             }
             return result.map(|members_lock| (Claim { system_name: self.clone(), lock: file }, members_lock));
@@ -116,7 +117,8 @@ impl SystemName {
         Err(self.shared_state_error("locking", io::Error::other("it kept disappearing")))
     }
 
-    /// Starts a run in the locked file. Returns a lock that prevents other processes from joining.
+    /// Takes ownership: records a new run of the system in the locked file. Returns a lock that
+    /// prevents other processes from joining.
     fn take_over(&self, file: &File, members_limit: Duration) -> Result<File, BusError> {
         file.set_len(SHARED_STATE_BYTES as u64).map_err(|cause| self.shared_state_error("sizing", cause))?;
         let state = SharedState::map(file).map_err(|cause| self.shared_state_error("mapping", cause))?;
@@ -127,7 +129,7 @@ impl SystemName {
         Ok(members_lock)
     }
 
-    /// Returns the process that owns the name, if any; 0 if it has not recorded its identifier yet.
+    /// Returns the process that owns the name, if any; 0 if the owner has not recorded it yet.
     pub fn owner_pid(&self) -> Result<Option<u32>, BusError> {
         let file = match self.open_shared_state(false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -152,8 +154,8 @@ impl SystemName {
         SharedState::map(&file).map_err(|cause| self.shared_state_error("mapping", cause))
     }
 
-    /// Joins the members of the system. While the file is held, a later owner does not remove the
-    /// system's files.
+    /// Registers as a member of the system. While the returned file is held, no later owner can
+    /// remove the system's files.
     pub(crate) fn lock_members(&self) -> Result<File, BusError> {
         let file = owned_files::open_file(&self.members_path(), true)?;
         match flock(&file, FlockOperation::LockShared) {
@@ -162,8 +164,8 @@ impl SystemName {
         }
     }
 
-    /// Joins the members for a short time, but only while the system is running. While the file is
-    /// held, no later owner removes the system's files.
+    /// Registers briefly as a member, provided that the system is running. While the returned file
+    /// is held, no later owner can remove the system's files.
     pub(crate) fn lock_running(&self) -> Result<File, BusError> {
         let file = match owned_files::open_file(&self.members_path(), false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => {
@@ -181,8 +183,8 @@ impl SystemName {
         Some(file).filter(|file| is_same_file(file, &self.members_path())).ok_or_else(|| self.absence_error())
     }
 
-    /// Waits until the services of a previous owner have ended, because they would remove files
-    /// that are created again under the same names.
+    /// Waits until the services of a previous owner have exited. Otherwise they would remove files
+    /// that the new owner has created under the same names.
     fn wait_for_members(&self, timeout: Duration) -> Result<File, BusError> {
         let file = owned_files::open_file(&self.members_path(), true)?;
         let deadline = Instant::now() + timeout;
@@ -204,7 +206,7 @@ impl SystemName {
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
-        // The supervisor cleans up after killed processes, so that no other process has to wait for
+        // The supervisor cleans up after killed processes, so that no other process is delayed by
         // it.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
@@ -216,7 +218,7 @@ impl SystemName {
         format!("{NAME_PREFIX}{}.", self.name)
     }
 
-    /// Returns the root folder for iceoryx2. It is in memory because iceoryx2 syncs each new file,
+    /// Returns the root folder for iceoryx2. It is in memory, because iceoryx2 syncs each new file,
     /// which would delay every start by tens of milliseconds on a disk.
     pub(crate) fn root(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(format!("{NAME_PREFIX}{}", self.name))
@@ -263,16 +265,16 @@ impl SystemName {
     fn remove_files(&self) {
         let kept = [self.shared_state_path(), self.members_path(), self.root()];
         for path in self.files().iter().filter(|path| !kept.contains(path)) {
-            // A file that cannot be removed belongs to another user. Creating it again reports
-            // that.
+            // A file that cannot be removed belongs to another user. The error appears when it is
+            // created again.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());
     }
 }
 
-/// Ownership of a system name. Dropping it removes all files of the name, so drop it after the last
-/// service has ended.
+/// Ownership of a system name. Dropping it removes all files with that name, so drop it only after
+/// the last service has exited.
 #[derive(Debug)]
 pub struct Claim {
     system_name: SystemName,
@@ -285,9 +287,9 @@ impl Claim {
         &self.system_name
     }
 
-    /// Releases and claims the name again after its files were removed.
+    /// Releases the name and claims it again after the files were removed.
     ///
-    /// Only the next tick of each topic is kept. No process may have anything open on the bus.
+    /// Only the next tick of each topic is kept. No process may have a resource of the bus open.
     ///
     /// # Errors
     ///
@@ -303,7 +305,7 @@ impl Claim {
         Ok(claim)
     }
 
-    /// Returns `true` if the files were removed and another process has claimed the name since.
+    /// Returns `true` if the files were removed and another process has since claimed the name.
     fn is_superseded(&self) -> bool {
         let page_path = self.system_name.shared_state_path();
         page_path.exists() && !is_same_file(&self.lock, &page_path)
@@ -322,7 +324,7 @@ impl Drop for Claim {
     }
 }
 
-/// Returns `true` if the open file is the one at the path.
+/// Returns `true` if the open file is the one that exists at the path.
 fn is_same_file(file: &File, path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
 }

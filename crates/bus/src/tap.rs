@@ -1,4 +1,4 @@
-//! Untyped access to a topic: reads the bytes of its messages by topic name.
+//! Untyped access to a topic, chosen at run time: reads messages as bytes.
 
 use std::{mem, rc::Rc};
 
@@ -10,11 +10,11 @@ use crate::{
     session::ObserverSession,
 };
 
-/// Maximum number of messages buffered for an observer. If it is too slow, messages are overwritten
-/// in its own buffer only.
+/// Maximum number of messages buffered for an observer. If the observer is too slow, messages are
+/// overwritten in its own buffer only.
 const MAX_BUFFER: usize = 16_384;
 
-/// Observer's subscription to a topic.
+/// Subscription of an observer to a topic.
 #[derive(Debug)]
 pub struct Tap {
     /// Released when the tap is dropped.
@@ -46,7 +46,7 @@ pub struct Port {
     pub name: String,
     /// Process identifier; 0 if unknown.
     pub pid: u32,
-    /// `false` if the process was killed.
+    /// `true` unless the process was killed.
     pub alive: bool,
 }
 
@@ -57,7 +57,7 @@ impl Tap {
         session: Rc<ObserverSession>,
     ) -> Result<Self, BusError> {
         let topic = messages::dispatch!(topic, M => BusTopic::open::<M>(node))?;
-        // History is not requested, because delivering it would cost the publishers time.
+        // History is not requested, because its delivery would cost the publishers time.
         let port = topic.subscriber(MAX_BUFFER.min(topic.buffer()), 0)?;
         Ok(Self { endpoint: Some(Endpoint { topic, port }), session })
     }

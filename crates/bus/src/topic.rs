@@ -45,8 +45,8 @@ impl Bus {
 
     /// Creates a publisher of `M`.
     ///
-    /// The topic buffers `buffer` messages per subscriber before the oldest is overwritten, and
-    /// keeps as many for late subscribers.
+    /// The topic buffers `buffer` messages per subscriber before the oldest is overwritten. It
+    /// keeps the same number for late subscribers.
     pub fn publisher<M: Message>(&self, buffer: usize) -> Result<Publisher<M>, BusError> {
         let port = BusTopic::open_or_create::<M>(&self.node, buffer)?.publisher()?;
         Ok(Publisher { port, waker: self.waker(M::TOPIC), payload_type: PhantomData })
@@ -57,32 +57,32 @@ impl Bus {
         self.subscribe(buffer, 0)
     }
 
-    /// Creates a subscriber of `M` that also receives the messages its publishers still hold.
+    /// Creates a subscriber of `M` that also receives the messages that its publishers still hold.
     ///
-    /// Each publisher delivers them with its next action.
+    /// Each publisher delivers them when it next sends a message or delivers its history.
     pub fn late_subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
         self.subscribe(buffer, buffer)
     }
 
-    /// Wakes the waiters of all topics, so that publishers notice a new subscriber.
+    /// Wakes the waiting processes of all topics, so that publishers notice a new subscriber.
     pub fn wake_all(&self) {
         self.lease.state.wake_all();
     }
 
     /// Returns the flag to set when the owner of the name has died.
     ///
-    /// Its children are notified before the death is visible in `/proc`. With the flag set, the
-    /// last process to leave removes the files of the system.
+    /// Children of the owner are notified before its death is visible in `/proc`. If the flag is
+    /// set, the last process to leave removes the system's files.
     pub fn owner_exited(&self) -> Arc<AtomicBool> {
         self.lease.owner_exited.clone()
     }
 
-    /// Returns `true` while the joined run continues.
+    /// Returns `true` while the run that this process joined continues.
     pub fn is_running(&self) -> bool {
         self.lease.is_current_run()
     }
 
-    /// Returns the tick after the newest one that was about to be published on `topic`.
+    /// Returns the tick after the highest one announced for publication on `topic`.
     pub fn next_tick(&self, topic: &Entry) -> u64 {
         self.waker(topic).next_tick()
     }
@@ -127,39 +127,40 @@ impl<M: Message> Publisher<M> {
         Ok(Self { port: topic.publisher()?, waker, payload_type: PhantomData })
     }
 
-    /// Writes a message to the buffer of every subscriber. It neither wakes them nor blocks.
+    /// Writes a message to the buffer of every subscriber. It does not block and wakes no
+    /// subscriber.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
         self.port.send(bytemuck::bytes_of(message))
     }
 
-    /// Records that `tick` is published next, so that a replacement knows how far a dead publisher
-    /// was.
+    /// Announces that `tick` is published next, so that a replacement knows how far a dead
+    /// publisher got.
     pub fn set_next_tick_after(&self, tick: u64) {
         self.waker.set_next_tick_after(tick);
     }
 
-    /// Returns the tick after the newest one that was about to be published.
+    /// Returns the tick after the highest one announced for publication.
     pub fn next_tick(&self) -> u64 {
         self.waker.next_tick()
     }
 
-    /// Delivers the buffered history to subscribers that joined since the last action.
+    /// Delivers the buffered history to subscribers that joined since the last call or message.
     pub fn deliver_history(&self) -> Result<(), BusError> {
         self.port.deliver_history()
     }
 
-    /// Adds to the messages counted as sent. Flow control with a single subscriber uses
-    /// [`unconsumed`](Self::unconsumed).
+    /// Adds `count` to the number of messages sent. It is used with
+    /// [`unconsumed`](Self::unconsumed) for flow control with a single subscriber.
     pub fn add_sent(&self, count: u64) {
         self.waker.add_sent(count);
     }
 
-    /// Returns the number of sent messages that the subscriber has not counted as consumed.
+    /// Returns the number of sent messages that the subscriber has not yet consumed.
     pub fn unconsumed(&self) -> u64 {
         self.waker.unconsumed()
     }
 
-    /// Marks all messages sent by a dead predecessor as consumed, so that they are not waited for.
+    /// Marks all messages sent by a dead predecessor as consumed, so that nothing waits for them.
     pub fn mark_all_consumed(&self) {
         self.waker.mark_all_consumed();
     }
@@ -199,12 +200,12 @@ impl<M: Message> Subscriber<M> {
                 None => return Ok(()),
             }
         }
-        // More messages may be left, so the next wait must return immediately.
+        // Messages may remain, so the next wait must return immediately.
         self.observed.set(self.observed.get().wrapping_sub(1));
         Ok(())
     }
 
-    /// Adds to the messages counted as consumed, for a publisher that waits for this subscriber.
+    /// Adds `count` to the number of messages consumed, which the publisher may wait for.
     pub fn add_consumed(&self, count: u64) {
         self.waker.add_consumed(count);
     }
@@ -214,13 +215,13 @@ impl<M: Message> Subscriber<M> {
         self.waker.mark_all_consumed();
     }
 
-    /// Returns the tick after the newest one that was about to be published.
+    /// Returns the tick after the highest one announced for publication.
     pub fn next_tick(&self) -> u64 {
         self.waker.next_tick()
     }
 
-    /// Sleeps until a message is published after the last [`drain`](Self::drain) or wait started,
-    /// at most for `limit`.
+    /// Waits for a message, at most for `limit`. Returns immediately if one was published since the
+    /// last [`drain`](Self::drain) began or the last wait ended.
     pub fn wait(&self, limit: Duration) -> WaitOutcome {
         let outcome = self.waker.wait(self.observed.get(), limit);
         self.observed.set(self.waker.current());

@@ -1,9 +1,9 @@
 //! Wake-ups for subscribers: one futex word per topic in shared memory.
 //!
 //! A publisher increments the word and makes a system call only if a subscriber has announced that
-//! it waits. A subscriber reads the word, drains its messages, announces that it waits and sleeps
-//! only while the word is unchanged. So no wake-up is lost. The announcement of a killed subscriber
-//! costs one unnecessary system call.
+//! it is waiting. A subscriber reads the word, drains its messages, announces that it is waiting
+//! and sleeps only while the word is unchanged. This way no wake-up is lost. A subscriber that is
+//! killed while waiting costs the publisher one unnecessary system call.
 
 use std::{
     sync::{Arc, atomic::Ordering::SeqCst},
@@ -27,7 +27,7 @@ pub(crate) struct TopicWaker {
     _lease: Option<Arc<ProcessLease>>,
 }
 
-/// How a wait ended.
+/// Outcome of a wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WaitOutcome {
     /// A message was published since the last check.
@@ -39,7 +39,7 @@ pub enum WaitOutcome {
 }
 
 impl TopicWaker {
-    /// Creates the handle for `topic`. Its index selects the word.
+    /// Creates the handle for `topic`. The index of the topic selects the word.
     pub(crate) fn new(state: Arc<SharedState>, lease: Option<Arc<ProcessLease>>, topic: &Entry) -> Self {
         Self { state, index: topic.index.min(WORD_COUNT - 1), _lease: lease }
     }
@@ -49,23 +49,23 @@ impl TopicWaker {
         self.word().wake();
     }
 
-    /// Records that `tick` is about to be published. The newest tick is kept if a slot restarts at
-    /// an earlier one.
+    /// Announces that `tick` is about to be published. If a slot restarts at an earlier tick, the
+    /// highest tick is kept.
     pub(crate) fn set_next_tick_after(&self, tick: u64) {
         self.word().next_tick.fetch_max(tick.saturating_add(1), SeqCst);
     }
 
-    /// Returns the tick after the newest one that was about to be published.
+    /// Returns the tick after the highest one announced for publication.
     pub(crate) fn next_tick(&self) -> u64 {
         self.word().next_tick.load(SeqCst)
     }
 
-    /// Adds to the number of messages sent.
+    /// Adds `count` to the number of messages sent.
     pub(crate) fn add_sent(&self, count: u64) {
         self.word().sent.fetch_add(count, SeqCst);
     }
 
-    /// Adds to the number of messages consumed.
+    /// Adds `count` to the number of messages consumed.
     pub(crate) fn add_consumed(&self, count: u64) {
         self.word().consumed.fetch_add(count, SeqCst);
     }
@@ -80,12 +80,12 @@ impl TopicWaker {
         self.word().sent.load(SeqCst).saturating_sub(self.word().consumed.load(SeqCst))
     }
 
-    /// Returns the value of the word. It must be read before the messages.
+    /// Returns the value of the word. Read it before draining the messages.
     pub(crate) fn current(&self) -> u32 {
         self.word().wake_count.load(SeqCst)
     }
 
-    /// Sleeps while the word equals `seen`, at most for `limit`.
+    /// Sleeps while the word equals `seen`, for `limit` at most.
     pub(crate) fn wait(&self, seen: u32, limit: Duration) -> WaitOutcome {
         let word = self.word();
         word.waiting.store(1, SeqCst);

@@ -88,7 +88,7 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
     })?;
     let text = serde_json::to_string(request).map_err(|cause| failed_with(cause.to_string()))?;
     stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(io_failure(None))?;
-    // The write of a client that was rejected may fail, but the reason can still be read.
+    // If the supervisor rejected this client, the write may fail, but the reason can still be read.
     let sent = writeln!(stream, "{text}");
     let mut reader = BufReader::new(stream);
     for timeout in [Some(RESPONSE_TIMEOUT), completion_timeout(request)] {
@@ -108,7 +108,7 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
     Err(failed_with("the request was acknowledged twice".into()))
 }
 
-/// Connects to a control socket. Fails with `WouldBlock` if its queue is full.
+/// Connects to a control socket. Fails with `WouldBlock` if the socket's queue is full.
 pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;

@@ -2,12 +2,13 @@
 //!
 //! Input: one line of JSON from each client.
 //!
-//! Output: one line of JSON in return. A request that takes time is acknowledged by a line before.
+//! Output: one line of JSON per request. A request that takes time is first acknowledged with
+//! another line.
 //!
 //! Time: a silent client does not delay other clients and is disconnected after a timeout.
 //!
-//! Failure: an invalid request is answered with its error. Clients beyond the limit are
-//! disconnected.
+//! Failure: an invalid request receives an error as its response. Clients beyond the limit receive
+//! an error and are disconnected.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -32,9 +33,10 @@ pub use swap::SwapOutcome;
 
 /// Maximum length of a request or response, bytes.
 const MAX_LINE_BYTES: usize = 64 * 1024;
-/// Time within which a running system sends a line.
+/// Time within which a running system must send a line.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
-/// Time for a swap once ticks arrive: the deadlines of its stages and of a preceding swap, doubled.
+/// Timeout for a swap once ticks arrive. It is twice the sum of the deadlines of this swap and of a
+/// preceding one.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns `true` if the request is acknowledged first and completed later.
@@ -42,8 +44,8 @@ fn is_long_running(request: &ControlRequest) -> bool {
     matches!(request, ControlRequest::Swap(_))
 }
 
-/// Returns the timeout for the completion of an acknowledged request. A shadow has none: it ends
-/// when its client disconnects.
+/// Returns the timeout for the completion of an acknowledged request. A shadow has no timeout,
+/// because it ends when its client disconnects.
 fn completion_timeout(request: &ControlRequest) -> Option<Duration> {
     match request {
         ControlRequest::Swap(SwapRequest { timeout_ms: limit_ms, .. }) => {
@@ -57,7 +59,7 @@ fn completion_timeout(request: &ControlRequest) -> Option<Duration> {
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Response<A> {
-    /// The request is valid and its result follows.
+    /// The request is valid, and its result will follow.
     Accepted,
     Completed(A),
     Error(String),

@@ -1,4 +1,4 @@
-//! Supervisor's side of the control socket.
+//! The supervisor's side of the control socket.
 
 use std::{
     fs::{self, Permissions},
@@ -19,7 +19,7 @@ use crate::{ControlError, ControlRequest, MAX_LINE_BYTES, Response, is_long_runn
 pub(super) const MAX_CLIENTS: usize = 16;
 /// Maximum number of connections accepted per poll. The rest wait for the next poll.
 const MAX_ACCEPTS_PER_POLL: usize = 64;
-/// Time for a client to send its request before it is disconnected.
+/// Time within which a client must send its request. Otherwise it is disconnected.
 pub(super) const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Listening control socket of a system and its connected clients.
@@ -125,7 +125,8 @@ impl ControlSocket {
 }
 
 impl Client {
-    /// Returns the request once a full line has arrived. `None` if the client has disconnected.
+    /// Returns the request once a full line has arrived, or `None` before that or if the client has
+    /// disconnected.
     fn read_request(&mut self) -> Option<Result<ControlRequest, String>> {
         let mut chunk = [0; 4096];
         loop {
@@ -152,7 +153,7 @@ impl Client {
 
     fn send(&mut self, response: &Response<impl Serialize>) {
         let text = serde_json::to_string(response).unwrap_or_default();
-        // The line fits into the socket buffer. Errors of disconnected clients are ignored.
+        // The line fits into the socket buffer. Errors from disconnected clients are ignored.
         let _ = writeln!(self.stream, "{text}");
     }
 }

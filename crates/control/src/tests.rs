@@ -38,7 +38,8 @@ impl TestSystem {
         client
     }
 
-    /// Answers requests with 7 while `run` is running. Swaps are left waiting.
+    /// Responds to requests with 7 while `run` is running. Swaps are acknowledged but never
+    /// completed.
     fn serve_during(&mut self, run: impl FnOnce(&str) + Send) {
         let Self(_, name, socket, _) = self;
         thread::scope(|scope| {

@@ -1,10 +1,10 @@
 //! Feeds damaged streams to every decoder: `cargo run --release -p decoders --example fuzz_decoders
 //! -- 1000000 [SEED]` runs a million cases per format.
 //!
-//! Valid units are truncated, joined, flipped, overwritten and extended. The decoder receives the
-//! stream twice: as a whole and in chunks. Both results must be equal, every byte must be accounted
-//! for, and the intact units after the damage must be found. The program prints totals. A panic
-//! ends it with an error.
+//! Valid units are truncated, spliced, extended and rotated, and their bits and bytes are changed.
+//! The decoder receives the stream twice: as a whole and in chunks. Both results must be equal,
+//! every byte must be accounted for, and the intact units after the damage must be decoded. The
+//! program prints totals. A panic ends it with an error.
 #![allow(clippy::unwrap_used, reason = "the fuzzer detects panics")]
 
 #[allow(dead_code, reason = "tests use more of it")]
@@ -19,7 +19,7 @@ use streams::{Stream, decoded};
 /// Number of units per stream. The last [`INTACT_UNITS`] of them are not damaged.
 const UNITS: u32 = 8;
 const INTACT_UNITS: usize = 4;
-/// Number of zero bytes that completes any false frame.
+/// Number of zero bytes that completes any false frame, even one of the maximum length.
 const FLUSH_BYTES: usize = 8300;
 
 fn main() {
@@ -48,7 +48,7 @@ fn run_case(stream: &Stream, rng: &mut FuzzRng) -> (Vec<Measurement>, Counts) {
     let (good, intact) = stream.units.split_at(UNITS as usize - INTACT_UNITS);
     let mut bytes = damage(good, rng);
     let damaged_bytes = bytes.len();
-    // In some cases a false frame of the maximum length must end before the intact units.
+    // In some cases, zero bytes end any false frame before the intact units start.
     if stream.checksum_bits > 0 {
         bytes.resize(bytes.len() + FLUSH_BYTES * usize::from(rng.below(64) == 0), 0);
     }
@@ -72,7 +72,7 @@ fn run_case(stream: &Stream, rng: &mut FuzzRng) -> (Vec<Measurement>, Counts) {
     unsplit
 }
 
-/// Compares as text if unequal, so that NaN equals NaN.
+/// Compares unequal values as text, so that NaN equals NaN.
 fn is_same<T: PartialEq + std::fmt::Debug>(a: &T, b: &T) -> bool {
     a == b || format!("{a:?}") == format!("{b:?}")
 }
@@ -90,7 +90,7 @@ fn damage(units: &[Vec<u8>], rng: &mut FuzzRng) -> Vec<u8> {
                 let length = rng.below(12) as usize;
                 bytes.splice(at..at, std::iter::repeat_with(|| rng.next_u64() as u8).take(length));
             }
-            // A partial unit.
+            // Inserts a partial unit.
             4 => {
                 let other = &units[rng.below(units.len() as u64) as usize];
                 let length = rng.below(other.len() as u64 + 1) as usize;

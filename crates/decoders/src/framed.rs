@@ -6,15 +6,15 @@
 //! on how the bytes were split.
 //!
 //! Failure: if no frame starts at a byte, that byte is skipped and the search continues at the next
-//! one. A valid frame inside or after an invalid one is therefore found.
+//! one. A valid frame inside or after an invalid one is therefore still found.
 
 use crate::{Counts, Decoder, Measurement};
 
 /// Frame format of a device.
 pub trait Format: Send {
-    /// Parses the frame that starts at the first of at least one byte and appends its measurements.
+    /// Parses the frame at the start of `bytes`, which is not empty, and appends its measurements.
     ///
-    /// Must return [`ParseOutcome::Incomplete`] only for fewer bytes than the longest frame has.
+    /// Must return [`ParseOutcome::Incomplete`] only if `bytes` is shorter than the longest frame.
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome;
 
     /// Notifies the format that `bytes` bytes were skipped between two frames.
@@ -33,7 +33,7 @@ pub enum ParseOutcome {
     /// The bytes start like a frame, but its checksum, length or content is invalid. One byte is
     /// skipped.
     Rejected,
-    /// The given number of leading bytes is one invalid line or record and is skipped.
+    /// The given number of leading bytes forms one invalid line or record, which is skipped.
     RejectedUnit(usize),
 }
 
@@ -99,7 +99,7 @@ impl<F: Format> Decoder for Framed<F> {
     }
 }
 
-/// Returns three little-endian `i16` values from `offset` on, or `None` beyond the end of `bytes`.
+/// Returns three little-endian `i16` values from `offset` on, or `None` if `bytes` is too short.
 pub(crate) fn three_i16(bytes: &[u8], offset: usize) -> Option<[f64; 3]> {
     let mut three = [0.0; 3];
     for (part, pair) in three.iter_mut().zip(bytes.get(offset..offset + 6)?.as_chunks::<2>().0) {

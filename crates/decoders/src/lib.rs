@@ -5,7 +5,7 @@
 //! Output: measurements in SI units and sensor axes, with the device's timestamp if the format has
 //! one.
 //!
-//! Time: none. The caller knows when the bytes arrived.
+//! Time: not used. The caller knows when the bytes arrived.
 //!
 //! Failure: bytes that belong to no valid frame are skipped and counted. Decoding resumes at the
 //! next valid frame. No input causes an error or a panic.
@@ -38,7 +38,8 @@ pub mod xsens;
 
 pub use framed::{Format, Framed};
 
-/// Standard deviation of a velocity whose unreported vertical component is set to 0, m/s.
+/// Standard deviation of a velocity with a vertical component that is not reported and set to 0,
+/// m/s.
 ///
 /// The value covers the vertical motion of ground vehicles and boats.
 pub const ASSUMED_VERTICAL_SD_M_S: f64 = 1.0;

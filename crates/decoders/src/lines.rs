@@ -17,13 +17,13 @@
 //! | `t` | time: UNIX time if later than 2001-09-09, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set |
 //! | others | ignored |
 //!
-//! Without any names, lines of 7 or 10 numbers are `t,gx,gy,gz,ax,ay,az` and, with three more,
+//! If no names are given, lines of 7 or 10 numbers are `t,gx,gy,gz,ax,ay,az` and, with three more,
 //! `mx,my,mz`.
 //!
 //! The first line of a stream may lack its beginning. It is used only if it is a header or if
 //! [`LineSettings::starts_at_line_start`] is set, else it is skipped.
 //!
-//! Limits: there is no checksum. A line with a non-text byte, an invalid number or another number
+//! Limits: there is no checksum. A line with a non-text byte, an invalid number or the wrong number
 //! of fields is rejected as a whole, but a corrupted digit remains undetected.
 
 use std::borrow::Cow;
@@ -42,9 +42,9 @@ use crate::{
 /// Maximum length of a line, including its newline.
 const MAX_LINE_BYTES: usize = 4096;
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
-/// Smallest time that is a UNIX time, ns: 2001-09-09.
+/// Smallest time that counts as UNIX time, ns: 2001-09-09.
 const MIN_UNIX_TIME_NS: i64 = 1_000_000_000_000_000_000;
-/// Columns of a stream without names.
+/// Column names assumed for a stream without names.
 const DEFAULT_COLUMNS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
 const DEFAULT_COLUMN_COUNTS: [usize; 2] = [7, 10];
 /// Name of the time column in a recording.
@@ -54,10 +54,10 @@ const RECORDING_TIME_COLUMN: &str = "t_s";
 #[derive(Debug, Clone)]
 pub struct Lines {
     mapping: Mapping,
-    /// Wrap period of the time counter, if the time is one.
+    /// Wrap period of the time, if the time is a wrapping counter.
     period_ns: Option<u64>,
     indices: Option<ColumnIndices>,
-    /// Whether the next byte starts a line.
+    /// `true` if the next byte starts a line.
     is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
 }
@@ -72,8 +72,8 @@ pub struct LineSettings {
     /// Number of bits of a time that is a wrapping counter, 1 to 63: 32 for `micros()` on an
     /// Arduino.
     pub time_bits: Option<u8>,
-    /// Whether the stream starts at the start of a line, as that of a program or a datagram does. A
-    /// serial port may be opened in the middle of a line.
+    /// `true` if the stream begins at the start of a line, like the output of a program or a
+    /// datagram. A serial port may be opened in the middle of a line.
     pub starts_at_line_start: bool,
 }
 
@@ -103,7 +103,7 @@ impl Lines {
     ///
     /// # Errors
     ///
-    /// Returns an error if a mapped column is not named or `time_bits` is out of range.
+    /// Returns an error if a mapped column is not among the names or `time_bits` is out of range.
     pub fn new(settings: &LineSettings) -> Result<Self, LinesError> {
         let mapping = settings.mapping.clone();
         let period_ns = settings
@@ -197,7 +197,7 @@ impl Lines {
             return Some(None);
         }
         let t_ns = time_ns(&text, self.mapping.time_digits())?;
-        // A recording may start before its zero: a negative time is passed on as two's complement.
+        // Times in a recording may be negative. They are stored as two's complement.
         let now_ns = t_ns.cast_unsigned();
         Some(Some(match self.period_ns {
             Some(_) if t_ns < 0 => return None,
@@ -215,7 +215,7 @@ impl Format for Lines {
             if bytes.len() < MAX_LINE_BYTES {
                 return ParseOutcome::Incomplete;
             }
-            // The rest of the overlong line follows.
+            // The rest of the overlong line must not be read as a line of its own.
             self.is_synchronised = false;
             return ParseOutcome::Skip(MAX_LINE_BYTES);
         };
@@ -231,7 +231,7 @@ impl Format for Lines {
 /// Line split into fields.
 struct Row<'a> {
     fields: &'a [&'a str],
-    /// Whether a comma is not the separator and may thus be a decimal comma.
+    /// `true` unless the separator is a comma. A comma in a number is then a decimal comma.
     may_have_decimal_comma: bool,
 }
 
@@ -247,15 +247,15 @@ impl Row<'_> {
         if text.is_empty() { Some(f64::NAN) } else { text.parse().ok() }
     }
 
-    /// Parses three optional fields. `Some(None)` if there are no such columns or a number is not
-    /// finite.
+    /// Parses three optional fields. Returns `Some(None)` if there are no such columns or a number
+    /// is not finite.
     fn finite_vector(&self, indices: Option<[usize; 3]>) -> Option<Option<[f64; 3]>> {
         let Some(indices) = indices else { return Some(None) };
         let numbers = self.vector(indices)?;
         Some(numbers.iter().all(|number| number.is_finite()).then_some(numbers))
     }
 
-    /// Replaces a decimal comma by a point.
+    /// Replaces a decimal comma with a point.
     fn with_decimal_point<'a>(&self, text: &'a str) -> Cow<'a, str> {
         if self.may_have_decimal_comma && text.contains(',') { text.replacen(',', ".", 1).into() } else { text.into() }
     }
@@ -274,8 +274,8 @@ struct ColumnIndices {
 }
 
 impl ColumnIndices {
-    /// Finds the mapped columns among `names`, or returns the first mandatory target that is
-    /// missing.
+    /// Finds the mapped columns among `names`. Returns the first mandatory target that is missing
+    /// as an error.
     fn find(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
         let index_of = |target: &'static str| -> Result<usize, &'static str> {
             let column = mapping.column(target).unwrap_or(target);

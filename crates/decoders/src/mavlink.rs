@@ -2,9 +2,9 @@
 //!
 //! | message | use |
 //! | --- | --- |
-//! | HIGHRES_IMU | rate and force if `fields_updated` marks all six as measured, and the field if marked, if necessary as a separate measurement; first IMU (`id` 0) only |
+//! | HIGHRES_IMU | first IMU (`id` 0) only: rate and force if `fields_updated` marks all six values, and the field if marked. A field without rate and force is a separate measurement |
 //! | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 | mrad/s, mg, mgauss |
-//! | RAW_IMU | numbers without unit, decoded only if selected and if a [`RawScale`] is set |
+//! | RAW_IMU | unitless numbers, decoded only if selected and if a [`RawScale`] is set |
 //! | GPS_RAW_INT | ground speed and course, see below |
 //! | GLOBAL_POSITION_INT | velocity estimated by the autopilot, only if selected |
 //! | others | counted |
@@ -14,7 +14,7 @@
 //!
 //! Axes: forward, right, down is converted to right, forward, up, and north, east, down to east,
 //! north, up. No mounting is needed, because the autopilot has already compensated its own.
-//!
+//! north, up. No mounting is needed, because the autopilot has already compensated for its own.
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
 //!
@@ -49,7 +49,7 @@ const FLAG_SIGNED: u8 = 1;
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 const UT_PER_GAUSS: f64 = 100.0;
 const UT_PER_MGAUSS: f64 = 0.1;
-/// Smallest `time_usec` that is a UNIX time: 2001-09-09.
+/// Smallest `time_usec` that counts as UNIX time: 2001-09-09.
 const MIN_UNIX_TIME_US: u64 = 1_000_000_000_000_000;
 /// Speed or course value that means "unknown".
 const UNKNOWN: u16 = u16::MAX;
@@ -152,7 +152,8 @@ impl Mavlink {
         measurements.extend(measurement);
     }
 
-    /// Decodes a message of `kind` if that kind is selected, or selects it if it is the first.
+    /// Decodes a message of `kind` if that kind is selected. If none is selected, the first kind
+    /// that yields a measurement becomes selected.
     fn accept_imu(
         &mut self,
         kind: ImuMessage,
@@ -283,7 +284,7 @@ fn raw(message: &RAW_IMU_DATA, scale: &RawScale) -> Option<Measurement> {
 }
 
 impl RawScale {
-    /// Converts raw numbers. A field of zero means that the magnetometer is missing.
+    /// Converts raw numbers. A field of zero indicates that there is no magnetometer.
     fn imu(&self, rate: [i16; 3], force: [i16; 3], field: [i16; 3]) -> Value {
         let in_units_of = |unit: f64| move |part: i16| f64::from(part) * unit;
         Value::Imu {

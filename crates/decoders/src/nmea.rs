@@ -27,7 +27,7 @@ pub const STATIONARY_SPEED_M_S: f64 = 0.5;
 /// First two-digit year that belongs to the 20th century.
 const CENTURY_PIVOT: u32 = 80;
 
-/// NMEA format, with the information whether an RMC sentence was received.
+/// NMEA format, which remembers whether an RMC sentence has been received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nmea {
     has_rmc: bool,

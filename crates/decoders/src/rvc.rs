@@ -1,8 +1,8 @@
 //! BNO08x on a serial line in robot vacuum cleaner mode (UART-RVC): 19-byte frames at 100 Hz.
 //!
-//! A frame consists of 0xAA 0xAA, a one-byte index, yaw, pitch and roll in 0.01° and acceleration in
-//! mg as little-endian 16-bit numbers, three unused bytes, and the sum of the bytes after the header
-//! (BNO08X datasheet, 1.3.5.2).
+//! A frame consists of 0xAA 0xAA, a one-byte index, yaw, pitch and roll in 0.01° and acceleration
+//! in mg as little-endian 16-bit numbers, three unused bytes, and the sum of the bytes after the
+//! header (BNO08X datasheet, 1.3.5.2).
 //!
 //! **A frame contains no rate.** The body rate is computed as the rotation between the attitudes of
 //! two frames divided by their interval. It is the mean rate of the chip's own estimate. A single

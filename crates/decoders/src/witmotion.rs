@@ -7,10 +7,10 @@
 //!
 //! | kind | content | result |
 //! | --- | --- | --- |
-//! | 0x50 | time of the device's calendar, ms | timestamp of the cycle: UNIX time with 1 ms resolution, if the calendar is set |
+//! | 0x50 | device's calendar time, ms | timestamp of the cycle: UNIX time with 1 ms resolution, if the calendar is set |
 //! | 0x51 | acceleration, ±range over ±2¹⁵ | specific force, combined with the following 0x52 |
 //! | 0x52 | rate, ±range over ±2¹⁵ | body rate |
-//! | 0x54 | magnetic field, in units of the model | separate field measurement, because it follows the rate |
+//! | 0x54 | magnetic field, in model-specific units | separate field measurement, because it follows the rate |
 //! | others | angles, pressure, position … | counted |
 //!
 //! Axes: as printed on the device, on most models x right, y forward, z up. At rest the specific

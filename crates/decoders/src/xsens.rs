@@ -17,9 +17,9 @@
 //! Axes: those of the sensor, on the housing x forward, y left, z up. The configured earth frame
 //! (ENU, NED, NWU) has no effect.
 //!
-//! Limits: a message with only a rate or only a force yields no measurement. Increments (0x8030,
-//! 0x4010) are not decoded. With its 8-bit checksum one of 256 corrupted messages is accepted if
-//! its packets still fit.
+//! Limits: a message with only a rate or only a force yields no IMU measurement. Increments
+//! (0x8030, 0x4010) are not decoded. With its 8-bit checksum one of 256 corrupted messages is
+//! accepted if its packets still fit.
 
 use crate::{
     DeviceTime, Measurement, Value,
@@ -35,14 +35,15 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Field of one arbitrary unit where Xsens calibrates, µT: 0.49 gauss (Xsens knowledge base).
+/// Field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site (Xsens
+/// knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 
 const SAMPLE_TIME_FINE: u16 = 0x1060;
 const RATE: [u16; 2] = [0x8020, 0x8040];
 const FORCE: [u16; 2] = [0x4020, 0x4040];
 const FIELD: u16 = 0xc020;
-/// Bits of a packet identifier without the number format.
+/// Mask that removes the number format from a packet identifier.
 const KIND_MASK: u16 = 0xfff0;
 
 /// MTData2 format of a device.
@@ -89,7 +90,7 @@ impl Format for Xsens {
     }
 }
 
-/// Used packets of a message. Index 0 is the standard packet, index 1 the high-rate one.
+/// Packets of a message that are used. Index 0 is the standard packet, index 1 the high-rate one.
 #[derive(Default)]
 struct Packets {
     count: Option<u32>,

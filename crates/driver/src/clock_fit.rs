@@ -1,20 +1,21 @@
 //! Conversion of a device's timestamps to the host's clock: strictly increasing, with the device's
 //! intervals.
 //!
-//! Input: the timestamp of a sample on the device's clock (a wrapping counter, time since boot, or
-//! UNIX time), or the number of samples of a device with a known rate and no timestamps, and the
-//! arrival time on the host.
+//! Input: the arrival time of each sample on the host, and its timestamp on the device's clock (a
+//! wrapping counter, time since boot, or UNIX time). If a device has a known rate but no
+//! timestamps, its samples are counted instead.
 //!
 //! Output: the time of the measurement on the host's clock. Its distance from the previous one
 //! differs from the device's interval by at most a tenth.
 //!
-//! Time: that of the caller.
+//! Time: supplied by the caller.
 //!
-//! Failure: a device that restarts, or whose clock jumps or steps back, is followed and counted.
+//! Failure: if the device restarts, or its clock jumps or steps back, the fit follows and counts
+//! it.
 //!
-//! The host's clock is modelled as the device's clock plus a line, fitted to the newest points
-//! (device, host) by least squares. Samples arrive with a varying delay, so the result is late by
-//! the mean delay but free of jitter. While the points span less than [`MIN_SLOPE_SPAN_NS`] the
+//! The host's time is modelled as a linear function of the device's time, fitted by least squares
+//! to the newest points (device, host). Samples arrive with a varying delay, so the result is late
+//! by the mean delay but free of jitter. While the points span less than [`MIN_SLOPE_SPAN_NS`], the
 //! slope of the line is 1.
 
 use std::collections::VecDeque;
@@ -29,8 +30,8 @@ pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 const MAX_CLOCK_DRIFT: f64 = 0.02;
 /// Maximum relative deviation of a sample rate from its nominal value.
 const MAX_RATE_DRIFT: f64 = 0.5;
-/// Discrepancy between the clocks that counts as a reset of the device's clock, ns. It applies to
-/// one interval and to the distance of the result from the line.
+/// Discrepancy between the clocks that counts as a reset of the device's clock, ns. The threshold
+/// applies both to a single interval and to the distance of the result from the line.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
 /// Maximum correction of an interval towards the line, as a fraction of the interval.
 const MAX_CORRECTION: f64 = 0.1;
@@ -49,7 +50,7 @@ pub struct Stamp {
 pub struct ClockHealth {
     /// Host clock minus device clock, ns. 0 before the first timestamp.
     pub offset_ns: i64,
-    /// Relative rate of the host's clock to the device's, minus 1, parts per million.
+    /// Rate of the host's clock relative to the device's, minus 1, parts per million.
     pub drift_ppm: f64,
     /// Standard deviation of the arrival times about the line, ns.
     pub jitter_ns: f64,
@@ -115,7 +116,7 @@ impl ClockFit {
 
     /// Returns the time of a sample on the host's clock, ns, always later than the previous one.
     ///
-    /// Without a timestamp and a rate, the result is the arrival time.
+    /// If there is neither a timestamp nor a rate, the result is the arrival time.
     pub fn push(&mut self, stamp: Option<Stamp>, arrival_ns: i64) -> i64 {
         let is_counted = stamp.is_none() && self.interval_ns.is_some();
         let stamp = stamp.or_else(|| self.next_count_stamp());
@@ -233,8 +234,8 @@ impl Line {
     }
 }
 
-/// Returns the device time between two stamps and the number of wraps that fits the host's interval
-/// best.
+/// Returns the device time between two stamps, and the number of wraps that best fits the host's
+/// interval.
 fn elapsed(previous: Stamp, now: Stamp, host_ns: i64) -> (i64, u64) {
     let difference_ns = i128::from(now.count_ns) - i128::from(previous.count_ns);
     let saturated = |ns: i128| ns.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64;

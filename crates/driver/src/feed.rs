@@ -1,5 +1,5 @@
-//! Publisher of an external program on a topic. It rejoins the system after a restart of the
-//! system.
+//! Publisher of an external program on a topic. It rejoins the system after the system has
+//! restarted.
 
 use std::time::Instant;
 
@@ -8,7 +8,7 @@ use messages::Message;
 
 use crate::{CHECK_INTERVAL, DriverError};
 
-/// Publisher of `M` that follows the system's name.
+/// Publisher of `M` to whichever running system has the given name.
 #[derive(Debug)]
 pub(crate) struct Feed<M: Message> {
     system: SystemName,
@@ -40,7 +40,7 @@ impl<M: Message> Feed<M> {
         self.capacity
     }
 
-    /// Joins the system that has the name now, replacing the previous connection.
+    /// Joins the system that currently has the name, replacing the previous connection.
     fn join(&mut self) -> Result<(), DriverError> {
         match Feeder::join(&self.system, "driver") {
             Ok(feeder) => {
@@ -48,7 +48,7 @@ impl<M: Message> Feed<M> {
                 self.feeder = Some(feeder);
                 Ok(())
             }
-            // The running system continues on the files it has open, and so does this connection.
+            // The running system continues with the files it has open, and so does this connection.
             Err(BusError::FilesRemoved { .. }) if self.feeder.is_some() => Ok(()),
             Err(error) => {
                 self.feeder = None;

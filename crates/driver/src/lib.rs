@@ -9,8 +9,8 @@
 //! Time: the timestamp of the measurement, in ns on a monotonic clock. [`clock_fit`] converts a
 //! device's timestamps to such a clock.
 //!
-//! Failure: an error names a system that is not running or whose ingest has not opened the topic.
-//! The program may retry.
+//! Failure: an error is returned if the system is not running or its ingest has not opened the
+//! topic. The program may retry.
 //!
 //! ```no_run
 //! let mut sensor = driver::Sensor::open("plumbline")?;
@@ -89,8 +89,8 @@ impl Receiver {
         Feed::open(system).map(Self)
     }
 
-    /// Publishes a fix, which is combined with the next reading of the sensor. `velocity_m_s` is
-    /// the velocity over ground, east, north, up.
+    /// Publishes a fix, which is combined with the sensor's next reading. `velocity_m_s` is the
+    /// velocity over ground, east, north, up.
     ///
     /// # Errors
     ///
@@ -134,7 +134,7 @@ pub enum DriverError {
     /// The system is not running or cannot be joined.
     #[error(transparent)]
     Bus(BusError),
-    /// The system is running but its topic is not open.
+    /// The system is running but has not opened the topic.
     #[error(
         "feeding the system {system:?}: its topic {topic:?} is not open; set source = \"bus\" in [ingest] of its launch file, or wait until ingest has started"
     )]

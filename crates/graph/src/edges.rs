@@ -2,7 +2,7 @@
 
 use crate::{Entry, Participant, Presence, Service, Topic};
 
-/// A table of topics.
+/// Topic table.
 #[derive(Debug, Clone, Copy)]
 pub struct Graph(pub &'static [Entry]);
 
@@ -27,7 +27,7 @@ impl Graph {
         self.0.iter().filter(move |topic| topic.presence.is_ticked() && topic.is_subscribed_by(service))
     }
 
-    /// Returns the services whose output `service` needs for every tick.
+    /// Returns the services that must deliver an output to `service` for every tick.
     pub fn sources(self, service: Service) -> impl Iterator<Item = Service> {
         let is_waited_for =
             move |source: &Service| self.output(*source).is_some_and(|output| output.is_subscribed_by(service));
@@ -35,9 +35,8 @@ impl Graph {
     }
 
     /// Returns the topics that can be carried to another host, in publication order.
-    ///
-    /// Within one tick, topics with messages for some ticks come before those with one for every
-    /// tick.
+    /// Within one tick, topics with messages for some ticks come before those with a message for
+    /// every tick.
     pub fn carried(self) -> impl Iterator<Item = &'static Entry> {
         let by_density = move |dense: bool| {
             let presence = move |topic: &&Entry| (topic.presence == Presence::EveryTick) == dense;
@@ -46,10 +45,10 @@ impl Graph {
         by_density(false).chain(by_density(true))
     }
 
-    /// Returns the checkpointed services that consume what `service` publishes.
+    /// Returns the checkpointed services that consume messages published by `service`.
     ///
     /// In a split system the gateway subscribes on behalf of remote slots and publishes for them,
-    /// so it counts as consumer and as publisher of every carried topic.
+    /// so it counts as both a consumer and a publisher of every carried topic.
     pub fn downstream(self, service: Service) -> impl Iterator<Item = Service> {
         let may_publish = move |topic: &Entry| {
             topic.is_carried() && (service.carries_ticks() || topic.publisher == Participant::One(service))
@@ -71,13 +70,13 @@ impl Entry {
         self.subscribers.iter().any(|subscriber| subscriber.includes(service))
     }
 
-    /// Returns `true` if the gateway can carry the topic to another host: a slot processes its
-    /// ticks.
+    /// Returns `true` if the gateway can carry the topic to another host. This requires that a slot
+    /// processes the topic's ticks.
     pub fn is_carried(&self) -> bool {
         self.presence.is_ticked() && Service::SLOTS.into_iter().any(|slot| self.is_subscribed_by(slot))
     }
 
-    /// Returns the publisher, or `None` unless it is a single service.
+    /// Returns the publisher if it is a single service, or `None` otherwise.
     pub fn publishing_service(&self) -> Option<Service> {
         match self.publisher {
             Participant::One(service) => Some(service),
@@ -91,29 +90,29 @@ impl Entry {
 }
 
 impl Service {
-    /// Returns [`Graph::output`] of the system's table.
+    /// Calls [`Graph::output`] on the system's topic table.
     pub fn output(self) -> Option<Topic> {
         GRAPH.output(self).and_then(Topic::from_entry)
     }
 
-    /// Returns [`Graph::inputs`] of the system's table.
+    /// Calls [`Graph::inputs`] on the system's topic table.
     pub fn inputs(self) -> impl Iterator<Item = Topic> {
         GRAPH.inputs(self).filter_map(Topic::from_entry)
     }
 
-    /// Returns [`Graph::sources`] of the system's table.
+    /// Calls [`Graph::sources`] on the system's topic table.
     pub fn sources(self) -> impl Iterator<Item = Self> {
         GRAPH.sources(self)
     }
 
-    /// Returns [`Graph::downstream`] of the system's table.
+    /// Calls [`Graph::downstream`] on the system's topic table.
     pub fn downstream(self) -> impl Iterator<Item = Self> {
         GRAPH.downstream(self)
     }
 }
 
 impl Topic {
-    /// Returns [`Graph::carried`] of the system's table.
+    /// Calls [`Graph::carried`] on the system's topic table.
     pub fn carried() -> impl Iterator<Item = Self> {
         GRAPH.carried().filter_map(Self::from_entry)
     }

@@ -1,6 +1,6 @@
 //! The graph of the system: every topic with its publisher and subscribers.
 //!
-//! The [topic table](topics) is the single definition. Everything else derives from it.
+//! The [topic table](topics) is the single definition. Everything else is derived from it.
 //!
 //! Output: constants.
 //!
@@ -10,7 +10,7 @@
 //! | --- | --- |
 //! | [`table`](topics) | the table, one line per topic |
 //! | [`service`] | services, slots and other participants |
-//! | [`topic`] | the contents of a line, and [`Topic`], with a variant per line |
+//! | [`topic`] | the entry of a topic, and [`Topic`], an enum with one variant per line |
 //! | [`edges`] | queries: inputs and outputs of a service, downstream services, carried topics |
 #![forbid(unsafe_code)]
 

@@ -32,7 +32,8 @@ impl Service {
     /// All services: the data path first, then the auxiliary ones.
     pub const ALL: [Self; 8] =
         [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers, Self::Cockpit];
-    /// Services that a launch file may list. The drivers are started if the source needs them.
+    /// Services that a launch file may list. The drivers are not listed, but started if the source
+    /// needs them.
     pub const LISTED: [Self; 7] =
         [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Cockpit];
 
@@ -120,7 +121,7 @@ impl Participant {
         }
     }
 
-    /// Returns `true` if several processes can be this participant at the same time.
+    /// Returns `true` if several processes can act as this participant at the same time.
     pub const fn is_many(self) -> bool {
         match self {
             Self::Slots | Self::Services | Self::Candidates => true,
@@ -142,7 +143,7 @@ impl fmt::Display for Participant {
     }
 }
 
-/// Participants under the names used in the table.
+/// Constants for the participants, with the names used in the table.
 #[expect(non_upper_case_globals, reason = "the table uses the spelling of launch files")]
 pub mod participant {
     use super::{Participant, Service};

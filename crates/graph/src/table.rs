@@ -11,9 +11,9 @@
 /// - *buffer*: `Path` or `Control` of [`Buffer`](crate::Buffer);
 /// - *publisher*, *subscribers*: names of [`participant`](crate::service::participant).
 ///
-/// The order of the lines is the order of the wake words. The gateway can subscribe to every topic
-/// and carries those of [`Graph::carried`](crate::Graph) to other hosts. The lines do not list it
-/// for that.
+/// The order of the lines is the order of the wake words. The gateway can subscribe to every topic,
+/// and it carries those returned by [`Graph::carried`](crate::Graph) to other hosts. The lines do
+/// not list the gateway for these purposes.
 #[macro_export]
 macro_rules! topics {
     ($($callback:ident)::+ { $($argument:tt)* } $($more:tt)*) => {

@@ -5,7 +5,7 @@ use crate::Participant;
 /// Entry of a topic in the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
-    /// Index in the table and of the wake word.
+    /// Index in the table, which is also the index of the wake word.
     pub index: usize,
     /// Name on the bus, on the wire and in output.
     pub name: &'static str,
@@ -24,18 +24,18 @@ pub struct Entry {
 /// Ticks for which a topic has a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Presence {
-    /// Every tick. A missing message is lost.
+    /// Every tick. A tick without a message counts as lost.
     EveryTick,
     /// Ticks with the flag of this name only.
     Flagged(&'static str),
-    /// None: the messages are not derived from an IMU sample.
+    /// No ticks, because the messages are not derived from an IMU sample.
     NoTick,
 }
 
 /// Number of messages buffered per subscriber before the oldest is overwritten.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Buffer {
-    /// As many messages as the data path produces in `buffer_s`.
+    /// The number of messages that the data path produces in `buffer_s`.
     Path,
     /// A small fixed number, for control and status messages.
     Control,
@@ -100,7 +100,7 @@ macro_rules! define_topics {
     };
 }
 
-/// Translates the presence column of the table to a [`Presence`].
+/// Translates the presence column of the table into a [`Presence`].
 #[doc(hidden)]
 #[macro_export]
 macro_rules! presence {

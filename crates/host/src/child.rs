@@ -1,4 +1,4 @@
-//! Process of an external stage, with one response per request.
+//! Process of an external stage, which sends one response per request.
 
 use std::{
     io,
@@ -65,12 +65,12 @@ pub enum HostError {
         /// Error in the response.
         cause: String,
     },
-    /// The stage could not be cloned, or its original had failed.
+    /// The stage could not be cloned, or the original had failed.
     #[error("{0}")]
     CloneFailed(String),
 }
 
-/// Running program with this end of its socket pair. Dropping it kills the process.
+/// Running program and the host's end of the socket pair. Dropping it kills the process.
 #[derive(Debug)]
 pub(crate) struct Child {
     program: String,
@@ -91,10 +91,10 @@ impl Child {
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
         let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
-        // Printed output is for the user. Its standard input carries frames only.
+        // Standard output is for the user. Standard input is the socket and carries only frames.
         let stdout = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
         command.stdin(child_socket).stdout(stdout).stderr(Stdio::inherit());
-        // A separate process group, so that Ctrl-C reaches only the host.
+        // The program has its own process group, so that Ctrl-C reaches only the host.
         let process = command.process_group(0).spawn().map_err(failed)?;
         drop(command);
         let response = vec![0; MAX_FRAME_BYTES];
@@ -116,8 +116,8 @@ impl Child {
             .map_err(|errno| HostError::Start { program: self.program.clone(), cause: errno.into() })
     }
 
-    /// Sends a request and returns the payload of its response, or `None` if the program rejects
-    /// it.
+    /// Sends a request and returns the payload of the response, or `None` if the program rejects
+    /// the request.
     pub(crate) fn request(
         &mut self,
         kind: RequestKind,
@@ -160,7 +160,8 @@ impl Child {
         loop {
             match recv(&self.socket, &mut self.response[..], RecvFlags::empty()) {
                 Ok((len, _)) if len > 0 => return Ok(len),
-                // Interrupted by a signal of this process, which is handled elsewhere.
+                // Receiving was interrupted by a signal to this process, which is handled
+                // elsewhere.
                 Err(Errno::INTR) if started.elapsed() < self.timeout => {}
                 Err(Errno::AGAIN | Errno::INTR) => {
                     let waited_ms = started.elapsed().as_millis();
@@ -175,7 +176,7 @@ impl Child {
         }
     }
 
-    /// Builds the error for a closed connection. The exit status may follow a moment later.
+    /// Builds the error for a closed connection. Waits briefly for the exit status.
     fn ended(&mut self, kind: RequestKind) -> HostError {
         let started = Instant::now();
         let status: Option<ExitStatus> = loop {

@@ -1,20 +1,20 @@
 //! Conversion of stage inputs to finite numbers, so that external stages need no checks.
 //!
-//! A value that is not finite becomes missing, or zero if the slot cannot express a missing value.
-//! Only a common state may contain infinite values, which mean "unknown".
+//! A value that is not finite is treated as missing, or becomes zero if the slot cannot express a
+//! missing value. Only a common state may contain infinite values, which mean "unknown".
 
 use attitude::{
     Vector3, course::CourseInput, fuser::FuserInput, gnss::Fix, gyro::RateSample, scalars::Scalars,
     stage::attitude_validation_error, state::Attitude,
 };
 
-/// Input of a slot that can be made finite.
+/// Input of a slot that can be reduced to finite numbers.
 pub trait FiniteInput: Scalars + Default + Copy {
     /// Returns the input with finite numbers only. Finite values are unchanged.
     fn finite(&self) -> Self;
 }
 
-/// An invalid rate becomes zero over a zero interval: no rotation.
+/// An invalid rate becomes zero, with an interval of zero, so that there is no rotation.
 impl FiniteInput for RateSample {
     fn finite(&self) -> Self {
         let known = self.rate_rad_s.iter().all(|rate| rate.is_finite());

@@ -27,7 +27,7 @@ use crate::{
     interned,
 };
 
-/// Stage whose slot can run an external program: its input, output and common state are numbers.
+/// Stage that an external program can replace, because its interface consists of numbers.
 pub trait HostableStage:
     Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>
 {
@@ -47,9 +47,9 @@ pub struct HostedStage<B> {
     timeout: Duration,
     parameters: &'static [Parameter],
     settings: Vec<(usize, f64)>,
-    /// Number of values of its state.
+    /// Number of values in the program's state.
     state_len: usize,
-    /// `None` if this is a clone of a failed stage, or could not be started.
+    /// `None` if the process could not be started or if this is a clone of a failed stage.
     child: RefCell<Option<Child>>,
     failure: OnceCell<HostError>,
     slot: PhantomData<fn() -> B>,
@@ -97,8 +97,8 @@ impl<B: HostableStage> HostedStage<B> {
         })
     }
 
-    /// Sends a request unless the program has failed, and parses the response. Returns `None` after
-    /// a failure.
+    /// Sends a request and parses the response. Returns `None` if the program fails or has failed
+    /// before.
     fn request<T>(
         &self,
         kind: RequestKind,
@@ -162,7 +162,7 @@ fn empty_payload(payload: &[u8]) -> Result<(), FrameError> {
     if payload.is_empty() { Ok(()) } else { Err(FrameError::PayloadLength { found: payload.len(), expected: 0 }) }
 }
 
-/// Returns a value of NaN numbers, the output of a failed stage.
+/// Returns a value that consists of NaNs, which is the output of a failed stage.
 fn nan_value<T: Scalars + Default>() -> T {
     let mut value = T::default();
     value.visit(&mut |number| *number = f64::NAN);
@@ -206,8 +206,8 @@ impl<B: HostableStage> Stage for HostedStage<B> {
         output.unwrap_or_else(nan_value)
     }
 
-    /// Visits no values: the state is in the other process. [`Stage::snapshot`] and
-    /// [`Stage::restore`] transfer it.
+    /// Visits no values, because the state is in the other process. Use [`Stage::snapshot`] and
+    /// [`Stage::restore`] to transfer it.
     fn visit_state(&mut self, _visit: &mut dyn FnMut(&mut f64)) {}
 
     fn common(&self) -> B::Common {

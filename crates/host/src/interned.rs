@@ -1,6 +1,7 @@
 //! Names and parameters of external stages, interned because stages require `'static` data.
 //!
-//! Equal entries are stored once. At most [`MAX_INTERNED`] texts and as many tables are stored.
+//! Equal entries are stored once. The number of texts and the number of tables are each limited to
+//! [`MAX_INTERNED`].
 
 use std::sync::{Mutex, PoisonError};
 

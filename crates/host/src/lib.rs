@@ -1,14 +1,14 @@
 //! External stages: programs that run as a stage in a separate process.
 //!
-//! Input: the program that a launch file names.
+//! Input: the program named in a launch file.
 //!
 //! Output: a value that implements `attitude::stage::Stage`.
 //!
 //! Time: a request blocks until its response arrives, up to a timeout.
 //!
 //! Failure: a program that exits, does not respond in time or sends an invalid response has failed
-//! permanently, with a reason. Its outputs are NaN from then on, and the slot does not publish
-//! them.
+//! permanently, and the reason is recorded. From then on its outputs are NaN, and the slot does not
+//! publish them.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -16,7 +16,7 @@
 //! | [`hosted`] | the external stage |
 //! | [`finite_input`] | conversion of inputs to finite numbers |
 //! | [`slot_stage`] | a built-in or an external stage |
-//! | `interned` | names and parameters of programs with static lifetime |
+//! | `interned` | names and parameters of programs, interned with static lifetime |
 #![forbid(unsafe_code)]
 
 pub mod child;

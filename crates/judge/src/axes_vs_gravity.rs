@@ -1,30 +1,32 @@
 //! Check of the gyro's axes and unit against the rotation of gravity.
 //!
 //! Rotated back by the integrated rate, the force keeps its mean direction, because only gravity
-//! has a mean. Over windows in which the force rotates in body axes, the spread about that mean is
-//! compared between the unchanged rate and every other choice of axes and unit: all signed
+//! has a non-zero mean. Over windows in which the force rotates in body axes, the spread about that
+//! mean is compared between the unchanged rate and every other choice of axes and unit: all signed
+//! permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
 //! permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
 
 use attitude::{Matrix3, Vector3};
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Length of an integration step, s. For two seconds 250 Hz is as accurate as 8 kHz, at a thirtieth
-/// of the cost.
+/// Length of an integration step, s. For two seconds, 250 Hz is as accurate as 8 kHz, at a
+/// thirtieth of the cost.
 const STEP_S: f64 = 0.004;
 /// Longest sample interval that is integrated, s. The slowest sensors that can keep an attitude
-/// have 10 Hz.
+/// sample at 10 Hz.
 const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
-/// Length of a window, s. Accelerations of a hand or a vehicle reverse within it.
+/// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
-/// Minimum spread of the force in body axes for a window to count: about 20°, more than shaking at
-/// rest causes.
+/// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,
+/// more than shaking at rest causes.
 const MIN_SPREAD: f64 = 0.04;
-/// Minimum number of windows for a diagnosis. A blow affects one, or two if it falls between them.
+/// Minimum number of windows for a diagnosis. A shock affects one window, or two if it falls on
+/// their boundary.
 const MIN_WINDOWS: u32 = 3;
-/// Largest residual of the best hypothesis, as a share of the spread in body axes. Above it,
-/// accelerations caused the spread rather than rotation. With few windows the limit is lower, as if
-/// one of them carried no information.
+/// Largest residual of the best hypothesis, as a share of the spread in body axes. A larger
+/// residual means that accelerations caused the spread, not rotation. With few windows the limit is
+/// lower, as if one of them carried no information.
 const MAX_RESIDUAL: f64 = 0.5;
 /// Minimum ratio of the unchanged rate's residual to the best one. The best of 144 hypotheses is
 /// always slightly better than the true one.
@@ -32,9 +34,10 @@ const MIN_RESIDUAL_RATIO: f64 = 1.5;
 /// Minimum amount by which the unchanged rate's residual also exceeds the best one. If both
 /// residuals are near zero, neither hypothesis is wrong.
 const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
-/// Ratio and offset to the best residual within which other hypotheses count as equally good.
-/// Motion about few axes leaves several.
+/// Factor in the limit `TIE_RATIO` · best residual + `TIE_DIFFERENCE`. Hypotheses with a residual
+/// below this limit count as equally good. Motion about few axes leaves several of them.
 const TIE_RATIO: f64 = 1.15;
+/// Offset in the limit given at [`TIE_RATIO`].
 const TIE_DIFFERENCE: f64 = 0.01;
 /// Unit hypotheses: unchanged, °/s read as rad/s, and rad/s read as °/s.
 const SCALES: [f64; 3] = [1.0, std::f64::consts::PI / 180.0, 180.0 / std::f64::consts::PI];
@@ -44,7 +47,7 @@ const SCALES: [f64; 3] = [1.0, std::f64::consts::PI / 180.0, 180.0 / std::f64::c
 pub(crate) struct Hypothesis {
     pub(crate) axes: Matrix3<f64>,
     pub(crate) scale: f64,
-    /// Share of the spread in body axes that the hypothesis leaves.
+    /// Spread that remains under the hypothesis, as a share of the spread in body axes.
     pub(crate) residual: f64,
 }
 
@@ -110,7 +113,7 @@ impl Default for GyroAxesCheck {
 }
 
 impl GyroAxesCheck {
-    /// Returns the duration of the windows that count, s.
+    /// Returns the total duration of the windows that count, s.
     pub(crate) fn motion_s(&self) -> f64 {
         f64::from(self.windows) * WINDOW_S
     }
@@ -208,7 +211,8 @@ impl HypothesisGroup {
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
-            // The sum in rotated axes, up to its sign, has the same length as in body axes.
+            // The sum in rotated axes has the same length as in body axes. Only its sign may
+            // differ.
             let terms = moments.iter().zip(sum.axes.row_iter());
             let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             sum.spread += spread(&force);
@@ -221,7 +225,8 @@ impl HypothesisGroup {
     }
 }
 
-/// Returns how small the change is. Negating all axes counts as simple as negating one.
+/// Returns a larger value for a smaller change. Negating all axes counts as no more than negating
+/// one.
 fn simplicity(Hypothesis { axes, scale, .. }: &Hypothesis) -> f64 {
     let negated = if axes == &-Matrix3::identity() { 5.0 } else { 0.0 };
     axes.trace() + negated - f64::from(u8::from(*scale != 1.0))

@@ -2,16 +2,16 @@
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Minimum number of samples for a stuck axis. The lowest bit of a quiet sensor can be constant for
-/// a few hundred.
+/// Minimum number of samples before an axis counts as stuck. The lowest bit of a quiet sensor can
+/// stay constant for a few hundred samples.
 const MIN_STUCK_SAMPLES: u64 = 500;
-/// Share of samples that change an active axis. A sensor read at twice its sample rate still
-/// reaches it.
+/// Minimum share of samples in which the value of an active axis changes. A sensor read at twice
+/// its sample rate still reaches this share.
 const ACTIVE_SHARE: f64 = 0.5;
-/// Number of consecutive samples at the extreme value that make a run. Noise reaches the extreme
-/// once, and a sensor read at twice its rate shows it twice.
+/// Number of consecutive samples at the extreme value that count as a run. Noise reaches the
+/// extreme in one sample, or in two if the sensor is read at twice its rate.
 const RUN_LENGTH: u32 = 3;
-/// Minimum number of runs for a diagnosis. A single run is a blow.
+/// Minimum number of runs for a diagnosis. A shock causes a single run.
 const MIN_RUNS: u32 = 3;
 
 /// Monitor of the three axes of one sensor.
@@ -19,7 +19,7 @@ const MIN_RUNS: u32 = 3;
 pub(crate) struct AxisMonitor {
     quantity: &'static str,
     sensor: &'static str,
-    /// Lower bound of the measuring range of any such sensor.
+    /// Lower bound of the measuring ranges of all such sensors.
     min_range: f64,
     last: Option<[f64; 3]>,
     samples: u64,
@@ -27,7 +27,7 @@ pub(crate) struct AxisMonitor {
     extremes: [[Extreme; 2]; 3],
 }
 
-/// Largest value of an axis in one direction, and its runs while other axes changed.
+/// Extreme value of an axis in one direction, and its runs while other axes changed.
 #[derive(Debug, Clone, Copy, Default)]
 struct Extreme {
     limit: f64,

@@ -1,5 +1,5 @@
-//! Diagnoses: the issue, its evidence in figures, and possible causes with remedies, likeliest
-//! first.
+//! Diagnoses. Each contains the issue, its evidence in figures, and possible causes with remedies,
+//! likeliest first.
 
 use core::fmt;
 
@@ -7,7 +7,7 @@ use attitude::{GRAVITY_M_S2, Matrix3};
 
 use crate::axes_vs_gravity::Hypothesis;
 
-/// Issue of the input.
+/// Issue with the input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputIssue {
     /// Rates are not in rad/s.
@@ -106,7 +106,7 @@ fn scale_remedy(sensor: &str, factor: f64) -> String {
     format!("`ingest.calibration.{sensor}.scale = [{factor}, {factor}, {factor}]` in the launch file")
 }
 
-/// Returns the option of `plumb import` for a unit, or else the launch-file line.
+/// Returns the `plumb import` option for a unit, with the launch-file line as the alternative.
 fn unit_remedy(sensor: &str, factor: f64, unit: &str) -> String {
     format!("`--units {unit}` of `plumb import`, or {}", scale_remedy(sensor, factor))
 }
@@ -121,8 +121,8 @@ pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
     Diagnosis { issue: InputIssue::RateUnit, evidence, causes }
 }
 
-/// Rates in a wrong unit: in `windows` windows of this length the gyro rotates and the force does
-/// not.
+/// Creates the diagnosis of a wrong rate unit: in `windows` windows of length `window_s` the gyro
+/// rotated and the force did not.
 pub(crate) fn unobserved_rotation(windows: u32, window_s: f64) -> Diagnosis {
     let evidence = format!(
         "{windows} times within {window_s} s the gyro reported ten times the rotation the accelerometer saw (> 57°)"
@@ -135,13 +135,13 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
     let import =
         |unit: &str| format!("`--units {unit}` of `plumb import`; a driver on the bus sends t_sensor_ns in ns");
     let causes = match median_s {
-        // After a leap ingest continues with the usual sample interval, so only a longer median
-        // reveals the unit.
+        // After a clock leap, ingest continues with the usual sample interval, so only a median
+        // longer than that reveals the unit.
         _ if leaps * 2 > samples && !(0.6..).contains(&median_s) => {
             let remedy = "`--units ms` or `--units us` of `plumb import`; a driver on the bus sends t_sensor_ns in ns, increasing with each reading";
             vec![cause("constant timestamps, or timestamps in another unit", remedy)]
         }
-        // Sensors of 20 Hz to 1.7 kHz in ms.
+        // Intervals of sensors with 20 Hz to 1.7 kHz, in ms.
         0.6..50.0 => vec![
             cause("times in ms, read as s", import("ms")),
             cause("times in µs, read as ms", import("us")),
@@ -181,20 +181,20 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
     );
     let in_g = cause("forces in g", unit_remedy("accel", GRAVITY_M_S2, "g"));
     let (issue, causes) = match (median, per_g) {
-        // Near 1 at rest means g, within the error of a scale. With motion the range is wider, but
-        // motion without gravity also reaches it.
+        // A value near 1 at rest means g, with an allowance for scale errors. With motion the range
+        // is wider, but motion without gravity also reaches it.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
-        // Below the force on any body near the Earth over time.
+        // Below the long-term force on any body near the Earth.
         (_, ..0.5) => (
             InputIssue::GravityRemoved,
             vec![gravity_removed, cause("a wrong scale", scale_remedy("accel", per_g.recip()))],
         ),
-        // A factor of 9.8, within the error of a scale.
+        // A factor of 9.8, with an allowance for scale errors.
         (_, 8.0..12.0) => {
             (InputIssue::ForceUnit, vec![cause("m/s² read as g", unit_remedy("accel", GRAVITY_M_S2.recip(), "m/s2"))])
         }
-        // Near 1000 at rest means thousandths of g, within the error of a scale.
+        // A value near 1000 at rest means thousandths of g, with an allowance for scale errors.
         (850.0..1200.0, _) => (
             InputIssue::ForceUnit,
             vec![cause("forces in thousandths of g", scale_remedy("accel", GRAVITY_M_S2 / 1000.0))],
@@ -208,8 +208,8 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
 }
 
 pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
-    // The Earth's 22 to 67 µT in each unit, with the effect of iron. Values between the ranges are
-    // not diagnosed.
+    // The Earth's field of 22 to 67 µT in each unit, with an allowance for the effect of iron.
+    // Values between the ranges are not diagnosed.
     let (text, factor, unit) = match median_ut {
         0.15..1.0 => ("fields in gauss", 100.0, "gauss"),
         0.015..0.1 => ("fields in mT", 1e3, "mT"),
@@ -229,8 +229,8 @@ pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     Diagnosis { issue: InputIssue::FieldUnit, evidence, causes: vec![cause("fields in nT", remedy)] }
 }
 
-/// Axes or unit of the gyro are wrong. `all` are the hypotheses that fit, those with the smallest
-/// change first.
+/// Creates the diagnosis of wrong axes or a wrong unit of the gyro. `all` contains the hypotheses
+/// that fit, in order of increasing change.
 pub(crate) fn gyro_mismatch(unchanged: f64, seconds: f64, all: &[Hypothesis]) -> Diagnosis {
     /// Maximum number of hypotheses shown. They differ only in axes about which there was no
     /// rotation.
@@ -294,10 +294,11 @@ fn axis_names(axes: &Matrix3<f64>) -> String {
     format!("{}, {}, {}", name(0), name(1), name(2))
 }
 
-/// The body is constantly upside down. `mean_cosine` is that of the angle between force and field.
+/// Creates the diagnosis of a body that is constantly upside down. `mean_cosine` is the mean cosine
+/// of the angle between force and field.
 pub(crate) fn upside_down(force: [f64; 3], mean_cosine: Option<f64>) -> Diagnosis {
-    /// Minimum |cosine| between force and field to distinguish up and down: 81°, reached within 5°
-    /// of the magnetic equator.
+    /// Minimum |cosine| of the angle between force and field for distinguishing up from down. It
+    /// corresponds to 81°, which is reached within 5° of the magnetic equator.
     const INCLINED: f64 = 0.15;
     let frd = cause(
         "axes forward, right, down (FRD, NED)",

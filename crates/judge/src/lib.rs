@@ -54,15 +54,15 @@ const MAX_SPAN_S: f64 = 120.0;
 const MAX_SAMPLES: u64 = 500_000;
 /// Largest component that is checked. Its square and products of squares stay finite.
 const SQUARE_SAFE_MAX: f64 = 1e9;
-/// Minimum number of clipped rates for a diagnosis. A thrown body causes a few.
+/// Minimum number of clipped rates for a diagnosis. Throwing the body causes a few.
 const MIN_CLIPPED_RATES: u64 = 50;
-/// Minimum number of invalid rates for a diagnosis. A spike on the wire is a single one.
+/// Minimum number of invalid rates for a diagnosis. A spike on the wire causes only one.
 const MIN_IMPLAUSIBLE_RATES: u64 = 5;
 /// Minimum number of timestamp faults for a diagnosis. A start or restart of a device causes one.
 const MIN_TIMESTAMP_FAULTS: u64 = 3;
-/// Smallest measuring range of a gyro, rad/s. The smallest usual range is 125 °/s.
+/// Lower bound of gyro measuring ranges, rad/s. The smallest usual range is 125 °/s.
 const MIN_RATE_RANGE_RAD_S: f64 = 2.0;
-/// Smallest measuring range of an accelerometer, m/s². The smallest usual range is 2 g, less its
+/// Lower bound of accelerometer measuring ranges, m/s². The smallest usual range is 2 g, less its
 /// error.
 const MIN_FORCE_RANGE_M_S2: f64 = 15.0;
 
@@ -113,12 +113,12 @@ impl Default for InputCheck {
 }
 
 impl InputCheck {
-    /// Adds a sample and returns the diagnoses that are new with it, usually none.
+    /// Adds a sample and returns the new diagnoses, usually none.
     ///
-    /// `mag` is the magnetometer sample of the same tick, if there is one.
+    /// `mag` is the magnetometer sample of the same tick, if present.
     pub fn update(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<Diagnosis> {
         let tick = imu.header.tick;
-        // A restarted source sends samples again that were checked before.
+        // A restarted source resends samples that have already been checked.
         if self.finished || tick < self.next_tick || imu.header.flags.any(Flags::FAULT_INJECTED) {
             return Vec::new();
         }

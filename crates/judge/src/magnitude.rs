@@ -1,5 +1,5 @@
-//! Check of magnitudes: those plausible for a body near the Earth, and the units that explain
-//! others.
+//! Checks whether magnitudes are plausible for a body near the Earth, and finds the units that
+//! explain implausible ones.
 
 use attitude::GRAVITY_M_S2;
 
@@ -8,31 +8,32 @@ use crate::{
     length,
 };
 
-/// Plausible median force, g. Steep turns reach 2 to 3 g for half a minute, and nothing with people
-/// or wings sustains 5 g. Confusing g and m/s² gives a factor of 9.8.
+/// Plausible median force, g. Steep turns reach 2 to 3 g for half a minute, and no crewed or winged
+/// vehicle sustains 5 g. Confusing g and m/s² gives a factor of 9.8.
 const PLAUSIBLE_FORCE_G: std::ops::Range<f64> = 0.5..5.0;
-/// Plausible median field, µT. The Earth's field is 22 to 67 µT, and uncalibrated vehicle iron
-/// removes two thirds of it or adds three times as much.
+/// Plausible median field, µT. The Earth's field is 22 to 67 µT. Uncalibrated vehicle iron can
+/// remove two thirds of it or add three times as much.
 const PLAUSIBLE_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
-/// Plausible median sample interval, s. Inertial sensors have 1.7 Hz to 50 kHz. Reading ms as s
-/// exceeds the range for any sensor below 1.7 kHz, reading µs as s for all.
+/// Plausible median sample interval, s. Inertial sensors sample at 1.7 Hz to 50 kHz. If ms are read
+/// as s, the interval is out of range for any sensor below 1.7 kHz; if µs are read as s, for every
+/// sensor.
 const PLAUSIBLE_INTERVAL_S: std::ops::Range<f64> = 20e-6..0.6;
-/// Ratio of the 90 % to the 10 % quantile of the force above which the body is shaken. At rest they
-/// agree within a tenth.
+/// Ratio of the 90 % to the 10 % quantile of the force above which the body is shaken. At rest the
+/// two quantiles agree within a tenth.
 const SHAKEN_RATIO: f64 = 3.0;
 /// Bounds of the 10 % and 90 % quantiles relative to the median for a steady force: a body at rest
 /// or carried, without strong motion.
 const STEADY_RATIOS: [f64; 2] = [0.7, 1.5];
-/// Minimum observation time before the median of a shaken body is used, s. Longer than picking it
-/// up and putting it down.
+/// Minimum observation time before the median of a shaken body is used, s. Longer than it takes to
+/// pick the body up and put it down.
 const MIN_SHAKEN_SPAN_S: f64 = 5.0;
 /// Minimum number of values for a quantile: five of them are below the 10 % quantile.
 const MIN_COUNT: u64 = 50;
-/// Reciprocal of the share of clock leaps that indicates a wrong unit of time rather than single
-/// faults.
+/// Reciprocal of the share of clock leaps above which the unit of time is wrong. A smaller share
+/// indicates single faults.
 const LEAP_FACTOR: u64 = 2;
-/// Minimum number of rejected field samples for a diagnosis, and their minimum ratio to accepted
-/// ones. In nT all exceed the limit, while a magnet affects only some.
+/// Minimum number of rejected field samples for a diagnosis, and also their minimum ratio to the
+/// accepted ones. In nT all samples exceed the limit, while a magnet affects only some.
 const MIN_REJECTED_FIELDS: u64 = 10;
 
 /// Quantiles of interval, force and field.
@@ -97,7 +98,7 @@ const MIN_EXPONENT: f64 = -10.0;
 /// Number of decades, up to [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX) and one more.
 const DECADES: usize = 20;
 
-/// Quantiles of positive numbers to 5 %, from logarithmic bins.
+/// Quantiles of positive numbers with a resolution of 5 %, from logarithmic bins.
 #[derive(Debug, Clone)]
 struct Quantiles {
     bins: Vec<u32>,
@@ -119,7 +120,8 @@ impl Quantiles {
         self.count += 1;
     }
 
-    /// Returns the value below which `share` of the values lie, or `None` while there are too few.
+    /// Returns the value below which `share` of the values lie, or `None` if there are too few
+    /// values.
     fn quantile(&self, share: f64) -> Option<f64> {
         if self.count < MIN_COUNT {
             return None;

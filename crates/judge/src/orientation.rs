@@ -1,29 +1,33 @@
-//! Direction of gravity in the body: constantly upside down means wrong mounting, axes or signs.
+//! Direction of gravity in body axes. A body that is constantly upside down indicates wrong
+//! mounting, axes or signs.
 
 use attitude::Vector3;
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Largest rate at which the orientation is checked, rad/s. Any vehicle may be upside down in a
-/// roll or a loop.
+/// Maximum rate at which the orientation is checked, rad/s. Above it, any vehicle may be upside
+/// down in a roll or a loop.
 const MAX_RATE_RAD_S: f64 = 1.0;
-/// Cosine of the angle between force and body up below which the body is upside down: 120°, beyond
-/// the tilt of a body on its side.
+/// Cosine of the angle between force and body up below which the body is upside down. It
+/// corresponds to 120°, beyond the tilt of a body on its side.
 const UPSIDE_DOWN_COSINE: f64 = -0.5;
-/// Largest relative deviation of |f| from its mean for the force to count as gravity: a turn at 25°
-/// bank.
+/// Largest relative deviation of |f| from its mean for the force to count as gravity. It
+/// corresponds to a turn at 25° bank.
 const GRAVITY_TOLERANCE: f64 = 0.1;
-/// Weight of each sample in the running mean of |f|: a time constant of 1 s at 100 Hz, whatever the
-/// unit.
+/// Weight of each sample in the running mean of |f|, for a time constant of 1 s at 100 Hz. It does
+/// not depend on the unit.
 const SMOOTHING: f64 = 0.01;
-/// Minimum observation time for a diagnosis, s. Aerobatics stay upside down for less.
+/// Minimum observation time for a diagnosis, s. In aerobatics a vehicle is upside down for less
+/// time.
 const MIN_OBSERVED_S: f64 = 4.0;
-/// Minimum share of the observation time upside down. A body turned over by hand stays below it.
+/// Minimum share of the observation time upside down. A body that is turned over by hand stays
+/// below it.
 const MIN_UPSIDE_DOWN_SHARE: f64 = 0.9;
-/// Minimum number of field samples to use the field. The noise of a single one is up to 45°.
+/// Minimum number of field samples for the field to be used. A single sample has up to 45° of
+/// noise.
 const MIN_FIELDS: u64 = 10;
 
-/// Check of the share of time that the body is upside down.
+/// Check of the share of time for which the body is upside down.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct OrientationCheck {
     observed_s: f64,

@@ -1,4 +1,5 @@
-//! Check of the unit of the rates: rotation that the gyro reports but gravity does not show.
+//! Check of the unit of the rates, based on rotation that the gyro reports but gravity does not
+//! show.
 //!
 //! A rotation about an axis perpendicular to the force rotates the force in body axes by the same
 //! angle. If the gyro reports a fast rotation while the force keeps its direction, the rates are
@@ -9,24 +10,25 @@ use attitude::Vector3;
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Length of a window, s. A swing of a hand does not return within it.
+/// Length of a window, s. A swinging hand does not return within this time.
 const WINDOW_S: f64 = 0.5;
-/// Length of a step, s. Vibration of motors and propellers averages out, and no body rotates far.
+/// Length of a step, s. Within it, vibration of motors and propellers averages out, and no body
+/// rotates far.
 const STEP_S: f64 = 0.05;
 /// Longest sample interval that is integrated, s. The slowest sensors that can keep an attitude
-/// have 10 Hz.
+/// sample at 10 Hz.
 const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Minimum rotation perpendicular to the force for a window to count, rad. No hand or vehicle
-/// rotates that far that fast repeatedly.
+/// repeatedly rotates that far in one window.
 const MIN_ROTATION_RAD: f64 = 1.0;
-/// Largest ratio of the force's rotation to the gyro's for a mismatch. Rates in °/s give 1/57, plus
-/// accelerations.
+/// Largest ratio of the force's rotation to the gyro's that counts as a mismatch. Rates in °/s give
+/// 1/57, plus the effect of accelerations.
 const MAX_FORCE_SHARE: f64 = 0.1;
-/// Minimum number of mismatches for a diagnosis. A body that swings back within a window shows less
-/// rotation than it made.
+/// Minimum number of mismatches for a diagnosis. If a body swings back within a window, the force
+/// shows less rotation than the body made.
 const MIN_MISMATCHES: u32 = 5;
-/// Minimum share of mismatches among the windows that count. In a wrong unit nearly all mismatch,
-/// in the right one few.
+/// Minimum share of mismatches among the windows that count. With a wrong unit nearly all windows
+/// mismatch, with the right one only a few.
 const MIN_MISMATCH_SHARE: f64 = 0.8;
 
 /// Comparison of the rotation measured by the gyro with the rotation of the force.
@@ -34,7 +36,7 @@ const MIN_MISMATCH_SHARE: f64 = 0.8;
 pub(crate) struct RateUnitCheck {
     dt_s: f64,
     step_s: f64,
-    /// Sums over the current step.
+    /// Sums of rotation and force over the current step.
     rotation_rad: Vector3<f64>,
     force: Vector3<f64>,
     /// Direction of the force at the start of the window.

@@ -17,13 +17,13 @@ const MAX_ORIGINS: usize = 8;
 /// Settings of the cockpit service, which serves a web page of the system.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cockpit {
-    /// Address to listen at, outside the loopback only with `tls`. If the port is in use, the next
-    /// free one is taken.
+    /// Address to listen on. Addresses outside the loopback require `tls`. If the port is in use,
+    /// the next free one is used.
     pub listen: SocketAddr,
-    /// Certificate of the server. With it, viewing needs a token, on the loopback as well.
+    /// Server certificate and key. If set, viewing requires a token, even on the loopback.
     pub tls: Option<CockpitTls>,
-    /// Origins of other web pages that may read everything at `/foxglove`, as browsers send them,
-    /// such as `https://app.foxglove.dev`.
+    /// Origins of other web pages that may read everything at `/foxglove`, in the form that
+    /// browsers send, such as `https://app.foxglove.dev`.
     pub foxglove_origins: Vec<String>,
 }
 
@@ -84,8 +84,8 @@ pub(crate) fn cockpit(section: &mut Section<'_, '_>, out: &mut Cockpit) {
     out.foxglove_origins = listed.into_iter().map(Spanned::into_inner).collect();
 }
 
-/// Returns `true` for a scheme with optional host and port in lower case, as sent by browsers (RFC
-/// 6454, 6.2).
+/// Returns `true` for an origin as browsers send it: a scheme with optional host and port, in lower
+/// case (RFC 6454, 6.2).
 fn is_origin(text: &str) -> bool {
     let Some((scheme, authority)) = text.split_once("://") else { return false };
     let is_scheme = scheme.starts_with(|first: char| first.is_ascii_lowercase())

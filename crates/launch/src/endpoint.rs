@@ -1,5 +1,5 @@
-//! Reach and security of the gateway's endpoints: outside the loopback they need mutual TLS or a
-//! known tunnel.
+//! Security of the gateway's endpoints. Those outside the loopback need mutual TLS or a known
+//! tunnel.
 
 use std::net::{IpAddr, Ipv4Addr};
 
@@ -10,7 +10,8 @@ use crate::{gateway::Gateway, problem::Problem, toml_reader::Section};
 /// Maximum number of endpoints per key.
 const MAX_ENDPOINTS: usize = 16;
 const MAX_TUNNELS: usize = 4;
-/// Shortest network prefix accepted for a tunnel. Shorter ones exceed any private network.
+/// Shortest network prefix accepted for a tunnel. Shorter prefixes cover more than any private
+/// network.
 const MIN_PREFIX_BITS: u32 = 8;
 
 /// Reads `listen`, `connect` and `tunnel`.
@@ -30,8 +31,8 @@ struct Security<'t> {
     tunnels: &'t [Network],
 }
 
-/// Reads endpoints. Outside the loopback, where any host could listen or impersonate another, only
-/// mutual TLS is allowed.
+/// Reads endpoints. Outside the loopback, any host could listen or impersonate another, so only
+/// mutual TLS and the listed tunnels are allowed.
 fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_>, out: &mut Vec<String>) {
     let Some(listed) = section.spanned_strings(key, MAX_ENDPOINTS) else { return };
     for endpoint in &listed {
@@ -124,10 +125,10 @@ impl Network {
     }
 }
 
-/// Endpoint, by its reach.
+/// Parsed endpoint.
 enum Endpoint<'t> {
     Loopback,
-    /// With mutual TLS.
+    /// Endpoint with mutual TLS.
     Quic {
         names_ipv6: bool,
     },

@@ -19,15 +19,15 @@ const MAX_WORDS: usize = 64;
 pub struct ExternalStage {
     /// Slot for which the stage is written.
     pub slot: Service,
-    /// Program and its arguments. A name without a slash is searched in PATH, a path is relative to
-    /// `folder`.
+    /// Program and its arguments. A name without a slash is looked up in PATH. A path is relative
+    /// to `folder`.
     pub command: Vec<String>,
     /// Working directory: the launch file's folder.
     pub folder: PathBuf,
 }
 
 impl ExternalStage {
-    /// Returns the program's file: a path, or a name to search in PATH.
+    /// Returns the program's file: a path, or a name to look up in PATH.
     pub fn executable(&self) -> PathBuf {
         let word = self.command.first().map_or("", String::as_str);
         if word.contains('/') { self.folder.join(word) } else { word.into() }
@@ -59,7 +59,7 @@ pub(crate) fn external_stages(section: &mut Section<'_, '_>, folder: Option<&Pat
         };
         let is_valid = is_free(section, name, &span) & slot(section, name, &span, &mut stage);
         command(section, name, &span, folder, &mut stage);
-        // A stage with an invalid command is kept, so that a slot with this stage causes no second
+        // A stage with an invalid command is kept, so that a slot that uses it causes no second
         // problem.
         if is_valid {
             launch.stages.insert(name.into(), stage);
@@ -124,7 +124,7 @@ fn is_in_path(name: &str) -> bool {
     std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
 }
 
-/// Reports a missing key and returns whether it is present.
+/// Returns `true` if the key is present. Otherwise reports it as missing.
 fn require(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, key: &str) -> bool {
     let is_present = section.has(key);
     if !is_present {

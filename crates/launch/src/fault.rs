@@ -7,25 +7,25 @@ use crate::{problem::Problem, toml_reader::Section};
 
 /// Maximum number of faults.
 pub const MAX_FAULTS: usize = 64;
-/// Maximum number of readings held back by [`FaultKind::Delayed`]: the longest delay at the highest
-/// rate.
+/// Maximum number of readings held back by [`FaultKind::Delayed`], for the longest delay at the
+/// highest rate.
 pub const MAX_DELAYED_READINGS: usize = 20_000;
 
 /// Longest delay, s.
 const MAX_DELAY_S: f64 = 2.0;
-/// Latest start or end of a fault, s (11 days).
+/// Latest allowed start or end of a fault, s (11 days).
 const MAX_TIME_S: f64 = 1e6;
 
-/// Fault of one sensor over an interval of time.
+/// Fault of a sensor during a time interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
     /// Affected sensor.
     pub sensor: Sensor,
     /// Effect on the sensor.
     pub kind: FaultKind,
-    /// Start, s of the source's time since the first reading.
+    /// Start, s since the first reading, in the source's time.
     pub from_s: f64,
-    /// End, exclusive, s of the source's time since the first reading.
+    /// End (exclusive), s since the first reading, in the source's time.
     pub until_s: f64,
 }
 
@@ -60,16 +60,16 @@ pub enum FaultKind {
     },
     /// Output of factor · value + offset.
     Miscalibrated {
-        /// Factor, 1 without effect.
+        /// Factor. 1 has no effect.
         factor: f64,
-        /// Offset in the sensor's units: rad/s, m/s², µT. For a receiver's velocity m/s east,
-        /// north, up.
+        /// Offset in the sensor's units: rad/s, m/s² or µT. For a receiver, the velocity offset
+        /// east, north and up, m/s.
         offset: [f64; 3],
     },
     /// Only every n-th value is output. A gyro or accelerometer repeats it in between, like a
     /// sensor that is read faster than it samples.
     Slow {
-        /// The number n.
+        /// Value of n.
         every: u64,
     },
     /// Values are output late.
@@ -86,7 +86,7 @@ pub enum FaultKind {
     },
 }
 
-/// Reads the faults. If they are not `allowed`, reports one problem for all.
+/// Reads the faults. If faults are not `allowed`, reports a single problem for all of them.
 pub(crate) fn faults(section: &mut Section<'_, '_>, allowed: bool, out: &mut Vec<Fault>) {
     let (mut count, mut surplus) = (0, None);
     section.tables("fault", |section, span| {
@@ -158,7 +158,7 @@ fn fault(section: &mut Section<'_, '_>, span: &Range<usize>) -> Option<Fault> {
     kind.filter(|_| valid && times_valid).map(|kind| Fault { sensor, kind, from_s, until_s })
 }
 
-/// Reads the keys of a kind.
+/// Reads the keys of a fault kind.
 fn kind(section: &mut Section<'_, '_>, span: &Range<usize>, name: KindName, sensor: Sensor) -> Option<FaultKind> {
     let (mut seed, mut factor, mut offset) = (1, 1.0, [0.0; 3]);
     let (mut every, mut delay_s, mut share) = (2, 0.0, 0.0);
@@ -205,7 +205,7 @@ fn allow_kind_keys(section: &mut Section<'_, '_>) -> Option<FaultKind> {
     None
 }
 
-/// Reports the first missing key and returns whether all are present.
+/// Returns `true` if all keys are present. Otherwise reports the first missing one.
 fn require(section: &mut Section<'_, '_>, span: &Range<usize>, keys: &[&str]) -> bool {
     let missing = keys.iter().find(|key| !section.has(key));
     if let Some(key) = missing {

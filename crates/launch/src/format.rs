@@ -58,12 +58,12 @@ pub struct WitMotion {
     pub field_unit_ut: f64,
 }
 
-/// Selection of an autopilot's messages.
+/// Selection of the autopilot messages to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Autopilot {
-    /// MAVLink system id. 0 for the first system that is received.
+    /// MAVLink system ID. 0 selects the first system received.
     pub system: u64,
-    /// Message with rate and force. `None` for the first that is received.
+    /// Message with rate and force. `None` selects the first one received.
     pub imu: Option<ImuMessage>,
     /// Message with the velocity. `None` to ignore fixes.
     pub fix: Option<FixMessage>,
@@ -122,12 +122,13 @@ impl Format {
         }
     }
 
-    /// Returns `true` for lines of text, which end with a newline, the datagram or the input.
+    /// Returns `true` for a text format. Its lines end with a newline, or with the end of the
+    /// datagram or the input.
     pub const fn is_text(&self) -> bool {
         matches!(self, Self::Csv(_))
     }
 
-    /// Returns the default MAVLink format: the first system that is received, with GPS fixes.
+    /// Returns the default MAVLink format: the first system received, with GPS fixes.
     pub(crate) const fn mavlink() -> Self {
         Self::Mavlink(Autopilot { system: 0, imu: None, fix: Some(FixMessage::GpsRawInt) })
     }
@@ -197,7 +198,7 @@ impl Columns {
     }
 }
 
-/// Reads `format` and its keys.
+/// Reads `format` and the keys of that format.
 pub(crate) fn stream_format(section: &mut Section<'_, '_>, out: &mut Format) {
     let all = Format::all().map(|format| (format.name(), format));
     let mut chosen = out.clone();
@@ -245,7 +246,7 @@ fn csv(section: &mut Section<'_, '_>, out: &mut Columns) {
     }
 }
 
-/// Returns a required column that is not among `names`.
+/// Returns a required column that is not among `names`, if any.
 fn missing<'m>(mapping: &'m Mapping, names: &[&str]) -> Option<&'m str> {
     let needed = RATE.into_iter().chain(FORCE).filter_map(|target| mapping.column(target));
     let mapped = mapping.columns().filter(|_| mapping.is_explicit()).map(|(_, column)| column);

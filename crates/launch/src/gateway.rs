@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 /// Settings of the gateway, which connects the system to other hosts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gateway {
-    /// Name of the vehicle towards other hosts. `None` to use the system's name.
+    /// Vehicle name that other hosts see. `None` to use the system's name.
     pub vehicle: Option<String>,
-    /// Endpoints to listen at, such as `tcp/127.0.0.1:7447` or `quic/0.0.0.0:7447`. If a port on
-    /// the loopback is in use, the next free one is taken.
+    /// Endpoints to listen on, such as `tcp/127.0.0.1:7447` or `quic/0.0.0.0:7447`. If a port on
+    /// the loopback is in use, the next free one is used.
     pub listen: Vec<String>,
     /// Endpoints of routers and stations to connect to.
     pub connect: Vec<String>,
@@ -20,15 +20,16 @@ pub struct Gateway {
     pub messages_hz: f64,
     /// Rate at which each topic is sent, by its name. Topics without an entry are not sent.
     pub rates: BTreeMap<String, TopicRate>,
-    /// Topics for slots on other hosts. Every tick is sent, and again to a host that missed it.
+    /// Topics for slots on other hosts. Every tick is sent, and is sent again to hosts that missed
+    /// it.
     pub export: Vec<String>,
     /// Time for which exported ticks are kept for a disconnected host, s.
     pub cache_s: f64,
     /// Topics imported from the slots of another host.
     pub import: Option<Import>,
-    /// Certificates of mutual TLS.
+    /// Certificates for mutual TLS.
     pub tls: Option<Tls>,
-    /// File with Zenoh's `access_control`, the permissions of each client.
+    /// File with Zenoh's `access_control` settings, which define the permissions of each client.
     pub access: Option<PathBuf>,
 }
 
@@ -37,11 +38,11 @@ pub struct Gateway {
 pub enum TopicRate {
     /// Every sample.
     All,
-    /// Samples per second of the source's time, Hz.
+    /// Samples per second in the source's time, Hz.
     Hz(f64),
 }
 
-/// Certificates and key of mutual TLS, PEM.
+/// Certificates and key for mutual TLS, PEM.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Tls {
     /// File with the certificate of the common authority.

@@ -43,8 +43,7 @@ pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
 fn rate(section: &mut Section<'_, '_>, topic: &'static Entry, rates: &mut BTreeMap<String, TopicRate>) {
     let mut hz = 0.0;
     let mut value = None;
-    // Topics outside the data path are not placed in the source's time, so their rate cannot be
-    // reduced.
+    // Topics outside the data path are not timed by the source, so their rate cannot be reduced.
     let is_untimed = topic.buffer == Buffer::Control;
     let topic = topic.name;
     if section.is_number(topic) && !is_untimed {

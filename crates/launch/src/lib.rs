@@ -4,7 +4,8 @@
 //!
 //! Output: a [`Launch`] in which every value is present and valid.
 //!
-//! Failure: all problems of the file at once, each with its line. Unknown keys are rejected.
+//! Failure: all problems of the file are reported together, each with its line. Unknown keys are
+//! rejected.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -20,7 +21,7 @@
 //! | `gateway` | connections to other hosts, and the topics sent |
 //! | `gateway_section` | keys of `[gateway]` |
 //! | `cockpit` | web page of the system |
-//! | `endpoint` | reach and security of the gateway's endpoints |
+//! | `endpoint` | security of the gateway's endpoints |
 //! | `split` | one system on several hosts |
 //! | `fault` | injection of sensor faults |
 //! | `external_stage` | user-defined stages |

@@ -18,7 +18,7 @@ pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
 const BAUD_RANGE: RangeInclusive<u64> = 50..=20_000_000;
 const DEFAULT_BAUD: u64 = 115_200;
 
-/// Settings of a stream of readings, whatever its port.
+/// Settings of a stream of readings, independent of its port.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stream {
     /// Format of the bytes.
@@ -27,7 +27,7 @@ pub struct Stream {
     pub clock: Clock,
     /// Nominal sample rate, Hz.
     pub rate_hz: f64,
-    /// Meaning of a rate sample within its interval.
+    /// Kind of rate sample: the mean over its interval, or the value at the end.
     pub gyro_samples: GyroSamples,
 }
 
@@ -60,7 +60,7 @@ pub enum Port {
     },
 }
 
-/// Source with a port of its own.
+/// Source that is read from a port.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PortSource {
     /// Port, or `None` if not set.
@@ -95,7 +95,7 @@ pub struct ReceiverSource {
 }
 
 impl Stream {
-    /// Creates the settings for CSV lines at 1 kHz.
+    /// Creates the settings for CSV lines at 1 kHz with the given clock.
     fn with_clock(clock: Clock) -> Self {
         Self { format: Format::default(), clock, rate_hz: 1000.0, gyro_samples: GyroSamples::Means }
     }
@@ -178,8 +178,7 @@ impl Source {
         matches!(self, Self::Stdin | Self::Udp | Self::Tcp | Self::Serial | Self::Mavlink | Self::Iio)
     }
 
-    /// Returns `true` if the source has an end and another process can read it again from the
-    /// start.
+    /// Returns `true` if the source is finite and another process can read it again from the start.
     pub const fn is_repeatable(self) -> bool {
         matches!(self, Self::Sim | Self::Replay)
     }
@@ -200,7 +199,7 @@ impl Ingest {
         }
     }
 
-    /// Returns the port of the source, or `None` if the source has none or it is not set.
+    /// Returns the port of the source, or `None` if the source has no port or the port is not set.
     pub fn port(&self) -> Option<&Port> {
         self.port_source()?
             .port
@@ -208,8 +207,8 @@ impl Ingest {
             .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
     }
 
-    /// Returns the sample rate declared for the source, Hz, or `None` for a recording, which has
-    /// its own.
+    /// Returns the sample rate declared for the source, Hz, or `None` for a recording, which
+    /// contains its own rate.
     pub fn declared_rate_hz(&self) -> Option<f64> {
         match self.source {
             Source::Sim => Some(self.sim.rate_hz),
@@ -293,7 +292,7 @@ pub(crate) fn live_sources(section: &mut Section<'_, '_>, out: &mut Ingest) {
     require_port(section, out);
 }
 
-/// Reports a source without its port or device.
+/// Reports a problem if the port or device of the source is missing.
 fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
     let remedy = match ingest.source {
         Source::Serial => r#"port = "/dev/ttyUSB0" in [ingest.serial]"#,

@@ -15,26 +15,29 @@ use crate::{
     north::NorthReference, output::Output, promotion_rule::PromotionRule,
 };
 
-/// Maximum number of messages that a topic holds for a subscriber: 13 MB of the largest.
+/// Maximum number of messages that a topic holds for a subscriber: 13 MB for the largest message
+/// type.
 pub const MAX_TOPIC_MESSAGES: usize = 65_536;
 
 /// Declaration of one system.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Launch {
-    /// Name of the system: 1 to 32 of a–z, 0–9, `_` and `-`. Each name can run only once.
+    /// Name of the system: 1 to 32 characters from a–z, 0–9, `_` and `-`. Only one running system
+    /// can have a given name.
     pub name: String,
     /// Services in the order in which they are started: every service of the data path once, and
     /// optional ones.
     pub services: Vec<Service>,
     /// Time span of messages that every topic holds before it overwrites the oldest, s.
     pub buffer_s: f64,
-    /// Lead of another input after which a join gives up a missing one, s. Less than `buffer_s`.
+    /// Lead of another input after which a join gives up a missing message, s. Less than
+    /// `buffer_s`.
     pub lateness_s: f64,
-    /// Location of the state that outlives a stop of the whole system.
+    /// Location of the state that is kept when the whole system stops.
     pub state_file: StateFile,
     /// Rules for restarting services.
     pub restart: Restart,
-    /// Whether fault injection is allowed.
+    /// `true` if fault injection is allowed.
     pub faults: bool,
     /// Reference frame of published attitudes.
     pub output: Output,
@@ -42,7 +45,7 @@ pub struct Launch {
     pub gateway: Gateway,
     /// Settings of the cockpit, if it is among the services.
     pub cockpit: Cockpit,
-    /// Source of samples, and their limits and calibration.
+    /// Source of samples, with their limits and calibration.
     pub ingest: Ingest,
     /// User-defined stages by name.
     pub stages: BTreeMap<String, ExternalStage>,
@@ -60,11 +63,11 @@ pub struct Launch {
     pub north: NorthReference,
 }
 
-/// Location of the state that outlives a stop of the whole system.
+/// Location of the state that is kept when the whole system stops.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StateFile {
-    /// For sensors on the bus, a file named after the system in the user's state folder. Otherwise
-    /// none.
+    /// For live sources other than standard input, a file named after the system in the folder for
+    /// state files. For other sources, no file.
     Auto,
     /// No state file.
     Off,
@@ -73,18 +76,19 @@ pub enum StateFile {
     File(PathBuf),
 }
 
-/// Rules for restarting a service that ended.
+/// Rules for restarting a service that has exited.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Restart {
     /// Time without a health message after which a service is killed and restarted, s.
     pub silence_s: f64,
-    /// Shortest run that does not count as a failure, s. A longer one resets the count.
+    /// Minimum run time for an exit not to count as a failure, s. Such a run resets the failure
+    /// count.
     pub min_uptime_s: f64,
-    /// Pause after the second failure in a row, s. Doubles with each further failure.
+    /// Pause after the second consecutive failure, s. Doubles with each further failure.
     pub backoff_s: f64,
     /// Longest pause, s.
     pub backoff_max_s: f64,
-    /// Number of failures in a row after which one more is final.
+    /// Number of consecutive failures after which the next one is final.
     pub limit: u64,
     /// Reaction to the final failure.
     pub on_limit: OnLimit,
@@ -110,14 +114,14 @@ pub struct StageConfig {
     pub set: BTreeMap<String, f64>,
 }
 
-/// Source of samples, and their limits, calibration, mounting and faults.
+/// Source of samples, with their limits, calibration, mounting and faults.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ingest {
     /// Selected source.
     pub source: Source,
     /// Settings of simulated sensors.
     pub sim: Sim,
-    /// Settings of a recorded flight.
+    /// Settings for replaying a recorded flight.
     pub replay: Replay,
     /// Settings of samples published on the bus by another process.
     pub bus: BusSource,
@@ -161,7 +165,7 @@ impl Default for Calibration {
 }
 
 impl Calibration {
-    /// Converts it to a calibration that can be applied to readings.
+    /// Converts these values to a calibration that can be applied to readings.
     ///
     /// # Errors
     ///
@@ -184,7 +188,8 @@ pub struct Sim {
     pub rate_hz: f64,
     /// Seed of the noise, at most `i64::MAX`. The same seed gives the same samples.
     pub seed: u64,
-    /// Parameters that differ from the scenario, by the names of `scenario::PARAMETERS`.
+    /// Parameters that override those of the scenario, keyed by the names in
+    /// `scenario::PARAMETERS`.
     #[serde(default)]
     pub set: BTreeMap<String, f64>,
 }
@@ -201,7 +206,7 @@ impl Sim {
         Ok(scenario)
     }
 
-    /// Returns the meaning of the scenario's rate samples within their intervals.
+    /// Returns the kind of rate sample that the scenario produces.
     pub fn gyro_samples(&self) -> GyroSamples {
         match Scenario::parse(&self.scenario).map(|scenario| scenario.rate_kind) {
             Ok(RateKind::Mean) => GyroSamples::Means,
@@ -210,15 +215,15 @@ impl Sim {
     }
 }
 
-/// Settings of a recorded flight.
+/// Settings for replaying a recorded flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Replay {
     /// Path of the recording, empty if not set. [`Launch::read`] makes a relative path relative to
     /// the launch file's folder.
     pub file: PathBuf,
-    /// Meaning of a rate sample within its interval.
+    /// Kind of rate sample: the mean over its interval, or the value at the end.
     pub gyro_samples: GyroSamples,
-    /// Whether the magnetometer columns are used.
+    /// `true` if the magnetometer columns are used.
     pub mag: bool,
     /// Location of the satellite receiver's fixes.
     pub gnss: Gnss,
@@ -240,7 +245,7 @@ pub enum Gnss {
 pub struct BusSource {
     /// Nominal sample rate, Hz.
     pub rate_hz: f64,
-    /// Meaning of a rate sample within its interval.
+    /// Kind of rate sample: the mean over its interval, or the value at the end.
     pub gyro_samples: GyroSamples,
 }
 
@@ -283,7 +288,7 @@ pub enum Source {
     Iio,
 }
 
-/// Meaning of a rate sample within its interval.
+/// Kind of rate sample, in relation to its sampling interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GyroSamples {
@@ -297,7 +302,7 @@ impl GyroSamples {
     /// All values with their names.
     pub(crate) const ALL: [(&str, Self); 2] = [("means", Self::Means), ("instants", Self::Instants)];
 
-    /// Returns the corresponding kind for the stages.
+    /// Returns the corresponding [`RateKind`] for the stages.
     pub fn rate_kind(self) -> RateKind {
         match self {
             Self::Means => RateKind::Mean,
@@ -379,7 +384,7 @@ impl Launch {
     }
 }
 
-/// Accepts a name of 1 to 32 of a–z, 0–9, `_` and `-`.
+/// Accepts a name of 1 to 32 characters from a–z, 0–9, `_` and `-`.
 pub(crate) fn system_name(name: &str) -> Option<String> {
     let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
     ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())

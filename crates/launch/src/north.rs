@@ -11,9 +11,9 @@ pub const MODEL_YEARS: std::ops::RangeInclusive<u16> = 2020..=2029;
 /// North reference of the course for stages that output a magnetic course.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct NorthReference {
-    /// Whether the course is converted to true north with the World Magnetic Model.
+    /// `true` if the course is converted to true north with the World Magnetic Model.
     pub is_true: bool,
-    /// Position until the first fix.
+    /// Position used until the first fix.
     pub position: Option<Position>,
     /// Date for the model. Always set in a running system if `is_true`.
     pub date: Option<Date>,

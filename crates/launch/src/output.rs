@@ -11,7 +11,7 @@ use crate::toml_reader::Section;
 pub struct Output {
     /// Reference and body axes.
     pub frame: Frame,
-    /// Order of a quaternion's components where they have no names.
+    /// Order of a quaternion's components in formats that do not name them.
     pub quaternion: QuaternionOrder,
 }
 

@@ -55,7 +55,7 @@ impl Launch {
         Ok(launch)
     }
 
-    /// Parses and checks the text of a launch file. `file_name` is its name in problems.
+    /// Parses and checks the text of a launch file. `file_name` is the name shown in problems.
     ///
     /// Absent keys take their defaults. If the text is not valid TOML, only the syntax errors are
     /// reported.
@@ -130,7 +130,7 @@ impl Launch {
     }
 }
 
-/// Reads `services` and returns whether every name is known.
+/// Reads `services` and returns `true` if every name is known.
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
     let allowed = Service::LISTED.map(|service| (service.name(), service));
     let Some(listed) = section.choices("services", &allowed) else { return true };
@@ -163,8 +163,8 @@ fn require_complete_path(section: &mut Section<'_, '_>, services: &[Service]) {
     }
 }
 
-/// Reports a `[gateway]` section without the gateway service. A `services` list without the gateway
-/// disables it on purpose.
+/// Reports a `[gateway]` section that has no effect because the gateway service is not started. If
+/// `services` is set, a missing gateway is intended.
 fn require_gateway_service(section: &mut Section<'_, '_>) {
     if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
         let started = Service::LISTED.map(Service::name);
@@ -191,8 +191,8 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
     Problem { note: Some("a join can only wait for messages that the topics still hold".into()), ..problem }
 }
 
-/// Returns the problem of a buffer that exceeds the capacity of a topic. The rate of a recording is
-/// unknown here, so its buffers are limited when it starts.
+/// Returns a problem if a buffer exceeds the capacity of a topic. The rate of a recording is not
+/// known here, so its buffers are limited when the replay starts.
 pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
     let rate_hz = launch.ingest.declared_rate_hz()?;
     let max_s = MAX_TOPIC_MESSAGES as f64 / rate_hz;

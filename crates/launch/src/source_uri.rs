@@ -27,7 +27,8 @@ const MAIN_KEYS: [(&str, Option<&str>); 9] = [
 ];
 
 impl Launch {
-    /// Replaces the source by that of the line. A relative path is relative to the working folder.
+    /// Replaces the source with the one in the line. A relative path is relative to the working
+    /// folder.
     ///
     /// # Errors
     ///
@@ -36,7 +37,7 @@ impl Launch {
         self.apply_override(format!("--source {line}"), source_section(line))
     }
 
-    /// Replaces the receiver by that of the line, `ENDPOINT?key=value`.
+    /// Replaces the receiver with the one in the line, `ENDPOINT?key=value`.
     ///
     /// # Errors
     ///
@@ -70,7 +71,7 @@ pub fn replay_path(line: &str) -> Option<&str> {
     Some(target)
 }
 
-/// Returns the text of a launch file with source and receiver lines applied, for the record of a
+/// Returns the text of a launch file with source and receiver lines applied, to be recorded with a
 /// run.
 ///
 /// Comments are lost. Returns `None` if the text or a line is not valid TOML.

@@ -11,18 +11,18 @@ use crate::{
     toml_reader::Section,
 };
 
-/// Maximum number of ticks kept for disconnected hosts: about 100 MB.
+/// Maximum number of ticks kept for disconnected hosts, which take about 100 MB.
 pub const MAX_CACHE_TICKS: usize = 262_144;
 
 impl Launch {
-    /// Returns `true` if the service runs here and processes every tick. Upstream services must
-    /// then resend what it needs when they restart.
+    /// Returns `true` if the service runs here and processes every tick. When upstream services
+    /// restart, they must then resend the ticks that it needs.
     pub fn consumes_ticks(&self, service: Service) -> bool {
         self.services.contains(&service)
             && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())
     }
 
-    /// Returns the service that publishes the first tick topics: the gateway if ticks are imported,
+    /// Returns the service that ticks come from on this host: the gateway if ticks are imported,
     /// else ingest.
     pub fn tick_source(&self) -> Service {
         if self.gateway.import.is_some() { Service::Gateway } else { Service::Ingest }
@@ -71,7 +71,7 @@ fn topics(section: &mut Section<'_, '_>, key: &'static str, out: &mut Vec<String
     all_known
 }
 
-/// Returns the problems of the services of a host in a split system.
+/// Returns the problems with the services of one host in a split system.
 pub(crate) fn validate(launch: &Launch, section: &Section<'_, '_>) -> Vec<Problem> {
     let Launch { services, gateway, ingest, .. } = launch;
     let span = || section.span("services").or_else(|| section.span("gateway")).unwrap_or_default();

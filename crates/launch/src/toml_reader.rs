@@ -252,8 +252,8 @@ impl<'t> Section<'t, '_> {
         self.read(key, out, |section, value| section.choose(key, value, allowed.as_ref()))
     }
 
-    /// Reads an array of allowed names. Returns the value and span of each, `None` for an invalid
-    /// one.
+    /// Reads an array of allowed names. Returns the value and span of each, or `None` in place of
+    /// an invalid one.
     pub(crate) fn choices<T: Clone>(
         &mut self,
         key: &'static str,

@@ -8,18 +8,19 @@ use zenoh::Config;
 
 use crate::LinkError;
 
-/// Maximum message size, bytes. Larger messages are dropped while they are received.
+/// Maximum message size, bytes. Larger messages are dropped while they are received. Zenoh's
+/// default is 1 GiB.
 pub(crate) const MAX_MESSAGE: (&str, &str) = ("transport/link/rx/max_message_size", "1048576");
 /// Maximum number of sessions of a listener, including those it has opened itself.
 pub const MAX_SESSIONS: usize = 64;
-/// Maximum number of connections without a session yet. Each has a file descriptor, of which a
-/// process usually has 1,024.
+/// Maximum number of connections that do not have a session yet. Each uses a file descriptor, and a
+/// process is usually limited to 1,024 of them.
 const MAX_PENDING_CONNECTIONS: usize = 512;
-/// Time for a connection to become a session, ms: some round trips of a slow network.
+/// Timeout for a connection to become a session, ms. It allows a few round trips on a slow network.
 pub(crate) const HANDSHAKE_TIMEOUT_MS: u64 = 3000;
 
-/// Returns the connection limits of a listener. Zenoh's defaults are 1,000 sessions, 100 pending
-/// connections and 10 s; its default message size is 1 GiB.
+/// Returns the connection limits of a listener. They replace Zenoh's defaults, which are 1,000
+/// sessions, 100 pending connections and 10 s.
 pub(crate) fn connection_limits() -> [(&'static str, String); 3] {
     [
         ("transport/unicast/max_sessions", MAX_SESSIONS.to_string()),
@@ -28,8 +29,8 @@ pub(crate) fn connection_limits() -> [(&'static str, String); 3] {
     ]
 }
 
-/// Returns Zenoh's `access_control`: the list of the file, merged with that for clients without a
-/// certificate.
+/// Returns Zenoh's `access_control` setting: the list from the file, merged with the list for
+/// clients without a certificate.
 pub(crate) fn access_control(file: Option<&Path>, plain: Option<&AccessList>) -> Result<Option<Value>, LinkError> {
     let plain = plain.map(serde_json::to_value).transpose().map_err(|cause| config_error(cause.to_string()))?;
     let Some(path) = file else { return Ok(plain) };

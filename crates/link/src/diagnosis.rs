@@ -1,4 +1,4 @@
-//! Finds out why an endpoint is unreachable: makes another attempt and explains its error.
+//! Finds out why an endpoint is unreachable, by trying again and explaining the error.
 
 use std::net::TcpStream;
 
@@ -9,20 +9,20 @@ use crate::{Endpoints, admission::MAX_SESSIONS, endpoints::is_secured};
 /// Timeout of the attempt, ms.
 const ATTEMPT_TIMEOUT_MS: &str = "3000";
 
-/// Describes the result of an attempt at each endpoint, one per line.
+/// Tries to connect to each endpoint and describes the results, one per line.
 pub(crate) fn diagnose(endpoints: &Endpoints) -> String {
     let found = endpoints.connect.iter().map(|endpoint| format!("{endpoint}: {}", attempt(endpoints, endpoint)));
     found.collect::<Vec<_>>().join("\n")
 }
 
-/// Returns `true` if an unencrypted endpoint accepts TCP connections, even without a session.
+/// Returns `true` if an unencrypted endpoint accepts TCP connections, even if it opens no session.
 pub(crate) fn is_port_open(endpoints: &Endpoints) -> bool {
     let addresses = endpoints.connect.iter().filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
     addresses.into_iter().any(|address| TcpStream::connect(address).is_ok())
 }
 
 fn attempt(endpoints: &Endpoints, endpoint: &str) -> String {
-    // A peer receives the reason, while a client only learns that the connection failed.
+    // A peer session reports the reason, while a client session only reports that it failed.
     let endpoints = Endpoints { connect: vec![endpoint.into()], client: false, ..endpoints.connect_only() };
     let settings = [
         ("connect/timeout_ms", "0"),
@@ -52,7 +52,7 @@ fn explain(endpoint: &str, cause: &str) -> String {
     let known = [
         ("Connection refused", "no process listens there; `plumb ps` on board shows where the gateway listens"),
         ("UnknownIssuer", "its certificate was issued by another authority than these keys"),
-        // Reported if the other authority has the same name.
+        // This error occurs if the other authority has the same name.
         ("BadSignature", "its certificate was issued by another authority than these keys"),
         (
             "NotValidForName",

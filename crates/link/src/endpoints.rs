@@ -16,8 +16,8 @@ const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];
 /// Number of ports tried after the configured one.
 const MAX_EXTRA_PORTS: u16 = 64;
 
-/// Time without a sign of life after which a peer counts as gone, ms. QUIC does not report that a
-/// remote process has died.
+/// Time without a sign of life after which a peer counts as disconnected, ms. QUIC does not report
+/// that a remote process has died.
 const LEASE_MS: &str = "3000";
 /// Prefix of endpoints with mutual TLS.
 const SECURED_PREFIX: &str = "quic/";
@@ -37,11 +37,12 @@ pub struct Endpoints {
     pub tls: Option<Tls>,
     /// File with Zenoh's `access_control`.
     pub access: Option<PathBuf>,
-    /// Permissions of clients without a certificate and of those the list names; `None` for no
+    /// Permissions of clients without a certificate and of clients named in the list; `None` for no
     /// restriction.
     pub plain_access: Option<AccessList>,
-    /// Whether the session is a client. A client sees vehicles through a router, which does not
-    /// forward between peers. Opening it fails if the endpoint is unreachable.
+    /// `true` for a client session, which reaches vehicles through a router. Peers cannot do this,
+    /// because a router does not forward between peers. A client session cannot be opened while its
+    /// endpoint is unreachable.
     pub client: bool,
 }
 
@@ -59,7 +60,7 @@ pub struct Tls {
 impl Endpoints {
     /// Creates the endpoints of a remote program that only connects.
     pub fn with_connect(endpoints: &[String]) -> Self {
-        // On the board itself there is no router, so a plain endpoint is a peer.
+        // On the board itself there is no router, so a plain endpoint belongs to a peer.
         let client = matches!(endpoints, [one] if is_secured(one));
         Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }
@@ -69,7 +70,7 @@ impl Endpoints {
         Self { listen: vec![], access: None, plain_access: None, ..self.clone() }
     }
 
-    /// Replaces the ports of loopback listeners that are in use by the next free ones.
+    /// Replaces ports of loopback listeners that are already in use with the next free ports.
     ///
     /// # Errors
     ///
@@ -85,14 +86,14 @@ impl Endpoints {
         Ok(self)
     }
 
-    /// Checks that the certificates of this program are valid now. The other side does not report
-    /// an invalid certificate.
+    /// Checks that the certificates of this program are currently valid. This is checked here,
+    /// because the remote side does not report an invalid certificate.
     pub fn check_certificates(&self) -> Result<(), LinkError> {
         let files = self.tls.iter().flat_map(|tls| [&tls.ca, &tls.cert]);
         Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
     }
 
-    /// Returns `true` if any endpoint uses mutual TLS, and so leaves this machine.
+    /// Returns `true` if any endpoint uses mutual TLS, which means that it is on another machine.
     pub(crate) fn are_secured(&self) -> bool {
         self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))
     }
@@ -110,7 +111,7 @@ impl Endpoints {
         set("mode", json_string(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
-        // A client tries only once here, because `Link::open` retries.
+        // Zenoh makes a single attempt for a client, because `Link::open` retries.
         set("connect/timeout_ms", if client { "0" } else { "-1" }.into())?;
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
@@ -155,13 +156,13 @@ pub fn is_secured(endpoint: &str) -> bool {
     endpoint.starts_with(SECURED_PREFIX)
 }
 
-/// Returns `true` for an IPv6 address over QUIC, which Zenoh takes for a host name and rejects.
+/// Returns `true` for an IPv6 address over QUIC, which Zenoh mistakes for a host name and rejects.
 fn is_secured_ipv6(endpoint: &str) -> bool {
     let host = endpoint.strip_prefix(SECURED_PREFIX).and_then(|address| address.rsplit_once(':'));
     host.is_some_and(|(host, _)| host.contains(':'))
 }
 
-/// Returns the address with the first free port from the given one on.
+/// Returns the address with the first free port, starting from the given one.
 fn with_free_port(address: &str) -> Result<String, LinkError> {
     let no_free_port = || LinkError::NoFreePort { endpoint: format!("tcp/{address}"), tried: MAX_EXTRA_PORTS };
     let (host, port) = address.rsplit_once(':').ok_or_else(no_free_port)?;

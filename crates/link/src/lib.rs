@@ -4,10 +4,11 @@
 //!
 //! Time: every wait has a timeout.
 //!
-//! Failure: if the network is missing, slow or blocked, messages do not arrive, but no call here
-//! waits for it. There is no multicast and no gossip: only the configured endpoints are contacted.
+//! Failure: if the network is missing, slow or blocked, messages are lost, but no call blocks
+//! because of it.
 //!
-//! No other crate uses Zenoh directly.
+//! There is no multicast and no gossip: only the configured endpoints are contacted. No other crate
+//! uses Zenoh directly.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -33,17 +34,18 @@ pub use endpoints::Endpoints;
 pub use publisher::{IncomingQuery, Liveliness, MessagePublisher, QueryHandler};
 pub use remote::{MessageStream, RemoteMessage};
 
-/// Timeout for closing a session. The process ends in any case.
+/// Timeout for closing a session. A session that is still open after that ends with the process.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
-/// Delay before a session is closed, for messages in transit. QUIC discards them with the
-/// connection. It covers some round trips of 100 ms.
+/// Delay before a session is closed, so that messages in transit can arrive. QUIC discards them
+/// when the connection closes. The delay covers a few round trips of 100 ms.
 const DELIVERY_DELAY: Duration = Duration::from_millis(300);
-/// Time for which a client retries without any answer. A listener accepts one connection after the
-/// other and waits 30 s for one that stalls during the handshake (eclipse-zenoh/zenoh#2719).
+/// Time for which a client retries if it receives no answer. A listener accepts connections one
+/// after another and waits 30 s for a connection that stalls during the handshake
+/// (eclipse-zenoh/zenoh#2719).
 const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(40);
 /// Time for which a client retries after rejections or local errors.
 const REJECTED_TIMEOUT: Duration = Duration::from_secs(3);
-/// Duration from which an attempt counts as unanswered. Zenoh gives up after 10 s.
+/// Minimum duration of an attempt that counts as unanswered. Zenoh gives up after 10 s.
 const MIN_UNANSWERED_ATTEMPT: Duration = Duration::from_secs(5);
 /// Time to wait for a session at a port that is open but busy. Zenoh rejects about 250 connections
 /// per second.
@@ -51,7 +53,7 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Delay between two attempts.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Session with the network.
+/// Network session, as a peer or as a client.
 #[derive(Debug, Clone)]
 pub struct Link {
     session: Session,
@@ -94,14 +96,14 @@ impl Link {
         }
     }
 
-    /// Opens a session and waits until it is connected, at most for `limit`.
+    /// Opens a session and waits up to `limit` until it is connected.
     ///
     /// # Errors
     ///
-    /// Fails if no endpoint is connected in time, with the reason for each of them.
+    /// Fails if no endpoint is connected in time. The error contains the reason for each endpoint.
     pub fn connect(endpoints: &Endpoints, limit: Duration) -> Result<Self, LinkError> {
         let link = Self::open(endpoints)?;
-        // A listener that is busy with stalled connections accepts this one later.
+        // A listener that is busy with stalled connections may accept this one later.
         if link.wait_for_peer(limit) || diagnosis::is_port_open(endpoints) && link.wait_for_peer(BUSY_TIMEOUT) {
             return Ok(link);
         }
@@ -109,7 +111,7 @@ impl Link {
         Err(LinkError::Unreachable { limit_s: limit.as_secs(), reason: diagnosis::diagnose(endpoints) })
     }
 
-    /// Waits until a peer is connected, at most for `limit`, and returns whether one is.
+    /// Waits up to `limit` for a connection to a peer. Returns `true` if there is one.
     pub fn wait_for_peer(&self, limit: Duration) -> bool {
         let deadline = Instant::now() + limit;
         while self.peer_count() == 0 {
@@ -133,7 +135,8 @@ impl Link {
         info.peers_zid().wait().count() + info.routers_zid().wait().count()
     }
 
-    /// Closes the session after a delay for messages in transit. Peers are notified immediately.
+    /// Waits for messages in transit, then closes the session. Closing notifies the peers
+    /// immediately.
     pub fn close(&self) {
         if self.is_secured && self.peer_count() > 0 {
             std::thread::sleep(DELIVERY_DELAY);
@@ -181,9 +184,9 @@ pub enum LinkError {
     /// The endpoints or their security settings are invalid.
     #[error("setting {what}: {cause}")]
     Config {
-        /// Setting that is invalid.
+        /// Invalid setting.
         what: &'static str,
-        /// Error of the setting.
+        /// Problem with the setting.
         cause: String,
     },
     /// All ports that were tried are in use.

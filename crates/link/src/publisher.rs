@@ -11,7 +11,7 @@ use zenoh::{
 
 use crate::{Link, LinkError, at_key};
 
-/// Encoding of a rejection's reason. Zenoh's own errors have other encodings.
+/// Encoding of the reason for a rejection. Zenoh's own errors have other encodings.
 pub(crate) const REASON_ENCODING: Encoding = Encoding::TEXT_PLAIN;
 
 /// Returns the encoding for a protobuf message of the given type.
@@ -49,7 +49,7 @@ impl Link {
             .map_err(at_key("publishing", key))
     }
 
-    /// Creates a publisher of untyped bytes, which only the same program understands.
+    /// Creates a publisher of untyped bytes, which only instances of the same program understand.
     pub fn raw_publisher(&self, key: &str) -> Result<MessagePublisher, LinkError> {
         self.session
             .declare_publisher(key.to_owned())
@@ -60,13 +60,13 @@ impl Link {
             .map_err(at_key("publishing", key))
     }
 
-    /// Declares that the entity at `key` is alive, until the token is dropped.
+    /// Declares that the entity at `key` is alive until the returned token is dropped.
     pub fn declare_liveliness(&self, key: &str) -> Result<Liveliness, LinkError> {
         let token = self.session.liveliness().declare_token(key.to_owned());
         token.wait().map(Liveliness).map_err(at_key("declaring liveliness at", key))
     }
 
-    /// Handles queries for one or more keys. The network calls `handler`, which must not block.
+    /// Handles queries for one or more keys. Zenoh calls `handler`, which must not block.
     pub fn handle_queries(
         &self,
         key: &str,
@@ -99,7 +99,7 @@ impl IncomingQuery {
         self.0.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default()
     }
 
-    /// Returns the number of the named parameter after the `?` of the query.
+    /// Returns the numeric value of a parameter given after the `?` of the query.
     pub fn parameter_u64(&self, name: &str) -> Option<u64> {
         self.0.parameters().get(name)?.parse().ok()
     }
@@ -109,13 +109,13 @@ impl IncomingQuery {
         zenoh::key_expr::KeyExpr::new(key).is_ok_and(|key| self.0.key_expr().intersects(&key))
     }
 
-    /// Sends a protobuf response for `key`. A query may have one for each of its keys. Errors are
-    /// ignored, because the client may have disconnected.
+    /// Sends a protobuf response for `key`. A query can receive one response for each of its keys.
+    /// Errors are ignored, because the client may have disconnected.
     pub fn reply(&self, key: &str, message: &str, bytes: Vec<u8>) {
         let _ = self.0.reply(key.to_owned(), bytes).encoding(encoding(message)).wait();
     }
 
-    /// Sends a response of untyped bytes. There may be several.
+    /// Sends a response of untyped bytes. A query can receive several responses.
     pub fn reply_raw(&self, key: &str, bytes: Vec<u8>) {
         let _ = self.0.reply(key.to_owned(), bytes).wait();
     }

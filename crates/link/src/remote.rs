@@ -13,10 +13,10 @@ use zenoh::{
 
 use crate::{Link, LinkError, at_key, publisher::REASON_ENCODING};
 
-/// Maximum number of messages buffered for a slow reader. The oldest are dropped, which shows as a
-/// gap.
+/// Maximum number of messages buffered for a slow reader. Beyond that, the oldest are dropped,
+/// which shows as a gap.
 const MAX_BUFFERED: usize = 4096;
-/// Maximum length of a rejection's reason, characters.
+/// Maximum length of the reason for a rejection, characters.
 const MAX_REASON_CHARS: usize = 4096;
 
 /// Stream of messages. If the buffer is full, the oldest are dropped.
@@ -30,7 +30,7 @@ pub struct RemoteMessage {
     pub key: String,
     /// Payload of the message.
     pub bytes: Vec<u8>,
-    /// `true` for a message or a new liveliness token, `false` if it was withdrawn.
+    /// `true` for a message or a new liveliness token, `false` for a withdrawn token.
     pub is_present: bool,
 }
 
@@ -75,7 +75,8 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// Fails without a response within `limit` or if the response is invalid or a rejection.
+    /// Fails if no response arrives within `limit`, the response is invalid or the query was
+    /// rejected.
     pub fn query_one<L: ControlMessage>(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<L, LinkError> {
         let responses = self.query(key, payload, limit)?;
         let no_response = || LinkError::NoResponse { key: key.into(), limit_s: limit.as_secs_f64() };
@@ -84,8 +85,8 @@ impl Link {
     }
 }
 
-/// Returns the reason of a rejection. Zenoh's own errors, such as a timeout, have another encoding
-/// and no reason.
+/// Returns the reason for a rejection. Zenoh's own errors, such as a timeout, have another encoding
+/// and yield `None`.
 fn reason(error: &ReplyError) -> Option<String> {
     let text = (*error.encoding() == REASON_ENCODING).then(|| error.payload().to_bytes())?;
     let text = String::from_utf8_lossy(&text);
@@ -93,7 +94,7 @@ fn reason(error: &ReplyError) -> Option<String> {
 }
 
 impl MessageStream {
-    /// Returns the next message, or `None` after `limit`.
+    /// Returns the next message, or `None` if no message arrives within `limit`.
     pub fn next(&self, limit: Duration) -> Option<RemoteMessage> {
         let sample = self.0.recv_timeout(limit).ok().flatten()?;
         Some(RemoteMessage {

@@ -11,7 +11,8 @@ macro_rules! bind_payloads {
     };
 }
 
-/// Implements the traits for one payload.
+/// Implements [`Message`](crate::Message) and, with ticks, [`Ticked`](crate::Ticked) for one
+/// payload.
 macro_rules! bind_payload {
     ($entry:expr, $payload:ident, no_tick) => {
         impl $crate::Message for $payload {
@@ -73,7 +74,8 @@ macro_rules! dispatch {
     };
 }
 
-/// A match with an arm per line of the table. `$in` is the crate with the topics and the payloads.
+/// Expands to a `match` with one arm per line of the table. `$in` is the crate that defines the
+/// topics and the payloads.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! dispatch_arms {
@@ -87,7 +89,7 @@ macro_rules! dispatch_arms {
     };
 }
 
-/// Body of one match arm.
+/// Expands to the body of one match arm.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! dispatch_arm {
@@ -107,7 +109,8 @@ pub(crate) use {bind_payload, bind_payloads};
 
 #[cfg(test)]
 mod tests {
-    //! An additional table line with its payload receives everything derived from the table.
+    //! An additional table line, with its payload, receives everything that is derived from the
+    //! table.
     use crate::{Flags, Message, Ticked};
 
     macro_rules! added_lines {

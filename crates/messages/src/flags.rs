@@ -1,4 +1,4 @@
-//! Per-tick flags: faults, events and limits of validity, carried as data.
+//! Per-tick flags for faults, events and restricted validity.
 
 use core::{fmt, ops};
 

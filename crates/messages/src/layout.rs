@@ -1,4 +1,4 @@
-//! Payload layouts as text and fingerprint, compared before two programs share memory.
+//! Payload layouts, as text and as fingerprints. Programs compare them before they share memory.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ pub struct Field {
     pub description: &'static str,
 }
 
-/// Name endings and the units they stand for. A longer ending comes before a shorter one.
+/// Name endings and their units. Longer endings come before shorter ones.
 const UNITS: [(&str, &str); 8] = [
     ("_rad_s", "rad/s"),
     ("_m_s2", "m/s²"),
@@ -28,7 +28,7 @@ const UNITS: [(&str, &str); 8] = [
 ];
 
 impl Field {
-    /// Returns the unit that the name ends in, if any.
+    /// Returns the unit given by the ending of the name, if any.
     pub fn unit(&self) -> Option<&'static str> {
         UNITS.iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, unit)| *unit)
     }
@@ -43,7 +43,7 @@ pub struct Layout {
     pub size: usize,
     /// Fields in order of their offset. Those of the header come first.
     pub fields: Vec<Field>,
-    /// Topic that carries the payload; `None` for a struct that is only a part of payloads.
+    /// Topic that carries the payload; `None` for a struct that is only part of payloads.
     pub topic: Option<&'static str>,
     /// Description of the payload.
     pub description: &'static str,
@@ -63,7 +63,7 @@ impl Layout {
         self
     }
 
-    /// Replaces the first field, a header, by the header's own fields.
+    /// Replaces the first field, a header, with the header's own fields.
     pub(crate) fn with_header(mut self, header: Layout) -> Self {
         self.header_fields = header.fields.len();
         self.fields.splice(0..1, header.fields);
@@ -78,7 +78,8 @@ impl fmt::Display for Layout {
     }
 }
 
-/// Defines a `repr(C)` struct with its layout. It has no padding and no invalid bit patterns.
+/// Defines a `repr(C)` struct and its layout. The struct has no padding and no invalid bit
+/// patterns.
 macro_rules! layout_struct {
     ($(#[doc = $description:literal])* $name:ident = $type_name:literal {
         $($(#[doc = $field_description:literal])* $field:ident: $kind:ty,)*
@@ -109,8 +110,8 @@ macro_rules! layout_struct {
     };
 }
 
-/// Defines a payload. One that is not derived from a sample may define its time on the source's
-/// clock by `at (|message, rate_hz| …)`, ns.
+/// Defines a payload. A payload that is not derived from a sample may define its time on the
+/// source's clock, ns, with `at (|message, rate_hz| …)`.
 macro_rules! payload {
     ($(#[doc = $description:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
         $crate::layout::layout_struct! { $(#[doc = $description])* $name = $type_name $fields }

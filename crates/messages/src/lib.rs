@@ -3,9 +3,9 @@
 //! Input, output: plain values without pointers, padding or invalid bit patterns. Any bytes of the
 //! right length are a valid message.
 //!
-//! Time: carried in messages, not read here.
+//! Time: messages contain timestamps, but no clock is read here.
 //!
-//! Failure: none; the subscriber validates the contents.
+//! Failure: no operation fails. Subscribers validate the contents of messages.
 //!
 //! The table of [`graph`] defines the payload, publisher and subscribers of each topic.
 //! [`dispatch!`] maps a topic to its payload type.
@@ -48,13 +48,13 @@ pub fn size(topic: Topic) -> usize {
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
     /// Table entry of the topic that carries the payload.
     const TOPIC: &'static Entry;
-    /// Type name with a version, which is raised when the meaning changes.
+    /// Type name, including a version that is raised when the meaning of the payload changes.
     const TYPE: &'static str;
 
     /// Returns the names, types and offsets of the fields.
     fn layout() -> Layout;
 
-    /// Returns the time of the message on the source's clock, ns, or `None` if it has none.
+    /// Returns the time of the message on the source's clock, ns, or `None` if it has no such time.
     ///
     /// `rate_hz` is the tick rate, used by messages that carry only a tick.
     fn source_time_ns(&self, _rate_hz: f64) -> Option<i64> {
@@ -64,18 +64,18 @@ pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
 
 /// Message derived from one IMU sample.
 pub trait Ticked: Message {
-    /// Flag of the ticks that have a message; [`Flags::NONE`] if every tick has one.
+    /// Flag that marks the ticks with a message; [`Flags::NONE`] if every tick has a message.
     const FLAG: Flags;
 
     /// Returns the header with the tick, interval and flags.
     fn header(&self) -> &Header;
-    /// Returns the header for modification.
+    /// Returns a mutable reference to the header.
     fn header_mut(&mut self) -> &mut Header;
 
     /// Returns the message without its run-specific fields.
     ///
-    /// Monotonic timestamps, epoch and incarnation are zeroed. The remaining bytes are equal in
-    /// every run on the same input.
+    /// Monotonic timestamps, epoch and incarnation are zeroed. The remaining bytes are the same in
+    /// every run with the same input.
     fn canonical(mut self) -> Self {
         let header = self.header_mut();
         (header.t_born_ns, header.t_sent_ns) = (0, 0);

@@ -9,14 +9,14 @@ use crate::{
 };
 
 layout_struct! {
-    /// Origin of a message: its tick, unchanged from ingest to the last service, with time and
-    /// flags.
+    /// Origin of a message: its tick, which is the same from ingest to the last service, with time
+    /// and flags.
     Header = "plumbline.Header.1" {
         /// Number assigned to the IMU sample by ingest, from 0, without gaps.
         tick: u64,
         /// Start of the sample's interval on the source's clock, ns.
         t_start_ns: i64,
-        /// End of the sample's interval on the source's clock, ns; grows with every tick.
+        /// End of the sample's interval on the source's clock, ns; increases with every tick.
         t_end_ns: i64,
         /// Time at which ingest received the sample, CLOCK_MONOTONIC, ns.
         t_born_ns: u64,
@@ -146,7 +146,7 @@ payload! {
 }
 
 payload! {
-    /// Checked IMU sample. Values are finite, time increases, and faults are in the flags.
+    /// Checked IMU sample. Values are finite, time increases, and faults are recorded in the flags.
     ImuSample = "plumbline.ImuSample.1" {
         /// Tick, interval, flags.
         header: Header,
@@ -203,17 +203,17 @@ payload! {
 payload! {
     /// Reading as received by ingest, from which a flight can be replayed.
     ///
-    /// Readings are published in order of arrival, before injected faults, checks, calibration and
-    /// mounting, while a subscriber requests them.
+    /// Readings are published while a subscriber requests them. They are in order of arrival,
+    /// before injected faults, checks, calibration and mounting.
     ///
-    /// Each incarnation of ingest reads a simulation or recording again, so that a number may
-    /// repeat with the same reading. For sensors on the bus each incarnation counts from 0 and
-    /// resumes at `tick` with `offset_ns`.
+    /// Each incarnation of ingest reads a simulation or recording again, so that the same number
+    /// and reading may occur more than once. With sensors on the bus, each incarnation counts from
+    /// 0, and its ticks and times continue from `tick` and `offset_ns`.
     TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
         /// Number of readings that this incarnation received before this one, including rejected
         /// ones.
         number: u64,
-        /// Tick that the reading becomes unless it is rejected.
+        /// Tick that is assigned to the reading unless it is rejected.
         tick: u64,
         /// Time stamp of the source, ns.
         t_sensor_ns: i64,
@@ -363,7 +363,7 @@ payload! {
     Credit = "plumbline.Credit.2" {
         /// Ingest may publish ticks below this one.
         ticks: u64,
-        /// 1 once the system is to end: no new ticks are published, but the source stays available
+        /// 1 when the system shuts down: no new ticks are published, but the source stays available
         /// to restarted subscribers.
         ends: u64,
     }
@@ -382,27 +382,28 @@ payload! {
         incarnation: u32,
         /// Name of the stage, padded with zeros.
         stage: [u8; 32],
-        /// Number of words with the state of the slot itself.
+        /// Number of words that contain the state of the slot itself.
         slot_words: u32,
         /// Number of following words that every stage of the slot can adopt.
         common_words: u32,
         /// Number of following words that belong to this stage only.
         stage_words: u32,
-        /// 1 until a stage that has replaced another publishes its first output, which is flagged
-        /// `swapped`; else 0.
+        /// 1 from the replacement of a stage until the new stage publishes its first output, which
+        /// is flagged `swapped`; else 0.
         swapped: u32,
-        /// State words, each the bits of a number.
+        /// State words; each contains the bits of one number.
         words: [u64; CHECKPOINT_WORDS],
     }
 }
 
-/// Maximum number of words of a checkpoint: the state of the largest stage and of its slot.
+/// Maximum number of words in a checkpoint, enough for the largest stage and its slot.
 pub const CHECKPOINT_WORDS: usize = 1600;
 
 impl Checkpoint {
     /// Returns the checksum of everything but the checksum itself.
     ///
-    /// It hashes words of eight bytes, because a checkpoint is long and is summed often.
+    /// The checksum is computed over words of eight bytes, because checkpoints are long and are
+    /// checked often.
     pub fn compute_checksum(&self) -> u64 {
         let Self { checksum, .. } = self;
         let words: &[u64] = bytemuck::cast_slice(std::slice::from_ref(self));
@@ -410,7 +411,7 @@ impl Checkpoint {
         let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..]);
         before.iter().chain(after).fold(crate::HASH_START, |sum, word| {
             let sum = (sum ^ word).wrapping_mul(crate::HASH_PRIME);
-            // Without this shift, changes in the highest bits of two words could cancel.
+            // Without this shift, changes in the highest bits of two words could cancel each other.
             sum ^ (sum >> 32)
         })
     }
@@ -497,9 +498,9 @@ payload! {
         published_from: u64,
         /// Number of outputs that were not finite.
         flawed: u64,
-        /// CLOCK_MONOTONIC minus the device's clock, ns, if the drivers fit that clock.
+        /// CLOCK_MONOTONIC minus the device's clock, ns, if the drivers estimate it.
         clock_offset_ns: i64,
-        /// Standard deviation of arrival times about the clock fit, ns.
+        /// Standard deviation of arrival times from the clock estimate, ns.
         clock_jitter_ns: u64,
         /// Number of times the device's clock restarted, was set or did not advance.
         clock_steps: u64,
@@ -532,7 +533,7 @@ event_kinds! {
     /// service, the run has started; `settings` are its rate and its source (0 simulation, 1
     /// recording, 2 sensors on the bus).
     STARTED = 1 "started",
-    /// The run started with sensor errors estimated in an earlier run: `settings`.
+    /// The run started with the sensor errors in `settings`, which an earlier run estimated.
     WARM = 2 "warm",
     /// Every service is running.
     READY = 3 "ready",
@@ -546,9 +547,10 @@ event_kinds! {
     SWAP_REQUESTED = 7 "swap-requested",
     /// A client or a watch requests a shadow stage in parallel with the owner of a slot.
     SHADOW_REQUESTED = 8 "shadow-requested",
-    /// A stage that is to take over has started from the slot's state before `adopted_tick`.
+    /// A stage that is to take over has started, with the slot's state before `adopted_tick`.
     CANDIDATE = 9 "candidate",
-    /// A decision: the slot belongs to `filling` from `tick` on; 4294967295 means no owner.
+    /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
+    /// owner.
     OWNER = 10 "owner",
     /// A request succeeded: the stage owns the slot from `tick` on.
     SWAPPED = 11 "swapped",
@@ -558,9 +560,9 @@ event_kinds! {
     ABORTED = 13 "aborted",
     /// The `ticks` ticks before `tick` have no attitude.
     LOST = 14 "lost",
-    /// The supervisor did not read `ticks` attitudes before `tick` while the topic held them.
+    /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote them.
     NOT_RECORDED = 15 "not-recorded",
-    /// A new bus replaces one whose files were removed.
+    /// The files of the bus were removed, and a new bus has replaced it.
     BUS_RENEWED = 16 "bus-renewed",
     /// The system is shutting down and the source publishes no new ticks.
     ENDING = 17 "ending",
@@ -592,7 +594,7 @@ payload! {
         /// Number of the stage instance in its slot: 0 is the launch file's, each candidate adds
         /// one, a restart keeps the number.
         filling: u32,
-        /// Number of the stage instance whose state was adopted.
+        /// Number of the stage instance that the adopted state comes from.
         adopted_filling: u32,
         /// 1 if the process replaces one that had ended, else 0.
         alone: u32,
@@ -638,7 +640,7 @@ impl SystemEvent {
     /// Sets the name and the settings of a stage. Truncation is recorded in `cut`.
     pub fn with_stage<'a>(mut self, stage: &str, settings: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
         self.cut |= u32::from(!write_text(&mut self.stage, stage));
-        // `{:?}` prints the shortest digits that parse to the same number.
+        // `{:?}` prints the fewest digits that parse to the same number.
         let settings = settings.into_iter().map(|(name, value)| format!("{name}={value:?}"));
         self.cut |= u32::from(!write_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
         self
@@ -650,7 +652,7 @@ impl SystemEvent {
         self
     }
 
-    /// Returns the name of the stage; empty if there is none.
+    /// Returns the name of the stage, which may be empty.
     pub fn stage(&self) -> &str {
         padded_text(&self.stage)
     }
@@ -673,7 +675,7 @@ impl SystemEvent {
     }
 }
 
-/// Writes a text padded with zeros and returns whether it fits completely.
+/// Writes a text, padded with zeros. Returns `true` if it fits completely.
 fn write_text(target: &mut [u8], text: &str) -> bool {
     let len = text.floor_char_boundary(target.len());
     target.fill(0);
@@ -681,7 +683,7 @@ fn write_text(target: &mut [u8], text: &str) -> bool {
     len == text.len()
 }
 
-/// Returns a zero-padded text; empty if it is not valid UTF-8.
+/// Returns a text without its zero padding; empty if it is not valid UTF-8.
 fn padded_text(bytes: &[u8]) -> &str {
     let len = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     std::str::from_utf8(&bytes[..len]).unwrap_or_default()

@@ -1,9 +1,9 @@
-//! Checkpoints: capture of a slot's state between two ticks, and resumption in another process.
+//! Checkpoints: captures a slot's state between two ticks, and resumes from it in another process.
 //!
 //! - Input: a slot, or a checkpoint from any origin.
 //! - Output: a checkpoint, or a slot with the restored state.
-//! - Failure: checkpoints are not trusted. An invalid one leaves the slot unchanged and returns the
-//!   cause.
+//! - Failure: checkpoints are not trusted. If one is invalid, the slot is left unchanged and the
+//!   cause is returned.
 
 use attitude::stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage};
 use launch::Service;
@@ -11,12 +11,13 @@ use messages::{CHECKPOINT_WORDS, Checkpoint};
 
 use crate::{slot::Slot, state_words::StateWords};
 
-/// Extent of a resumption.
+/// Part of the state that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resumed {
-    /// The complete state: outputs continue bit for bit.
+    /// The complete state was restored. The outputs continue bit for bit.
     Complete,
-    /// The state common to all stages of the slot, because the checkpoint is of another stage.
+    /// Only the state common to all stages of the slot was restored, because the checkpoint belongs
+    /// to another stage.
     Common,
 }
 
@@ -39,7 +40,7 @@ pub enum ResumeError {
 
 /// Captures the state of a slot.
 ///
-/// `swapped` is set until the first output that carries the flag `SWAPPED`.
+/// Pass `swapped` as `true` until an output with the flag `SWAPPED` has been published.
 pub fn capture<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swapped: bool) -> Checkpoint {
     let mut record = Checkpoint {
         next_tick: slot.sequence().next_tick,
@@ -63,12 +64,15 @@ pub fn capture<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swappe
     record
 }
 
-/// Resumes from a checkpoint: bit for bit if it is of the same stage, else with the common state.
+/// Resumes from a checkpoint.
+///
+/// The complete state is restored if the checkpoint belongs to the same stage, else the common
+/// state.
 ///
 /// # Errors
 ///
-/// Fails if the checkpoint is damaged, of another slot, or rejected by slot or stage. The slot is
-/// then unchanged.
+/// Fails if the checkpoint is damaged, belongs to another slot, or is rejected by the slot or its
+/// stage. The slot is then unchanged.
 pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     if record.service != service as u32 {
         return Err(ResumeError::OtherSlot);
@@ -77,16 +81,16 @@ pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> R
     slot.visit_own_state(&mut |word| before.push(*word));
     let resumed = restore_checkpoint(slot, record);
     if resumed.is_err() {
-        // The number of words is the one just read, so that this cannot fail.
+        // The number of words has just been read from the same slot, so this cannot fail.
         write_words(&before, |visit| slot.visit_own_state(visit))?;
     }
     resumed
 }
 
-/// Restores the slot's own state and that of the stage.
+/// Restores the slot's own state and the state of its stage.
 ///
-/// After an error the slot's own state may be changed. The stage is restored last, and a stage that
-/// rejects a state is unchanged.
+/// After an error the slot's own state may have changed. The stage is unchanged, because it is
+/// restored last and does not change if it rejects a state.
 fn restore_checkpoint<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     let [own, common, numbers] = sections(record)?;
     write_words(own, |visit| slot.visit_own_state(visit))?;
@@ -109,7 +113,7 @@ fn restore_checkpoint<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resu
     Ok(Resumed::Common)
 }
 
-/// Returns the state common to all stages of the slot, by replacing the words of `common`.
+/// Returns the common state in a checkpoint, by replacing the words of `common`.
 ///
 /// # Errors
 ///
@@ -139,7 +143,7 @@ fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeErro
     Ok(record)
 }
 
-/// Replaces the words that `visit` passes on; their number must match.
+/// Replaces the words that `visit` passes to its callback. Fails unless their number matches.
 fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;
     visit(&mut |word| {
@@ -149,7 +153,7 @@ fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> R
     if next == words.len() { Ok(()) } else { Err(ResumeError::Damaged) }
 }
 
-/// Writer that counts words beyond its capacity and drops them.
+/// Writer that drops words beyond its capacity, but still counts them.
 struct WordWriter<'a> {
     words: &'a mut [u64; CHECKPOINT_WORDS],
     len: usize,

@@ -1,6 +1,6 @@
 //! Monotonic clock, its offset to the time of day, and processor time.
 //!
-//! They serve timestamps, waits, pacing and statistics; no output depends on them.
+//! These clocks are used for timestamps, waits, pacing and statistics. No output depends on them.
 
 use std::{fs, time::Duration};
 
@@ -21,21 +21,21 @@ pub fn realtime_offset_ns() -> i64 {
     realtime.tv_sec * 1_000_000_000 + realtime.tv_nsec - monotonic_ns().cast_signed()
 }
 
-/// Sleeps until CLOCK_MONOTONIC reads `at_ns`, at most for `limit`. A signal also ends the sleep.
+/// Sleeps until CLOCK_MONOTONIC reaches `at_ns`, for `limit` at most. A signal also ends the sleep.
 pub fn sleep_until_ns(at_ns: u64, limit: Duration) {
     let latest = monotonic_ns() + limit.as_nanos() as u64;
     let at_ns = at_ns.min(latest);
     let at = Timespec { tv_sec: (at_ns / 1_000_000_000) as i64, tv_nsec: (at_ns % 1_000_000_000) as i64 };
-    // A signal may end the sleep early: the caller checks the clock again.
+    // A signal may end the sleep early, so the caller checks the clock again.
     let _ = clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &at);
 }
 
-/// Returns the processor time used by the living threads of a process, ns, or `None` if the process
-/// does not exist.
+/// Returns the processor time used so far by the live threads of a process, ns, or `None` if the
+/// process does not exist.
 pub fn cpu_time_ns(pid: u32) -> Option<u64> {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
     let used_ns = threads.flatten().filter_map(|thread| {
-        // A thread that ends during the loop is not counted.
+        // A thread that exits during the loop is not counted.
         let text = fs::read_to_string(thread.path().join("schedstat")).ok()?;
         text.split_whitespace().next()?.parse::<u64>().ok()
     });
@@ -44,6 +44,6 @@ pub fn cpu_time_ns(pid: u32) -> Option<u64> {
 
 /// Sets the timer slack of this thread to its minimum, so that sleeps do not end up to 50 µs late.
 pub fn minimise_timer_slack() {
-    // If the kernel rejects it, sleeps are only less exact.
+    // If the kernel rejects the request, sleeps are merely less precise.
     let _ = rustix::thread::set_current_timer_slack(std::num::NonZeroU64::new(1));
 }

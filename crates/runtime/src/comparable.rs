@@ -1,4 +1,4 @@
-//! Attitude of an output, for the comparison of two stages of any slot.
+//! Attitude of an output, used to compare two stages of the same slot.
 
 use attitude::{Quaternion, state::Attitude};
 use messages::{AccelPoint, AttitudeOutput, FusedState, GyroStep};

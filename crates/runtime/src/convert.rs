@@ -1,12 +1,11 @@
-//! Conversion between payloads and mathematical types, with validation of what other processes
-//! sent.
+//! Conversion between payloads and mathematical types. Data from other processes is validated.
 
 use attitude::{
     Complex, Vector3, course, gnss::Fix, gyro::Motion, point, point::Point, rotation::Rotation, state::Attitude,
 };
 use messages::{AccelPoint, Chart, CourseReference, FusedState, GnssFix, GyroStep, MagSample};
 
-/// Returns the motion of a gyro step.
+/// Returns the motion in a gyro step.
 ///
 /// Returns `None` if a value is not finite, the chart is unknown, or the pair (p, s) is not a
 /// rotation.
@@ -22,7 +21,7 @@ pub fn up(point: &AccelPoint) -> Option<Point> {
     plane_point(point.w, point.chart)
 }
 
-/// Returns the attitude of a fused state, or `None` if a value is not finite or the chart is
+/// Returns the attitude in a fused state, or `None` if a value is not finite or the chart is
 /// unknown.
 pub fn attitude(state: &FusedState) -> Option<Attitude> {
     self::state(state.w, state.z_rad, state.chart)
@@ -66,7 +65,7 @@ pub fn course_reference_to_payload(reference: course::CourseReference) -> Course
     }
 }
 
-/// Converts the payload code of a course reference. An unknown code is an arbitrary reference.
+/// Converts the payload code of a course reference. An unknown code counts as arbitrary.
 pub fn course_reference_from_payload(reference: CourseReference) -> course::CourseReference {
     match reference {
         CourseReference::MAGNETIC => course::CourseReference::Magnetic,
@@ -75,7 +74,7 @@ pub fn course_reference_from_payload(reference: CourseReference) -> course::Cour
     }
 }
 
-/// Returns u and v of a point.
+/// Returns the components u and v of a point.
 pub fn complex_to_payload(w: Complex<f64>) -> [f64; 2] {
     [w.re, w.im]
 }

@@ -17,7 +17,7 @@ pub enum RuntimeError {
     ServiceConfig {
         /// Service that was started.
         service: Service,
-        /// Fault of the configuration.
+        /// Problem with the configuration.
         cause: String,
     },
     /// A system call failed.
@@ -36,7 +36,7 @@ pub enum RuntimeError {
         /// Name of the stage.
         stage: String,
     },
-    /// An external stage does not start.
+    /// An external stage could not be started.
     #[error(transparent)]
     ExternalStage(#[from] host::HostError),
     /// A stage failed permanently, or the service cannot use its settings.

@@ -9,10 +9,10 @@
 use attitude::{angles::Angles, frames::Frame};
 use messages::{AttitudeOutput, FusedState};
 
-/// Converts quaternion, angles, rate and jump of an attitude to `frame`.
+/// Converts the quaternion, angles, rate and jump of an attitude to `frame`.
 ///
-/// The course is clockwise from above in every frame, and standard deviations have no axis: both
-/// are unchanged.
+/// The course and the standard deviations are unchanged: the course is clockwise from above in
+/// every frame, and standard deviations have no axis.
 pub fn attitude_to_frame(frame: Frame, output: AttitudeOutput) -> AttitudeOutput {
     let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, .. } = output;
     let Angles { yaw_rad, pitch_rad, roll_rad } = frame.angles(Angles { yaw_rad, pitch_rad, roll_rad });
@@ -45,7 +45,7 @@ pub fn attitude_from_frame(frame: Frame, other: AttitudeOutput) -> AttitudeOutpu
     }
 }
 
-/// Converts w, z, rate and bias of a fused state to `frame`.
+/// Converts the w, z, rate and bias of a fused state to `frame`.
 pub fn fused_to_frame(frame: Frame, state: FusedState) -> FusedState {
     let (w, z_rad) = frame.point(state.w, state.z_rad);
     let [rate_rad_s, bias_rad_s] = [state.rate_rad_s, state.bias_rad_s].map(|vector| frame.body().vector(vector));

@@ -1,10 +1,10 @@
 //! Order in which a slot polls its inputs.
 
-/// Polls inputs until none has a message, or `may_continue` returns `false`.
+/// Polls inputs until no input has a message, or `may_continue` returns `false`.
 ///
-/// `poll` reads a few messages of an input and returns their number. The input that the next output
-/// waits for (`awaited_input`) is polled first. An input that is behind thus catches up before the
-/// others get further ahead, and is not given up while it has messages.
+/// `poll` reads a few messages from an input and returns their number. The input that the next
+/// output waits for (`awaited_input`) is polled first. This way an input that is behind catches up
+/// before the others get further ahead, and it is not given up while it has messages.
 pub fn poll_fairly<T, E>(
     slot: &mut T,
     inputs: usize,
@@ -34,8 +34,8 @@ mod tests {
 
     use super::*;
 
-    /// Polls two inputs with `available` messages each; returns the positions, and the largest lead
-    /// of one over the other.
+    /// Polls two inputs with `available` messages each. Returns the final positions, and the
+    /// largest lead of one input over the other.
     fn poll_two(available: [usize; 2], batch_size: usize, start: [usize; 2]) -> ([usize; 2], usize) {
         let (mut read, mut lead) = (start, 0);
         let awaited_input = |read: &[usize; 2]| usize::from(read[1] < read[0]);

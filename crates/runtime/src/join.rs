@@ -1,26 +1,27 @@
 //! Joins several inputs into one stream, ordered by tick and independent of the order of arrival.
 //!
-//! - Input: the messages of each input in tick order; inputs may interleave in any way.
+//! - Input: the messages of each input in tick order. The inputs may interleave in any way.
 //! - Output: ticks in order, each with the messages that belong to it.
-//! - Time: none. Waiting is measured in ticks, so that a replay makes the same decisions.
+//! - Time: no clock is read. Waiting is measured in ticks, so that a replay makes the same
+//!   decisions.
 //! - Failure: a missing message is skipped, counted and reported.
 //!
-//! A *dense* input carries a message for every tick, a *sparse* input only for ticks that have its
-//! flag (see the table of [`graph`]). A tick is complete when every dense input has delivered it,
-//! skipped it or is absent, and the same holds for every sparse input that the tick's flags name.
-//! An incomplete tick is released once any input is `lateness_ticks` ahead of it.
+//! A *dense* input has a message for every tick. A *sparse* input has one only for ticks that carry
+//! its flag (see the table of [`graph`]). A tick is complete when every dense input has delivered
+//! it, skipped it or is absent, and the same holds for every sparse input named by the tick's
+//! flags. An incomplete tick is released once any input is `lateness_ticks` ahead of it.
 
 use std::collections::VecDeque;
 
 use messages::{Flags, Ticked};
 use swap::Sequence;
 
-/// Maximum number of messages queued per input: the capacity of a topic.
+/// Maximum number of messages queued per input, which is the capacity of a topic.
 pub const MAX_QUEUED: usize = launch::MAX_TOPIC_MESSAGES;
 
-/// A message that can be joined.
+/// Message that can be joined.
 pub trait TickStamped {
-    /// Returns the tick the message belongs to.
+    /// Returns the tick that the message belongs to.
     fn tick(&self) -> u64;
     /// Returns the flags of that tick.
     fn flags(&self) -> Flags;
@@ -46,13 +47,13 @@ impl<M: Ticked> TickStamped for M {
 #[derive(Debug, Clone)]
 pub struct JoinInput<M> {
     queue: VecDeque<M>,
-    /// Flag of the ticks that carry a message; [`Flags::NONE`] for a dense input.
+    /// Flag of the ticks that have a message; [`Flags::NONE`] for a dense input.
     flag: Flags,
     /// Tick after the newest one received.
     next_tick: u64,
     /// Publisher of the newest message.
     publisher: u32,
-    /// First tick without a publisher; `u64::MAX` while there is one.
+    /// First tick without a publisher; `u64::MAX` while the input has a publisher.
     absent_from: u64,
 }
 
@@ -63,26 +64,26 @@ impl<M: Ticked> Default for JoinInput<M> {
 }
 
 impl<M> JoinInput<M> {
-    /// Creates a sparse input for ticks with `flag`, or a dense one for [`Flags::NONE`].
+    /// Creates a sparse input for ticks with `flag`, or a dense input if it is [`Flags::NONE`].
     pub fn new(flag: Flags) -> Self {
         Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX }
     }
 
-    /// Sets the first tick without a publisher; `u64::MAX` if there is one.
+    /// Sets the first tick without a publisher; `u64::MAX` if the input has a publisher.
     pub fn set_absent_from(&mut self, tick: u64) {
         self.absent_from = tick;
     }
 }
 
 impl<M: TickStamped> JoinInput<M> {
-    /// Returns a summary for the decision which tick is next.
+    /// Returns the status, from which the join determines the next tick.
     pub fn status(&self) -> InputStatus {
         let Self { flag, next_tick, absent_from, .. } = *self;
         let front = self.queue.front().map(|message| (message.tick(), message.flags()));
         InputStatus { flag, next_tick, absent_from, front, is_full: self.queue.len() >= MAX_QUEUED }
     }
 
-    /// Removes and returns the message of `tick`, discarding older ones.
+    /// Removes and returns the message of `tick`, discarding older messages.
     pub fn take(&mut self, tick: u64) -> Option<M> {
         while self.queue.pop_front_if(|message| message.tick() < tick).is_some() {}
         self.queue.pop_front_if(|message| message.tick() == tick)
@@ -93,8 +94,8 @@ impl<M: TickStamped> JoinInput<M> {
         if tick < sequence.next_tick.max(self.next_tick) {
             return sequence.reject(publisher == self.publisher);
         }
-        // A full dense queue is overdue and drains by itself. A sparse queue keeps what a topic
-        // holds.
+        // A full dense queue makes the tick overdue, so that the queue drains by itself. A sparse
+        // queue is limited to the capacity of a topic.
         if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }
@@ -114,7 +115,7 @@ pub struct InputStatus {
 }
 
 impl InputStatus {
-    /// Returns `true` if the input carries a message for every tick.
+    /// Returns `true` if the input has a message for every tick.
     pub fn is_dense(&self) -> bool {
         self.flag == Flags::NONE
     }
@@ -129,7 +130,7 @@ impl InputStatus {
         self.next_tick
     }
 
-    /// Returns `true` if `tick` can still arrive.
+    /// Returns `true` if a message for `tick` can still arrive.
     fn may_deliver(&self, tick: u64) -> bool {
         self.next_tick <= tick && tick < self.absent_from
     }
@@ -139,9 +140,9 @@ impl InputStatus {
 pub trait JoinInputs {
     /// Messages of one tick.
     type Tick;
-    /// Calls `visit` with the status of each input, in the order of the service's inputs.
+    /// Calls `visit` with the status of each input, in the order in which the service lists them.
     fn each(&self, visit: &mut impl FnMut(InputStatus));
-    /// Removes and returns the messages of `tick`, discarding older ones.
+    /// Removes and returns the messages of `tick`, discarding older messages.
     fn take(&mut self, tick: u64) -> Self::Tick;
 }
 
@@ -158,7 +159,7 @@ macro_rules! join_inputs {
         struct $tick { $($input: Option<$message>,)* }
 
         impl $inputs {
-            /// Names of the topics, in the order of the service's inputs.
+            /// Names of the topics, in the order in which the service lists its inputs.
             #[cfg(test)]
             #[allow(dead_code, reason = "for a test that compares them with the graph's")]
             const TOPICS: &'static [&'static str] = &[$(<$message as messages::Message>::TOPIC.name),*];
@@ -184,9 +185,9 @@ macro_rules! join_inputs {
 pub struct Join<I> {
     inputs: I,
     lateness_ticks: u64,
-    /// Ticks before this one have been published and are still being delivered.
+    /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// Newest tick at which the backlog is given up.
+    /// Tick at which the backlog is given up, once an input has reached it.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
@@ -215,9 +216,9 @@ impl<I: JoinInputs> Join<I> {
         Self { emits_empty_ticks: true, ..Self::new(inputs, lateness_ticks) }
     }
 
-    /// Declares that all ticks before `tick` were published.
+    /// Declares that all ticks before `tick` have been published.
     ///
-    /// They are given up only when an input is `patience_ticks` beyond `tick`.
+    /// Such a tick is given up only when an input is `patience_ticks` beyond `tick`.
     pub fn expect_backlog(&mut self, tick: u64, patience_ticks: u64) {
         (self.backlog_end, self.backlog_deadline) = (tick, tick.saturating_add(patience_ticks));
     }
@@ -235,12 +236,12 @@ impl<I: JoinInputs> Join<I> {
         &self.inputs
     }
 
-    /// Returns the inputs mutably, to change which of them have a publisher.
+    /// Returns a mutable reference to the inputs, for changing which of them have a publisher.
     pub fn inputs_mut(&mut self) -> &mut I {
         &mut self.inputs
     }
 
-    /// Queues a message at the input that `select` returns; discards it if `select` returns `None`.
+    /// Queues a message at the input that `select` returns, or discards it if that is `None`.
     pub fn offer<M: TickStamped>(&mut self, select: impl FnOnce(&mut I) -> Option<&mut JoinInput<M>>, message: M) {
         if let Some(input) = select(&mut self.inputs) {
             input.offer(message, &mut self.sequence);
@@ -250,8 +251,8 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Extends the backlog while an awaited input has delivered nothing: its history is then still
-    /// on its way, up to the newest tick of the other inputs.
+    /// Extends the backlog to the newest tick of the other inputs while an awaited input has
+    /// delivered nothing. The history of that input is then still in delivery.
     fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
         self.inputs.each(&mut |input| {
@@ -269,7 +270,7 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Returns the next tick once every input has delivered it or been given up.
+    /// Returns the next tick once every input has delivered it or has been given up.
     #[allow(clippy::should_implement_trait, reason = "`None` means not yet, which an iterator would take for the end")]
     pub fn next(&mut self) -> Option<Joined<I::Tick>> {
         let tick = self.next_due().ok()?;
@@ -287,12 +288,12 @@ impl<I: JoinInputs> Join<I> {
         &self.sequence
     }
 
-    /// Returns the position and counters mutably, to restore them.
+    /// Returns a mutable reference to the position and counters, for restoring them.
     pub fn sequence_mut(&mut self) -> &mut Sequence {
         &mut self.sequence
     }
 
-    /// Returns the tick to release next, or the index of the input it waits for.
+    /// Returns the next tick to release, or the index of the input that it waits for.
     fn next_due(&self) -> Result<u64, usize> {
         let (mut newest, mut first, mut is_full) = (None, None, false);
         self.inputs.each(&mut |input| {
@@ -334,7 +335,7 @@ impl<I: JoinInputs> Join<I> {
         newest - tick >= self.lateness_ticks && !in_backlog
     }
 
-    /// Returns the index of the published dense input that is furthest behind.
+    /// Returns the index of the dense input with a publisher that is furthest behind.
     fn slowest_input(&self) -> usize {
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {
@@ -387,7 +388,7 @@ mod tests {
             self.offer(|inputs| Some(&mut inputs.gnss), message);
         }
 
-        /// Returns (tick, inputs with a message, ticks missing before it).
+        /// Returns the tick, the inputs with a message and the number of missing ticks before it.
         fn drain(&mut self) -> Vec<(u64, &'static str, u64)> {
             let name = |Tick { gyro, accel, mag, gnss }: &Tick| match (gyro, accel, mag, gnss) {
                 (Some(_), Some(_), None, None) => "both",
@@ -406,7 +407,7 @@ mod tests {
 
     const NONE: Flags = Flags::NONE;
 
-    /// Returns the flags of a tick: a field every 3 ticks, a fix every 5.
+    /// Returns the flags of a tick: a field every 3 ticks, and a fix every 5 ticks.
     fn flags(tick: u64) -> Flags {
         Flags::FIELD.when(tick.is_multiple_of(3)) | Flags::FIX.when(tick.is_multiple_of(5))
     }

@@ -1,29 +1,29 @@
 //! The loop that runs a slot: joins its inputs, steps its stage and publishes one output per tick.
 //!
-//! - Input: messages of the topics that a slot reads.
+//! - Input: messages of the topics that a slot subscribes to.
 //! - Output: one message per tick, in order.
-//! - Time: only for timestamps and waits. Outputs never depend on a clock.
+//! - Time: clocks are used only for timestamps and waits. Outputs never depend on a clock.
 //! - Failure: a missing tick is counted and reported. A silent input is given up once another input
 //!   is far enough ahead.
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`slot`] | processing of a slot, without clock or bus |
+//! | [`slot`] | processing in a slot, without clock or bus |
 //! | [`state_words`], [`checkpoint`] | state of a slot, and resuming from it in another process |
 //! | [`join`] | join of several inputs by tick |
-//! | [`prior`] | sensor errors known before the first sample |
+//! | [`prior`] | estimates of sensor errors from an earlier run |
 //! | [`convert`] | conversion between payloads and mathematical types |
 //! | [`frames`] | conversion of messages to other axis conventions |
 //! | [`service_config`] | start-up configuration of a service, and values derived from it |
-//! | [`stderr_tail`] | last output of a child process on standard error |
+//! | [`stderr_tail`] | last standard-error output of a child process |
 //! | [`service_context`] | connection of a service to a running system |
 //! | [`ordered_subscriber`] | subscriber that delivers each tick once and in order |
-//! | [`slot_service`] | service of a slot without bus and clock: stage, ownership, checkpoints |
+//! | [`slot_service`] | service of a slot, without bus or clock: stage, ownership, checkpoints |
 //! | [`input_scheduling`] | choice of the input that is polled next |
 //! | [`service`] | main loop of a service on the bus |
 //! | [`comparable`] | attitude of an output, for comparison |
 //! | [`shadow`] | comparison of a candidate with the owner of its slot |
-//! | [`stage`] | creation and supervision of the stage that a launch file names |
+//! | [`stage`] | creation and supervision of the stage named in a launch file |
 //! | [`clock`] | monotonic clock and processor time |
 #![forbid(unsafe_code)]
 
@@ -57,6 +57,6 @@ pub use service_context::ServiceContext;
 pub use slot::{SingleInputSlot, Slot, TickProcessor};
 pub use swap::Sequence;
 
-/// Longest interval between two rate samples that is still integrated, s. A longer one resets the
-/// level.
+/// Longest interval between two rate samples that is still integrated, s. A longer interval resets
+/// the level.
 pub const MAX_BRIDGED_GAP_S: f64 = 1.0;

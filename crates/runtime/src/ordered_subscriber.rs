@@ -8,20 +8,20 @@ use swap::{ReorderBuffer, Role, Sequence};
 
 use crate::service_config::{FIRST_EPOCH, ServiceConfig};
 
-/// Maximum publishers of a topic with unread messages: an exited owner, a swapped one and the
-/// current one.
+/// Maximum number of publishers with unread messages on a topic: an owner that exited, one that was
+/// swapped out and the current one.
 const MAX_PUBLISHERS: usize = 3;
 
-/// Subscriber of a slot.
+/// Subscription of a slot to one of its inputs.
 pub trait SlotInput<I> {
     /// Passes up to `limit` available messages to `take`.
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
-    /// Sleeps until a message is published, at most for `limit`.
+    /// Sleeps until a message is published, for `limit` at most.
     fn wait(&self, limit: Duration) -> WaitOutcome;
-    /// Returns the tick after the newest one that a publisher has started to publish.
+    /// Returns the tick after the highest one announced for publication.
     fn next_tick(&self) -> u64;
-    /// Returns the number of discarded messages: duplicates of one publisher, and ticks repeated by
-    /// another incarnation.
+    /// Returns the numbers of discarded messages: duplicates from one publisher, and ticks repeated
+    /// by another incarnation.
     fn repeated(&self) -> [u64; 2] {
         [0; 2]
     }
@@ -31,15 +31,17 @@ pub trait SlotInput<I> {
 #[derive(Debug)]
 pub struct OrderedSubscriber<M: Ticked> {
     subscriber: Subscriber<M>,
-    /// Maximum messages per read: what the buffers of all publishers hold.
+    /// Maximum number of messages per read, which is the number that the buffers of all publishers
+    /// hold.
     max_read: usize,
     stream: RefCell<OrderedStream<M>>,
 }
 
-/// Merge of the messages of several publishers into tick order.
+/// Merges the messages of several publishers in tick order.
 ///
-/// A subscriber that was not scheduled for a while reads the messages of one publisher before those
-/// of another. All available messages are sorted by tick before any tick counts as missing.
+/// A subscriber that was not scheduled for a while reads all messages of one publisher before those
+/// of another. Therefore all available messages are sorted by tick before any tick counts as
+/// missing.
 #[derive(Debug, Clone)]
 pub struct OrderedStream<M> {
     reorder_buffer: ReorderBuffer<M>,
@@ -49,8 +51,8 @@ pub struct OrderedStream<M> {
 impl<M: Ticked> OrderedStream<M> {
     /// Creates a stream that starts at `next_tick`. Ticks before `backlog_end` have been published.
     ///
-    /// A candidate waits longer for the backlog than an owner, because no subscriber waits for a
-    /// candidate. The limit is half of what a topic holds.
+    /// A candidate waits longer for this backlog than an owner, because no subscriber waits for a
+    /// candidate. It waits for at most half of the ticks that a topic holds.
     pub fn new(next_tick: u64, backlog_end: u64, config: &ServiceConfig) -> Self {
         let lateness_ticks = config.lateness_ticks() / 2;
         let patience_ticks = match config.role {
@@ -62,10 +64,10 @@ impl<M: Ticked> OrderedStream<M> {
         Self { reorder_buffer, staged: VecDeque::new() }
     }
 
-    /// Reads all available messages with `read`, and passes up to `limit` new ones to `take` in
+    /// Reads all available messages with `read`, and passes up to `limit` new messages to `take` in
     /// tick order.
     ///
-    /// Repeated messages, for example of a restarted publisher, do not count towards `limit`.
+    /// Repeated messages, for example from a restarted publisher, do not count towards `limit`.
     pub fn advance<E>(
         &mut self,
         limit: usize,
@@ -101,7 +103,7 @@ impl<M: Ticked> OrderedStream<M> {
         reorder_buffer.finish(&mut |message, _| take(message));
     }
 
-    /// Returns `true` if messages were read that are not delivered yet.
+    /// Returns `true` if some messages have been read but not delivered yet.
     pub fn has_staged(&self) -> bool {
         !self.staged.is_empty()
     }

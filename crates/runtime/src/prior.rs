@@ -1,9 +1,8 @@
-//! Sensor errors known before the first sample: the part of an earlier run's estimates that
-//! outlives it.
+//! Estimates of sensor errors from an earlier run, as far as they are still valid.
 //!
-//! - Input: a checkpoint of the slot `fuser`, of any stage.
+//! - Input: a checkpoint of the slot `fuser`, with any stage.
 //! - Output: gyro bias, gyro scale error and hard iron, for any stage of the slot.
-//! - Time: uncertainty grows with age.
+//! - Time: the uncertainty grows with age.
 //! - Failure: invalid values are left out.
 
 use attitude::{
@@ -24,11 +23,11 @@ pub struct Prior {
     pub bias_rad_s: Option<PriorEstimate>,
     /// Hard iron of the magnetometer, µT, body axes.
     pub hard_iron_ut: Option<PriorEstimate>,
-    /// Gyro scale error, body axes: relative excess of the measured rate.
+    /// Gyro scale error, body axes: relative amount by which the measured rate is too high.
     pub gyro_scale: Option<PriorEstimate>,
 }
 
-/// Estimate of a sensor error, in the unit that its field names.
+/// Estimate of a sensor error, in the unit given in the name of its field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PriorEstimate {
@@ -42,22 +41,22 @@ pub struct PriorEstimate {
 struct AgeingModel {
     /// Random walk, per √s.
     random_walk: f64,
-    /// Standard deviation of the change at a power cycle of the sensor.
+    /// Standard deviation of the change caused by a power cycle of the sensor.
     power_cycle_sd: f64,
-    /// Standard deviation from which on the estimate is of no use.
+    /// Standard deviation at or above which the estimate is useless.
     uninformative_sd: f64,
 }
 
 /// Ageing of the gyro bias.
 ///
 /// Without a prior, the bias of a consumer MEMS gyro is assumed to be within 0.003 rad/s after its
-/// own calibration. The 0.001 rad/s (0.06 °/s) for a power cycle is an allowance: data sheets of
-/// consumer gyros give no figure.
+/// own calibration. The 0.001 rad/s (0.06 °/s) for a power cycle is an assumption, because data
+/// sheets of consumer gyros do not specify it.
 const BIAS: AgeingModel = AgeingModel { random_walk: BIAS_WALK_RAD_S, power_cycle_sd: 1e-3, uninformative_sd: 0.003 };
 /// Ageing of the hard iron.
 ///
-/// The walk is 1 µT in three days, for changes of load and cargo. An error of 5 µT is 14° of
-/// heading in a horizontal field of 20 µT.
+/// The walk is 1 µT in three days, to allow for changes of load and cargo. In a horizontal field of
+/// 20 µT, an error of 5 µT causes a heading error of 14°.
 const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd: 0.0, uninformative_sd: 5.0 };
 
 /// Ageing of the gyro scale error.
@@ -65,11 +64,11 @@ const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd:
 /// A fuser that has observed no rotation reports 0.002, which is not worth storing. The walk makes
 /// the estimate expire after 72 days, when the sensor may have been replaced.
 const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.0, uninformative_sd: 0.003 };
-/// Minimum standard deviation of a scale error from another run. With a smaller one the fuser
-/// follows a temperature change of a few degrees too slowly.
+/// Minimum standard deviation of a scale error from an earlier run. With a smaller value, the fuser
+/// would follow a temperature change of a few degrees too slowly.
 const MIN_SCALE_SD: f64 = 0.002;
 
-/// Names of the values of each estimate: components and standard deviation.
+/// Names of the values of each estimate: three components and the standard deviation.
 const VALUE_NAMES: [[&str; 4]; 3] = [
     ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s", "bias_sd_rad_s"],
     ["hard_iron_x_ut", "hard_iron_y_ut", "hard_iron_z_ut", "hard_iron_sd_ut"],
@@ -77,10 +76,11 @@ const VALUE_NAMES: [[&str; 4]; 3] = [
 ];
 
 impl Prior {
-    /// Extracts the estimates worth storing from a fuser checkpoint.
+    /// Extracts the estimates that are worth storing from a fuser checkpoint.
     ///
-    /// Their standard deviation is less than half of the one that is of no use. Returns `None` if
-    /// there are none, or if the checkpoint is invalid or of another slot.
+    /// These are estimates whose standard deviation is less than half of the uninformative one.
+    /// Returns `None` if there are no such estimates, or if the checkpoint is invalid or belongs to
+    /// another slot.
     pub fn from_checkpoint(record: &Checkpoint) -> Option<Self> {
         if record.service != Service::Fuser as u32 {
             return None;
@@ -94,19 +94,20 @@ impl Prior {
         let prior = Self {
             bias_rad_s: informative(bias_rad_s.into(), bias_sd_rad_s, BIAS),
             hard_iron_ut: informative(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
-            // An axis without rotation has kept its initial value.
+            // An axis without rotation still has its initial standard deviation, so the minimum is
+            // used.
             gyro_scale: informative(scale.into(), gyro_scale.sd.min(), SCALE),
         };
         (prior.has_estimate() && prior.is_valid()).then_some(prior)
     }
 
-    /// Returns the prior with the scale error of `before` if it has none itself.
+    /// Returns the prior, with the scale error of `before` if it has no scale error itself.
     #[must_use]
     pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }
     }
 
-    /// Returns the estimates that are still of use after `age_s`.
+    /// Returns the estimates that are still useful after `age_s`.
     ///
     /// Pass `power_lost` if the sensors may have been without power.
     pub fn aged(self, age_s: f64, power_lost: bool) -> Self {
@@ -130,12 +131,12 @@ impl Prior {
         self.estimates().iter().any(Option::is_some)
     }
 
-    /// Returns `true` if all values are in their range.
+    /// Returns `true` if all values are within their ranges.
     pub fn is_valid(&self) -> bool {
         self.estimates().into_iter().flatten().all(|estimate| estimate.sd > 0.0) && self.estimate().validate().is_ok()
     }
 
-    /// Returns the values with their names.
+    /// Returns the values of the estimates that are present, with their names.
     pub fn named_values(&self) -> Vec<(&'static str, f64)> {
         let present =
             self.estimates().into_iter().zip(VALUE_NAMES).filter_map(|(estimate, names)| Some((estimate?, names)));
@@ -144,8 +145,8 @@ impl Prior {
             .collect()
     }
 
-    /// Creates a prior from named values; returns `None` if a name is unknown or missing, or a
-    /// value invalid.
+    /// Creates a prior from named values. Returns `None` if a name is unknown or missing, or if a
+    /// value is invalid.
     pub fn from_named_values(values: &[(&str, f64)]) -> Option<Self> {
         let estimate = |names: [&str; 4]| {
             let value = |name| values.iter().find(|(other, _)| *other == name).map(|(_, value)| *value);
@@ -157,8 +158,8 @@ impl Prior {
         (prior.named_values().len() == values.len() && prior.is_valid()).then_some(prior)
     }
 
-    /// Returns `true` if at least one estimate has less than half the standard deviation of
-    /// `other`.
+    /// Returns `true` if at least one estimate has less than half the standard deviation that it
+    /// has in `other`.
     pub fn is_much_more_certain_than(&self, other: &Self) -> bool {
         let more_certain = |(own, other): (Option<PriorEstimate>, Option<PriorEstimate>)| {
             own.is_some_and(|own| other.is_none_or(|other| own.sd < 0.5 * other.sd))

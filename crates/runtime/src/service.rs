@@ -9,13 +9,13 @@ use crate::{
     slot_service::SlotService,
 };
 
-/// Longest time between two health reports and checks for decisions, however many messages are
-/// queued.
+/// Longest time between two health reports and checks for decisions, regardless of the number of
+/// queued messages.
 const MAX_POLL_NS: u64 = 50_000_000;
 
-/// Runs a slot until the service is asked to stop.
+/// Runs a slot until the service receives a stop request.
 ///
-/// `inputs` are in the order of the slot's own inputs.
+/// `inputs` are in the order in which the slot numbers its inputs.
 ///
 /// # Errors
 ///
@@ -102,7 +102,7 @@ where
                 (None, None) => Ok(count),
             }
         })?;
-        // The change of ownership is confirmed by this report.
+        // A health report confirms the change of ownership.
         if owned_before && !service.owns_next_tick() {
             context.make_health_due();
         }
@@ -121,7 +121,7 @@ where
             output.wake();
             context.make_health_due();
         }
-        // An owner is not compared with itself.
+        // A service that has become the owner is no longer compared with the owner.
         self.shadow.take_if(|_| service.owns_next_tick());
         if let Some(shadow) = &mut self.shadow {
             shadow.compare()?;
@@ -151,7 +151,7 @@ where
     }
 }
 
-/// Publishes an output of a tick that the service owns.
+/// Publishes the output of a tick that the service owns.
 fn publish<O: Ticked>(output: &Publisher<O>, mut out: O) -> Result<(), BusError> {
     let header = out.header_mut();
     header.t_sent_ns = monotonic_ns();

@@ -11,15 +11,16 @@ use crate::prior::Prior;
 /// Speed of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Pace {
-    /// Source seconds per second of the clock.
+    /// Seconds of source time per second of real time.
     Speed(f64),
-    /// As fast as the slowest subscriber.
+    /// The speed of the slowest subscriber.
     Max,
 }
 
 /// Start-up configuration of a service.
 ///
-/// All services of a system receive the same one, except for incarnation, ownership and checkpoint.
+/// All services of a system receive the same configuration, except for incarnation, ownership and
+/// checkpoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ServiceConfig {
     /// Launch file.
@@ -30,25 +31,25 @@ pub struct ServiceConfig {
     pub pace: Pace,
     /// Number of ticks after which the source ends.
     pub max_ticks: Option<u64>,
-    /// Whether ingest publishes each raw reading.
+    /// `true` if ingest publishes each raw reading.
     pub publishes_readings: bool,
     /// Incarnation of this service.
     pub incarnation: u32,
-    /// Epoch of the decision in force about its slot.
+    /// Epoch of the current decision about the service's slot.
     pub epoch: u32,
-    /// Whether the service owns its slot or is a candidate.
+    /// Role of the service in its slot: owner or candidate.
     pub role: Role,
-    /// Sensor errors estimated by an earlier run. They apply to every incarnation that does not
+    /// Sensor errors estimated in an earlier run. They are used by every incarnation that does not
     /// resume from a later state.
     pub prior: Option<Prior>,
     /// State to resume from; `None` for the first incarnation.
     pub resume: Option<Resume>,
-    /// Process id of the supervisor. The service stops when this process exits.
+    /// Process identifier of the supervisor. The service stops when this process exits.
     pub supervisor_pid: u32,
 }
 
 impl ServiceConfig {
-    /// Returns the number of messages that a topic holds for each subscriber.
+    /// Returns the number of messages that a topic buffers for each subscriber.
     pub fn buffer_size(&self, topic: &Entry) -> usize {
         match topic.buffer {
             Buffer::Path => self.buffer_ticks(),
@@ -56,21 +57,22 @@ impl ServiceConfig {
         }
     }
 
-    /// Returns the number of messages that each topic of the data path holds.
+    /// Returns the number of messages that each topic of the data path buffers.
     pub fn buffer_ticks(&self) -> usize {
         let rate_hz = self.rate_hz * if let Pace::Speed(speed) = self.pace { speed.max(1.0) } else { 1.0 };
         ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(MIN_BUFFER, MAX_TOPIC_MESSAGES)
     }
 
-    /// Returns how many ticks another input must be ahead before a missing message is given up.
+    /// Returns the number of ticks by which another input must be ahead before a missing message is
+    /// given up.
     pub fn lateness_ticks(&self) -> u64 {
         ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, MAX_TOPIC_MESSAGES as u64)
     }
 
     /// Returns the number of messages that are read from one input before the others are polled.
     ///
-    /// It is small compared with the lateness, so that a join does not give up an input that was
-    /// not polled yet.
+    /// This number is small compared with the lateness, so that a join does not give up an input
+    /// that has not been polled yet.
     pub fn batch_size(&self) -> usize {
         (self.lateness_ticks() as usize / 4).clamp(1, MAX_BATCH_SIZE)
     }
@@ -82,7 +84,8 @@ impl ServiceConfig {
 
     /// Returns the shared memory that the topics need, bytes.
     ///
-    /// It includes room for a restarted service in addition to the topics of its last incarnation.
+    /// The result includes room for a restarted service in addition to the topics of its last
+    /// incarnation.
     pub fn shared_memory_bytes(&self) -> u64 {
         let bytes = |topic: Topic| {
             let entry = topic.entry();
@@ -104,11 +107,11 @@ impl ServiceConfig {
         self.launch.ingest.source.is_blocking() || self.pace != Pace::Speed(1.0)
     }
 
-    /// Returns how far the source may be ahead of the last subscriber, ticks.
+    /// Returns the maximum number of ticks by which the source may be ahead of the last subscriber.
     ///
-    /// In lockstep it is at most the time a subscriber waits for one of two publishers, and less
-    /// than what a buffer holds. For an import it is only less than what a buffer holds, because
-    /// its ticks can be lost for good.
+    /// Normally this is no more than the time that a subscriber waits for one of two publishers,
+    /// and less than the capacity of a buffer. For an import only the second limit applies, because
+    /// the ticks of an import can be lost for good.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;
@@ -116,11 +119,11 @@ impl ServiceConfig {
         (self.lateness_ticks() / 2).min(self.buffer_ticks() as u64 / 2)
     }
 
-    /// Returns the end of the ticks that a restarted source publishes without delay.
+    /// Returns the end of the range of ticks that a restarted source publishes without delay.
     ///
-    /// `first_tick` is the first one after the restart, and ticks before `published_tick` had been
-    /// published. They are published again without delay if a topic surely holds all of them until
-    /// they are read.
+    /// The source resumes at `first_tick`, and ticks before `published_tick` have been published
+    /// before. They are published again without delay if a topic is certain to hold all of them
+    /// until they are read.
     pub fn catch_up_end_tick(&self, first_tick: u64, published_tick: u64) -> u64 {
         let held_ticks = self.buffer_ticks() as u64 / if self.is_lockstep() { 1 } else { 2 };
         if published_tick.saturating_sub(first_tick) <= held_ticks { published_tick } else { first_tick }
@@ -140,22 +143,22 @@ impl ServiceConfig {
 /// State from which a service resumes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Resume {
-    /// No checkpoint exists: starts with the oldest messages of its inputs.
+    /// There is no checkpoint. The service starts with the oldest messages of its inputs.
     Fresh,
-    /// State of an earlier incarnation, or of another stage.
+    /// State of an earlier incarnation or of another stage.
     Checkpoint(Box<CheckpointRecord>),
     /// Position of a source.
     Source {
         /// Next tick.
         next_tick: u64,
-        /// CLOCK_MONOTONIC at which the first tick was due, ns; 0 if none has been.
+        /// CLOCK_MONOTONIC at which the first tick was due, ns; 0 if no tick has been due yet.
         start_ns: u64,
-        /// Time of the samples minus that of the sensor, ns.
+        /// Sample time minus sensor time, ns.
         offset_ns: i64,
     },
 }
 
-/// Checkpoint as serialisable words.
+/// Checkpoint as words that can be serialised.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct CheckpointRecord(Vec<u64>);
@@ -173,20 +176,20 @@ impl CheckpointRecord {
     }
 }
 
-/// Allowance for what iceoryx2 stores with each message: headers, lists and subscriber buffers.
+/// Allowance for the data that iceoryx2 stores per message: headers, lists and subscriber buffers.
 const MESSAGE_OVERHEAD_BYTES: usize = 128;
 
-/// Number of checkpoints in the time in which a topic's buffer fills once.
+/// Number of checkpoints taken in the time in which the buffer of a topic fills once.
 const CHECKPOINTS_PER_BUFFER: u64 = 32;
 
-/// Maximum messages read from one input before the others are polled.
+/// Maximum number of messages read from one input before the others are polled.
 const MAX_BATCH_SIZE: usize = 32;
 
-/// Minimum buffer size, messages. Small enough for a slow sensor, large enough for the burst after
-/// a stall.
+/// Minimum buffer size, messages. It is small enough for a slow sensor, and large enough for the
+/// burst of messages after a stall.
 const MIN_BUFFER: usize = 256;
 
-/// Messages that a subscriber of a topic outside the data path holds.
+/// Number of messages that a topic outside the data path buffers per subscriber.
 pub const CONTROL_BUFFER: usize = 64;
 
 #[cfg(test)]

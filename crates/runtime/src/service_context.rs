@@ -32,27 +32,27 @@ use crate::{
 
 /// Maximum size of the configuration, bytes. It holds a launch file and a few numbers.
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
-/// Longest sleep. After it a service looks for input and stop requests even without a wake-up.
+/// Longest sleep. After it a service checks for input and stop requests, even without a wake-up.
 const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Time from a stop request until the process is ended by force.
+/// Time after a stop request at which the process is terminated forcibly.
 const STOP_TIMEOUT: Duration = Duration::from_secs(1);
-/// Interval of health reports of an owner.
+/// Interval between health reports of an owner.
 const HEALTH_INTERVAL_NS: u64 = 100_000_000;
-/// Interval of health reports of a candidate. It is shorter because a swap waits for them.
+/// Interval between health reports of a candidate. It is shorter, because swaps wait for them.
 const CANDIDATE_HEALTH_INTERVAL_NS: u64 = 10_000_000;
 
 /// Connection of a service to a running system.
 #[derive(Debug)]
 pub struct ServiceContext {
-    /// Role of the service.
+    /// Service that this process runs.
     pub service: Service,
     /// Start-up configuration.
     pub config: ServiceConfig,
     /// Bus that the service has joined.
     pub bus: Bus,
     stop_flag: Arc<AtomicBool>,
-    /// Present from the first health report on. Until then a stop request ends the process
-    /// immediately, wherever it waits.
+    /// `None` until the first health report. Until then a stop request ends the process
+    /// immediately, even if it is blocked.
     liveness: Option<Arc<()>>,
     health: Publisher<Health>,
     last_health: Health,
@@ -62,7 +62,7 @@ pub struct ServiceContext {
 impl ServiceContext {
     /// Reads the configuration from standard input and joins the bus.
     ///
-    /// From then on the service is stopped when its supervisor exits.
+    /// From then on, the service receives a signal to stop when its supervisor exits.
     ///
     /// # Errors
     ///
@@ -76,7 +76,7 @@ impl ServiceContext {
         let config: ServiceConfig = serde_json::from_str(&text).map_err(|cause| invalid(cause.to_string()))?;
         rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::HUP))
             .map_err(|cause| system("requesting a signal at the supervisor's exit")(cause.into()))?;
-        // The supervisor may have exited before the signal was set.
+        // The supervisor may have exited before the signal was requested.
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
             return Err(invalid("the supervisor has exited".into()));
         }
@@ -97,7 +97,8 @@ impl ServiceContext {
         Ok(self.bus.publisher(self.config.buffer_size(M::TOPIC))?)
     }
 
-    /// Opens a subscriber. A restarted service first receives what its topic still holds.
+    /// Opens a subscriber. In a restarted service it first receives the messages that the topic
+    /// still holds.
     pub fn subscriber<M: Message>(&self) -> Result<Subscriber<M>, RuntimeError> {
         let buffer = self.config.buffer_size(M::TOPIC);
         Ok(if self.config.resume.is_some() {
@@ -122,7 +123,7 @@ impl ServiceContext {
         Ok(self.bus.late_subscriber(CONTROL_BUFFER)?)
     }
 
-    /// Returns `true` once the service was asked to stop.
+    /// Returns `true` once the service has received a stop request.
     pub fn should_stop(&self) -> bool {
         self.stop_flag.load(Ordering::SeqCst)
     }
@@ -149,9 +150,9 @@ impl ServiceContext {
         Ok(self.health.send(&self.last_health)?)
     }
 
-    /// Publishes the health of a service that is about to stop, with its last state.
+    /// Publishes the health of a service that is about to stop, without changing its state.
     ///
-    /// The state is kept because only a source at the end of its data is finished.
+    /// The state is kept, because `FINISHED` applies only to a source at the end of its data.
     pub fn publish_final_health(&mut self, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
         change(&mut self.last_health);
         Ok(self.health.send(&self.last_health)?)
@@ -162,14 +163,14 @@ impl ServiceContext {
         self.last_health_ns = 0;
     }
 
-    /// Sleeps until a message arrives or the limit has passed, and counts lost wake-ups.
+    /// Sleeps until a message arrives or the maximum sleep time has passed. Counts lost wake-ups.
     pub fn wait<I>(&mut self, topic: &dyn SlotInput<I>) {
         if topic.wait(MAX_WAIT) == WaitOutcome::LateWake {
             self.last_health.late_wakes += 1;
         }
     }
 
-    /// Stamps a header with the current time, the epoch and the incarnation of this service.
+    /// Writes the current time, and the epoch and incarnation of this service, to a header.
     pub fn stamp(&self, header: &mut Header) {
         header.t_sent_ns = monotonic_ns();
         header.epoch = self.config.epoch;
@@ -177,10 +178,10 @@ impl ServiceContext {
     }
 }
 
-/// Sets `stop_flag` on a stop signal and when the supervisor has exited.
+/// Sets `stop_flag` on a stop signal and when the supervisor exits.
 ///
-/// A thread ends the process if it has not stopped after [`STOP_TIMEOUT`], for example because a
-/// step does not return: no supervisor may be left to kill it.
+/// If the process has not stopped after [`STOP_TIMEOUT`], for example because a step does not
+/// return, a thread ends it. This is necessary, because there may be no supervisor left to kill it.
 fn install_signal_handlers(
     stop_flag: &Arc<AtomicBool>,
     supervisor_has_exited: Arc<AtomicBool>,

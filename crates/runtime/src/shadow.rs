@@ -2,8 +2,9 @@
 //!
 //! - Input: the outputs of the candidate and of the owner.
 //! - Output: the difference of their attitudes, a few times per second.
-//! - Time: the clock sets the reporting interval. Only outputs of the same tick are compared.
-//! - Failure: a tick that only one of them has computed is skipped.
+//! - Time: a clock determines when the difference is published. Only outputs of the same tick are
+//!   compared.
+//! - Failure: a tick for which either output is missing is skipped.
 
 use std::collections::VecDeque;
 
@@ -15,9 +16,9 @@ use crate::{
     RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::CONTROL_BUFFER,
 };
 
-/// Interval of the reports.
+/// Interval between two published differences.
 const INTERVAL_NS: u64 = 100_000_000;
-/// Maximum candidate outputs queued for the owner's output of the same tick.
+/// Maximum number of candidate outputs that wait for the owner's output of the same tick.
 const MAX_PENDING: usize = 4096;
 
 /// Comparison of a candidate with the owner of its slot.
@@ -32,7 +33,7 @@ pub(crate) struct ShadowComparison<O: Ticked + Comparable> {
 
 #[derive(Default)]
 struct ErrorSums {
-    /// Total angle, inclination and heading, rad.
+    /// Sums of the total angle, the inclination and the heading, rad.
     sum: [f64; 3],
     square: [f64; 3],
     max: [f64; 3],
@@ -64,7 +65,7 @@ impl<O: Ticked + Comparable> ShadowComparison<O> {
         self.pending.push_back((output.header().tick, attitude));
     }
 
-    /// Compares the ticks that both have computed, and publishes the difference when it is due.
+    /// Compares ticks for which both outputs exist, and publishes the difference when it is due.
     pub(crate) fn compare(&mut self) -> Result<(), RuntimeError> {
         let Self { owner, pending, sums, message, .. } = self;
         owner.drain(MAX_PENDING, |output| {
@@ -104,7 +105,7 @@ impl ErrorSums {
     }
 }
 
-/// Returns the rotation of the body from one attitude to another, w x y z, body axes.
+/// Returns the rotation of the body between two attitudes, w x y z, body axes.
 fn rotation_between(from: Quaternion<f64>, to: Quaternion<f64>) -> [f64; 4] {
     let rotation = from.conjugate() * to;
     [rotation.w, rotation.i, rotation.j, rotation.k]

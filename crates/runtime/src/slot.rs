@@ -1,4 +1,4 @@
-//! Processing of a slot without clock or bus: messages in, messages out, in tick order.
+//! Processing in a slot, without clock or bus: messages in, messages out, in tick order.
 
 use attitude::stage::{Stage, Validate};
 use messages::{Header, Ticked};
@@ -6,7 +6,7 @@ use swap::Sequence;
 
 use crate::{comparable::Comparable, stage::ResettingStage, state_words::StateWords};
 
-/// Processing of a slot. Outputs depend only on the messages that were offered.
+/// Processing in a slot. Outputs depend only on the messages that were offered.
 pub trait Slot {
     /// Message of any of the inputs.
     type Input;
@@ -28,19 +28,19 @@ pub trait Slot {
         0
     }
 
-    /// Returns the cause if the stage has failed permanently.
+    /// Returns the cause if the stage has failed permanently, else `None`.
     fn failure(&self) -> Option<String>;
 
     /// Returns the stage.
     fn stage(&self) -> &Self::Stage;
 
-    /// Returns the stage mutably, to restore its state.
+    /// Returns a mutable reference to the stage, for restoring its state.
     fn stage_mut(&mut self) -> &mut Self::Stage;
 
     /// Visits the slot's own persistent state, excluding the stage and queued messages.
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));
 
-    /// Returns the fault of a restored own state, or `None` if it is valid.
+    /// Returns the problem with a restored own state, or `None` if the state is valid.
     fn validation_error(&self) -> Option<&'static str> {
         None
     }
@@ -50,12 +50,12 @@ pub trait Slot {
         true
     }
 
-    /// Declares that all input ticks before `tick` were published, so that missing ones are awaited
-    /// longer.
+    /// Declares that all input ticks before `tick` have been published, so that the slot waits
+    /// longer for missing ones.
     fn expect_backlog(&mut self, _tick: u64) {}
 }
 
-/// Processing of a slot with one input: one output for each input message.
+/// Processing in a slot with one input, with one output for each input message.
 pub trait TickProcessor {
     /// Message of the input.
     type Input: Ticked;
@@ -64,16 +64,16 @@ pub trait TickProcessor {
     /// Stage that runs in the slot.
     type Stage: Stage<Common: StateWords, Output: Validate> + Clone;
 
-    /// Processes one tick; returns `None` once the stage has failed.
+    /// Processes one tick. Returns `None` once the stage has failed.
     ///
-    /// `header` is the header for the output: that of the input, with a flag if ticks before it are
-    /// missing.
+    /// `header` is the header for the output. It is the input's header, with a flag if ticks before
+    /// it are missing.
     fn process(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
     /// Returns the stage with its reset logic.
     fn resetting_stage(&self) -> &ResettingStage<Self::Stage>;
 
-    /// Returns the stage with its reset logic mutably, to restore its state.
+    /// Returns a mutable reference to the stage with its reset logic, for restoring its state.
     fn resetting_stage_mut(&mut self) -> &mut ResettingStage<Self::Stage>;
 
     /// Visits the persistent state, excluding the stage.

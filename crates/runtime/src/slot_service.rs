@@ -1,9 +1,9 @@
-//! Service of a slot without bus and clock: its stage, ownership, checkpoints and health.
+//! Service of a slot, without bus or clock: its stage, ownership, checkpoints and health.
 //!
 //! - Input: messages and decisions, in the order in which they are handled.
 //! - Output: messages to publish, checkpoints and health.
-//! - Failure: an invalid checkpoint is reported. The service then starts with what its inputs still
-//!   hold.
+//! - Failure: an invalid checkpoint is reported. The service then starts with the messages that its
+//!   inputs still hold.
 
 use launch::Service;
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
@@ -25,15 +25,16 @@ pub struct SlotService<S: Slot> {
     checkpoint_ticks: u64,
     slot: S,
     gate: OutputGate<S::Output>,
-    /// Tick up to which outputs carry the flag `SWAPPED`: the first output at or after it is the
-    /// last.
+    /// Tick of a swap. Outputs carry the flag `SWAPPED` up to and including the first one at or
+    /// after this tick.
     swapped_at: Option<u64>,
-    /// Tick up to which outputs carry the flag `LOST_BEFORE`. Inputs before it are missing, and
-    /// subscribers already have the outputs in which the loss occurred.
+    /// Tick before which inputs are missing. Outputs carry the flag `LOST_BEFORE` up to and
+    /// including the first one at or after this tick, because subscribers already have the outputs
+    /// in which the loss occurred.
     missed_at: Option<u64>,
-    /// Next tick of the checkpoint that was restored, until the first output.
+    /// Next tick of the restored checkpoint. `None` after the first output.
     resumed_tick: Option<u64>,
-    /// End of the ticks that the slot had published before this process started.
+    /// Tick after the last one that the slot had published before this process started.
     published_end_tick: u64,
     next_checkpoint_tick: u64,
     flags: Flags,
@@ -43,8 +44,8 @@ pub struct SlotService<S: Slot> {
 impl<S: Slot> SlotService<S> {
     /// Creates the service with the role and state that `config` specifies.
     ///
-    /// Every input has been published before `input_tick`, and the slot's own output before
-    /// `output_tick`. The second value is the error if a checkpoint could not be restored.
+    /// All input ticks before `input_tick` and all output ticks before `output_tick` have been
+    /// published. The second returned value is the error if a checkpoint could not be restored.
     pub fn new(
         mut slot: S,
         service: Service,
@@ -83,11 +84,11 @@ impl<S: Slot> SlotService<S> {
                 Role::Candidate => OutputGate::candidate(incarnation, epoch, capacity),
             },
             swapped_at: match (role, resumed) {
-                // The earlier process ended before it published its first own output.
+                // The predecessor exited before it published its first own output.
                 (Role::Owner { from_tick }, Some(Resumed::Complete)) if swapped => Some(from_tick),
                 (_, Some(Resumed::Complete)) => None,
                 (Role::Candidate, _) => Some(0),
-                // Ticks before it were published by another stage.
+                // Ticks before `output_tick` were published by another stage.
                 (Role::Owner { .. }, Some(Resumed::Common)) => Some(output_tick),
                 (Role::Owner { .. }, None) => None,
             },
@@ -103,8 +104,8 @@ impl<S: Slot> SlotService<S> {
 
     /// Processes a message.
     ///
-    /// Passes each completed output to `on_computed`, and those of ticks that the service owns to
-    /// `publish`.
+    /// Passes each completed output to `on_computed`. Outputs of ticks that the service owns are
+    /// also passed to `publish`.
     pub fn offer(
         &mut self,
         message: S::Input,
@@ -126,7 +127,7 @@ impl<S: Slot> SlotService<S> {
         });
     }
 
-    /// Applies a decision; returns `true` if it is new and about this slot.
+    /// Applies a decision. Returns `true` if the decision is new and about this slot.
     pub fn apply_decision(&mut self, control: &Control, publish: &mut dyn FnMut(S::Output)) -> bool {
         let Self { gate, swapped_at, missed_at, .. } = self;
         let Control { epoch, owner, from_tick, service, .. } = *control;
@@ -150,7 +151,7 @@ impl<S: Slot> SlotService<S> {
         checkpoint::capture(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some())
     }
 
-    /// Fills in the health, except for the fields that only the bus knows.
+    /// Fills in the health, except for the fields that only the bus connection can provide.
     pub fn fill_health(&self, health: &mut Health) {
         let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *self.slot.sequence();
         let OwnershipStatus { decided_epoch, missed, published_from, .. } = self.gate.status();
@@ -160,7 +161,7 @@ impl<S: Slot> SlotService<S> {
         health.published_from = published_from.unwrap_or(u64::MAX);
     }
 
-    /// Returns the cause if the stage has failed permanently.
+    /// Returns the cause if the stage has failed permanently, else `None`.
     pub fn failure(&self) -> Option<String> {
         self.slot.failure()
     }
@@ -181,7 +182,8 @@ impl<S: Slot> SlotService<S> {
     }
 }
 
-/// Sets the flags for a swap and for missing inputs, until an output at or after their tick.
+/// Flags a swap or missing inputs on each output, up to and including the first one at or after the
+/// tick concerned.
 fn with_flags<O: Ticked>(mut output: O, swapped_at: &mut Option<u64>, missed_at: &mut Option<u64>) -> O {
     let Header { tick, flags, .. } = output.header_mut();
     *flags |= Flags::SWAPPED.when(swapped_at.is_some()) | Flags::LOST_BEFORE.when(missed_at.is_some());

@@ -8,8 +8,8 @@ use launch::{Launch, Service};
 
 use crate::RuntimeError;
 
-/// Share of the health timeout after which an external stage counts as hung. The service is then
-/// still alive to report the cause.
+/// Share of the health timeout after which an external stage counts as hung. It is less than 1, so
+/// that the service can still report the cause before its own timeout.
 const RESPONSE_TIMEOUT_SHARE: f64 = 0.5;
 
 /// Builds the stage that the launch file specifies, with its parameters set.
@@ -55,27 +55,27 @@ pub fn response_timeout(launch: &Launch) -> Duration {
     Duration::from_secs_f64(launch.restart.silence_s * RESPONSE_TIMEOUT_SHARE)
 }
 
-/// A stage that is reset once if it yields an invalid output. A second invalid output is a
-/// permanent failure.
+/// Stage that is reset once if it returns an invalid output. If the output after the reset is also
+/// invalid, the stage has failed permanently.
 #[derive(Debug)]
 pub struct ResettingStage<S> {
     /// The wrapped stage.
     pub stage: S,
     /// State before the first step.
     initial: Snapshot,
-    /// Fault of the last output after a reset.
+    /// Problem with the output after a reset.
     output_error: Option<&'static str>,
 }
 
 impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
-    /// Wraps a stage that has not stepped yet.
+    /// Wraps a stage that has not been stepped yet.
     pub fn new(stage: S) -> Self {
         Self { initial: stage.snapshot(), stage, output_error: None }
     }
 
-    /// Steps the stage; returns the output and whether the stage was reset for it.
+    /// Steps the stage. Returns the output, and `true` if the stage was reset for it.
     ///
-    /// Returns `None` from a permanent failure on.
+    /// Returns `None` once the stage has failed permanently.
     #[inline]
     pub fn step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
         if self.output_error.is_some() {
@@ -93,7 +93,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
         self.output_error.is_none().then_some((output, true))
     }
 
-    /// Returns the cause of a permanent failure.
+    /// Returns the cause if the stage has failed permanently, else `None`.
     pub fn failure(&self) -> Option<String> {
         match (self.stage.failure(), self.output_error) {
             (Some(error), _) => Some(error.to_string()),
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
     use attitude::{Vector3, accel::Inclination, point::Point, stage::RestoreError};
 
-    /// Counts its steps, and returns an invalid output from the step `bad_from` on.
+    /// Stage that counts its steps and returns an invalid output from step `bad_from` on.
     #[derive(Clone)]
     struct Counter {
         steps: f64,

@@ -1,7 +1,7 @@
-//! State of a slot as 64-bit words: the bits of every number, in a fixed order.
+//! State of a slot as 64-bit words: the bits of each number, in a fixed order.
 //!
 //! - Input, output: plain values.
-//! - Failure: conversion never fails. The slot validates the restored values.
+//! - Failure: conversion never fails. The slot validates restored values.
 
 use attitude::{
     Quaternion, Vector3,
@@ -13,7 +13,7 @@ use attitude::{
 
 use swap::Sequence;
 
-/// A value with a state that can be read and replaced word by word.
+/// Value with a state that can be read and replaced word by word.
 pub trait StateWords {
     /// Calls `visit` with each word, always in the same order. `visit` may replace the word.
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64));
@@ -82,7 +82,8 @@ impl<A: StateWords, B: StateWords> StateWords for (A, B) {
 
 impl StateWords for Sequence {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The publisher is left out: a resumed service reads its inputs from their oldest message.
+        // The publisher is left out, because a resumed service reads its inputs from their oldest
+        // message.
         let Self { next_tick, ticks, lost, duplicated, repeated, publisher: _ } = self;
         [next_tick, ticks, lost, duplicated, repeated].into_iter().for_each(visit);
     }

@@ -1,10 +1,10 @@
-//! Tail of a child process's standard error, read without blocking either side.
+//! Tail of a child process's standard error, read without blocking the parent.
 //!
-//! - Input: the pipe of a child.
-//! - Output: its last output, up to [`TAIL_BYTES`].
+//! - Input: the standard-error pipe of a child.
+//! - Output: the last output of the child, up to [`TAIL_BYTES`].
 //! - Time: the parent polls from time to time.
 //! - Failure: older output is dropped and counted. Output that cannot be read is left out. A child
-//!   that writes more than [`MAX_POLL_BYTES`] between two polls blocks until the next one.
+//!   that writes more than [`MAX_POLL_BYTES`] between two polls blocks until the next poll.
 
 use std::{collections::VecDeque, io::Read, process::ChildStderr};
 
@@ -12,7 +12,7 @@ use rustix::{io::ioctl_fionbio, pipe::fcntl_setpipe_size};
 
 /// Size of the tail, bytes.
 pub const TAIL_BYTES: usize = 8192;
-/// Maximum read per poll, and the size of the pipe if the system permits it, bytes.
+/// Maximum number of bytes read per poll, and the size of the pipe if the system permits it.
 pub const MAX_POLL_BYTES: usize = 1 << 20;
 
 /// Tail of a child's standard error.
@@ -24,11 +24,11 @@ pub struct StderrTail {
 }
 
 impl StderrTail {
-    /// Creates a tail of `pipe`. A pipe that cannot be made non-blocking is not read.
+    /// Creates a tail of `pipe`. If the pipe cannot be made non-blocking, it is not read.
     pub fn new(pipe: Option<ChildStderr>) -> Self {
         let pipe = pipe.filter(|pipe| ioctl_fionbio(pipe, true).is_ok());
         if let Some(pipe) = &pipe {
-            // If the system rejects it, the pipe keeps its smaller size.
+            // If the system rejects the request, the pipe keeps its smaller size.
             let _ = fcntl_setpipe_size(pipe, MAX_POLL_BYTES);
         }
         Self { pipe, ..Self::default() }
@@ -46,13 +46,13 @@ impl StderrTail {
                     read_bytes += count;
                     self.push(chunk.get(..count).unwrap_or_default());
                 }
-                // No output yet, or the end of the pipe, which the next poll finds.
+                // There is no output yet.
                 Err(_) => return,
             }
         }
     }
 
-    /// Polls and returns the tail, with a note if earlier output was dropped.
+    /// Polls, then returns the tail, with a note if earlier output was dropped.
     pub fn text(&mut self) -> String {
         self.poll();
         let text = String::from_utf8_lossy(self.tail.make_contiguous()).trim_end().to_owned();

@@ -7,31 +7,31 @@ use messages::Checkpoint;
 
 use crate::Resume;
 
-/// Number of checkpoints kept per service, which reach as far back as a topic's buffer.
+/// Maximum number of checkpoints kept per service. They reach as far back as a topic's buffer.
 const MAX_CHECKPOINTS: usize = 32;
 
 /// Newest checkpoints of every service and of every candidate.
 ///
-/// An owner resumes only from its own checkpoints. Memory is allocated once, because reallocation
-/// at every swap would fragment the heap.
+/// An owner resumes only from its own checkpoints. Memory is allocated once, because reallocating
+/// it at every swap would fragment the heap.
 #[derive(Debug)]
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Checkpoint>; Service::ALL.len()],
     candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
-    /// Next attitude to collect, the first output needed from the last slot.
+    /// Tick of the next attitude to collect, which is the first output needed from the last slot.
     output_tick: Option<u64>,
-    /// First tick of which a live process of each slot may still need the inputs.
+    /// For each slot, the first input tick that a live process may still need.
     ///
     /// A restarted process or a candidate may be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
-    /// First tick from which the topics hold every tick.
+    /// First tick from which every tick is guaranteed to stay in the topics until read.
     held_from: u64,
-    /// Services that recompute their output from the first tick after a renewal of the bus.
+    /// Services that recompute their output from the first tick on after the bus was renewed.
     ///
     /// Set if the new bus is empty and the source is repeatable. Reset by the service's first
     /// checkpoint on the new bus.
     full_replay: [bool; Service::ALL.len()],
-    /// Subscribers of each service among those that every tick passes through.
+    /// For each service, its subscribers among the services that every tick passes through.
     subscribers: [Vec<Service>; Service::ALL.len()],
 }
 
@@ -71,14 +71,14 @@ impl CheckpointStore {
         self.output_tick = Some(next_tick);
     }
 
-    /// Sets the positions of the live processes and the first tick from which the topics hold every
-    /// tick.
+    /// Sets the positions of the live processes, and the first tick from which every tick is
+    /// guaranteed to stay in the topics until read.
     pub(crate) fn on_positions(&mut self, positions: [Option<u64>; Service::ALL.len()], held_from: u64) {
         (self.positions, self.held_from) = (positions, held_from);
     }
 
-    /// Sets whether all services recompute their output, as on an empty bus with a repeatable
-    /// source.
+    /// Sets whether every service recomputes its output, which is the case on an empty bus with a
+    /// repeatable source.
     pub(crate) fn set_full_replay(&mut self, full_replay: bool) {
         self.full_replay = [full_replay; Service::ALL.len()];
     }
@@ -90,8 +90,8 @@ impl CheckpointStore {
 
     /// Makes the candidate the owner.
     ///
-    /// The checkpoints of the previous owner are kept for the case that the new owner has to
-    /// recompute its predecessor's output.
+    /// The checkpoints of the previous owner are kept in case the new owner has to recompute its
+    /// predecessor's output.
     pub(crate) fn promote(&mut self, service: Service) {
         let [owner, candidate] = [&mut self.owners, &mut self.candidates].map(|all| &mut all[service as usize]);
         self.full_replay[service as usize] &= candidate.is_empty();
@@ -100,9 +100,9 @@ impl CheckpointStore {
 
     /// Returns the state that a service restarts from.
     ///
-    /// It is the newest state from which the service publishes again everything its subscribers
-    /// would need if they restarted from their own checkpoints. Ticks before `from_tick` are
-    /// published by another process.
+    /// This is the newest state from which the service republishes everything its subscribers would
+    /// need if they restarted from their own checkpoints. Ticks before `from_tick` are published by
+    /// another process.
     pub(crate) fn resume(&self, service: Service, from_tick: u64) -> Resume {
         if service == Service::Ingest {
             let newest = self.owner_checkpoints(service).back();
@@ -116,7 +116,7 @@ impl CheckpointStore {
         }
     }
 
-    /// Returns the first tick of which a service may need the inputs, now or after a restart.
+    /// Returns the first input tick that a service may need, now or after a restart.
     pub(crate) fn resume_tick(&self, service: Service) -> Option<u64> {
         // A gateway both subscribes and publishes. It resumes from its own newest state.
         let needed_tick = if service == Service::Gateway { u64::MAX } else { self.needed_tick(service) };
@@ -138,8 +138,8 @@ impl CheckpointStore {
 
     /// Returns the tick that a service would resume from if its candidate were promoted now.
     ///
-    /// Promotion discards the owner's checkpoints from the first tick of the candidate's
-    /// checkpoints on.
+    /// Promotion discards the owner's checkpoints that are not older than the candidate's first
+    /// one.
     fn resume_tick_if_promoted(&self, service: Service, needed_tick: u64) -> Option<u64> {
         let mut states = self.candidates[service as usize].iter().map(|state| state.next_tick);
         let first = states.clone().next()?;
@@ -151,8 +151,9 @@ impl CheckpointStore {
     /// Returns the newest checkpoint at or before `needed_tick`.
     ///
     /// If all checkpoints are later, returns the oldest, because the earlier output is on the bus.
-    /// Returns `None` in that case if the output has to be recomputed, or if the topics still hold
-    /// every input, because the publisher of the earlier output may have exited.
+    /// It returns `None` instead if the output has to be recomputed, or if the topics still hold
+    /// every input. In the latter case the publisher of the earlier output may have exited, and a
+    /// fresh start can recompute that output.
     fn checkpoint_by(&self, service: Service, needed_tick: u64) -> Option<&Checkpoint> {
         let checkpoints = self.owner_checkpoints(service);
         let full_replay = self.full_replay[service as usize] || self.held_from == 0;
@@ -171,7 +172,7 @@ impl CheckpointStore {
         newest.map_or(Resume::Fresh, |checkpoint| Resume::Checkpoint(Box::new(*checkpoint)))
     }
 
-    /// Returns the subscribers of a service among those that every tick passes through.
+    /// Returns the service's subscribers among the services that every tick passes through.
     pub(crate) fn subscribers(&self, service: Service) -> &[Service] {
         &self.subscribers[service as usize]
     }
@@ -181,7 +182,7 @@ impl CheckpointStore {
     }
 }
 
-/// Records a checkpoint and returns whether it was valid.
+/// Records a checkpoint and returns `true` if it was valid.
 fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
     let Some(checkpoints) = stores.get_mut(checkpoint.service as usize) else { return false };
     let is_valid = checkpoint.checksum == checkpoint.compute_checksum();
@@ -191,8 +192,8 @@ fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
     is_valid
 }
 
-/// Appends a checkpoint and removes later ones, because a new process may be behind its
-/// predecessor.
+/// Appends a checkpoint and removes those that are not older, because a new process may be behind
+/// its predecessor.
 fn push(checkpoints: &mut VecDeque<Checkpoint>, checkpoint: Checkpoint) {
     while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick)
         || checkpoints.len() >= MAX_CHECKPOINTS

@@ -17,7 +17,7 @@ pub struct Config {
     pub rate_hz: f64,
     /// Lockstep mode: the source waits for its slowest subscriber.
     pub lockstep: bool,
-    /// Maximum lead of the source over the last subscriber in lockstep, ticks.
+    /// Maximum lead of the source over the slowest subscriber in lockstep, ticks.
     pub window_ticks: u64,
     /// Number of messages a topic of the data path holds.
     pub buffer_ticks: u64,
@@ -30,7 +30,7 @@ pub struct Config {
 /// Input of [`Supervision::handle`](crate::Supervision::handle).
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// Time has passed. Due after the other events of a round, at the latest after
+    /// Time has passed. Send it after the other events of a round, and at the latest after
     /// [`poll_interval`](crate::Supervision::poll_interval).
     Timer,
     /// A process was started, in response to [`Action::Spawn`].
@@ -47,7 +47,8 @@ pub enum Event {
         /// Cause, shown to the user.
         cause: String,
     },
-    /// A process has exited. [`Event::Published`] with its last tick must precede this event.
+    /// A process has exited. [`Event::Published`] with the last tick of the process must precede
+    /// this event.
     Exited {
         /// Incarnation of the process.
         incarnation: u32,
@@ -62,11 +63,11 @@ pub enum Event {
     Checkpoint(Box<Checkpoint>),
     /// A shadow has published its difference from the owner of the slot.
     Difference(Difference),
-    /// A service has published.
+    /// A service has published messages.
     Published {
-        /// Publishing service.
+        /// Service that has published.
         service: Service,
-        /// Tick after the newest one published.
+        /// Tick after the newest published one.
         next_tick: u64,
     },
     /// The supervisor has collected attitudes.
@@ -131,7 +132,7 @@ pub enum Action {
     PublishControl(Control),
     /// Allow the source to publish the ticks before `ticks`.
     GrantCredit {
-        /// First tick that may not be published.
+        /// First tick that must not be published yet.
         ticks: u64,
         /// Final credit: the source then publishes no new ticks but keeps running for restarted
         /// subscribers.
@@ -152,10 +153,11 @@ pub enum Action {
     Ready,
     /// Shutdown has started: the source publishes no new ticks.
     Stopping,
-    /// Kill every process without reporting their exits and create a new bus of the same name. The
+    /// Kill every process without reporting the exits, then create a new bus of the same name. The
     /// response is [`Event::BusRenewed`].
     RenewBus,
-    /// Stop the system. Of the earlier actions not performed yet, only replies remain valid.
+    /// Stop the system. If earlier actions have not been performed yet, only replies are still
+    /// performed.
     Finish(Option<Failure>),
 }
 
@@ -209,7 +211,7 @@ pub enum Reply {
     Done,
 }
 
-/// Cause of a premature end of the system.
+/// Reason why the system stopped prematurely.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A service has exited and is not restarted.
@@ -230,7 +232,7 @@ pub enum Failure {
         /// Attempted action and the operating system's error.
         cause: String,
     },
-    /// The files of the bus are removed repeatedly.
+    /// Bus files have been removed repeatedly.
     #[error(
         "{path} was removed while the system ran; files of the running system were removed {count} times within {within_s} s. \
          If systemd-logind removes them at logout, set RemoveIPC=no in /etc/systemd/logind.conf or run the system as a system user",
@@ -241,7 +243,7 @@ pub enum Failure {
         path: PathBuf,
         /// Number of removals.
         count: usize,
-        /// Length of the period in which they were counted, s.
+        /// Length of the period in which the removals were counted, s.
         within_s: u64,
     },
 }

@@ -7,19 +7,19 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// Time without output after the end of the source until the remaining ticks are given up.
+/// Time without output after which the remaining ticks are given up once the source has ended.
 ///
-/// A killed or hung service has been restarted by then.
+/// Long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// Drain timeout while a service is starting and no shutdown was requested.
 ///
-/// Longer than any start.
+/// Longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// Time without output in lockstep, in addition to `silence_s`, until missing ticks are considered
-/// lost although every service runs.
+/// Time without output in lockstep after which missing ticks are considered lost although every
+/// service runs. Added to `silence_s`.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between extra windows granted past missing ticks, so that subscribers can follow.
+/// Interval between extra windows granted past missing ticks, so that subscribers can keep up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Progress of the system from start to shutdown.
@@ -33,9 +33,9 @@ pub(crate) struct Flow {
     next_tick: u64,
     /// Time of the newest output tick.
     last_progress: Duration,
-    /// Newest time at which a service was starting.
+    /// Most recent time at which a service was starting.
     last_starting: Duration,
-    /// Time of the newest window granted without output.
+    /// Time at which a window was last granted without output.
     last_extra_window: Duration,
 }
 
@@ -78,7 +78,7 @@ impl Flow {
         self.phase == Phase::Ended
     }
 
-    /// Returns to the starting phase, for services that start on a new bus.
+    /// Returns to the starting phase, because every service starts again on the new bus.
     pub(crate) fn restart(&mut self) {
         self.phase = Phase::Starting;
     }
@@ -160,7 +160,7 @@ impl Supervision {
 
     /// Grants another window despite missing output.
     ///
-    /// Subscribers give up a lost tick only after later ones are far enough ahead of it.
+    /// Subscribers give up a lost tick only once later ticks are far enough ahead of it.
     fn grant_past_missing_ticks(&mut self) {
         if self.flow.phase != Phase::Running || !self.source_waits() {
             return;
@@ -175,10 +175,10 @@ impl Supervision {
         }
     }
 
-    /// Returns the first tick from which the topics hold every tick until it is read.
+    /// Returns the first tick from which every tick is guaranteed to stay in the topics until read.
     ///
-    /// In lockstep that covers all granted credit. Otherwise messages older than half of the buffer
-    /// may be overwritten before they are read.
+    /// In lockstep, this includes all ticks for which credit was granted. Otherwise messages older
+    /// than half of the buffer may be overwritten before they are read.
     pub(crate) fn held_from(&self) -> u64 {
         let buffer_ticks = self.config.buffer_ticks;
         let newest = self.published.iter().max().copied().unwrap_or(0);
@@ -204,7 +204,8 @@ impl Supervision {
         self.table.entry(self.config.launch.tick_source()).health().map_or(0, |health| health.refused)
     }
 
-    /// Returns `true` if the source waits for credit: in lockstep, or for imported ticks.
+    /// Returns `true` if the source waits for credit, either in lockstep or because it imports
+    /// ticks.
     ///
     /// After a link outage an import holds more ticks than a topic buffers.
     pub(crate) fn source_waits(&self) -> bool {
@@ -227,7 +228,7 @@ impl Supervision {
         self.actions.push(Action::Finish(failure));
     }
 
-    /// Returns the next tick to come out.
+    /// Returns the tick that is output next.
     pub fn next_tick(&self) -> u64 {
         self.local_next_tick().unwrap_or(self.output.next_tick)
     }
@@ -272,8 +273,8 @@ mod tests {
         }
     }
 
-    /// Returns the credit of a source in lockstep after each second, with the output stuck at
-    /// `next_tick`.
+    /// Returns the credit granted to a source in lockstep after each second, with the output stuck
+    /// at `next_tick`.
     ///
     /// The service `silent` reports no health after 100 ms.
     fn credits(window_ticks: u64, next_tick: u64, silent: Option<Service>) -> Vec<u64> {

@@ -4,7 +4,7 @@
 //! - Input: decisions of the supervision.
 //! - Output: [`Action::PublishEvent`].
 //! - Time: added by the caller.
-//! - Failure: a text that is too long is truncated, and the event carries a mark.
+//! - Failure: a text that is too long is truncated, and the event is marked.
 
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
@@ -21,9 +21,9 @@ pub(crate) struct StageInstance {
     /// restart keeps the number.
     pub(crate) number: u32,
     pub(crate) stage: StageConfig,
-    /// Tick of the checkpoint it was started from; `None` after a fresh start.
+    /// Tick of the checkpoint that the instance was started from; `None` after a fresh start.
     restored_tick: Option<u64>,
-    /// Number of the instance that wrote this checkpoint.
+    /// Number of the instance that wrote that checkpoint.
     restored_from: u32,
     /// Tick before which the failed predecessor had published; `None` unless the instance replaced
     /// a failed owner.
@@ -76,7 +76,7 @@ impl StageHistory {
     }
 }
 
-/// Returns the next tick after a resume, or `None` after a fresh start.
+/// Returns the tick at which a process resumes, or `None` for a fresh start.
 fn resume_tick(resume: &Resume) -> Option<u64> {
     match resume {
         Resume::Fresh => None,

@@ -2,7 +2,7 @@
 //!
 //! - Input: events, each with the time since the supervisor started.
 //! - Output: actions, to be performed in the returned order.
-//! - Time: passed with each event. An earlier time than before is ignored.
+//! - Time: passed with each event. A time before the previous one is ignored.
 //! - Failure: a failing service is an ordinary event. A failure that stops the system is reported
 //!   in [`Action::Finish`], the last action except for replies.
 //!

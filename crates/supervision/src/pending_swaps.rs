@@ -1,13 +1,13 @@
-//! Swap requests from their receipt to the reply, with the effect on the attitudes in between.
+//! Tracks swap requests from receipt to reply, and their effect on the attitudes in the meantime.
 
 use launch::Service;
 use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::{OutputProgress, SwapReport};
 
-/// Attitudes after the commit tick that are included in the longest interval of a swap.
+/// Number of attitudes after the commit tick that count toward a swap's longest interval.
 const TICKS_AFTER_COMMIT: u64 = 50;
-/// Time limit for these attitudes to arrive, ms.
+/// Time limit for the attitudes after the commit tick to arrive, ms.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
 
 /// Requests in progress, including completed ones until their attitudes have been collected.
@@ -16,10 +16,11 @@ pub(crate) struct PendingSwaps {
     pending: Vec<Pending>,
 }
 
-/// Origin of a swap request, which receives the reply.
+/// Originator of a swap request, to which the reply is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Requester {
-    /// Client of the control socket. A `shadow` in the given slot ends when the client disconnects.
+    /// Client of the control socket. `shadow` is the slot of the requested shadow, which ends when
+    /// the client disconnects.
     Client { client: u64, shadow: Option<Service> },
     /// Watch of a slot.
     Watch(Service),
@@ -105,8 +106,8 @@ impl PendingSwaps {
         self.pending.push(pending);
     }
 
-    /// Detaches a client from its request and returns the slot of its shadow, if the request is for
-    /// a shadow.
+    /// Detaches a client from its request. Returns the slot of the shadow if the request was for a
+    /// shadow.
     pub(crate) fn detach_client(&mut self, disconnected: u64) -> Option<Service> {
         let is_disconnected =
             |requester: Requester| matches!(requester, Requester::Client { client, .. } if client == disconnected);
@@ -120,7 +121,7 @@ impl PendingSwaps {
     /// Records the outcome reported by a slot's coordinator.
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
-    /// `last_stderr` is the output of the process that exited last.
+    /// `last_stderr` is the standard error of the process that exited last.
     pub(crate) fn complete(&mut self, service: Service, report: &Report, last_stderr: &str, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
         let is_completed = |swap: &&mut Pending| {

@@ -10,7 +10,7 @@ use crate::{
     restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 
-/// Shortest silence timeout of low-priority services, which may have to wait for the processor.
+/// Minimum silence timeout for low-priority services, which may have to wait for the processor.
 const AUX_SILENCE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Maximum number of diagnostics kept per service.
@@ -21,8 +21,7 @@ const MAX_DIAGNOSTICS: usize = 16;
 pub struct ProcessTable {
     entries: [ProcessEntry; Service::ALL.len()],
     last_incarnation: u32,
-    /// Time of the newest [`Event::Timer`](crate::Event::Timer) seen by
-    /// [`take_stall`](Self::take_stall).
+    /// Time of the newest call of [`take_stall`](Self::take_stall).
     last_polled: Duration,
 }
 
@@ -31,15 +30,14 @@ pub struct ProcessTable {
 pub struct ProcessEntry {
     /// Process that owns the slot, or the only process of a service without a slot.
     pub(crate) owner: Option<Process>,
-    /// Process of a stage that is a candidate for the slot, a shadow, or a replacement of a failed
-    /// owner.
+    /// Process of a candidate for the slot, of a shadow, or of a replacement for a failed owner.
     pub(crate) candidate: Option<Process>,
     /// Processes that no longer own the slot and have not exited yet.
     pub(crate) retired: Vec<Process>,
     pub(crate) policy: RestartPolicy,
     /// Time of the next restart, if one is scheduled.
     pub(crate) restart_at: Option<Duration>,
-    /// Set once the service has been given up. It is not restarted then.
+    /// Set once the service has been given up, after which it is not restarted.
     pub(crate) given_up: bool,
     /// Epoch and first tick that the next owner process starts with.
     pub(crate) ownership: Option<(u32, u64)>,
@@ -53,17 +51,17 @@ pub(crate) struct Process {
     pub(crate) incarnation: u32,
     /// Process ID; 0 until the process has started.
     pub(crate) pid: u32,
-    /// Set if the process publishes from its start.
+    /// Set if the process publishes from its start on.
     pub(crate) owns_slot: bool,
     pub(crate) started: Duration,
     /// Tick of the checkpoint that the process resumed from, if any.
     resume_tick: Option<u64>,
-    /// First tick of which the process needs the inputs, if known.
+    /// First input tick that the process needs, if known.
     first_tick: Option<u64>,
     pub(crate) health: Option<Health>,
-    /// Time of the newest health report or, before the first one, of the start. Shifted by a stall.
+    /// Time of the newest health report or, before the first one, of the start. A stall shifts it.
     silent_since: Duration,
-    /// Set once the current silence has been extended by a stall.
+    /// Set once a stall has extended the deadline of the current silence.
     stall_credited: bool,
     /// Set once the process was requested to exit.
     terminate_sent: bool,
@@ -71,7 +69,7 @@ pub(crate) struct Process {
     pub(crate) timed_out: bool,
 }
 
-/// Process that has exited, by its former place.
+/// Exited process, by its former role.
 pub(crate) enum ExitedProcess {
     /// Owner of the slot.
     Owner(Process),
@@ -80,7 +78,7 @@ pub(crate) enum ExitedProcess {
 }
 
 impl Process {
-    /// Returns the next tick of which the process needs the inputs, if known.
+    /// Returns the next input tick that the process needs, if known.
     fn next_tick(&self) -> Option<u64> {
         self.first_tick.max(self.health.map(|health| health.next_tick))
     }
@@ -104,10 +102,10 @@ impl ProcessTable {
         Service::ALL.into_iter().zip(&self.entries)
     }
 
-    /// Returns the first tick of which a live process of each slot may still need the inputs.
+    /// Returns, for each slot, the first input tick that a live process may still need.
     ///
-    /// A candidate before `held_from` is ignored, because it may never have opened its topics. A
-    /// replacement for a failed owner counts as an owner.
+    /// A candidate that needs ticks before `held_from` is ignored, because it may never have opened
+    /// its topics. A replacement for a failed owner counts as an owner.
     pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
@@ -178,7 +176,7 @@ impl ProcessTable {
         now.saturating_sub(std::mem::replace(&mut self.last_polled, now))
     }
 
-    /// Requests a process that does not own its slot to exit. A second call kills the process.
+    /// Requests the exit of a process that does not own its slot. A second call kills the process.
     pub(crate) fn terminate(&mut self, service: Service, incarnation: u32, actions: &mut Vec<Action>) {
         let is_target = |process: &&mut Process| process.incarnation == incarnation;
         for process in self.entry_mut(service).processes_mut().filter(is_target) {
@@ -187,7 +185,7 @@ impl ProcessTable {
         }
     }
 
-    /// Removes all processes after they were killed for a new bus. Restart counters are kept.
+    /// Removes all processes after they were killed for a bus renewal. Restart counters are kept.
     pub(crate) fn clear_processes(&mut self) {
         for entry in &mut self.entries {
             (entry.owner, entry.candidate) = (None, None);
@@ -314,7 +312,8 @@ impl ProcessEntry {
 
     /// Kills processes that have exceeded their health timeout.
     pub(crate) fn kill_silent(&mut self, service: Service, rule: &Restart, now: Duration, actions: &mut Vec<Action>) {
-        // Before its first health report a candidate has the deadline of its swap instead.
+        // Until its first health report, a candidate is subject to the deadline of its swap
+        // instead.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.health.is_some());
         let first_timeout =
             if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(rule) };

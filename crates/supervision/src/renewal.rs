@@ -1,8 +1,8 @@
-//! Replacement of the bus after its files were removed while the system runs.
+//! Replaces the bus after its files were removed while the system was running.
 //!
-//! Running processes continue, because their memory is still mapped, but a process that starts
-//! cannot join them. As soon as a process has to start, every service is therefore restarted on a
-//! new bus from its checkpoint. Repeated removals stop the system.
+//! Running processes continue, because their memory is still mapped, but a new process cannot join
+//! them. As soon as a process has to start, every service is therefore restarted from its
+//! checkpoint on a new bus. Repeated removals stop the system.
 
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
@@ -15,7 +15,7 @@ use crate::{Action, Failure, ProcessEntry, Supervision};
 const MAX_RENEWALS: usize = 3;
 const RENEWAL_WINDOW: Duration = Duration::from_secs(60);
 
-/// Renewals of the bus.
+/// Recent renewals of the bus, and the state of the current one.
 #[derive(Debug, Default)]
 pub(crate) struct Renewals {
     renewals: VecDeque<Duration>,
@@ -31,7 +31,7 @@ impl Renewals {
         self.under_way
     }
 
-    /// Sets whether a process has exited before it joined, since the previous timer event.
+    /// Sets whether, since the previous timer event, a process has exited before joining the bus.
     pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
         self.join_failed = join_failed;
     }
@@ -83,7 +83,7 @@ impl Supervision {
         self.actions.push(Action::RenewBus);
     }
 
-    /// Restarts every service that was not given up, from its checkpoint.
+    /// Restarts every service from its checkpoint, except those that were given up.
     pub(crate) fn on_bus_renewed(&mut self) {
         self.renewals.under_way = false;
         self.publish_event(SystemEvent::new(EventKind::BUS_RENEWED));

@@ -21,7 +21,7 @@ pub enum ControlRequest {
     Status,
     /// Return the service configuration, with the stages that fill the slots now.
     ServiceConfig,
-    /// Return what is missing from the report and the output file so far.
+    /// Return which data is missing so far from the report and the output file.
     RecordStatus,
     /// Show a line from a service to the user.
     Announce {
@@ -34,7 +34,7 @@ pub enum ControlRequest {
     Diagnostics {
         /// Reporting service.
         service: String,
-        /// All current problems; empty if there are none.
+        /// All current problems. May be empty.
         diagnostics: Vec<Diagnostic>,
     },
     /// Announce the address at which a service can be reached.
@@ -62,7 +62,7 @@ pub struct Diagnostic {
 pub struct RecordStatus {
     /// Attitudes that were published but not collected by the supervisor.
     pub not_recorded: u64,
-    /// Failure of the output file or the recording; `None` while both are written.
+    /// Failure of the output file or the recording; `None` while both are being written.
     pub output_error: Option<String>,
 }
 
@@ -75,9 +75,9 @@ pub struct SwapRequest {
     pub stage: StageConfig,
     /// Shadow mode: the stage runs but does not take over.
     pub shadow: bool,
-    /// Epoch of the slot known to the client. The request is rejected if the epoch differs.
+    /// Epoch that the client expects the slot to have. If it differs, the request is rejected.
     pub expected_epoch: Option<u32>,
-    /// Time limit for the commitment, ms; `None` for no limit, as for shadows.
+    /// Time limit for the commit, ms; `None` for no limit, as for shadows.
     pub timeout_ms: Option<u64>,
 }
 

@@ -14,12 +14,12 @@ use crate::{
 
 /// Shortest gap between two timer events that counts as a stall of the supervisor or the machine.
 ///
-/// After a stall the silence of a service is not held against it.
+/// After a stall, the deadlines of silent services are extended by its duration.
 const MIN_STALL: Duration = Duration::from_millis(100);
 
 impl Supervision {
-    /// Starts a service without a slot, or the owner of a slot. `resume` is `None` for its first
-    /// process only.
+    /// Starts a service without a slot, or the owner of a slot. `resume` is `None` only for the
+    /// first process of the service.
     pub(crate) fn spawn_owner(&mut self, service: Service, resume: Option<Resume>) {
         let incarnation = self.table.next_incarnation();
         let entry = self.table.entry_mut(service);
@@ -50,8 +50,8 @@ impl Supervision {
 
     /// Handles a process that could not be started.
     ///
-    /// The first process of a service ends the system. A later one counts as an exit without any
-    /// health report.
+    /// If it was the first process of a service, the system ends. Otherwise the failure counts as
+    /// an exit without a health report.
     pub(crate) fn on_spawn_failed(&mut self, incarnation: u32, cause: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
         match self.table.entry_mut(service).remove_exited(incarnation) {
@@ -66,7 +66,7 @@ impl Supervision {
 
     pub(crate) fn on_exit(&mut self, incarnation: u32, exit_status: String, stderr: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
-        // The event that caused a requested exit has been published already.
+        // If the exit was requested, the event that caused the request has already been published.
         if !self.table.entry(service).is_terminating(incarnation) {
             self.publish_service_event(
                 service,
@@ -94,8 +94,8 @@ impl Supervision {
         }
     }
 
-    /// Returns `true` if attitudes are still computed without the service. One of gyro and accel is
-    /// sufficient.
+    /// Returns `true` if attitudes can still be computed without the service. One of gyro and accel
+    /// is sufficient.
     fn is_dispensable(&self, service: Service) -> bool {
         match service {
             Service::Gyro => !self.table.entry(Service::Accel).given_up,
@@ -112,8 +112,8 @@ impl Supervision {
         let rule = self.config.launch.restart;
         let on_limit = match rule.on_limit {
             _ if service.is_auxiliary() => OnLimit::Retry,
-            // Without a source nothing can continue, and a source that waits for the attitude would
-            // wait forever.
+            // Without a source nothing can continue. A source that waits for attitudes would wait
+            // forever if an indispensable service was given up.
             OnLimit::Degrade if service == self.config.launch.tick_source() => OnLimit::Stop,
             OnLimit::Degrade if self.source_waits() && !self.is_dispensable(service) => OnLimit::Stop,
             on_limit => on_limit,

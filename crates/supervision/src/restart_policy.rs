@@ -1,4 +1,4 @@
-//! Restart rule: whether and when a service is restarted, independent of processes and clocks.
+//! Decides whether and when a service is restarted, independently of processes and clocks.
 
 use std::time::Duration;
 
@@ -18,14 +18,14 @@ pub(crate) enum RestartVerdict {
 /// Longest time from the start of a process to its first health report, for any service.
 pub(crate) const FIRST_HEALTH_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Exit record of one service and the resulting decisions.
+/// Restart policy of one service, based on its past exits.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct RestartPolicy {
     pub(crate) restarts: u32,
     failures: u64,
-    /// Consecutive exits without any health report.
+    /// Number of consecutive exits without any health report.
     silent_exits: u32,
-    /// Shortest time from start to first health report of all processes so far.
+    /// Shortest time from start to first health report among all processes so far.
     min_start: Option<Duration>,
 }
 
@@ -44,9 +44,9 @@ impl RestartPolicy {
     /// Returns the timeout for the first health report of the newest process.
     ///
     /// The first process has the full [`FIRST_HEALTH_TIMEOUT`], because nothing is published before
-    /// every service is ready. Ticks wait for a later process, so it has only `silence_s`, or twice
-    /// the shortest start time if that is longer. The timeout doubles with each consecutive exit
-    /// without a health report, in case the machine is slow.
+    /// every service is ready. A later process has only `silence_s`, or twice the shortest start
+    /// time if that is longer, because ticks are waiting for it. Its timeout doubles with each
+    /// consecutive exit without a health report, in case the machine is slow.
     pub(crate) fn first_health_timeout(&self, rule: &Restart) -> Duration {
         if self.restarts == 0 {
             return FIRST_HEALTH_TIMEOUT;
@@ -81,8 +81,8 @@ impl RestartPolicy {
                 OnLimit::Retry => RestartVerdict::Restart(max_pause),
             };
         }
-        // An occasional exit is followed by an immediate restart. A crash loop must not starve
-        // other services.
+        // After an occasional exit, the service restarts immediately. In a crash loop the pause
+        // grows, so that the loop does not starve other services.
         let doublings = self.failures.saturating_sub(2).min(20) as i32;
         let pause_s = if self.failures < 2 { 0.0 } else { rule.backoff_s * 2f64.powi(doublings) };
         RestartVerdict::Restart(Duration::from_secs_f64(pause_s).min(max_pause))

@@ -11,7 +11,8 @@ use crate::{
     process::Process,
 };
 
-/// Lead of the hand-over tick over the newest sample, s. A decision that arrives later is reverted.
+/// Time by which the hand-over tick is ahead of the newest sample, s. If the decision arrives
+/// later, the hand-over is reverted.
 const MARGIN_S: f64 = 0.05;
 /// Maximum attempts per swap request.
 ///
@@ -33,17 +34,17 @@ struct Slot {
     coordinator: Coordinator,
     candidate: Option<StageConfig>,
     history: StageHistory,
-    /// Instance of the candidate stage.
     candidate_instance: Option<StageInstance>,
-    /// Set if the newest decision names a replacement of a failed owner, which may have published.
+    /// Set if the newest decision names a replacement for a failed owner. That replacement may have
+    /// published already.
     owned_by_replacement: bool,
     attempt: Attempt,
     ready_reported: bool,
-    /// Last output on standard error of the process that exited last.
+    /// Last standard error of the process that exited last.
     last_stderr: String,
 }
 
-/// Started request and its number of attempts.
+/// Most recently started request and the number of its attempts.
 #[derive(Debug, Clone, Copy, Default)]
 struct Attempt {
     id: u64,
@@ -163,7 +164,7 @@ impl Supervision {
         }
     }
 
-    /// Handles a swap request and returns its ID, which identifies its report.
+    /// Handles a swap request and returns its ID, which is also the ID of its report.
     pub(crate) fn request_swap(&mut self, request: SwapRequest, requester: Requester) -> u64 {
         self.swaps.requests += 1;
         let id = self.swaps.requests;
@@ -342,7 +343,7 @@ impl Supervision {
                 if entry.owner.is_some() {
                     self.actions.push(Action::Kill { incarnation });
                 }
-                // The output of the replacement has been delivered. The previous owner continues
+                // The replacement's output has been delivered, so the previous owner continues
                 // after it.
                 if self.swaps.slot(service).is_some_and(|slot| slot.owned_by_replacement) {
                     self.publish_owner(service, epoch, incarnation, self.published[service as usize].max(from_tick));
@@ -352,7 +353,8 @@ impl Supervision {
         }
     }
 
-    /// Publishes that a slot keeps its owner, from the tick after the newest published one.
+    /// Publishes that a slot keeps its owner, starting with the tick after the newest published
+    /// one.
     pub(crate) fn publish_owner_unchanged(&mut self, service: Service) {
         let incarnation = self.table.entry(service).incarnation();
         self.publish_owner(service, FIRST_EPOCH, incarnation, self.published[service as usize]);
@@ -419,7 +421,8 @@ impl Supervision {
         self.pending.complete(service, report, last_stderr, now_ms);
     }
 
-    /// Queues a request again if its hand-over was reverted as late and attempts remain.
+    /// Queues a request again if its hand-over was reverted as late and attempts remain. Returns
+    /// `true` if it was queued.
     fn retry_if_late(&mut self, service: Service, report: &swap::Report) -> bool {
         let is_late = matches!(
             report.reason,
@@ -479,9 +482,9 @@ fn limits(config: &Config) -> SwapLimits {
         shadow_ms: 100,
         commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_timeout_ms: 500,
-        // In lockstep a restarted subscriber finds all its inputs however late it returns. A
-        // replacement may take `ready_timeout_ms` to fail, and each process started after it as
-        // long again.
+        // In lockstep a restarted subscriber finds all its inputs, no matter how late it returns. A
+        // replacement may take `ready_timeout_ms` to fail, and so may each process started after
+        // it.
         linger_ms: if lockstep { 60_000 } else { 1_000 },
         stop_retry_ms: 400,
         max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),
@@ -517,7 +520,7 @@ mod tests {
     struct System {
         supervision: Supervision,
         processes: Vec<(u32, Service)>,
-        /// Number of first candidates that do not respond.
+        /// Number of candidates, counted from the first, that do not respond.
         unresponsive: usize,
         candidates: Vec<u32>,
         control: Control,
@@ -562,7 +565,7 @@ mod tests {
             }
         }
 
-        /// Runs one tick, which takes 10 ms.
+        /// Simulates one tick of 10 ms.
         fn step(&mut self, tick: u64) {
             let now = Duration::from_millis(10 * tick);
             for (incarnation, service) in self.processes.clone() {

@@ -1,4 +1,4 @@
-//! Automatic promotion of shadows by the `[[watch]]` rules of the launch file.
+//! Automatic promotion of shadows according to the `[[watch]]` rules of the launch file.
 //!
 //! - Input: differences published by the shadows, and the outcome of swaps.
 //! - Output: swap requests, equivalent to those of a client.
@@ -23,7 +23,7 @@ pub(crate) struct WatchRunner {
     rule: PromotionRule,
     shadow: Option<u64>,
     takeover: Option<u64>,
-    /// Reports of its requests since the previous poll.
+    /// Reports on the watch's requests received since the previous poll.
     reports: Vec<(u64, SwapReport)>,
     attempts: u32,
     next_attempt: Duration,
@@ -84,7 +84,7 @@ impl Supervision {
         }
     }
 
-    /// Requests the takeover of a shadow that has met its bound for the required time.
+    /// Requests a takeover by each shadow that has met its bound for the required time.
     pub(crate) fn on_difference(&mut self, difference: &Difference) {
         let at_s = difference.tick as f64 / self.config.rate_hz;
         for index in 0..self.watches.len() {
@@ -122,7 +122,8 @@ impl Supervision {
         }
     }
 
-    /// Requests the watch's other stage as a shadow or for takeover, and returns the request's ID.
+    /// Requests the watch's other stage, as a shadow or for takeover. Returns the ID of the
+    /// request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
         let (service, stage) = (rule.config.slot, rule.shadow_stage().clone());
@@ -168,7 +169,7 @@ impl PromotionRule {
         if self.is_promoted { &self.default_stage } else { &self.config.stage }
     }
 
-    /// Updates the rule with a difference and returns `true` if the shadow shall take over.
+    /// Updates the rule with a difference and returns `true` if the shadow should take over.
     fn should_take_over(&mut self, difference: &Difference, at_s: f64) -> bool {
         let launch::PromotionRule { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } =
             self.config;
@@ -238,8 +239,8 @@ mod tests {
         }
     }
 
-    /// Returns the indices at which the shadow shall take over, for differences published every 0.1
-    /// s.
+    /// Returns the indices at which the shadow should take over. Differences are published every
+    /// 0.1 s.
     fn takeovers(rule: &mut PromotionRule, headings_deg: &[f64]) -> Vec<usize> {
         let difference = |deg: &f64| Difference { now_rad: [9.0, 9.0, deg.to_radians()], ..Difference::zeroed() };
         (0..headings_deg.len())

@@ -1,10 +1,10 @@
-//! Coordinator of a slot: a state machine in which every state has a deadline and a way back.
+//! Coordinator of a slot: a state machine for swaps, with deadlines.
 //!
 //! - Input: events, each with the supervisor's time, which never decreases.
 //! - Output: actions.
 //! - Failure: before the commitment, every failure returns the slot to the active stage under a new
-//!   decision. After it, the candidate is an ordinary owner. If the active stage has exited itself,
-//!   the new stage starts in its place as a restart would.
+//!   decision. After the commitment, the candidate is an ordinary owner. If the active stage itself
+//!   has exited, the new stage starts in its place, as in a restart.
 
 mod handover;
 mod state;
@@ -31,9 +31,9 @@ pub struct Coordinator {
     active_epoch: u32,
     checkpoint_tick: u64,
     newest_input_tick: u64,
-    /// End of the published ticks.
+    /// First tick that has not been published yet.
     published_tick: u64,
-    /// Whether the owner has exited and is not restarted.
+    /// `true` if the owner has exited and is not restarted.
     vacant: bool,
     /// Lowest tick from which a subscriber would resume.
     subscribers_tick: u64,
@@ -41,7 +41,7 @@ pub struct Coordinator {
 }
 
 impl Coordinator {
-    /// Creates the coordinator of a slot that `active` owns from its first tick, by the decision
+    /// Creates the coordinator of a slot that `active` owns from its first tick on, by the decision
     /// `epoch`.
     pub fn new(active: u32, epoch: u32, limits: SwapLimits) -> Self {
         Self {
@@ -75,10 +75,11 @@ impl Coordinator {
         self.active
     }
 
-    /// Returns `true` if a checkpoint with this next tick may replace the one kept of the service.
+    /// Returns `true` if a checkpoint with this next tick may replace the stored one of the
+    /// service.
     ///
-    /// Until a hand-over is settled, checkpoints beyond its tick are rejected: subscribers may not
-    /// have taken what the active stage published from there on.
+    /// Until a hand-over is settled, checkpoints beyond its tick are rejected, because subscribers
+    /// may not have received the outputs that the active stage publishes from that tick on.
     pub fn admits_checkpoint(&mut self, incarnation: u32, next_tick: u64) -> bool {
         let limit = self.swap.as_ref().filter(|swap| swap.is_open()).and_then(|swap| swap.from_tick);
         let candidate = self.swap.as_ref().and_then(|swap| swap.candidate);
@@ -211,7 +212,8 @@ impl Coordinator {
                 self.abort(now_ms, FailureReason::CandidateExited, actions);
             } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation)
             {
-                // A stage with a pending stop request has stayed long enough for its subscribers.
+                // If the stop was already requested, the stage has stayed long enough for its
+                // subscribers.
                 let unrequested = matches!(swap.state, SwapState::Committed { .. });
                 self.swap = None;
                 if unrequested {
@@ -227,8 +229,7 @@ impl Coordinator {
         actions.push(Action::RestartActive { epoch: self.epoch, from_tick: self.from_tick });
     }
 
-    /// Restarts the owner under a new decision, to publish again what the previous stage had
-    /// published.
+    /// Restarts the owner under a new decision, so that it republishes ticks of the previous stage.
     ///
     /// This is necessary if the previous stage exits before the subscribers' checkpoints have
     /// reached the hand-over.
@@ -241,13 +242,13 @@ impl Coordinator {
         self.restart(actions);
     }
 
-    /// Enters the next state if its condition holds, and aborts the swap at a missed deadline.
+    /// Enters the next state if its condition is met, and aborts the swap if a deadline has passed.
     fn advance(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let limits = self.limits;
         let lag_ticks = self.lag_ticks();
         let behind_ticks = self.status.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
         let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.max_lag_ticks);
-        // Before the first tick of the slot no tick can be chosen for the hand-over.
+        // Until the slot has produced its first tick, no tick can be chosen for the hand-over.
         let has_ticked = self.status.is_some_and(|active| active.next_tick > 0);
         let Some(swap) = &mut self.swap else { return };
         if matches!(swap.state, SwapState::CatchingUp | SwapState::Shadowing) && !has_ticked {
@@ -295,7 +296,7 @@ impl Coordinator {
         }
     }
 
-    /// Returns the lag of the candidate behind the active stage, if both are known.
+    /// Returns the lag of the candidate behind the active stage, or `None` while it is unknown.
     fn lag_ticks(&self) -> Option<u64> {
         let candidate = self.swap.as_ref()?.status?;
         Some(self.status?.next_tick.saturating_sub(candidate.next_tick))

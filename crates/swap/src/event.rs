@@ -1,4 +1,4 @@
-//! Events and actions of the coordinator, and reports about swap requests.
+//! Events and actions of the coordinator, and reports on swap requests.
 
 use core::fmt;
 
@@ -13,44 +13,47 @@ pub struct SwapLimits {
     pub ready_timeout_ms: u64,
     /// Timeout for the candidate to catch up with the active stage, ms.
     pub catch_up_timeout_ms: u64,
-    /// Time that the candidate computes in parallel with the active stage before it takes over, ms.
+    /// Time for which the candidate computes in parallel with the active stage before it takes
+    /// over, ms.
     pub shadow_ms: u64,
-    /// Timeout from the decision until the first tick published under it is reported, ms.
+    /// Timeout for the hand-over to be confirmed after the decision, ms.
     pub commit_timeout_ms: u64,
-    /// Timeout for the active stage to resume ownership after a failed swap, ms. Then it is
-    /// restarted.
+    /// Timeout for the active stage to resume ownership after a failed swap, ms. After that, the
+    /// active stage is restarted.
     pub restore_timeout_ms: u64,
-    /// Longest time that the previous stage stays after the commitment, without publishing, ms.
-    /// Restarting subscribers read from it.
+    /// Longest time for which the previous stage keeps running after the commitment, without
+    /// publishing, ms. Subscribers that restart receive its history.
     pub linger_ms: u64,
-    /// Interval at which the stop of a service is requested until it has exited, ms.
+    /// Interval at which the stop request to a service is repeated until the service has exited,
+    /// ms.
     pub stop_retry_ms: u64,
-    /// Maximum lag at the hand-over, ticks: of the candidate behind the active stage, and of the
-    /// active stage behind its input.
+    /// Maximum lag at the hand-over, ticks. It applies to the candidate behind the active stage,
+    /// and to the active stage behind its input.
     pub max_lag_ticks: u64,
-    /// Ticks between the newest known one and the first one of the new owner.
+    /// Number of ticks from the newest known tick to the first tick of the new owner.
     ///
-    /// They cover the delivery time of the decision. Each further attempt doubles them.
+    /// This margin covers the delivery time of the decision. It is doubled for each further
+    /// attempt.
     pub margin_ticks: u64,
 }
 
 /// Request for a swap or a shadow.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Request {
-    /// Number of the request, repeated in its report.
+    /// Number of the request, which is repeated in its report.
     pub id: u64,
-    /// Stage for the slot.
+    /// Requested stage.
     pub stage: String,
-    /// Whether the candidate only computes in parallel until it is promoted or cancelled.
+    /// `true` if the candidate only computes in parallel until it is promoted or cancelled.
     pub shadow_only: bool,
-    /// Deadline for a tick of the slot, ms; `u64::MAX` for a shadow.
+    /// Time by which the slot must have produced a tick, ms; `u64::MAX` for a shadow.
     pub deadline_ms: u64,
-    /// Number of earlier attempts in which the decision came too late.
+    /// Number of earlier attempts that failed because the decision came too late.
     pub previous_attempts: u32,
 }
 
 impl SwapLimits {
-    /// Returns the margin of an attempt, ticks.
+    /// Returns the margin after `previous_attempts` failed attempts, ticks.
     pub fn margin_ticks(&self, previous_attempts: u32) -> u64 {
         self.margin_ticks.saturating_mul(1 << previous_attempts.min(16))
     }
@@ -66,12 +69,12 @@ pub enum Event {
     Request(Request),
     /// The shadow is to take over.
     Promote {
-        /// Deadline for a tick of the slot, ms.
+        /// Time by which the slot must have produced a tick, ms.
         deadline_ms: u64,
     },
-    /// The shadow is cancelled. A shadow that was promoted in the meantime is kept.
+    /// The shadow is cancelled. A shadow that has been promoted in the meantime is kept.
     Cancel,
-    /// The candidate process runs.
+    /// The candidate process is running.
     Spawned {
         /// Incarnation of the candidate.
         incarnation: u32,
@@ -92,7 +95,8 @@ pub enum Event {
         incarnation: u32,
         /// Ownership state of the service.
         status: OwnershipStatus,
-        /// Whether the service has returned an invalid output: NaN, infinity, or an invalid state.
+        /// `true` if the service has returned an invalid output: NaN, infinity, or an invalid
+        /// state.
         invalid_output: bool,
     },
     /// A service has exited.
@@ -100,16 +104,16 @@ pub enum Event {
         /// Incarnation of the service.
         incarnation: u32,
     },
-    /// The active stage runs again, as requested by [`Action::RestartActive`].
+    /// The active stage is running again, as requested by [`Action::RestartActive`].
     Restarted {
         /// Incarnation of the new process.
         incarnation: u32,
     },
     /// The owner of the slot has exited and is not restarted.
     Vacated,
-    /// All ticks before this one have been published in the slot.
+    /// All ticks before `next_tick` have been published in the slot.
     Published {
-        /// First tick that is not published yet.
+        /// First tick that has not been published yet.
         next_tick: u64,
     },
     /// The input of the slot has advanced.
@@ -117,7 +121,8 @@ pub enum Event {
         /// Newest tick of the input.
         tick: u64,
     },
-    /// The checkpoints of all subscribers have reached a tick. No subscriber needs earlier outputs.
+    /// The checkpoints of all subscribers have reached `next_tick`. No subscriber needs earlier
+    /// outputs.
     SubscribersCheckpointed {
         /// Lowest tick from which a subscriber resumes.
         next_tick: u64,
@@ -133,45 +138,46 @@ pub enum Action {
     SpawnCandidate {
         /// Name of the stage.
         stage: String,
-        /// Epoch in force.
+        /// Current epoch.
         epoch: u32,
     },
     /// Starts the stage in place of an owner that has exited.
     ///
-    /// It resumes from the same checkpoint as [`Action::RestartActive`], with
+    /// The stage resumes from the same checkpoint as in [`Action::RestartActive`], with
     /// `OutputGate::owner(its incarnation, epoch, from_tick, …)`. An existing candidate is killed,
-    /// and the former owner is not restarted while the stage lives.
+    /// and the former owner is not restarted while the new stage is running.
     SpawnOwner {
         /// Name of the stage.
         stage: String,
-        /// Epoch under which it publishes.
+        /// Epoch under which the stage publishes.
         epoch: u32,
-        /// First tick that it publishes.
+        /// First tick that the stage publishes.
         from_tick: u64,
     },
-    /// Publishes a decision to the services of the slot and its subscribers. Owner 0 means none.
+    /// Publishes a decision to the services of the slot and to its subscribers. Owner 0 means no
+    /// owner.
     PublishDecision(OwnershipDecision),
     /// Stops the candidate, by force if necessary.
     StopCandidate {
         /// Incarnation of the candidate.
         incarnation: u32,
     },
-    /// Stops the stage that owned the slot before.
+    /// Stops the stage that previously owned the slot.
     RetirePrevious {
-        /// Incarnation of that stage.
+        /// Incarnation of the previous stage.
         incarnation: u32,
     },
     /// Restarts the owner of the slot from its last checkpoint, with `OutputGate::owner(its
     /// incarnation, epoch, from_tick, …)`.
     ///
-    /// A process that still runs is stopped first.
+    /// If the owner is still running, it is stopped first.
     RestartActive {
-        /// Epoch under which it publishes.
+        /// Epoch under which the owner publishes.
         epoch: u32,
-        /// First tick that it publishes.
+        /// First tick that the owner publishes.
         from_tick: u64,
     },
-    /// Reports the result to the requester. After a commitment, the stage of the report owns the
+    /// Reports the result to the client. After a commitment, the stage named in the report owns the
     /// slot.
     Report(Report),
 }
@@ -189,7 +195,7 @@ pub struct Report {
     pub reason: Option<FailureReason>,
     /// First tick of the new stage, if it took over.
     pub commit_tick: Option<u64>,
-    /// Epoch in force.
+    /// Current epoch.
     pub epoch: u32,
     /// Time from the request to the report, ms.
     pub took_ms: u64,
@@ -201,9 +207,9 @@ pub struct Report {
 pub enum SwapOutcome {
     /// The new stage owns the slot.
     Committed,
-    /// The request was refused; nothing was started.
+    /// The request was rejected, and nothing was started.
     Refused,
-    /// The previous stage owns the slot.
+    /// The swap failed, and the previous stage owns the slot.
     Aborted,
 }
 
@@ -213,10 +219,10 @@ pub enum SwapOutcome {
 pub enum FailureReason {
     /// Another swap of the slot is in progress.
     Busy {
-        /// Number of that request.
+        /// Number of the request for the other swap.
         id: u64,
     },
-    /// The active stage does not run.
+    /// The active stage is not running.
     ActiveDown,
     /// The candidate could not be started.
     SpawnFailed {
@@ -242,13 +248,13 @@ pub enum FailureReason {
     InvalidOutput,
     /// The candidate exited.
     CandidateExited,
-    /// The candidate no longer held its first tick.
+    /// The candidate no longer held the output of its first tick.
     CandidateMissed,
-    /// The active stage had passed the tick at which it was to stop.
+    /// The active stage had already passed the tick at which it had to stop.
     ActiveMissed,
-    /// The active stage exited while the candidate computed in parallel.
+    /// The active stage exited while the candidate was computing in parallel.
     ActiveExited,
-    /// The slot produced no tick.
+    /// The slot produced no tick before the deadline.
     NoTick,
     /// The hand-over was not confirmed before its deadline.
     NotConfirmed {

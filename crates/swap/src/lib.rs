@@ -1,9 +1,9 @@
-//! Swap of the stage in a slot of a running system: ownership, delivery to subscribers, and
+//! Swaps of the stage in a slot of a running system: ownership, delivery to subscribers, and
 //! coordination.
 //!
 //! - Input, output: messages, decisions and events as plain values.
-//! - Time: subscribers and services decide by ticks alone. Only the coordinator has deadlines, and
-//!   its caller passes the time.
+//! - Time: the decisions of subscribers and services depend only on ticks. Only the coordinator has
+//!   deadlines, and its caller passes in the time.
 //! - Failure: a failed swap returns the slot to the previous stage.
 //!
 //! | module | runs in | purpose |
@@ -11,7 +11,7 @@
 //! | [`output_gate`] | each service | publishes or holds back the outputs of the stage |
 //! | [`reorder_buffer`] | each subscriber | merges all publishers into one ordered stream |
 //! | [`sequence`] | each subscriber | counts missing and repeated ticks |
-//! | [`coordinator`] | the supervisor, per slot | swaps the stage and decides the owner of each tick |
+//! | [`coordinator`] | supervisor, per slot | swaps the stage and decides the owner of each tick |
 //! | [`event`] | between coordinator and supervisor | events, actions and reports |
 //!
 //! One rule decides ownership: *a tick belongs to the owner named by the decision of the highest
@@ -20,13 +20,14 @@
 //! No tick is lost if the system guarantees the following:
 //! - The messages of one publisher arrive in order, even if the publisher has exited. Messages of
 //!   different publishers may arrive in any order.
-//! - [`OutputGate`] and [`ReorderBuffer`] hold more ticks than the source produces in
-//!   `commit_timeout_ms`, in the delivery time of a decision, and in the margin.
+//! - [`OutputGate`] and [`ReorderBuffer`] hold more ticks than the source produces in the sum of
+//!   `commit_timeout_ms`, the delivery time of a decision, and the margin.
 //! - A service restarts from a checkpoint that [`Coordinator::admits_checkpoint`] accepted, and its
-//!   inputs still hold the ticks from there on.
-//! - A restarted subscriber finds its missing ticks at living publishers. Therefore a stage
-//!   restarts from a checkpoint no newer than those of its subscribers, and the coordinator
-//!   receives theirs ([`Event::SubscribersCheckpointed`]) before it retires the previous stage.
+//!   inputs still hold the ticks from this checkpoint on.
+//! - A restarted subscriber can read its missing ticks from running publishers. Therefore a stage
+//!   restarts from a checkpoint no newer than those of its subscribers, and the coordinator is
+//!   notified of their checkpoints ([`Event::SubscribersCheckpointed`]) before it retires the
+//!   previous stage.
 #![forbid(unsafe_code)]
 
 pub mod coordinator;
@@ -44,47 +45,47 @@ pub use output_gate::{DecisionResponse, OutputGate};
 pub use reorder_buffer::ReorderBuffer;
 pub use sequence::Sequence;
 
-/// Epoch of the supervisor's first decisions, which assign each slot to the stage in the launch
+/// Epoch of the supervisor's first decisions, which assign each slot to its stage in the launch
 /// file.
 pub const FIRST_EPOCH: u32 = 1;
 
 /// Initial role of a service in its slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Role {
-    /// Publishes from a tick on.
+    /// The service owns its slot and publishes from a tick on.
     Owner {
         /// First published tick.
         from_tick: u64,
     },
-    /// Computes in parallel with the owner until a decision names it.
+    /// The service computes in parallel with the owner until a decision names it as the owner.
     Candidate,
 }
 
 /// Decision about the ownership of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OwnershipDecision {
-    /// Number of the decision; increases with every decision about the slot.
+    /// Number of the decision, which increases with every decision about the slot.
     pub epoch: u32,
-    /// Incarnation that owns the slot; 0 for none.
+    /// Incarnation that owns the slot; 0 if there is no owner.
     pub owner: u32,
     /// First tick of the owner.
     pub from_tick: u64,
 }
 
-/// Ownership state of a service, as its health reports it.
+/// Ownership state of a service, as included in its health report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct OwnershipStatus {
     /// Next tick to compute.
     pub next_tick: u64,
     /// Epoch of the last decision that the service handled.
     pub decided_epoch: u32,
-    /// Whether that decision came too late and changed nothing.
+    /// `true` if that decision came too late and changed nothing.
     pub missed: bool,
     /// First tick published under that decision.
     pub published_from: Option<u64>,
 }
 
-/// A message with the fields that decide its order and ownership.
+/// Message with the fields that determine its order and ownership.
 pub trait Stamped {
     /// Returns the tick of the message.
     fn tick(&self) -> u64;
@@ -92,7 +93,7 @@ pub trait Stamped {
     fn epoch(&self) -> u32;
     /// Returns the incarnation of the publisher.
     fn incarnation(&self) -> u32;
-    /// Sets publisher and epoch.
+    /// Sets the epoch and the incarnation of the publisher.
     fn stamp(&mut self, epoch: u32, incarnation: u32);
 }
 

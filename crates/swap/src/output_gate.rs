@@ -1,9 +1,9 @@
-//! Gate for the outputs of a service: publishes them while it owns the slot, and keeps the latest
-//! in any case.
+//! Gate for the outputs of a service. It publishes them while the service owns the slot, and always
+//! keeps the latest ones.
 //!
 //! - Input: outputs in tick order, and decisions.
 //! - Output: stamped messages to publish.
-//! - Failure: a decision that arrives too late changes nothing and returns
+//! - Failure: a decision that arrives too late changes nothing, and the response is
 //!   [`DecisionResponse::Missed`].
 
 use std::collections::VecDeque;
@@ -13,16 +13,16 @@ use crate::{OwnershipDecision, OwnershipStatus, Stamped};
 /// Response of a service to a decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DecisionResponse {
-    /// The decision is or will be carried out.
+    /// The decision has been or will be carried out.
     Armed,
     /// The decision came too late and changed nothing.
     ///
-    /// The service has published beyond its tick, or no longer holds the outputs it would have to
-    /// publish.
+    /// The service has already published ticks that the decision assigns to another owner, or it no
+    /// longer holds outputs that it would have to publish.
     Missed,
 }
 
-/// Ownership from a tick up to the start of the next span.
+/// Ownership from `from_tick` on, up to the start of the next span.
 #[derive(Debug, Clone, Copy)]
 struct OwnershipSpan {
     from_tick: u64,
@@ -39,7 +39,7 @@ pub struct OutputGate<O> {
     /// First tick from which `history` is complete.
     history_start: Option<u64>,
     next_tick: u64,
-    /// Spans in tick order; their epochs increase.
+    /// Spans in tick order, with increasing epochs.
     spans: Vec<OwnershipSpan>,
     decided_epoch: u32,
     missed: bool,
@@ -47,8 +47,8 @@ pub struct OutputGate<O> {
 }
 
 impl<O: Stamped + Clone> OutputGate<O> {
-    /// Creates the gate of an owner from `from_tick` on, by the decision `epoch`. It keeps the last
-    /// `capacity` outputs.
+    /// Creates the gate of a service that owns the slot from `from_tick` on, by the decision
+    /// `epoch`. The gate keeps the last `capacity` outputs.
     pub fn owner(incarnation: u32, epoch: u32, from_tick: u64, capacity: usize) -> Self {
         let mut gate = Self::candidate(incarnation, epoch, capacity);
         gate.spans.push(OwnershipSpan { from_tick, epoch, is_own: true });
@@ -56,8 +56,8 @@ impl<O: Stamped + Clone> OutputGate<O> {
         gate
     }
 
-    /// Creates the gate of a candidate, which publishes nothing until a decision after `epoch`
-    /// names it.
+    /// Creates the gate of a candidate. It publishes nothing until a decision after `epoch` names
+    /// the candidate as the owner.
     pub fn candidate(incarnation: u32, epoch: u32, capacity: usize) -> Self {
         Self {
             incarnation,
@@ -72,8 +72,8 @@ impl<O: Stamped + Clone> OutputGate<O> {
         }
     }
 
-    /// Adds the next output and publishes it if the service owns its tick. A repeated tick is
-    /// ignored.
+    /// Adds the next output, and publishes it if the service owns the output's tick. A repeated
+    /// tick is ignored.
     pub fn push(&mut self, output: O, publish: &mut dyn FnMut(O)) {
         let tick = output.tick();
         if tick < self.next_tick {
@@ -89,10 +89,11 @@ impl<O: Stamped + Clone> OutputGate<O> {
         self.history.push_back(output);
     }
 
-    /// Applies a decision; returns `None` for one that is repeated, late or out of order.
+    /// Applies a decision. Returns `None` unless its epoch is higher than that of the last
+    /// decision.
     ///
-    /// If the service becomes the owner, the outputs in its history from that tick on are published
-    /// immediately.
+    /// If the service becomes the owner, it immediately publishes the outputs in its history from
+    /// the decision's first tick on.
     pub fn apply(&mut self, decision: OwnershipDecision, publish: &mut dyn FnMut(O)) -> Option<DecisionResponse> {
         let OwnershipDecision { epoch, owner, from_tick } = decision;
         if epoch <= self.decided_epoch {
@@ -144,7 +145,7 @@ impl<O: Stamped + Clone> OutputGate<O> {
         self.spans.iter().rev().find(|span| span.from_tick <= tick)
     }
 
-    /// Returns `true` if a tick at or after `from_tick` was published.
+    /// Returns `true` if the service has published a tick at or after `from_tick`.
     fn has_published(&self, from_tick: u64) -> bool {
         let ends = self.spans.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);
         self.spans

@@ -1,8 +1,8 @@
-//! Merge of all publishers of a topic into one stream, each tick once and in order.
+//! Merges all publishers of a topic into one stream, with each tick once and in order.
 //!
 //! - Input: messages, in order for each publisher and in any order across publishers.
 //! - Output: messages in tick order, each with the number of ticks missing before it.
-//! - Time: none. Waiting is measured in ticks.
+//! - Time: no clock is read. Waiting is measured in ticks.
 //! - Failure: a missing tick is skipped and counted.
 
 use std::collections::BTreeMap;
@@ -13,14 +13,14 @@ use crate::{Sequence, Stamped};
 #[derive(Debug, Clone)]
 pub struct ReorderBuffer<M> {
     lateness_ticks: u64,
-    /// Ticks before this one have been published and are still being delivered.
+    /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// Distance of the stream beyond `backlog_end` at which the backlog is given up.
+    /// Number of ticks beyond `backlog_end` at which the backlog is given up.
     patience_ticks: u64,
     sequence: Sequence,
-    /// Epoch of the last delivered message; before the first, the epoch in force.
+    /// Epoch of the last delivered message, or the initial epoch before the first delivery.
     epoch: u32,
-    /// Whether the first message may have any tick.
+    /// `true` until the first delivery if the stream may start at any tick.
     start_unknown: bool,
     held: BTreeMap<u64, M>,
 }
@@ -28,13 +28,13 @@ pub struct ReorderBuffer<M> {
 impl<M: Stamped> ReorderBuffer<M> {
     /// Creates a buffer with a known first tick.
     ///
-    /// `next_tick` is 0 for a subscriber that exists before the stream starts, or the next tick of
-    /// its checkpoint. `epoch` is the epoch in force, or that of the last message before the
-    /// checkpoint.
+    /// `next_tick` is 0 for a subscriber that exists before the stream starts, or else the next
+    /// tick of its checkpoint. `epoch` is the current epoch, or the epoch of the last message
+    /// before the checkpoint.
     ///
-    /// A message waits until the stream is `lateness_ticks` ahead of it if another publisher may
-    /// still send a tick before it. This includes every message before the first delivery, because
-    /// no publisher is known then.
+    /// If another publisher may still send an earlier tick, a message is held until that tick
+    /// arrives or until the newest held tick is `lateness_ticks` ahead of the stream. This includes
+    /// messages before the first delivery, because the publisher is not known then.
     pub fn new(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
         let sequence = Sequence { next_tick, ..Sequence::default() };
         Self {
@@ -48,7 +48,7 @@ impl<M: Stamped> ReorderBuffer<M> {
         }
     }
 
-    /// Creates a buffer for a subscriber that joins a running stream, with `epoch` in force.
+    /// Creates a buffer for a subscriber that joins a running stream at its current epoch, `epoch`.
     ///
     /// The first message of that epoch is delivered immediately, and the ticks before it count as
     /// lost.
@@ -56,9 +56,9 @@ impl<M: Stamped> ReorderBuffer<M> {
         Self { start_unknown: true, ..Self::new(0, epoch, lateness_ticks) }
     }
 
-    /// Declares that all ticks before `tick` were published.
+    /// Declares that all ticks before `tick` have been published.
     ///
-    /// They are given up only when the stream is `patience_ticks` beyond `tick`.
+    /// Such a tick is given up only when a held message is `patience_ticks` beyond `tick`.
     pub fn expect_backlog(&mut self, tick: u64, patience_ticks: u64) {
         (self.backlog_end, self.patience_ticks) = (tick, patience_ticks);
     }
@@ -98,7 +98,8 @@ impl<M: Stamped> ReorderBuffer<M> {
         }
     }
 
-    /// Returns the epoch of the last delivered message; before the first, the epoch in force.
+    /// Returns the epoch of the last delivered message, or the initial epoch before the first
+    /// delivery.
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
@@ -108,7 +109,7 @@ impl<M: Stamped> ReorderBuffer<M> {
         &self.sequence
     }
 
-    /// Returns the number of messages that wait for ticks before them.
+    /// Returns the number of messages that are waiting for earlier ticks.
     pub fn held(&self) -> usize {
         self.held.len()
     }
@@ -119,12 +120,12 @@ impl<M: Stamped> ReorderBuffer<M> {
 
     /// Returns `true` if another publisher may still send a tick before this message.
     ///
-    /// Only the publisher of the last delivered message, under the same decision, cannot.
+    /// This is ruled out only if publisher and epoch are those of the last delivered message.
     fn may_have_predecessor(&self, message: &M) -> bool {
         message.epoch() > self.epoch || !self.start_unknown && self.sequence.publisher != message.incarnation()
     }
 
-    /// Holds a message; of two with the same tick, that of the higher epoch.
+    /// Holds a message. Of two messages with the same tick, the one with the higher epoch is kept.
     fn hold(&mut self, message: M) {
         match self.held.get(&message.tick()) {
             Some(held) if (held.epoch(), held.incarnation()) == (message.epoch(), message.incarnation()) => {
@@ -141,7 +142,7 @@ impl<M: Stamped> ReorderBuffer<M> {
         }
     }
 
-    /// Returns `true` if the held messages are far enough ahead to give up the next tick.
+    /// Returns `true` if the held messages are so far ahead that the next tick is given up.
     fn is_overdue(&self) -> bool {
         let Self { backlog_end, patience_ticks, lateness_ticks, .. } = *self;
         let next_tick = self.sequence.next_tick;

@@ -5,23 +5,25 @@ use messages::{Flags, Header};
 /// Position and counters of a stream of ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sequence {
-    /// Tick that comes next if none is lost.
+    /// Next tick if none is lost.
     pub next_tick: u64,
     /// Number of delivered ticks.
     pub ticks: u64,
     /// Number of ticks that were skipped.
     pub lost: u64,
-    /// Messages discarded because their publisher had sent their tick before, or sent it too late.
+    /// Number of messages discarded because their publisher had already sent the tick, or sent it
+    /// too late.
     pub duplicated: u64,
-    /// Messages discarded because another publisher had sent their tick, or owns it.
+    /// Number of messages discarded because another publisher had already sent the tick, or owns
+    /// it.
     pub repeated: u64,
-    /// Incarnation that published the last tick; 0 before the first.
+    /// Incarnation that published the last tick; 0 before the first tick.
     pub publisher: u32,
 }
 
 impl Sequence {
-    /// Admits a tick and returns the number of ticks missing before it; `None` if it was delivered
-    /// or skipped before.
+    /// Admits a tick and returns the number of ticks missing before it, or `None` if the tick was
+    /// already delivered or skipped.
     pub fn admit(&mut self, header: &Header) -> Option<u64> {
         if header.tick < self.next_tick {
             self.reject(header.incarnation == self.publisher);
@@ -33,8 +35,8 @@ impl Sequence {
 
     /// Counts a discarded message.
     ///
-    /// A repetition by the same publisher is a fault; one by another publisher is expected after a
-    /// restart or swap.
+    /// A repetition by the same publisher is a fault. A repetition by another publisher is expected
+    /// after a restart or swap.
     pub fn reject(&mut self, same_publisher: bool) {
         let count = if same_publisher { &mut self.duplicated } else { &mut self.repeated };
         *count += 1;
@@ -49,7 +51,7 @@ impl Sequence {
         missing
     }
 
-    /// Returns the header of the tick just admitted, with the loss counter and flag set.
+    /// Returns the header of the tick just admitted, with the counter and flag for lost ticks set.
     pub fn mark_header(&self, header: Header, missing: u64) -> Header {
         let flags = header.flags | Flags::LOST_BEFORE.when(missing > 0);
         Header { lost_upstream: self.lost, flags, ..header }

@@ -1,4 +1,4 @@
-//! Rules of the reorder buffer and of the output gate, one by one.
+//! Tests the rules of the reorder buffer and the output gate one by one.
 
 use swap::{DecisionResponse, OutputGate, OwnershipDecision, ReorderBuffer, Sequence, Stamped};
 
@@ -24,7 +24,7 @@ impl Stamped for Tick {
     }
 }
 
-/// Offers a message; returns the delivered ticks, each with the number of ticks missing before it.
+/// Offers a message. Returns the delivered ticks, each with the number of ticks missing before it.
 fn offer(reorder_buffer: &mut ReorderBuffer<Tick>, tick: u64, epoch: u32, incarnation: u32) -> Vec<(u64, u64)> {
     let mut delivered = Vec::new();
     reorder_buffer.offer(Tick(tick, epoch, incarnation), &mut |message, missing| delivered.push((message.0, missing)));
@@ -89,7 +89,8 @@ fn messages_of_displaced_owner_are_rejected() {
     assert_eq!(reorder_buffer.sequence().repeated, 1);
 }
 
-/// Pushes `ticks`, then applies a decision; returns the response and what the decision published.
+/// Pushes `ticks`, then applies a decision. Returns the response and the outputs that the decision
+/// published.
 fn decide(
     gate: &mut OutputGate<Tick>,
     ticks: std::ops::Range<u64>,

@@ -1,9 +1,9 @@
 //! Feeds mutated messages to every decoder: `cargo run --release -p wire --example fuzz -- 10000000
 //! [SEED]`.
 //!
-//! Valid messages of every type are truncated, spliced, flipped, overwritten and extended. Each
-//! result is passed to one decoder. An accepted message must be equal after encoding and decoding
-//! it again.
+//! Valid messages of every type are truncated, spliced, extended and rotated, and their bits and
+//! bytes are changed. Each result is passed to one decoder. A message that is accepted must stay
+//! the same when it is encoded and decoded again.
 //!
 //! Output: the number of accepted messages, and of errors by kind. A panic ends the run with an
 //! error.
@@ -21,13 +21,13 @@ use wire::{
     v1::{Envelope, GatewayReport, ServiceStatus, Services, SwapAnswer, SwapRequest},
 };
 
-/// Returns `Ok` if the bytes are accepted.
+/// Decoder under test. Returns `Ok` if it accepts the bytes.
 type Decoder = fn(&[u8]) -> Result<(), DecodeError>;
 
 fn decode_message<M: RandomMessage>(bytes: &[u8]) -> Result<(), DecodeError> {
     let accepted = M::from_bytes(bytes)?;
     let again = M::from_bytes(&accepted.to_bytes())?;
-    // Bytes are compared, so that NaN is equal to itself.
+    // Compares bytes, because NaN is not equal to itself.
     assert!(again.to_bytes() == accepted.to_bytes(), "{}: {accepted:?} decoded again as {again:?}", M::NAME);
     Ok(())
 }
@@ -40,7 +40,7 @@ fn decode_control_message<L: ControlMessage>(bytes: &[u8]) -> Result<(), DecodeE
     L::from_bytes(bytes).map(drop)
 }
 
-/// Valid bytes with the decoder of their type.
+/// Valid bytes and the decoder for their type.
 type Seed = (Vec<u8>, Decoder);
 
 fn corpus() -> Vec<Seed> {
@@ -74,7 +74,7 @@ fn corpus() -> Vec<Seed> {
 /// Applies one to four mutations to a random seed.
 fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
     let pick = |rng: &mut TestRng| &corpus[rng.below(corpus.len() as u64) as usize];
-    // One in eight inputs goes to the decoder of a random type.
+    // One in eight inputs is passed to the decoder of a randomly chosen type.
     let (mut bytes, own) = pick(rng).clone();
     let decoder = if rng.below(8) == 0 { pick(rng).1 } else { own };
     for _ in 0..=rng.below(4) {
@@ -89,7 +89,7 @@ fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
                 let other = &pick(rng).0;
                 bytes.extend_from_slice(&other[position(rng, other)..]);
             }
-            // Lengths and varints without an end.
+            // 0xff bytes yield huge lengths, and varints that never end.
             4 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, rng.below(11) as usize))),
             5 => drop(bytes.splice(at..at, (0..rng.below(9)).map(|i| (i * 37) as u8))),
             _ if rng.below(512) == 0 => {

@@ -1,4 +1,4 @@
-//! Batches of samples in an envelope whose counts reveal losses: `<Message>Batch` of the schema.
+//! Batches of samples: `<Message>Batch` in the schema, with an envelope whose counts reveal losses.
 
 use graph::Topic;
 use prost::{
@@ -74,7 +74,7 @@ pub fn decode_batch<M: Payload>(bytes: &[u8]) -> Result<(Envelope, Vec<M>), Deco
     Ok((envelope.ok_or(DecodeError::Missing { field: "envelope" })?, samples))
 }
 
-/// Decodes a batch of a topic. The samples are returned as concatenated bus messages.
+/// Decodes a batch of samples of a topic. The samples are returned as concatenated bus messages.
 ///
 /// # Errors
 ///
@@ -89,15 +89,16 @@ fn skip_unknown_field(wire_type: WireType, tag: u32, rest: &mut &[u8]) -> Result
     encoding::skip_field(wire_type, tag, rest, DecodeContext::default())
 }
 
-/// Returns the number of messages of a given encoded size to send in one batch.
+/// Returns the number of messages to send in one batch, given their encoded size.
 ///
-/// Such a batch has at most half of [`MAX_MESSAGE_BYTES`].
+/// A batch of this many messages takes up at most half of [`MAX_MESSAGE_BYTES`].
 pub fn capacity(message_bytes: usize) -> usize {
     (MAX_MESSAGE_BYTES / 2 / message_bytes.max(1)).clamp(1, MAX_SAMPLES)
 }
 
 impl Envelope {
-    /// Encodes the envelope as the leading part of a message with further fields.
+    /// Encodes the envelope as the first part of a message, to which further fields can be
+    /// appended.
     pub fn bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }

@@ -1,8 +1,8 @@
-//! Topics as channels of flight recordings and viewers: protobuf messages with time stamps.
+//! Channels for flight recordings and viewers: topic messages as time-stamped protobuf.
 //!
-//! Attitude and position are offered in addition as messages of third-party viewer schemas.
+//! Attitude and position are also offered in the message schemas of third-party viewers.
 //!
-//! Input: messages as bytes of the bus.
+//! Input: messages in their bus format, as bytes.
 //!
 //! Output: bytes in the schema of the channel.
 //!
@@ -16,16 +16,16 @@ use messages::{AttitudeOutput, GnssFix};
 
 use crate::{Payload, viewer};
 
-/// World frame of the viewers: east, north, up. Without a true course it is rotated about the
-/// vertical.
+/// World frame in the viewers: east, north, up. Unless the course refers to true north, the frame
+/// is rotated about the vertical.
 const WORLD_FRAME: &str = "world";
-/// Body frame of the viewers: forward, left, up.
+/// Body frame in the viewers: forward, left, up.
 const BODY_FRAME: &str = "body";
-/// Attitude as a transform between two frames.
+/// Channel that offers the attitude as a transform between two frames.
 const TF_CHANNEL: &str = "/tf";
-/// Attitude as a pose.
+/// Channel that offers the attitude as a pose.
 const POSE_CHANNEL: &str = "/pose";
-/// Position of the satellite receiver.
+/// Channel that offers the position of the satellite receiver.
 const LOCATION_CHANNEL: &str = "/location";
 
 /// Viewer channels: name, schema, and the topic they are derived from.
@@ -45,7 +45,7 @@ pub struct Channel {
     pub schema: String,
     /// Topic that the channel is derived from.
     pub topic: Topic,
-    /// Whether the channel carries the output of [`encode_for_viewers`] instead of the topic's
+    /// `true` if the channel carries the output of [`encode_for_viewers`] instead of the topic's
     /// messages.
     pub is_for_viewers: bool,
 }
@@ -68,7 +68,7 @@ pub fn channels(topics: &[Topic]) -> Vec<Channel> {
     own.chain(for_viewers).collect()
 }
 
-/// Byte offsets of the bookkeeping fields in the messages of a topic; `None` if absent.
+/// Byte offsets of the bookkeeping fields in a topic's messages; `None` for a field that is absent.
 #[derive(Debug, Clone, Copy)]
 pub struct FieldOffsets {
     /// Offset of the tick.
@@ -81,8 +81,9 @@ pub struct FieldOffsets {
 /// Time stamps and sequence number of a message on a channel.
 ///
 /// `log_ns` is the time of publication on CLOCK_REALTIME: the message's `t_sent_ns`, or the time of
-/// reception if the message has none, converted from CLOCK_MONOTONIC by the clock offset at the
-/// start. It therefore never jumps, even if CLOCK_REALTIME is set.
+/// reception if the message has none. It is converted from CLOCK_MONOTONIC with
+/// [`Clocks::offset_ns`], which is measured only once. It therefore never jumps, even if
+/// CLOCK_REALTIME is set.
 ///
 /// `source_ns` is the end of the sample's interval on the source's clock, or `log_ns` if the
 /// message has no source time.
@@ -113,7 +114,7 @@ type Encoded = (Vec<u8>, Option<i64>);
 /// Clock relations needed to stamp messages.
 #[derive(Debug, Clone, Copy)]
 pub struct Clocks {
-    /// CLOCK_REALTIME minus CLOCK_MONOTONIC at the start, ns.
+    /// CLOCK_REALTIME minus CLOCK_MONOTONIC, measured once at the start, ns.
     pub offset_ns: i64,
     /// Tick rate on the source's clock, Hz.
     pub rate_hz: f64,
@@ -162,7 +163,8 @@ impl Encoder {
     }
 }
 
-/// Encodes a bus message for a viewer channel, published at `log_ns` on CLOCK_REALTIME.
+/// Encodes a bus message for a viewer channel, with the publication time `log_ns` on
+/// CLOCK_REALTIME.
 ///
 /// Returns `None` if the channel is unknown, the bytes are not a message of its topic, or the fix
 /// has no position.

@@ -1,4 +1,4 @@
-//! Errors of decoding untrusted bytes, and their counts.
+//! Errors in decoding untrusted bytes, and counts of these errors.
 
 use crate::{MAX_MESSAGE_BYTES, MAX_SAMPLES, v1};
 

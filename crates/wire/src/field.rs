@@ -116,7 +116,7 @@ enum_fields!(
     State(u32) up to v1::State::Finished
 );
 
-/// Event kinds count from 1 on board, too, so that the value is the same in the schema.
+/// Event kinds already count from 1 on board, so the value is the same in the schema.
 impl Field<i32> for EventKind {
     fn to_proto(self) -> i32 {
         i32::try_from(self.0).ok().filter(|kind| *kind <= v1::EventKind::Finished as i32).unwrap_or(0)
@@ -127,7 +127,7 @@ impl Field<i32> for EventKind {
     }
 }
 
-/// Index of a service.
+/// Converts the index of a service.
 impl Field<i32> for u32 {
     fn to_proto(self) -> i32 {
         enum_to_proto(self.into(), v1::Service::Cockpit as i32)

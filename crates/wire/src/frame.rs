@@ -1,4 +1,4 @@
-//! Coordinate frame and quaternion order of the samples in an envelope.
+//! Coordinate frame and quaternion order that an envelope declares for its samples.
 
 use attitude::frames::{Frame, QuaternionOrder};
 

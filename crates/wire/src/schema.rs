@@ -18,8 +18,8 @@ const VIEWER_DESCRIPTORS: &[u8] = include_bytes!("generated/foxglove.bin");
 /// Returns a serialised `google.protobuf.FileDescriptorSet` for a message such as
 /// `plumbline.v1.ImuSample`.
 ///
-/// The set has the file of the message and its imports, imports first. Returns `None` if the
-/// message is unknown.
+/// The set contains the file that defines the message, preceded by the files it imports. Returns
+/// `None` if the message is unknown.
 pub fn descriptors_for(message: &str) -> Option<Vec<u8>> {
     let (package, name) = message.rsplit_once('.')?;
     let files: Vec<_> = [DESCRIPTORS, VIEWER_DESCRIPTORS]
@@ -35,10 +35,10 @@ pub fn descriptors_for(message: &str) -> Option<Vec<u8>> {
     Some(FileDescriptorSet { file: chosen }.encode_to_vec())
 }
 
-/// Field of a message, for readers that are driven by the schema.
+/// Field of a message, for schema-driven readers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SchemaField {
-    /// Name of the message without its package; nested messages are qualified by the outer ones.
+    /// Name of the message without its package. Nested messages are qualified by the outer ones.
     pub message: String,
     /// Field number.
     pub number: i32,
@@ -46,15 +46,15 @@ pub struct SchemaField {
     pub name: String,
     /// Type: a scalar as named by protobuf, or the name of a message or an enum.
     pub kind: String,
-    /// Whether the field is repeated.
+    /// `true` if the field is repeated.
     pub is_repeated: bool,
-    /// Whether a missing field can be distinguished from its default value.
+    /// `true` if a missing field can be distinguished from a field with the default value.
     pub has_presence: bool,
 }
 
 /// Returns the fields and enum values of `proto/plumbline/v1`.
 ///
-/// An enum value is given by the names of the enum and the value, and its number.
+/// Each enum value is a tuple of enum name, value name and number.
 pub fn fields_and_enum_values() -> (Vec<SchemaField>, Vec<(String, String, i32)>) {
     let (mut fields, mut enum_values) = (Vec::new(), Vec::new());
     for file in FileDescriptorSet::decode(DESCRIPTORS).map_or(Vec::new(), |set| set.file) {
@@ -94,7 +94,8 @@ fn add_enum(outer: &str, descriptor: &EnumDescriptorProto, enum_values: &mut Vec
     enum_values.extend(descriptor.value.iter().map(entry));
 }
 
-/// Appends a file after all of its imports. The compiler has rejected cyclic imports.
+/// Appends a file, preceded by its imports. The recursion ends, because the schema compiler rejects
+/// cyclic imports.
 fn add_with_imports(files: &[FileDescriptorProto], name: &str, chosen: &mut Vec<FileDescriptorProto>) {
     if chosen.iter().any(|file| file.name() == name) {
         return;

@@ -4,7 +4,7 @@
 //!
 //! Output: the point w_acc.
 //!
-//! Failure: a force that cannot be used keeps the previous point, with trust 0 and its flag.
+//! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 #![forbid(unsafe_code)]
 
 use attitude::accel::{Accelerometer, MIN_FORCE_M_S2};
@@ -18,7 +18,7 @@ use runtime::{
     stage::{self, ResettingStage},
 };
 
-/// Processing of the slot `accel`.
+/// Message processor of the slot `accel`.
 #[derive(Debug)]
 pub struct AccelProcessor {
     stage: ResettingStage<AnyStage<Accelerometer>>,
@@ -34,7 +34,7 @@ pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, R
     Ok(SingleInputSlot::new(AccelProcessor { stage }))
 }
 
-/// Runs the service until the end of the system.
+/// Runs the service until it is requested to stop.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-// Attitude mathematics for drawing, see docs/conventions.md. A quaternion [w, x, y, z] rotates body axes to the reference frame, whose z axis is up.
+// Attitude mathematics for drawing, see docs/reference/conventions.md. A quaternion [w, x, y, z] rotates body axes to the reference frame, whose z axis is up.
 
 /** @typedef {[number, number, number]} Vec */
 /** @typedef {[number, number, number, number]} Quat */

@@ -89,8 +89,8 @@ impl Asset {
     }
 }
 
-/// Returns the entity tag of a file: its FNV-1a hash, 64 bits. The hash is not cryptographic, which
-/// suffices for files of the executable.
+/// Returns the entity tag of a file, its 64-bit FNV-1a hash. The hash need not be cryptographic,
+/// because the files are part of the executable.
 fn etag(bytes: &[u8]) -> HeaderValue {
     let hash = bytes
         .iter()
@@ -104,8 +104,8 @@ fn response(status: StatusCode, body: Body) -> Response {
     response
 }
 
-/// Returns the schema for the page's decoder: fields by number for each message, names by number
-/// for each enum, and the flags.
+/// Returns the schema for the page's decoder: the fields of each message by number, the value names
+/// of each enum by number, and the flags.
 fn schema() -> Value {
     let (fields, names) = wire::schema::fields_and_enum_values();
     let (mut messages, mut enums) = (Map::new(), Map::new());

@@ -2,8 +2,8 @@
 //!
 //! Input: sensor readings and requests of viewers.
 //! Output: progress reports for the page, the last one with the result.
-//! Time: the observer's clock, for the report interval and the timeout.
-//! Memory: bounded by that of a [`Calibrator`].
+//! Time: the local monotonic clock, for the report interval and the timeout.
+//! Memory: that of a [`Calibrator`], which is bounded.
 //! Failure: insufficient data is reported as missing.
 
 use std::time::{Duration, Instant};
@@ -27,7 +27,7 @@ pub struct CalibrationRequest {
     pub kind: Kind,
     /// Sensor parameters and conditions that the calibrator builds on.
     pub prior: Prior,
-    /// Topic with the readings of the sensors.
+    /// Topic with the sensor readings.
     pub topic: Topic,
 }
 
@@ -67,8 +67,8 @@ impl Calibration {
         self.started.elapsed() > CALIBRATION_TIMEOUT
     }
 
-    /// Returns a progress report once per [`REPORT_INTERVAL`], otherwise `None`. A report with a
-    /// non-empty `report` field has the result.
+    /// Returns a progress report if at least [`REPORT_INTERVAL`] has passed since the last one. A
+    /// report whose `report` field is not empty contains the result.
     pub(crate) fn progress(&mut self) -> Option<v1::Calibration> {
         if self.last_report.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return None;

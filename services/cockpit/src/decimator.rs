@@ -18,7 +18,7 @@ use wire::{
 
 /// Maximum number of events in a snapshot.
 pub const MAX_EVENTS: usize = 256;
-/// Number of references kept to compare attitudes of the same tick with.
+/// Number of references kept for comparison with attitudes of the same tick.
 const MAX_REFERENCES: usize = 4096;
 /// Maximum number of attitudes per snapshot that are compared with references.
 const MAX_ATTITUDES: usize = 4096;
@@ -97,7 +97,7 @@ impl Decimator {
         }
     }
 
-    /// Returns the snapshot since the previous call and starts the next one.
+    /// Returns a snapshot of the messages since the previous call and starts the next one.
     ///
     /// `now_ns` is the time on CLOCK_MONOTONIC.
     pub fn take_snapshot(&mut self, now_ns: u64) -> Picture {
@@ -115,7 +115,8 @@ impl Decimator {
 
     /// Computes the errors of the collected attitudes that have a reference of the same tick.
     ///
-    /// It runs once per snapshot because a reference may arrive after its attitude.
+    /// Called once per snapshot instead of once per attitude, because a reference may arrive after
+    /// its attitude.
     fn compare_with_references(&mut self) {
         let attitudes = std::mem::take(&mut self.attitudes);
         self.picture.attitudes = attitudes.len() as u64;
@@ -170,7 +171,7 @@ impl Decimator {
 
 /// Returns the angle of the rotation between two attitudes, rad, 0 to π.
 fn angle_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
-    // The scalar and the vector part of the relative rotation. The norm of the vector part is exact
+    // Scalar and vector part of the relative rotation. The norm of the vector part remains accurate
     // for small angles.
     let [w, x, y, z] = a;
     let [p, q, r, s] = b;

@@ -1,11 +1,11 @@
 //! Protection of the server against requests from foreign web pages.
 //!
-//! A foreign page open in the same browser can send requests to the loopback interface, also under
-//! a host name of its own that resolves to it (DNS rebinding). It cannot set the headers `Host`,
-//! `Origin` and `Sec-Fetch-Site`. Requests are therefore accepted only if their host is a loopback
-//! name and they come from no page or from the cockpit's own page. At [`FOXGLOVE_PATH`] the origins
-//! listed in the launch file are accepted as well. With TLS the certificate identifies the server,
-//! so any `Host` is accepted.
+//! A foreign page open in the same browser can send requests to the loopback interface, even under
+//! its own host name if that name resolves to the interface (DNS rebinding). It cannot, however,
+//! set the headers `Host`, `Origin` and `Sec-Fetch-Site`. Requests are therefore accepted only if
+//! their host is a loopback name and they come either from the cockpit's own page or from no page
+//! at all. At [`FOXGLOVE_PATH`] the origins listed in the launch file are accepted as well. With
+//! TLS the certificate identifies the server, so any `Host` is accepted.
 
 use std::sync::Arc;
 
@@ -22,8 +22,8 @@ pub(crate) const FOXGLOVE_PATH: &str = "/foxglove";
 /// Host names of the loopback interface.
 const LOOPBACK_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
-/// Response headers that restrict what a browser may do with the page: own resources only, no
-/// framing.
+/// Response headers that restrict what a browser may do with the page: load only its own resources,
+/// and never show it in a frame.
 const SECURITY_HEADERS: [(&str, &str); 8] = [
     (
         "content-security-policy",
@@ -43,7 +43,7 @@ const SECURITY_HEADERS: [(&str, &str); 8] = [
 pub(crate) struct AccessRules {
     /// Additional origins accepted at [`FOXGLOVE_PATH`].
     pub(crate) foxglove_origins: Vec<String>,
-    /// Whether the connection is TLS.
+    /// `true` if connections use TLS.
     pub(crate) uses_tls: bool,
 }
 
@@ -85,7 +85,7 @@ fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Access
     if !headers.get_all(header::ORIGIN).iter().all(|origin| is_own_origin(origin) || is_listed_origin(origin)) {
         return Err(FOREIGN_ORIGIN);
     }
-    // Requests for images and scripts have no Origin; for these browsers set Sec-Fetch-Site.
+    // Requests for images and scripts have no `Origin`; for these, browsers set `Sec-Fetch-Site`.
     let has_value = |name: &str, words: &[&str]| {
         headers.get_all(name).iter().any(|value| words.iter().any(|word| value.as_bytes() == word.as_bytes()))
     };

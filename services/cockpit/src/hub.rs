@@ -18,10 +18,10 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Number of snapshots with stored flags, for viewers that missed them: two seconds.
+/// Number of snapshots whose flags are kept for viewers that miss them: two seconds.
 const MAX_STORED_FLAGS: usize = 64;
-/// Messages queued for each viewer: a quarter of a second. A viewer further behind loses the
-/// oldest.
+/// Maximum number of messages queued per viewer: a quarter of a second. A viewer that falls further
+/// behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 8;
 
 /// Message queues of the viewers.
@@ -52,7 +52,7 @@ pub(crate) struct LatestState {
     pub(crate) standing: Standing,
     /// Newest attitude of the running system; `None` unless the system is live.
     pub(crate) attitude: Option<AttitudeOutput>,
-    /// Estimated gyro bias, body axes.
+    /// Estimated gyro bias in body axes, rad/s.
     pub(crate) bias_rad_s: Option<[f64; 3]>,
 }
 
@@ -109,7 +109,7 @@ impl Hub {
         self.send(Said::Calibration(calibration));
     }
 
-    /// Requests the start of a calibration; `None` requests the end of the one in progress.
+    /// Requests the start of a calibration or, with `None`, the end of the one in progress.
     pub(crate) fn request_calibration(&self, request: Option<CalibrationRequest>) {
         *self.calibration_request.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
     }
@@ -128,7 +128,7 @@ impl Hub {
         self.messages.receiver_count() > 0 || has_foxglove_clients
     }
 
-    /// Returns the initial messages for a new viewer and the queue of the following ones.
+    /// Returns the initial messages for a new viewer and a queue for the messages that follow.
     pub(crate) fn subscribe(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
         let messages = self.messages.subscribe();
         let backlog = self.backlog();
@@ -137,10 +137,10 @@ impl Hub {
         (first.into_iter().chain(calibration).map(encode).collect(), messages)
     }
 
-    /// Returns the replacement for the `messages` messages that a viewer has missed.
+    /// Returns a summary to replace the `messages` messages that a viewer has missed.
     ///
-    /// It contains all events and the flags of the missed snapshots, which are never decimated, and
-    /// the calibration, whose result is sent only once.
+    /// It contains all events and the flags of the missed snapshots, because events and flags are
+    /// never decimated. It also contains the calibration, because its result is sent only once.
     pub(crate) fn catch_up(&self, messages: u64) -> [Bytes; 2] {
         let backlog = self.backlog();
         // More messages may be dropped from the queue before the viewer receives this summary.

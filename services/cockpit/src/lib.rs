@@ -103,7 +103,7 @@ pub enum CockpitError {
 pub fn run() -> Result<(), CockpitError> {
     let mut context = ServiceContext::join(Service::Cockpit)?;
     // An overloaded machine must serve the data path first. If the priority cannot be lowered, the
-    // cockpit runs without.
+    // cockpit runs at normal priority.
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
     let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(local_system::SupervisorClient::new(&launch.name)));
@@ -132,7 +132,7 @@ pub fn run() -> Result<(), CockpitError> {
 
 /// Publishes the snapshots and the status of a source until `should_continue` returns `false`.
 ///
-/// It is called before each snapshot with the number of snapshots so far.
+/// `should_continue` is called before each snapshot with the number of snapshots so far.
 ///
 /// # Errors
 ///
@@ -173,7 +173,7 @@ pub fn publish_source<E>(
     Ok(())
 }
 
-/// Starts and cancels calibrations as requested, and publishes the progress of the active one.
+/// Starts and cancels calibrations on request, and publishes the progress of the active one.
 fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
     if let Some(request) = hub.take_calibration_request() {
         source.set_readings_topic(request.as_ref().map(|request| request.topic));

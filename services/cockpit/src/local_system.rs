@@ -16,7 +16,7 @@ use crate::{
     source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 
-/// Topics to observe. On the data path an output comes before its inputs.
+/// Topics to observe. On the data path, each output is listed before its inputs.
 pub const TOPICS: [Topic; 11] = [
     Topic::Attitude,
     Topic::Fused,
@@ -33,7 +33,7 @@ pub const TOPICS: [Topic; 11] = [
 /// Interval between attempts to attach to a system or to topics that do not exist yet.
 const RETRY_INTERVAL: Duration = Duration::from_millis(300);
 
-/// Bus of a system on this machine.
+/// Source that reads the bus of a system on this machine.
 #[derive(Debug)]
 pub struct LocalSystem {
     system: String,
@@ -52,14 +52,14 @@ struct Attachment {
 }
 
 impl LocalSystem {
-    /// Creates the source for the system of that name, which need not be running.
+    /// Creates the source for the named system, which need not be running.
     pub fn new(system: &str) -> Self {
         let state = SourceState::Connecting(format!("system {system:?} is not running; start it with `plumb up`"));
         Self { system: system.into(), attachment: None, last_attempt: None, state, extra_topic: None }
     }
 
-    /// Attaches to the system and to new topics, at most once per [`RETRY_INTERVAL`], and detects
-    /// its end.
+    /// Attaches to the system and to topics that have become available, at most once per
+    /// [`RETRY_INTERVAL`]. Also detects the end of the system.
     fn update_connection(&mut self) {
         if self.last_attempt.is_some_and(|attempt| attempt.elapsed() < RETRY_INTERVAL) {
             return;
@@ -134,7 +134,7 @@ pub struct SupervisorClient {
 }
 
 impl SupervisorClient {
-    /// Creates the client for the system of that name.
+    /// Creates the client for the named system.
     pub fn new(system: &str) -> Self {
         Self { system: system.into() }
     }

@@ -2,7 +2,7 @@
 //!
 //! Input: the last status, the newest attitude and the gyro bias.
 //! Output: metric families with base units in their names and a help text.
-//! Time: ages by CLOCK_MONOTONIC.
+//! Time: ages are measured on CLOCK_MONOTONIC.
 //! Failure: unknown values are omitted instead of exported as 0.
 
 use std::fmt::Write as _;
@@ -165,7 +165,7 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
     text.gauge("plumbline_gyro_bias_radians_per_second", "Estimated bias of the gyro, body axes.", samples);
 }
 
-/// Returns `true` if the standard deviation is below π, which stands for an unknown angle.
+/// Returns `true` if the standard deviation is below π. The value π stands for an unknown angle.
 fn is_known(sd_rad: f64) -> bool {
     sd_rad < std::f64::consts::PI
 }
@@ -196,7 +196,7 @@ impl Exposition {
         self.family(name, "counter", help, samples);
     }
 
-    /// Writes a family with all finite samples. Writes nothing if there are none.
+    /// Writes a family with its finite samples, or nothing if it has no finite sample.
     fn family<'l>(&mut self, name: &str, kind: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         let mut samples = samples.into_iter().filter(|(_, value)| value.is_finite()).peekable();
         if samples.peek().is_none() {

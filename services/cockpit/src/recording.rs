@@ -1,4 +1,4 @@
-//! A recording, reduced when opened to snapshots of equal duration.
+//! A recording, reduced to snapshots of equal duration when it is opened.
 //!
 //! Input: messages of the topics with the source's time, in the order of publication.
 //! Output: snapshots by number.
@@ -24,7 +24,7 @@ const MAX_REPLY_BYTES: usize = 8 << 20;
 /// Snapshots of a recording.
 #[derive(Debug)]
 pub struct Recording {
-    /// Encoded snapshots in the order of time.
+    /// Encoded snapshots in chronological order.
     snapshots: Vec<Vec<u8>>,
     name: String,
     rate_hz: f64,
@@ -41,7 +41,7 @@ pub struct RecordingBuilder {
 }
 
 impl Recording {
-    /// Starts a recording of the period `t_first_ns` to `t_last_ns` on the source's clock.
+    /// Starts building a recording that covers `t_first_ns` to `t_last_ns` on the source's clock.
     pub fn builder(name: &str, rate_hz: f64, t_first_ns: i64, t_last_ns: i64) -> RecordingBuilder {
         let t_last_ns = t_last_ns.max(t_first_ns.saturating_add(1));
         let min_interval_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(MAX_SNAPSHOTS).cast_signed();
@@ -50,8 +50,8 @@ impl Recording {
         RecordingBuilder { recording, interval_ns, decimator: Decimator::default() }
     }
 
-    /// Returns the encoded snapshots from number `from` on, at most `count` and at most as many as
-    /// fit into a reply.
+    /// Returns up to `count` encoded snapshots starting at number `from`, but no more than fit into
+    /// a reply.
     pub(crate) fn encode_snapshots(&self, from: usize, count: usize) -> Vec<u8> {
         let requested = self.snapshots.iter().skip(from).take(count.min(MAX_REPLY_SNAPSHOTS));
         let mut remaining_bytes = MAX_REPLY_BYTES;
@@ -80,8 +80,7 @@ impl Recording {
 }
 
 impl RecordingBuilder {
-    /// Adds a message. A message with an earlier time than its predecessor goes into the current
-    /// snapshot.
+    /// Adds a message. A message older than its predecessor goes into the current snapshot.
     pub fn push(&mut self, t_ns: i64, topic: Topic, bytes: &[u8]) {
         self.close_snapshots_until(t_ns.min(self.recording.t_last_ns));
         self.decimator.push(topic, bytes);

@@ -71,15 +71,15 @@ const MAX_PORT_RETRIES: u16 = 100;
 /// Delay after a failed accept, for example when file descriptors are exhausted.
 const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 
-/// Error of serving the page.
+/// Error that prevents the page from being served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// No port is free.
+    /// None of the ports tried can be used.
     #[error("cannot serve the cockpit on {address} or one of the next {MAX_PORT_RETRIES} ports: {cause}")]
     Listen {
         /// First address tried.
         address: SocketAddr,
-        /// Error of the last address tried.
+        /// Error for the last address tried.
         cause: io::Error,
     },
     /// The TLS configuration is invalid.
@@ -90,19 +90,19 @@ pub enum ServerError {
     Start(io::Error),
 }
 
-/// Server that is bound to its port and does not accept connections yet.
+/// Server that is bound to its port but does not accept connections yet.
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     tls: Option<TlsAcceptor>,
 }
 
-/// Content of the server, and the access to it.
+/// Content of the site, and access to it.
 pub struct SiteContent {
     /// Vehicles that can be shown.
     pub vehicles: Arc<dyn VehicleDirectory>,
-    /// Tokens that commands require, and with TLS viewing as well. If `None`, commands are
-    /// rejected, and with TLS viewing too.
+    /// Tokens required for commands and, with TLS, for viewing. If `None`, commands are rejected,
+    /// and so is viewing with TLS.
     pub tokens: Option<Tokens>,
     /// Recording to show instead of a system.
     pub recording: Option<Arc<Recording>>,
@@ -113,7 +113,7 @@ pub struct SiteContent {
 struct ServerState {
     page: PageFiles,
     site: SiteContent,
-    /// Whether connections use TLS; viewing then requires a token.
+    /// `true` if connections use TLS. Viewing then requires a token.
     uses_tls: bool,
     command_permits: Arc<Semaphore>,
     viewer_permits: Arc<Semaphore>,
@@ -155,7 +155,7 @@ impl Server {
     ///
     /// # Errors
     ///
-    /// Returns an error if the certificate is not usable or none of the ports is free.
+    /// Returns an error if the certificate cannot be used or none of the ports is free.
     pub fn bind(address: SocketAddr, tls: Option<&CockpitTls>) -> Result<Self, ServerError> {
         let tls = tls.map(tls::acceptor).transpose()?;
         let mut last = None;
@@ -172,7 +172,7 @@ impl Server {
         Err(ServerError::Listen { address, cause })
     }
 
-    /// Returns the URL of the page. With a token, it grants the token's role.
+    /// Returns the URL of the page. If a token is given, the URL contains it and grants its role.
     pub fn address(&self, token: Option<&Token>) -> String {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         let base = match self.address.ip().is_unspecified() {
@@ -182,7 +182,7 @@ impl Server {
         address(&base, token)
     }
 
-    /// Serves the content from a separate thread for the lifetime of the process.
+    /// Serves the content in a separate thread for the lifetime of the process.
     ///
     /// # Errors
     ///
@@ -223,7 +223,7 @@ impl Server {
     }
 }
 
-/// Returns the URL with the token as its fragment.
+/// Returns the URL of the page, with the token, if any, as its fragment.
 pub fn address(base: &str, token: Option<&Token>) -> String {
     token.map_or_else(|| base.to_owned(), |token| format!("{base}#{}", token.text()))
 }

@@ -36,11 +36,12 @@ const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Close code for a vehicle that is not available.
 const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
-/// Maximum length of a close reason, bytes. A control frame holds 125, two of which are the code.
+/// Maximum length of a close reason, bytes. A control frame holds 125 bytes, two of which are the
+/// close code.
 const MAX_REASON_BYTES: usize = 120;
 
-/// Closes the connection with the reason. A page cannot read the response of a failed upgrade, so
-/// the connection is accepted first.
+/// Closes the connection with the reason. The connection is accepted first, because a page cannot
+/// read the response to a failed upgrade.
 pub(crate) async fn close_unavailable(mut socket: WebSocket, reason: &str) {
     let reason = reason[..reason.floor_char_boundary(MAX_REASON_BYTES)].into();
     let frame = CloseFrame { code: CLOSE_UNKNOWN_VEHICLE, reason };
@@ -113,7 +114,7 @@ async fn next_event(
     replies: &mut mpsc::Receiver<SwapAnswer>,
 ) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
-    // Polls all three; each future is cancel-safe, so that dropping it loses nothing.
+    // Polls all three futures. They are cancel-safe, so dropping them loses nothing.
     let (mut next_message, mut next_reply, mut next_command) =
         (pin!(messages.recv()), pin!(replies.recv()), pin!(socket.recv()));
     poll_fn(|context| {

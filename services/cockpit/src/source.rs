@@ -23,18 +23,18 @@ pub enum SourceState {
 
 /// Source of the messages of a system.
 pub trait Source {
-    /// Passes the messages since the last call to `on_message`, in their bus layout, and returns
+    /// Calls `on_message` for each message since the previous poll, in its bus layout, and returns
     /// the state.
     ///
-    /// On the data path the messages of an output come before those of its inputs.
+    /// On the data path, the messages of an output come before those of its inputs.
     fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
 
-    /// Returns `true` if the source delivers every tick, none decimated.
+    /// Returns `true` if the source delivers every tick, without decimation.
     fn has_every_tick(&self) -> bool;
 
-    /// Selects the topic of sensor readings to deliver in addition; `None` ends it.
+    /// Selects an additional topic of sensor readings to deliver; `None` deselects it.
     ///
-    /// It is called only for a source whose [`CommandTarget::calibration_request`] succeeds.
+    /// Called only for a source whose [`CommandTarget::calibration_request`] succeeds.
     fn set_readings_topic(&mut self, _topic: Option<Topic>) {}
 }
 
@@ -55,8 +55,8 @@ pub struct SystemDescription {
 
 /// Status and commands of a system.
 ///
-/// The methods may block; they are called from threads that may wait. The errors are reasons for
-/// display.
+/// The methods may block, because they are called from threads that may wait. Errors are reasons
+/// for display.
 pub trait CommandTarget: Send + Sync {
     /// Returns the properties of the system.
     ///
@@ -80,7 +80,7 @@ pub trait CommandTarget: Send + Sync {
     /// Returns `true` if this target accepts commands.
     fn takes_commands(&self) -> bool;
 
-    /// Swaps the stage of a slot or runs a shadow, and waits for the end.
+    /// Swaps the stage of a slot or runs a shadow, and waits for completion.
     ///
     /// # Errors
     ///
@@ -94,7 +94,7 @@ pub trait CommandTarget: Send + Sync {
     /// Returns the reason if the request fails.
     fn cancel_shadow(&self, slot: &str) -> Result<(), String>;
 
-    /// Returns what a calibration of that kind needs.
+    /// Returns the request that starts a calibration of the given kind.
     ///
     /// # Errors
     ///

@@ -51,9 +51,9 @@ struct Measurements {
     measured_at: Instant,
     rates_hz: [Option<f64>; Service::PATH.len()],
     latencies: [Option<hops::LatencyUs>; Service::PATH.len()],
-    /// From reception at ingest to publication of the attitude.
+    /// Latency from reception at ingest to publication of the attitude.
     end_to_end: Option<hops::LatencyUs>,
-    /// Resource usage of each process on this machine, by process number.
+    /// Resource usage of each process on this machine, by process id.
     costs: HashMap<u32, ProcessUsage>,
 }
 
@@ -61,8 +61,8 @@ struct Measurements {
 pub(crate) struct StatusMonitor {
     report: Arc<Mutex<SupervisorReport>>,
     poller: Thread,
-    /// Newest query started before the last event. `None` once the status contains the result of a
-    /// later one.
+    /// Number of the newest query that was started before the last event, so that its result may be
+    /// outdated. `None` once the status contains the result of a later query.
     outdated_query: Option<u64>,
     takes_commands: bool,
     hops: HopLatencies,
@@ -75,7 +75,7 @@ pub(crate) struct StatusMonitor {
 }
 
 impl StatusMonitor {
-    /// Starts monitoring. The input check requires `has_every_tick`.
+    /// Starts monitoring. The input is checked only if `has_every_tick` is `true`.
     pub(crate) fn new(target: Arc<dyn CommandTarget>, has_every_tick: bool) -> Self {
         Self::with_interval(target, has_every_tick, QUERY_INTERVAL)
     }
@@ -147,7 +147,7 @@ impl StatusMonitor {
         self.state.as_ref() != Some(state)
     }
 
-    /// Returns the current status, with measurements since the previous ones.
+    /// Returns the current status, with measurements over the time since the previous ones.
     pub(crate) fn status(&mut self, state: SourceState) -> Standing {
         let (reply, vehicles) = {
             let report = lock(&self.report);

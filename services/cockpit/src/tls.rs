@@ -58,7 +58,7 @@ pub enum TlsError {
     Setup(rustls::Error),
 }
 
-/// Creates an acceptor for TLS 1.3 with the certificate and the private key of these files.
+/// Creates an acceptor for TLS 1.3 from the given certificate and private key files.
 pub(crate) fn acceptor(CockpitTls { cert, key }: &CockpitTls) -> Result<TlsAcceptor, TlsError> {
     keys::validity::check(cert)?;
     let failed = |path: &Path| {

@@ -19,10 +19,10 @@ const TOKEN_BYTES: usize = 24;
 const OPERATOR_FILE: &str = "cockpit.token";
 const VIEWER_FILE: &str = "cockpit.viewer.token";
 
-/// Error of loading or creating a token.
+/// Error when loading or creating a token.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
-    /// No folder for the files is known.
+    /// The folder for the token files is unknown.
     #[error("no folder known for the cockpit's token; set HOME or XDG_STATE_HOME")]
     NoFolder,
     /// The file cannot be created or read.
@@ -114,7 +114,7 @@ impl Token {
     fn load_or_create(folder: &Path, file: &str) -> Result<Self, TokenError> {
         let path = folder.join(file);
         let failed = |cause| TokenError::File { path: path.clone(), cause };
-        // Of two processes that start together, one creates the file and the other reads it on its
+        // If two processes start together, one creates the file and the other reads it on its
         // second attempt.
         for _ in 0..2 {
             match read(&path)? {
@@ -172,7 +172,7 @@ fn create(path: &Path) -> Result<Token, TokenError> {
     let temporary = path.with_extension(hex(&random::<8>()?));
     let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&temporary).map_err(failed)?;
     let written = writeln!(file, "{text}").and_then(|()| file.sync_all());
-    // Unlike a rename, a hard link never replaces a file created meanwhile.
+    // Unlike a rename, a hard link never replaces a file created in the meantime.
     let linked = written.and_then(|()| fs::hard_link(&temporary, path));
     let _ = fs::remove_file(&temporary);
     linked.map_err(failed)?;
@@ -192,8 +192,8 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Returns the folder for state files: that of systemd, otherwise that of the XDG base directory
-/// specification.
+/// Returns the folder for state files: systemd's if it is set, otherwise that of the XDG base
+/// directory specification.
 fn state_folder(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
     let absolute = |name| variable(name).filter(|path: &PathBuf| path.is_absolute());
     // systemd separates several folders by colons.

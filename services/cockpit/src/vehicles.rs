@@ -25,7 +25,7 @@ pub trait VehicleDirectory: Send + Sync {
     fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String>;
 }
 
-/// Directory with a single system or recording, which has no name.
+/// Directory with a single system or recording, which cannot be selected by name.
 impl VehicleDirectory for VehicleView {
     fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
         match vehicle {

@@ -1,5 +1,5 @@
-//! Slot `course`: computes the attitude output for users and autopilots from `fused`, with `gnss`
-//! at the ticks that carry it.
+//! Slot `course`: computes the attitude output for users and autopilots from `fused`, and from
+//! `gnss` at the ticks that have a fix.
 //!
 //! - Input: the fused attitude of each tick; satellite fixes of some ticks.
 //! - Output: angles, course, quaternion and the jump of the last reset, on the topic `attitude`.
@@ -30,7 +30,7 @@ use runtime::{
 
 use true_north::TrueNorth;
 
-/// Message of an input of the slot.
+/// Message received on one of the slot's inputs.
 #[derive(Debug, Clone, Copy)]
 pub enum CourseMessage {
     /// Message of the topic `fused`.
@@ -75,7 +75,8 @@ pub struct CourseSlot {
 ///
 /// # Errors
 ///
-/// Fails if the stage cannot be built, or if true north is requested without a valid date.
+/// Returns an error if the stage cannot be built, or if true north is requested without a valid
+/// date.
 pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     Ok(CourseSlot {
         join: Join::new(Inputs::default(), config.lateness_ticks()),
@@ -90,11 +91,11 @@ pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     })
 }
 
-/// Runs the service until it is asked to stop.
+/// Runs the service until it is requested to stop.
 ///
 /// # Errors
 ///
-/// Fails if the configuration is invalid, or if the bus or the stage fails.
+/// Returns an error if the configuration is invalid, or if the bus or the stage fails.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Course)?;
     let slot = slot(&context.config)?;
@@ -191,7 +192,7 @@ impl CourseSlot {
             dt_s: header.dt_s(),
         })?;
         let reading = self.north.apply(reading);
-        // A reset of the attitude and the course at the same tick counts once.
+        // If the attitude and the course are reset at the same tick, only one reset is counted.
         self.reset_counts[1] += u64::from(reading.aligned && !is_reset);
         header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal)
             | Flags::ALIGNED.when(reading.aligned)

@@ -1,6 +1,6 @@
-//! Conversion of magnetic courses to true courses, by the World Magnetic Model.
+//! Conversion of magnetic courses to true courses with the World Magnetic Model.
 //!
-//! - Input: the position in the launch file, and positions of satellite fixes.
+//! - Input: the position in the launch file, and positions from satellite fixes.
 //! - Output: readings with a true course.
 //! - Time: one date per run, so that the same fixes always give the same courses.
 //! - Failure: without a known position the course stays magnetic and is reported as such.
@@ -29,7 +29,7 @@ pub(crate) struct TrueNorth {
     /// Date of the run; `None` if true north is not requested.
     date: Option<time::Date>,
     declination: Option<Declination>,
-    /// Whether the previous course was magnetic.
+    /// Set if the previous course was magnetic.
     was_magnetic: bool,
 }
 
@@ -47,7 +47,7 @@ impl TrueNorth {
     ///
     /// # Errors
     ///
-    /// Fails if true north is requested without a date within the years of the model.
+    /// Returns an error if true north is requested without a date that the model covers.
     pub(crate) fn new(north: &NorthReference) -> Result<Self, String> {
         let mut conversion = Self { date: None, declination: None, was_magnetic: false };
         if north.is_true {
@@ -93,7 +93,7 @@ impl TrueNorth {
         }
     }
 
-    /// Returns the fault of a restored state, or `None` if it is valid.
+    /// Returns the reason why a restored state is invalid, or `None` if it is valid.
     pub(crate) fn validation_error(&self) -> Option<&'static str> {
         let Declination { angle_rad, sd_rad } = self.declination?;
         let is_valid = angle_rad.abs() <= PI + 1e-6 && sd_rad >= 0.0;
@@ -127,7 +127,7 @@ fn calendar_day(date: Date) -> Option<time::Date> {
 
 impl StateWords for TrueNorth {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The date is set by the launch file.
+        // The date comes from the launch file, so it is not part of the state.
         let Self { date: _, declination, was_magnetic } = self;
         declination.visit(visit);
         was_magnetic.visit(visit);

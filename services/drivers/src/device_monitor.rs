@@ -1,11 +1,11 @@
-//! Detection of device problems: unavailable, silent, wrong format, corrupted data, second sender,
-//! unsteady clock.
+//! Detects device problems: unavailable or silent device, wrong format, no measurements, corrupted
+//! data, second sender, unsteady clock.
 //!
 //! Input: one report per second.
 //!
 //! Output: the current problems with their remedies.
 //!
-//! Time: that of the caller.
+//! Time: counted in reports, one per second.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ use control::Diagnostic;
 
 use crate::input::DeviceReport;
 
-/// Kind of the problem "port cannot be opened or read".
+/// Problem kind: the port cannot be opened or read.
 pub(crate) const UNAVAILABLE: &str = "unavailable";
 const SILENT: &str = "silent";
 const FORMAT: &str = "format";
@@ -26,16 +26,17 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Number of bytes without a message that indicates another format or speed. It is many times the
-/// length of usual messages.
+/// Number of bytes without a message that indicates a wrong format or speed. It is many times the
+/// length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Number of messages without a measurement after which none is expected.
+/// Number of messages without a measurement after which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
-/// Maximum shares of rejected messages and of bytes that belong to no message. An intact line stays
-/// below both.
+/// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
+/// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Number of clock steps in the window that indicates a problem. A restarting device causes fewer.
+/// Number of clock steps in the window that indicates a problem. A device that restarts causes
+/// fewer.
 const MIN_CLOCK_STEPS: u64 = 5;
 
 /// Reports of one device in the last seconds.
@@ -104,7 +105,7 @@ impl DeviceMonitor {
         let rejected = counts.rejected - first.counts.rejected;
         let skipped = counts.skipped_bytes - first.counts.skipped_bytes;
         let bytes = last.bytes - first.bytes;
-        // Other messages in between are normal for these formats.
+        // Streams in these formats normally contain other messages as well, which count as skipped.
         let is_shared = matches!(*format, "mavlink" | "ubx" | "nmea");
         if rejected as f64 > MAX_REJECTED_SHARE * frames as f64 + 1.0
             || (!is_shared && skipped as f64 > MAX_SKIPPED_SHARE * bytes as f64 + 100.0)
@@ -159,7 +160,7 @@ mod tests {
     use super::*;
     use crate::reconnecting_port::DeviceFailure;
 
-    /// Returns the kinds of problems after `seconds` reports.
+    /// Returns the kinds of problems found after one report per second for `seconds` seconds.
     fn kinds_after(seconds: u64, report_at: impl Fn(u64) -> (DeviceReport, u64)) -> Vec<String> {
         let mut monitor = DeviceMonitor::new("");
         let mut diagnostics = Vec::new();
@@ -184,7 +185,7 @@ mod tests {
     #[test]
     fn healthy_device_has_no_diagnostics() {
         assert_eq!(kinds_after(30, |second| (good(second), 0)), [""; 0]);
-        // A partial frame at the start, and a device that restarts.
+        // A partial frame at the start and a restart of the device are not reported.
         let restarted = |second| DeviceReport {
             counts: Counts { skipped_bytes: 40, rejected: 1, ..good(second).counts },
             ..good(second)

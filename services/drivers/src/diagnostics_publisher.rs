@@ -1,5 +1,5 @@
-//! Reports of device problems to the supervisor and the user, sent by a thread so that the service
-//! never waits.
+//! Reports device problems to the supervisor and the user. A separate thread sends the reports, so
+//! that the service never waits.
 
 use std::{
     sync::mpsc::{self, SyncSender},
@@ -12,8 +12,9 @@ use launch::Service;
 
 /// Maximum number of queued requests. Further ones are dropped.
 const MAX_QUEUED: usize = 64;
-/// Time limit for reaching the supervisor with a request, and pause between attempts.
+/// Time limit for sending a request to the supervisor.
 const SUPERVISOR_TIMEOUT: Duration = Duration::from_secs(5);
+/// Pause between attempts to send a request.
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
 pub(crate) struct DiagnosticsPublisher {
@@ -63,7 +64,8 @@ impl DiagnosticsPublisher {
     }
 }
 
-/// Compares the kinds of two problems. For an unavailable port the cause counts, too.
+/// Returns `true` if both problems are of the same kind. For an unavailable port, the cause must be
+/// the same, too.
 fn is_same_problem(a: &Diagnostic, b: &Diagnostic) -> bool {
     a.kind == b.kind && (a.kind != crate::device_monitor::UNAVAILABLE || a.found == b.found)
 }

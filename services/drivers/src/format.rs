@@ -1,4 +1,4 @@
-//! Selection of the decoder for a format.
+//! Selects the decoder for a format.
 
 use decoders::{
     Decoder,

@@ -1,5 +1,5 @@
-//! Device of Linux industrial I/O, or the two devices of a chip with separate gyro and
-//! accelerometer.
+//! Linux industrial I/O device, or the two devices of a chip whose gyro and accelerometer are
+//! separate.
 
 use std::{
     fs::File,
@@ -141,7 +141,8 @@ impl OpenDevice {
         let IioDevice { root, dev, device, accel_device, stream } = settings;
         let open_one = |name: &str| -> Result<(File, Layout), OpenError> {
             let folder = sysfs::find(root, name)?;
-            // Room for one second of records, so that a stalled process loses none.
+            // The buffer holds one second of records, so that a short stall of this process loses
+            // none.
             let layout = sysfs::prepare(&folder, (stream.rate_hz.ceil() as u32).max(64), Some(stream.rate_hz))?;
             if stream.clock == launch::Clock::Device && layout.clock != Clock::Monotonic {
                 return Err(OpenError::Clock(layout.clock));
@@ -167,7 +168,7 @@ impl OpenDevice {
             }
             Self::Separate { gyro, accel, pair } => {
                 wait_for(&[&*gyro, &*accel], timeout)?;
-                // The force is read first, because a rate waits for the next force.
+                // The accelerometer is read first, because a rate waits for the next force.
                 let force_bytes = read(accel, bytes)?;
                 pair.push_accel(bytes.get(..force_bytes).unwrap_or_default(), measurements);
                 let rate_bytes = read(gyro, bytes)?;

@@ -1,4 +1,4 @@
-//! Interface of a device and its report.
+//! Interface of a device, and the report on its state.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ pub(crate) trait Input {
 pub(crate) enum ReadOutcome {
     /// The device sent bytes.
     Data {
-        /// Whether the device was unavailable before, so that measurements may be missing.
+        /// `true` if the device was unavailable before, so that measurements may be missing.
         after_outage: bool,
     },
     /// No bytes arrived before the timeout.
@@ -36,7 +36,7 @@ pub(crate) struct DeviceReport {
     pub(crate) port: String,
     /// Name of the format.
     pub(crate) format: &'static str,
-    /// Why the device is unavailable, or `None` if it is open.
+    /// Reason why the device is unavailable, or `None` if it is open.
     pub(crate) failure: Option<DeviceFailure>,
     /// Number of received bytes.
     pub(crate) bytes: u64,

@@ -10,16 +10,16 @@
 //! as set in the launch file.
 //!
 //! Failure: an unavailable port is reported with a remedy and reopened after a pause that doubles
-//! each time. Bytes that belong to no message of the format are counted. Problems of a device are
-//! reported to the supervisor. A pipe and other sources that can wait are read only as fast as
-//! ingest consumes the readings.
+//! with each failed attempt. Bytes that belong to no message of the format are counted. Device
+//! problems are reported to the supervisor. A source that can wait, such as a pipe, is read only as
+//! fast as ingest consumes the readings.
 //!
 //! | module | contents |
 //! | --- | --- |
 //! | `input` | interface of a device |
-//! | `stream` | device whose bytes arrive over a port |
-//! | `iio` | device of Linux industrial I/O |
-//! | `receiver` | satellite receiver in addition to the source |
+//! | `stream` | device that sends bytes over a port |
+//! | `iio` | Linux industrial I/O device |
+//! | `receiver` | additional satellite receiver |
 //! | `port` | open ports: standard input, datagrams, TCP connection, serial port |
 //! | `reconnecting_port` | port that is reopened after a failure |
 //! | `format` | selection of the decoder for a format |
@@ -66,7 +66,7 @@ use stream_preamble::StreamPreamble;
 
 /// Maximum wait for bytes. It limits the time between two health messages.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
-/// Wait for ingest to consume readings.
+/// Pause while ingest has no room for more readings.
 const INGEST_WAIT: Duration = Duration::from_micros(500);
 /// Interval between two evaluations of the device reports.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);
@@ -137,7 +137,7 @@ pub fn run() -> Result<(), DriversError> {
                     publisher.mark_gap();
                 }
             }
-            // The service finishes only after everything has been sent.
+            // This outcome is handled only after everything has been sent.
             Some(ReadOutcome::End) if state != State::FINISHED => state = State::FINISHED,
             Some(ReadOutcome::End) => thread::sleep(READ_TIMEOUT),
             Some(ReadOutcome::NoData) => {}

@@ -19,7 +19,7 @@ use rustix::{
 
 /// Time limit for a TCP connection attempt.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Silence of a datagram sender after which another sender is accepted.
+/// Duration of silence after which a different datagram sender is accepted.
 const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Open port.
@@ -115,7 +115,7 @@ impl DatagramPort {
     }
 }
 
-/// Converts the result of a read. Interruption and an empty buffer count as no data.
+/// Converts the result of a read. An interrupted read and one that would block count as no data.
 fn no_data_if_interrupted(result: io::Result<usize>) -> io::Result<PortRead> {
     match result {
         Ok(count) => Ok(PortRead::Bytes(count)),
@@ -153,13 +153,12 @@ fn open_serial(path: &Path, baud: u64) -> io::Result<File> {
     terminal.set_speed(u32::try_from(baud).unwrap_or(u32::MAX))?;
     tcsetattr(&fd, OptionalActions::Now, &terminal)?;
     ioctl_tiocexcl(&fd)?;
-    // The arrival time of bytes received before opening is unknown.
+    // Bytes received before opening are discarded, because their arrival time is unknown.
     tcflush(&fd, QueueSelector::IFlush)?;
     Ok(fd.into())
 }
 
-/// Waits at most `timeout` until bytes or the end of the input are available, and returns whether
-/// they are.
+/// Waits up to `timeout` for bytes or the end of the input. Returns `true` if either is available.
 pub(crate) fn is_readable(port: &impl AsFd, timeout: Duration) -> io::Result<bool> {
     let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
     match poll(&mut [PollFd::new(port, PollFlags::IN)], Some(&timeout)) {

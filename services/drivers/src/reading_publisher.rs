@@ -12,7 +12,7 @@ use launch::{Clock, Stream};
 use messages::{ReceiverReading, SensorReading};
 use runtime::{RuntimeError, ServiceContext};
 
-/// Publisher of readings and fixes, with a queue of those that ingest has no room for.
+/// Publisher of readings and fixes, with a queue of those that ingest has no room for yet.
 pub(crate) struct ReadingPublisher {
     /// `None` if another program publishes the readings.
     sensor: Option<Publisher<SensorReading>>,
@@ -25,8 +25,8 @@ pub(crate) struct ReadingPublisher {
     /// Separately sent magnetic field, to be combined with the next reading.
     field_ut: Option<[f64; 3]>,
     queue: VecDeque<Outgoing>,
-    /// Maximum number of readings that ingest has not consumed, or `None` if the source does not
-    /// wait.
+    /// Maximum number of readings in flight, which ingest has not consumed yet; `None` if the
+    /// source does not wait.
     max_in_flight: Option<u64>,
     sent: u64,
 }
@@ -44,8 +44,8 @@ impl ReadingPublisher {
         if let Some(sensor) = sensor.as_ref().filter(|_| context.config.resume.is_some()) {
             sensor.mark_all_consumed();
         }
-        // The number of readings in flight may be miscounted if either process dies. The other half
-        // of the buffer absorbs the error.
+        // Only half of the buffer is used. The number of readings in flight may be miscounted if
+        // either process dies, and the other half of the buffer absorbs the error.
         let half_buffer = context.config.buffer_ticks() as u64 / 2;
         Ok(Self {
             sensor,
@@ -141,7 +141,7 @@ impl ReadingPublisher {
         });
         match (self.clock, stamp) {
             (Clock::Device, Some(stamp)) => stamp.count_ns.cast_signed(),
-            // Without a timestamp the time follows from the number of the reading.
+            // Without a timestamp, the time is derived from the number of the reading.
             (Clock::Device, None) => {
                 self.unstamped_count += 1;
                 (self.unstamped_count as f64 * self.interval_s * 1e9) as i64

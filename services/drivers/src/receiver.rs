@@ -1,4 +1,4 @@
-//! Satellite receiver in addition to the source, read by its own thread.
+//! Satellite receiver that is read in addition to the source, in a separate thread.
 
 use std::{
     sync::{
@@ -22,7 +22,7 @@ use crate::{
 /// consumed.
 const MAX_QUEUED_FIXES: usize = 64;
 
-/// Fixes and report of the reading thread.
+/// Satellite receiver with the fixes and the latest report of its thread.
 pub(crate) struct Receiver {
     fixes: mpsc::Receiver<Measurement>,
     report: Arc<Mutex<DeviceReport>>,
@@ -38,7 +38,7 @@ impl Receiver {
         let shared_report = report.clone();
         thread::Builder::new().name("receiver".into()).spawn(move || {
             let make_decoder = Box::new(move || Ok(format::receiver_decoder(format)));
-            // Receiver formats have no settings, so their decoders cannot fail to open.
+            // Receiver formats have no settings, so opening their decoders cannot fail.
             DeviceStream::open(port, format.name(), true, None, make_decoder)
                 .into_iter()
                 .for_each(|input| forward_fixes(input, &fix_queue, &shared_report));

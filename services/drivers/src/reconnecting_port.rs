@@ -11,7 +11,8 @@ use crate::port::{OpenPort, PortRead};
 
 /// Maximum number of bytes per read.
 const BUFFER_BYTES: usize = 1 << 16;
-/// Pause before reopening a port. It doubles after each failed attempt, up to the maximum.
+/// Initial pause before reopening a port. It doubles after each failed attempt, up to
+/// [`MAX_RETRY_PAUSE`].
 const MIN_RETRY_PAUSE: Duration = Duration::from_millis(100);
 const MAX_RETRY_PAUSE: Duration = Duration::from_secs(5);
 
@@ -23,9 +24,9 @@ pub(crate) struct ReconnectingPort {
     pause: Duration,
     next_attempt: Instant,
     failure: Option<DeviceFailure>,
-    /// Whether an earlier process has read from the same input.
+    /// `true` if an earlier process has read from the same input.
     is_resumed: bool,
-    /// Start of the bytes to come, if the port was reopened since the last read.
+    /// Start position of the next bytes, if the port has been opened since the last read.
     pending_start: Option<StreamStart>,
     foreign_datagrams: u64,
 }
@@ -54,7 +55,8 @@ pub(crate) enum Received<'a> {
     Bytes {
         /// Received bytes.
         bytes: &'a [u8],
-        /// Set for the first bytes since the port was opened.
+        /// Position at which the stream starts; set only for the first bytes after the port was
+        /// opened.
         start: Option<StreamStart>,
     },
     /// No bytes arrived before the timeout.

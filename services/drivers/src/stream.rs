@@ -1,4 +1,4 @@
-//! Device whose bytes arrive over a port.
+//! Device that sends bytes over a port.
 
 use std::time::Duration;
 
@@ -12,18 +12,18 @@ use crate::{
     stream_preamble::StreamPreamble,
 };
 
-/// Factory of decoders in their initial state.
+/// Function that creates a decoder in its initial state.
 type DecoderFactory = Box<dyn Fn() -> Result<Box<dyn Decoder>, DriversError>>;
 
-/// Port with the decoder of its bytes.
+/// Port and the decoder of its bytes.
 pub(crate) struct DeviceStream {
     port: ReconnectingPort,
     format: &'static str,
     make_decoder: DecoderFactory,
     decoder: Box<dyn Decoder>,
-    /// Totals of earlier decoders.
+    /// Totals of the decoders that have been replaced.
     previous_counts: Counts,
-    /// State of a text stream, whose columns may be named in its first line.
+    /// State of a text stream, for text formats only. The first line may name the columns.
     text: Option<TextState>,
     bytes: u64,
     measurements: u64,
@@ -32,8 +32,8 @@ pub(crate) struct DeviceStream {
 
 struct TextState {
     preamble: StreamPreamble,
-    /// Whether the next line may lack its beginning. It could still look valid, with a truncated
-    /// number, so its measurement is discarded.
+    /// `true` if the next line may lack its beginning. Such a line could still look valid, with a
+    /// truncated number, so its measurement is discarded.
     starts_mid_line: bool,
 }
 
@@ -98,7 +98,8 @@ impl Input for DeviceStream {
                     }
                     None => {
                         if after_outage {
-                            // A new decoder prevents joining partial messages across the outage.
+                            // A new decoder is created, so that partial messages are not joined
+                            // across the outage.
                             self.previous_counts = self.previous_counts + self.decoder.counts();
                             self.decoder = (self.make_decoder)()?;
                         }

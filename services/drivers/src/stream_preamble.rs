@@ -1,5 +1,5 @@
-//! Start of a text stream, which names its columns, kept in a checkpoint for a later process of the
-//! service.
+//! Start of a text stream, which may name the columns. It is kept in a checkpoint for the next
+//! process of the service.
 
 use bus::{BusError, Publisher};
 use launch::Service;
@@ -22,7 +22,7 @@ pub(crate) struct StreamPreamble {
 }
 
 impl StreamPreamble {
-    /// Opens the preamble of an earlier process, or an empty one if there is none.
+    /// Restores the preamble of an earlier process, or creates an empty one.
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
         let previous = match &context.config.resume {
             Some(Resume::Checkpoint(record)) => record.checkpoint().as_ref().map(from_checkpoint),

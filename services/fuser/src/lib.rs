@@ -1,10 +1,10 @@
 //! Slot `fuser`: fuses `gyro` and `accel`, joined by tick, with `mag` and `gnss` at the ticks that
-//! carry them.
+//! have them.
 //!
 //! - Input: motion and up direction of each tick; magnetic field and satellite fix of some ticks.
 //! - Output: one attitude per tick, on the topic `fused`.
 //! - Time: timestamps of the samples.
-//! - Failure: missing and unusable input is left out and flagged. A gap longer than
+//! - Failure: missing and unusable input is omitted and flagged. A gap longer than
 //!   [`MAX_BRIDGED_GAP_S`] resets the level.
 #![forbid(unsafe_code)]
 
@@ -36,7 +36,7 @@ const REALIGN_TILT_RAD: f64 = 0.087;
 /// Rate above which the body certainly rotates, rad/s (2 °/s). No gyro bias is that large.
 const MIN_ROTATION_RATE_RAD_S: f64 = 0.035;
 
-/// Message of an input of the slot.
+/// Message received on one of the slot's inputs.
 #[derive(Debug, Clone, Copy)]
 pub enum FuserMessage {
     /// Message of the topic `gyro`.
@@ -106,7 +106,7 @@ pub struct FuserSlot {
 ///
 /// # Errors
 ///
-/// Fails if the stage cannot be built.
+/// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
     let mut stage = stage::build_stage(Service::Fuser, &config.launch, Fuser::from_name)?;
     if let Some(Err(error)) = config.prior.map(|prior| stage.seed_sensor_errors(&prior.estimate())) {
@@ -125,11 +125,11 @@ pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
     })
 }
 
-/// Runs the service until it is asked to stop.
+/// Runs the service until it is requested to stop.
 ///
 /// # Errors
 ///
-/// Fails if the configuration is invalid, or if the bus or the stage fails.
+/// Returns an error if the configuration is invalid, or if the bus or the stage fails.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Fuser)?;
     let slot = slot(&context.config)?;
@@ -207,7 +207,7 @@ impl Slot for FuserSlot {
 }
 
 impl FuserSlot {
-    /// Stops waiting for the input of a slot without an owner, until the slot has an owner again.
+    /// Stops waiting for the input from a slot while that slot has no owner.
     fn on_control(&mut self, control: &Control) {
         let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
         match Service::from_index(control.service) {
@@ -264,11 +264,10 @@ impl FuserSlot {
         })
     }
 
-    /// Returns the inclination of an accelerometer message, or `None` if its flags make it
+    /// Returns the inclination from an accelerometer message, or `None` if its flags make it
     /// unusable.
     fn inclination(&mut self, accel: &AccelPoint, motion: Option<&Motion>, flags: Flags) -> Option<Inclination> {
-        // A body at rest repeats its force. A repeated force during a rotation means a dead
-        // accelerometer.
+        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
         let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
         self.has_rotated = is_rotating || (self.has_rotated && accel.force_m_s2 == self.force_m_s2);
         self.force_m_s2 = accel.force_m_s2;
@@ -280,8 +279,8 @@ impl FuserSlot {
         Some(Inclination { up: convert::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
     }
 
-    /// Returns `true` at the first usable rate after an outage or gap if the tilt error is too
-    /// large.
+    /// Returns `true` on the first usable rate sample after an outage or gap if the tilt error is
+    /// too large.
     fn needs_realignment(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
         if is_rate_unusable(header) {
             self.rate_outage_s += header.dt_s();
@@ -293,7 +292,7 @@ impl FuserSlot {
         })
     }
 
-    /// Steps the stage and sets the flags of its output; returns `None` once the stage has failed.
+    /// Steps the stage and sets the flags of its output. Returns `None` once the stage has failed.
     fn step(&mut self, input: &FuserInput, header: &mut Header) -> Option<Fused> {
         let (fused, is_reset) = self.stage.step(input)?;
         header.flags |= Flags::RESET.when(is_reset);
@@ -310,7 +309,7 @@ impl FuserSlot {
 
     /// Returns the motion since the last fused tick.
     ///
-    /// If ticks are missing in between, the rotation is that between the gyro's open-loop
+    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
     /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`] it is the identity, with `dt_s` 0.
     fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
         let header = gyro.header;

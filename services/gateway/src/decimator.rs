@@ -1,8 +1,8 @@
-//! Reduction of a sample stream to a rate, by the source's time.
+//! Reduces a sample stream to a given rate, measured in the source's time.
 
 use launch::TopicRate;
 
-/// Selection of samples that meets a mean rate.
+/// Sample selector that maintains a mean rate.
 #[derive(Debug, Clone)]
 pub struct Decimator {
     /// Interval between selected samples, ns; `None` to select all.
@@ -22,11 +22,11 @@ impl Decimator {
 
     /// Returns `true` if the sample at `t_ns` is selected.
     ///
-    /// The mean rate is met for any rate of the source that is at least as high.
+    /// The mean rate is met if the source's rate is at least as high.
     pub fn accept(&mut self, t_ns: i64) -> bool {
         let Some(period_ns) = self.period_ns else { return true };
         let t_ns = t_ns as f64;
-        // A time long before the next due one means that the source has restarted.
+        // If the time is long before the next due time, the source has restarted.
         let due_ns = self.due_ns.filter(|due_ns| due_ns - t_ns <= 2.0 * period_ns).unwrap_or(t_ns);
         if t_ns < due_ns {
             return false;

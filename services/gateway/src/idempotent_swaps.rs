@@ -1,8 +1,8 @@
-//! Swap requests: each is executed once and answered by its deadline.
+//! Swap requests, each of which is executed once and answered by its deadline.
 //!
-//! A repeated request gets the reply of the first one. A request after its deadline, or with an
-//! outdated epoch, is rejected. The supervisor checks the epoch itself, so that no other decision
-//! can intervene.
+//! A repeated request gets the reply to the first one. A request that arrives after its deadline or
+//! has an outdated epoch is rejected. The supervisor itself checks the epoch, so that no other
+//! decision can be made in between.
 
 use std::{
     collections::VecDeque,
@@ -26,8 +26,8 @@ const MAX_IN_PROGRESS: usize = 4;
 /// Maximum time from now to a deadline, ns.
 const MAX_DEADLINE_AHEAD_NS: u64 = 60_000_000_000;
 
-/// Time before the deadline at which the supervisor gives up waiting, so that the reply is in time,
-/// ms.
+/// Margin before the deadline, ms. The supervisor stops waiting this long before the deadline, so
+/// that the reply is in time.
 const REPLY_MARGIN_MS: u64 = 500;
 
 /// Function that forwards a request to the supervisor. The error is a text for display.
@@ -58,8 +58,8 @@ impl IdempotentSwaps {
         Self { client, state: Mutex::default(), replied: Condvar::new() }
     }
 
-    /// Returns the number of requests forwarded to the supervisor, and of those answered without
-    /// it.
+    /// Returns the number of requests forwarded to the supervisor, and the number of requests
+    /// answered without it.
     pub fn counts(&self) -> [u64; 2] {
         let state = locked(&self.state);
         [state.forwarded, state.answered_locally]
@@ -154,7 +154,7 @@ impl fmt::Debug for IdempotentSwaps {
     }
 }
 
-/// Returns `true` if the requests differ in their deadlines at most.
+/// Returns `true` if the requests are equal apart from their deadlines.
 fn is_repeat(first: &SwapRequest, second: &SwapRequest) -> bool {
     SwapRequest { t_deadline_ns: 0, ..first.clone() } == SwapRequest { t_deadline_ns: 0, ..second.clone() }
 }

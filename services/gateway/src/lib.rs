@@ -10,22 +10,22 @@
 //! Failure: messages that the network does not accept are dropped, oldest first, and counted. A
 //! dead, slow or blocked network does not affect the board.
 //!
-//! The main thread polls the bus, pushes batches into a bounded queue and sends them. While the
-//! network thread is busy with liveliness tokens or a report, it sends the queued batches instead.
-//! Each query has its own thread, up to a limit.
+//! The main thread polls the bus, pushes batches into a bounded queue and sends them itself. It
+//! leaves them to the network thread only while that thread is using the publisher for liveliness
+//! tokens or a report. Each query has its own thread, up to a limit.
 //!
 //! | module | contents |
 //! | --- | --- |
 //! | `tap` | reads a topic of the bus, reduced to its rate |
 //! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
-//! | [`queue`] | bounded queue between bus and network, which drops the oldest |
+//! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
 //! | `network_publisher` | publishes messages in envelopes, liveliness tokens and the report |
 //! | `queries` | replies to queries: last messages, schema, services, swaps |
 //! | `worker_pool` | threads that reply, so that the network never waits for a client |
 //! | `memory_limit` | limit of the gateway's memory |
-//! | [`idempotent_swaps`] | swap requests, each executed once |
-//! | [`split`] | split systems: ticks from one gateway to another |
+//! | [`idempotent_swaps`] | swap requests, each of which is executed once |
+//! | [`split`] | split systems, whose ticks are carried from one gateway to another |
 #![forbid(unsafe_code)]
 
 pub mod decimator;
@@ -68,18 +68,19 @@ use crate::{
     tap::Taps,
 };
 
-/// Capacity of the queue between bus and network: more than a second of every topic.
+/// Capacity of the queue between bus and network. It is enough for more than a second of every
+/// topic.
 const MAX_QUEUED_BATCHES: usize = 512;
 /// Niceness of the gateway. Services of the data path keep the default priority.
 const NICENESS: i32 = 5;
-/// Time for which a request to the supervisor is retried.
+/// Time after which a request to the supervisor is no longer retried.
 const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// Interval between checks of the gateway's own certificates.
 const CERTIFICATES_INTERVAL: Duration = Duration::from_secs(60);
 /// Time without a health message after which a service no longer counts as live.
 const HEALTH_TIMEOUT: Duration = Duration::from_millis(1000);
 
-/// Reason for the end of the gateway.
+/// Error that ended the gateway.
 #[derive(Debug, thiserror::Error)]
 pub enum GatewayError {
     /// The system cannot be joined.
@@ -119,7 +120,7 @@ pub(crate) struct Shared {
     pub(crate) rejected_queries: Arc<AtomicU64>,
     /// Time of the last health message of each service.
     last_health: Mutex<[Option<Instant>; Service::ALL.len()]>,
-    /// Total number of samples dropped, as reported in the health.
+    /// Total number of dropped samples, as reported in the health message.
     pub(crate) dropped: AtomicU64,
     stopping: AtomicBool,
 }
@@ -129,7 +130,7 @@ impl Shared {
         self.stopping.load(Ordering::SeqCst)
     }
 
-    /// Returns the services that published their health recently.
+    /// Returns the services that have published a health message recently.
     pub(crate) fn live_services(&self) -> Vec<Service> {
         let last_health = locked(&self.last_health);
         let is_live = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < HEALTH_TIMEOUT);
@@ -148,7 +149,7 @@ impl Shared {
     }
 }
 
-/// Publisher that both threads use, set once the network is open.
+/// Publisher shared by both threads. It is set once the network is open.
 type SharedPublisher = Arc<OnceLock<Mutex<NetworkPublisher>>>;
 
 /// Locks a mutex, even if a thread panicked while holding it. The contents are counts and queues,
@@ -253,7 +254,7 @@ fn run_network(
         locked(network_publisher).poll()?;
         if checked.is_none_or(|checked| checked.elapsed() > CERTIFICATES_INTERVAL) {
             checked = Some(Instant::now());
-            // A peer drops a connection with an expired certificate without a message.
+            // If a certificate has expired, peers drop the connection without giving a reason.
             let found = endpoints.check_certificates().err().map(|error| error.to_string());
             if let Some(line) = found.clone().filter(|_| found != reported) {
                 notify_supervisor(
@@ -264,7 +265,7 @@ fn run_network(
             reported = found;
         }
     }
-    // The thread stops with the gateway. If it has panicked, there is nothing left to send.
+    // The split thread stops with the gateway. If it has panicked, there is nothing left to send.
     let _ = split_thread.map(thread::JoinHandle::join);
     link.close();
     Ok(())

@@ -1,8 +1,9 @@
-//! Memory limit of the gateway, since remote peers can make Zenoh use more memory than configured.
+//! Memory limit of the gateway. It is needed because remote peers can make Zenoh use more memory
+//! than configured.
 //!
-//! A message in many small fragments occupies a buffer for each, and declarations of a client are
-//! kept while it is connected. Zenoh limits neither. A gateway that exceeds the limit ends with an
-//! error and is restarted. The data path is not affected.
+//! A message split into many small fragments occupies a buffer for each of them, and a client's
+//! declarations are kept as long as the client is connected. Zenoh limits neither. A gateway that
+//! exceeds the limit ends with an error and is restarted. The data path is not affected.
 
 use std::{
     fs,
@@ -13,10 +14,10 @@ use crate::GatewayError;
 
 /// Interval between checks.
 const CHECK_INTERVAL: Duration = Duration::from_millis(50);
-/// Maximum growth of private memory since the start, KiB. 64 stations that do not read use a third
-/// of it.
+/// Maximum growth of private memory since the start, KiB. 64 connected stations that never read
+/// their messages use a third of it.
 const MAX_GROWTH_KIB: u64 = 96 * 1024;
-/// Additional growth allowed in a split system, whose gateways cache ticks, KiB.
+/// Additional growth allowed for the tick cache of a split system, KiB.
 const TICK_CACHE_KIB: u64 = 256 * 1024;
 
 /// Periodic check of the memory limit.
@@ -33,7 +34,7 @@ impl MemoryLimit {
         Self { limit_kib: private_kib().unwrap_or(0) + MAX_GROWTH_KIB + tick_cache_kib, checked: Instant::now() }
     }
 
-    /// Fails if the limit is exceeded.
+    /// Returns an error if the limit is exceeded.
     pub(crate) fn check(&mut self) -> Result<(), GatewayError> {
         if self.checked.elapsed() < CHECK_INTERVAL {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Publication to the network: messages in envelopes, liveliness tokens, and the gateway's report.
+//! Publishes to the network: messages in envelopes, liveliness tokens, and the gateway's report.
 
 use std::{
     collections::BTreeMap,
@@ -24,10 +24,10 @@ pub(crate) const LIVELINESS_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval between reports.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Last message of each key, with its type.
+/// Last message sent under each key, with its type.
 pub(crate) type LastMessages = Arc<Mutex<BTreeMap<String, (String, Vec<u8>)>>>;
 
-/// Consumer of the queue that publishes to the network.
+/// Publisher that sends the queued batches to the network.
 pub(crate) struct NetworkPublisher {
     link: Link,
     shared: Arc<Shared>,
@@ -41,7 +41,7 @@ pub(crate) struct NetworkPublisher {
     reported: Instant,
 }
 
-/// Publisher of one key with its counts.
+/// Publisher for one key, with its counts.
 struct KeyChannel {
     key: String,
     message: String,
@@ -92,7 +92,7 @@ impl NetworkPublisher {
         }
     }
 
-    /// Sends the batches in the queue. Updates liveliness and sends the report if they are due.
+    /// Sends the queued batches. If they are due, also updates liveliness and sends the report.
     pub(crate) fn poll(&mut self) -> Result<(), LinkError> {
         self.send_queued();
         if self.liveliness_updated.elapsed() > LIVELINESS_INTERVAL {
@@ -181,7 +181,7 @@ impl KeyChannel {
     }
 }
 
-/// Returns the message type under a topic's key.
+/// Returns the type of the messages sent under a topic's key.
 fn batch_type(topic: Topic) -> String {
     messages::dispatch!(topic, M => batch_name::<M>())
 }

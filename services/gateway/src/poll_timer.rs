@@ -1,10 +1,11 @@
-//! Schedule of polling the bus.
+//! Schedule for polling the bus.
 //!
-//! If ticks are no faster than messages may be sent, the gateway waits for each tick, so that it is
-//! sent immediately. The system call that wakes the next service on the path then wakes the
+//! If the tick rate does not exceed the message rate, the gateway waits for each tick and sends it
+//! immediately. The system call that wakes the next service on the data path then wakes the
 //! gateway, too.
 //!
-//! A faster path is polled at the message rate, which costs its publishers no system call.
+//! If ticks are faster, the bus is polled at the message rate, which costs its publishers no system
+//! call.
 //!
 //! Ticks from another host are always waited for.
 
@@ -30,8 +31,8 @@ impl PollTimer {
     pub(crate) fn new(config: &ServiceConfig) -> Self {
         let Gateway { messages_hz, import, .. } = &config.launch.gateway;
         let is_event_driven = import.is_some() || (!config.is_lockstep() && config.rate_hz <= *messages_hz);
-        // Awaited ticks arrive unevenly, or in bursts after a stall. Half an interval allows for
-        // that.
+        // Awaited ticks arrive unevenly, and in bursts after a stall. The pause is therefore only
+        // half an interval.
         let interval_s = if is_event_driven { 0.5 } else { 1.0 } / messages_hz;
         Self {
             is_event_driven,
@@ -42,7 +43,7 @@ impl PollTimer {
 
     /// Waits until the next poll is due.
     ///
-    /// `wait` waits for data, at most for the given time. It is only called if ticks are awaited.
+    /// `wait` waits for data for at most the given time. It is called only if ticks are awaited.
     pub(crate) fn wait(&mut self, wait: impl FnOnce(Duration)) {
         if self.is_event_driven {
             wait(MAX_POLL_INTERVAL);

@@ -1,8 +1,8 @@
 //! Bounded queue between bus and network. A full queue drops the oldest batch, since the newest
 //! data matter most.
 //!
-//! The thread that fills the queue also sends from it. It leaves batches to the network thread, and
-//! wakes it, only while that thread is using the publisher.
+//! The thread that fills the queue also sends its batches. It leaves them to the network thread,
+//! and wakes that thread, only while the network thread is using the publisher.
 
 use std::{
     collections::VecDeque,
@@ -65,13 +65,14 @@ impl Queue {
         self.not_empty.notify_one();
     }
 
-    /// Waits for a batch, at most for `limit`.
+    /// Waits up to `limit` for a batch.
     pub fn wait(&self, limit: Duration) {
         let waited = self.not_empty.wait_timeout_while(locked(&self.inner), limit, |inner| inner.batches.is_empty());
         drop(waited.unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Removes the oldest batch. Returns it with the number of samples of its topic dropped so far.
+    /// Removes and returns the oldest batch, with the number of samples of its topic dropped so
+    /// far.
     pub fn pop(&self) -> Option<(Batch, u64)> {
         let mut inner = locked(&self.inner);
         let batch = inner.batches.pop_front()?;

@@ -1,4 +1,4 @@
-//! Readers of bus topics, which reduce each topic to its rate and encode batches.
+//! Readers of bus topics, which reduce each topic to its configured rate and encode batches.
 
 use std::{thread, time::Duration};
 
@@ -15,7 +15,7 @@ use crate::{
     queue::{Batch, Queue},
 };
 
-/// Taps of all topics that are sent, in the order of the data path.
+/// Taps of all topics that are sent to the network, in data-path order.
 pub(crate) struct Taps(Vec<Box<dyn TopicTap>>);
 
 impl Taps {
@@ -32,7 +32,7 @@ impl Taps {
         self.0.iter_mut().try_for_each(|tap| tap.poll(queue))
     }
 
-    /// Waits for a tick of the last dense topic that is sent, at most for `limit`.
+    /// Waits up to `limit` for a tick of the tapped dense topic that is last on the data path.
     pub(crate) fn wait(&self, limit: Duration) {
         match self.0.iter().rfind(|tap| tap.is_dense()) {
             Some(tap) => tap.wait(limit),
@@ -67,9 +67,10 @@ fn tap(context: &ServiceContext, topic: Topic, rate: TopicRate) -> Result<Box<dy
     )
 }
 
-/// Creates a tap of a dense topic: each tick once and in order, across changes of the slot's owner.
+/// Creates a tap that yields each tick of a dense topic once and in order, even if the owner of the
+/// slot changes.
 ///
-/// Messages are passed through `convert`. Missing ticks were overwritten before they were read.
+/// Each message is converted with `convert`. A missing tick was overwritten before it was read.
 fn ordered<M: Ticked + Payload>(
     context: &ServiceContext,
     rate: TopicRate,
@@ -150,7 +151,7 @@ impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> TopicTap for Tap<M, O> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The caller polls in either case.
+        // The caller polls whether or not a message has arrived.
         self.subscriber.wait(limit);
     }
 

@@ -1,8 +1,9 @@
-//! Threads that reply to queries, since a reply may wait for its client and Zenoh's own threads
-//! must not.
+//! Threads that reply to queries. A reply may block on its client, and Zenoh's own threads must not
+//! block.
 //!
-//! Each query has its own thread, up to a limit. One more thread rejects further queries. Queries
-//! beyond its backlog are dropped, which ends them without a reply. Both are counted.
+//! Each query has its own thread, up to a limit. One more thread rejects the queries beyond this
+//! limit. If that thread's backlog is full, queries are dropped, which ends them without a reply.
+//! Rejected and dropped queries are counted.
 
 use std::{
     sync::{
@@ -17,10 +18,10 @@ use link::IncomingQuery;
 
 /// Maximum number of concurrent queries.
 const MAX_WORKERS: usize = 8;
-/// Maximum number of queries waiting for their rejection.
+/// Maximum number of queries waiting to be rejected.
 const MAX_PENDING_REJECTIONS: usize = 64;
 
-/// Limited number of threads for one kind of query.
+/// Pool with a limited number of threads for one kind of query.
 #[derive(Debug, Clone)]
 pub(crate) struct WorkerPool {
     busy: Arc<AtomicUsize>,
@@ -29,7 +30,7 @@ pub(crate) struct WorkerPool {
 }
 
 impl WorkerPool {
-    /// Creates a pool that adds rejected queries to a shared counter.
+    /// Creates a pool that counts rejected queries in a shared counter.
     pub(crate) fn new(rejected_queries: &Arc<AtomicU64>) -> Self {
         let (rejections, queries) = sync_channel::<IncomingQuery>(MAX_PENDING_REJECTIONS);
         thread::spawn(move || {
@@ -43,7 +44,7 @@ impl WorkerPool {
         if self.busy.fetch_add(1, Ordering::SeqCst) >= MAX_WORKERS {
             self.busy.fetch_sub(1, Ordering::SeqCst);
             self.rejected_queries.fetch_add(1, Ordering::Relaxed);
-            // A query that exceeds the backlog is dropped, which ends it.
+            // If the backlog is full, the query is dropped, which ends it.
             let _ = self.rejections.try_send(query);
             return;
         }
@@ -77,7 +78,7 @@ mod tests {
         let workers = WorkerPool::new(&rejected_queries);
         let endpoint = format!("tcp/{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
         let board = Link::open(&Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() }).unwrap();
-        // Each reply blocks, as one to a client that does not read.
+        // Each reply blocks, like a reply to a client that does not read.
         let (release, released) = mpsc::channel::<()>();
         let (released, busy) = (Arc::new(Mutex::new(released)), workers.busy.clone());
         let answer_query = move |query| {

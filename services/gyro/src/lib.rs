@@ -6,7 +6,7 @@
 //!
 //! Time: the timestamps of the samples.
 //!
-//! Failure: missing ticks are bridged by the mean of the adjacent rates, up to
+//! Failure: missing ticks are bridged with the mean of the adjacent rates, up to
 //! [`MAX_BRIDGED_GAP_S`]. Over a longer gap the attitude is held.
 #![forbid(unsafe_code)]
 
@@ -28,7 +28,7 @@ use runtime::{
     state_words::StateWords,
 };
 
-/// Processing of the slot `gyro`.
+/// Message processor of the slot `gyro`.
 #[derive(Debug)]
 pub struct GyroProcessor {
     stage: ResettingStage<AnyStage<Gyro>>,
@@ -46,7 +46,7 @@ pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, Ru
     Ok(SingleInputSlot::new(GyroProcessor { stage, is_aligned: false, t_end_ns: None }))
 }
 
-/// Runs the service until the end of the system.
+/// Runs the service until it is requested to stop.
 ///
 /// # Errors
 ///
@@ -126,7 +126,7 @@ mod tests {
         service_from_tick(stage, role, from, 0)
     }
 
-    /// Creates a service for a slot with output published up to `output_tick`, exclusive.
+    /// Creates a service for a slot that has already published its output before `output_tick`.
     fn service_from_tick(
         stage: &str,
         role: Role,
@@ -154,7 +154,7 @@ mod tests {
         service
     }
 
-    /// Returns each published tick with its `SWAPPED` flag, which marks the first output of another
+    /// Returns each published tick with its `SWAPPED` flag, which marks the first output of a new
     /// stage.
     fn output_swapped_flags(
         service: &mut SlotService<SingleInputSlot<GyroProcessor>>,

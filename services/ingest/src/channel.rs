@@ -4,14 +4,15 @@
 //!
 //! Output: usable values, or `None`, with flags.
 //!
-//! Time: the duration of constant or invalid values is summed from the intervals passed in.
+//! Time: the duration of constant or invalid values is the sum of the intervals that the caller
+//! passes.
 
 use attitude::gnss::Fix;
 use messages::Flags;
 
 use crate::source::ReceiverFix;
 
-/// Factor beyond the measuring range at which a value is invalid rather than clipped.
+/// Multiple of the measuring range beyond which a value is invalid rather than clipped.
 const SANITY_FACTOR: f64 = 10.0;
 /// Maximum plausible speed of a vehicle, m/s. Fixes with a larger velocity component are invalid.
 const MAX_SPEED_M_S: f64 = 3000.0;

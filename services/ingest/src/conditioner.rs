@@ -5,7 +5,7 @@
 //!
 //! Output: samples with finite values, increasing time and contiguous ticks. Flags mark problems.
 //!
-//! Time: that of the readings.
+//! Time: the timestamps of the readings.
 //!
 //! Failure: a repeated or outdated reading is rejected and counted.
 //!
@@ -17,9 +17,9 @@
 //! | a value at the end of the range | unchanged, flagged |
 //! | \|f\| near zero | unchanged; flagged and ignored by accel |
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
-//! | the same stamp and values as before | rejected |
-//! | the same stamp with other values | a sample one typical interval later, flagged |
-//! | an earlier stamp | rejected; if the next stamp follows it, the clock was set back: time continues, flagged |
+//! | the stamp and values of the previous reading | rejected |
+//! | the stamp of the previous reading with other values | a sample one typical interval later, flagged |
+//! | a stamp before the previous one | rejected; if the next stamp follows it, the clock was set back: time continues, flagged |
 //! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is initialised again |
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
@@ -38,10 +38,11 @@ use crate::{
 
 /// Longest step that counts as a gap, ns. A longer one is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
-/// Largest magnitude of the first stamp, ns (285 years), which leaves room for years of operation.
+/// Maximum magnitude of the first stamp, ns (285 years). Time can then run for years without
+/// overflow.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
-/// Maximum number of earlier stamps rejected in a row. Time then continues without the sensor's
-/// clock.
+/// Maximum number of consecutive backward stamps that are rejected. After that, the sensor's clock
+/// is considered set back, and the sample time continues.
 const MAX_BACKWARD_STAMPS: i64 = 10;
 
 /// Sample of one tick.
@@ -53,7 +54,7 @@ pub struct Sample {
     pub mag: Option<MagSample>,
     /// Fix, if one arrived and is valid.
     pub gnss: Option<GnssFix>,
-    /// True attitude of the body, if the source knows that of the sensor axes.
+    /// True attitude of the body, if the source provides that of the sensor axes.
     pub reference: Option<Truth>,
 }
 
@@ -72,12 +73,12 @@ pub struct Conditioner {
     gap_ns: i64,
     rate_kind_flag: Flags,
     tick: u64,
-    /// Time of the samples minus time of the sensor, ns.
+    /// Sample time minus sensor time, ns.
     offset_ns: i64,
     typical_interval_ns: i64,
     last: Option<LastSample>,
-    /// Stamp of the previous reading, if it was rejected as outdated, and the number rejected in a
-    /// row.
+    /// Stamp of the previous reading if it was rejected as outdated, and the number of readings
+    /// rejected in a row.
     backward_run: Option<(i64, i64)>,
     rejected: u64,
     rejected_before: bool,
@@ -115,8 +116,8 @@ struct LastSample {
 }
 
 impl Conditioner {
-    /// Creates a conditioner for sensors with the given rate, with limits, calibration and mounting
-    /// from `ingest`.
+    /// Creates a conditioner for sensors that sample at `rate_hz`. Limits, calibration and mounting
+    /// are taken from `ingest`.
     ///
     /// # Errors
     ///
@@ -218,7 +219,7 @@ impl Conditioner {
         (self.tick, self.offset_ns, self.is_resumed) = (tick, offset_ns, true);
     }
 
-    /// Returns the time of the samples minus the time of the sensor, ns.
+    /// Returns the sample time minus the sensor time, ns.
     pub fn offset_ns(&self) -> i64 {
         self.offset_ns
     }
@@ -233,8 +234,8 @@ impl Conditioner {
         self.rejected
     }
 
-    /// Returns start, end and time flags of a reading's interval, or `None` if the reading is
-    /// rejected.
+    /// Returns the start, the end and the time flags of a reading's interval, or `None` if the
+    /// reading is rejected.
     fn assign_interval(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
             if self.is_resumed {
@@ -266,9 +267,10 @@ impl Conditioner {
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// Returns the interval after the clock was set back, ns, or `None` until that is certain.
+    /// Returns the interval to use if the clock was set back, ns, or `None` until that is certain.
     ///
-    /// Two consecutive earlier stamps in order, or [`MAX_BACKWARD_STAMPS`] in any order, show it.
+    /// It is certain after two consecutive earlier stamps in increasing order, or after
+    /// [`MAX_BACKWARD_STAMPS`] earlier stamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {
             Some((before_ns, count))
@@ -284,7 +286,7 @@ impl Conditioner {
     }
 }
 
-/// Returns `true` if rate and force of both readings have the same bits.
+/// Returns `true` if both readings have the same rate and force, bit for bit.
 fn is_repeated(reading: &Reading, before: &Reading) -> bool {
     let bits = |reading: &Reading| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
     bits(reading) == bits(before)

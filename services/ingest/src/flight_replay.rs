@@ -17,13 +17,13 @@ use crate::{
     source::{Reading, SourceError},
 };
 
-/// Conditioner of recorded readings.
+/// Replay of a flight: conditions its recorded readings.
 pub struct FlightReplay {
     config: ServiceConfig,
     conditioner: Conditioner,
     /// `true` if the readings came from the bus. Each incarnation then numbers its readings from 0.
     is_from_bus: bool,
-    /// Incarnation that published the last reading, and the number of the next one.
+    /// Incarnation that published the last reading, and the number of the next reading.
     last: Option<(u32, u64)>,
     rejected: u64,
 }
@@ -72,7 +72,7 @@ impl FlightReplay {
             return Err(MissingReadings { from: next, until: number - 1 }.into());
         }
         if self.is_from_bus && current.is_none() && self.last.is_some() {
-            // The new incarnation of ingest resumed from the tick and the clock offset only.
+            // The new incarnation of ingest resumed with only the tick and the clock offset.
             self.rejected += self.conditioner.rejected();
             self.conditioner = crate::conditioner(&self.config)?;
             self.conditioner.resume_at(tick, offset_ns);

@@ -2,7 +2,7 @@
 //!
 //! Input: a simulation, a recording, or readings from the bus.
 //!
-//! Output: one [`ImuSample`] per tick, and the true attitude if the source knows it.
+//! Output: one [`ImuSample`] per tick, and the true attitude if the source provides it.
 //!
 //! Time: readings are published when they are due; in lockstep, not before the subscribers have
 //! room.
@@ -190,7 +190,8 @@ impl Ingest {
                 };
                 self.publish(sample)?;
                 if batch == 1 {
-                    // Wakes the subscribers before the next reading is computed, which takes time.
+                    // Wakes the subscribers before the next reading is computed, because computing
+                    // it takes time.
                     self.imu.wake();
                 }
                 next = self.read(&mut readings)?;
@@ -205,8 +206,8 @@ impl Ingest {
 
     /// Returns the time at which a reading is due, CLOCK_MONOTONIC, ns.
     ///
-    /// `after_first_ns` is its time after the first reading. After a system stall the schedule is
-    /// shifted, because the backlog could exceed what a topic buffers.
+    /// `after_first_ns` is the reading's time after the first reading. After a system stall the
+    /// schedule is shifted, because the backlog could exceed what a topic buffers.
     fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
         let ServiceConfig { rate_hz, .. } = self.context.config;
         let after_first_ns = (after_first_ns as f64 / speed) as u64;
@@ -349,7 +350,7 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // Ticks that an earlier incarnation has published are published again first.
+            // Ticks that an earlier incarnation published are published again before the end.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }

@@ -19,7 +19,7 @@ pub(crate) struct RawReadingPublisher {
     publisher: Publisher<TakenReading>,
     incarnation: u32,
     number: u64,
-    /// First tick to publish; an earlier incarnation published the readings before.
+    /// First tick whose readings are published. An earlier incarnation published those before it.
     first_tick: u64,
 }
 
@@ -28,7 +28,7 @@ impl RawReadingPublisher {
         Self { publisher, incarnation: config.incarnation, number: 0, first_tick }
     }
 
-    /// Publishes a reading. Call it before the conditioner processes the reading.
+    /// Publishes a reading. Must be called before the conditioner processes the reading.
     pub(crate) fn publish(&mut self, reading: &Reading, conditioner: &Conditioner) -> Result<(), BusError> {
         let number = self.number;
         self.number += 1;

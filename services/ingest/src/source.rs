@@ -22,11 +22,11 @@ pub struct Reading {
     pub rate_rad_s: [f64; 3],
     /// Specific force, m/s², sensor axes.
     pub force_m_s2: [f64; 3],
-    /// Magnetic field, µT, sensor axes; `None` without a sample at this reading.
+    /// Magnetic field, µT, sensor axes; `None` if the reading has no sample of it.
     pub field_ut: Option<[f64; 3]>,
     /// Fix received since the previous reading.
     pub fix: Option<ReceiverFix>,
-    /// True attitude, if the source knows it.
+    /// True attitude, if the source provides it.
     pub reference: Option<Truth>,
 }
 
@@ -50,7 +50,8 @@ impl From<Fix> for ReceiverFix {
 impl Reading {
     /// Returns the reading with each −0 replaced by 0.
     ///
-    /// Protobuf omits the sign of zero, and a replay of a flight must process the same bits.
+    /// This is necessary because protobuf omits the sign of zero, and a flight replay must process
+    /// the same bits.
     pub fn without_negative_zero(&self) -> Self {
         let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference } = *self;
         let vector = |values: [f64; 3]| values.map(|value| value + 0.0);
@@ -90,7 +91,8 @@ impl From<SensorReading> for Reading {
     }
 }
 
-/// Converts a receiver message from the bus to a fix. Values that are not finite are unknown.
+/// Converts a receiver message from the bus to a fix. Optional values that are not finite become
+/// `None`.
 pub fn receiver_fix(reading: ReceiverReading) -> ReceiverFix {
     let finite = |value: f64| value.is_finite().then_some(value);
     ReceiverFix {
@@ -215,7 +217,7 @@ impl Iterator for RecordedReadings {
     }
 }
 
-/// Returns the path of the fixes that belong to a recording, or `None` without fixes.
+/// Returns the path of the fixes that belong to a recording, or `None` if it has no fixes.
 pub fn fixes_path(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
     match gnss {
         Gnss::Auto => gnss::find_for(recording),

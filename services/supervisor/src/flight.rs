@@ -1,8 +1,8 @@
-//! Replay of a recorded flight: its events and the readings of its source.
+//! Reconstructs a recorded flight for replay, from its events and the readings of its source.
 //!
-//! - Input: messages of the topics `event` and `reading`, in the order of publication.
+//! - Input: messages of the topics `event` and `reading`, in publication order.
 //! - Output: the launch file, the tick of each stage's takeover, and the prior of the run.
-//! - Failure: a flight without the event that starts a run is rejected.
+//! - Failure: a flight without a start event is rejected.
 
 use launch::{Date, Launch, Source};
 use messages::{EventKind, SystemEvent, TakenReading};
@@ -16,13 +16,13 @@ pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;
 
 /// Recorded flight.
 pub struct Flight {
-    /// Launch file of the flight, with the source that the flight used.
+    /// Launch configuration of the flight, including the sensor source that it used.
     pub launch: Launch,
     /// Sample rate in the source's time, Hz.
     pub rate_hz: f64,
     /// Sensor errors known at the start, from a warm start; `None` after a cold start.
     pub prior: Option<Prior>,
-    /// Stage of each slot by tick.
+    /// Stage that fills each slot, by tick.
     pub schedule: Schedule,
     /// Recorded readings of the source.
     pub readings: TakenReadings,
@@ -35,7 +35,7 @@ impl std::fmt::Debug for Flight {
     }
 }
 
-/// Sources in the order of their numbers in the event that starts a run.
+/// Sources, in the order of their numbers in the start event of a run.
 const SOURCES: [Source; 9] = [
     Source::Sim,
     Source::Replay,
@@ -51,8 +51,8 @@ const RATE: &str = "rate_hz";
 const SOURCE: &str = "source";
 const DATE: &str = "date";
 
-/// Creates the event that starts a run: sample rate, source, and the date of the magnetic model if
-/// used.
+/// Creates the start event of a run, which contains the sample rate, the source and, if used, the
+/// date for the magnetic model.
 pub(crate) fn start_event(rate_hz: f64, launch: &Launch) -> SystemEvent {
     let index = SOURCES.iter().position(|other| *other == launch.ingest.source).unwrap_or(0);
     let date = launch.north.date.filter(|_| launch.north.is_true).map(|date| (DATE, date.number().into()));
@@ -74,7 +74,7 @@ impl Flight {
         let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or_else(missing_start)?;
         let index = number(SOURCE).ok_or_else(missing_start)?;
         launch.ingest.source = *SOURCES.get(index as usize).ok_or_else(missing_start)?;
-        // Without a date in the launch file the flight used the current date, which the event
+        // If the launch file has no date, the flight used the current date, which the event
         // contains.
         launch.north.date = launch.north.date.or(number(DATE).and_then(|number| Date::from_number(number as u32)));
         let warm = events.iter().find(|event| event.kind == EventKind::WARM);

@@ -1,4 +1,4 @@
-//! Runs all slots in this process without the bus, with the same joins and bit-identical results.
+//! Runs all slots in this process without the bus. Joins and results are the same, bit for bit.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -59,7 +59,7 @@ pub fn replay(plan: &Plan, flight: Flight, stop_requested: &AtomicBool) -> Resul
     run_samples(plan, stop_requested, samples, path)
 }
 
-/// Source of samples, with their count.
+/// Source of samples that counts the ticks and the rejected readings.
 enum Samples {
     Source { readings: Box<Readings>, conditioner: Box<Conditioner> },
     Flight { readings: TakenReadings, retaken: Box<FlightReplay> },

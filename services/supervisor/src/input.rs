@@ -47,7 +47,7 @@ impl InputChecker {
     }
 }
 
-/// Subscriptions of the supervisor to the checked topics.
+/// The supervisor's subscriptions to the topics that are checked.
 pub(crate) struct InputTopics {
     imu: Subscriber<ImuSample>,
     mag: Subscriber<MagSample>,
@@ -71,7 +71,8 @@ impl InputTopics {
     pub(crate) fn poll(&mut self, checker: &mut InputChecker) -> Vec<String> {
         let Self { imu, mag, fields, buffer } = self;
         let mut samples = Vec::new();
-        // A field is published before its sample, so the fields of these samples have arrived.
+        // A field is published before the sample it belongs to, so the fields of these samples have
+        // arrived.
         let _ = imu.drain(*buffer, |sample| samples.push(sample));
         let _ = mag.drain(*buffer, |field| fields.push(field));
         let mut lines = Vec::new();

@@ -1,6 +1,6 @@
 //! The supervisor, `plumb up`.
 //!
-//! - Input: a launch file and the options of the command line.
+//! - Input: a launch file and command-line options.
 //! - Output: a running system, its attitudes and a report.
 //! - Time: the system clock, for deadlines and the display.
 //! - Failure: a service that exits resumes from its checkpoint. A service that fails repeatedly
@@ -57,7 +57,7 @@ pub use report::Report;
 
 /// Runs a system to its end and records it with `recorder`, if given.
 ///
-/// The report of a run that started may contain an error as well.
+/// An error after the start is part of the report.
 ///
 /// # Errors
 ///
@@ -66,10 +66,10 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     if request.in_process && recorder.is_some() {
         return Err(UpError::NoBus);
     }
-    // From here on a signal ends the run with a report.
+    // Signals now end the run with a report.
     let stop_requested = install_signal_handlers()?;
     let plan = Plan::new(request)?;
-    // An external stage rejects invalid parameters before anything starts. A stage that does not
+    // An external stage rejects invalid parameters before any service starts. A stage that fails to
     // start is handled by the restart rule instead.
     if !plan.config.launch.stages.is_empty()
         && let Err(error @ RuntimeError::Parameter { .. }) = pipeline::Path::new(&plan.config)
@@ -116,7 +116,7 @@ fn install_signal_handlers() -> Result<Arc<AtomicBool>, UpError> {
     Ok(stop_requested)
 }
 
-/// Reason why a system did not start, or did not run to its regular end.
+/// Reason why a system did not start or did not end normally.
 #[derive(Debug, thiserror::Error)]
 pub enum UpError {
     /// The launch file is invalid.
@@ -156,12 +156,12 @@ pub enum UpError {
         "--receiver needs a device as source, because simulations and recordings contain their own fixes; add for example --source serial:/dev/ttyUSB0"
     )]
     Receiver,
-    /// The date for the magnetic declination of a repeatable source is missing.
+    /// A repeatable source has no date for the magnetic declination.
     #[error(
         "cannot compute true north: a repeatable source needs a fixed date; set its date in [course] of the launch file, for example date = 2026-11-23"
     )]
     NoDate,
-    /// The current date is outside the validity of the magnetic model.
+    /// The current date is outside the validity period of the magnetic model.
     #[error(
         "cannot compute true north: the system clock shows {today}, but the magnetic model is valid from {} to {}; set the clock, or date in [course] of the launch file",
         launch::MODEL_YEARS.start(),

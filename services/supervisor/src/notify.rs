@@ -21,7 +21,7 @@ use crate::UpError;
 
 /// Timeout for sending to a service manager that does not respond.
 const SEND_TIMEOUT: Duration = Duration::from_millis(10);
-/// Feeds of the watchdog within its timeout.
+/// Number of watchdog feeds per watchdog timeout.
 const FEEDS_PER_TIMEOUT: u32 = 4;
 
 /// Connection to the service manager, if there is one.
@@ -58,7 +58,7 @@ impl Notifier {
         self.last_fed = Instant::now();
     }
 
-    /// Feeds the watchdog if the tick has advanced and the feed interval has passed.
+    /// Feeds the watchdog if the tick has advanced and the feed interval has elapsed.
     pub(crate) fn feed_watchdog(&mut self, next_tick: u64) {
         if next_tick > self.last_fed_tick
             && self.feed_interval.is_some_and(|feed_interval| self.last_fed.elapsed() >= feed_interval)
@@ -77,7 +77,7 @@ impl Notifier {
 
     fn send(&self, state: &str) {
         if let Some(manager) = &self.manager {
-            // A failed notification is left to the service manager's own timeouts.
+            // If a notification fails, the service manager's own timeouts apply.
             let _ = manager.send(state.as_bytes());
         }
     }

@@ -13,15 +13,15 @@ use time::OffsetDateTime;
 
 use crate::{Flight, UpError, warm};
 
-/// Name of the launch file that is used by default.
+/// Name of the default launch file.
 const LAUNCH_FILE: &str = "launch.toml";
-/// Launch file that is used if no file exists.
+/// Built-in launch file, used if there is no default launch file.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
 
-/// Tolerance for a duration that is a whole number of ticks except for rounding, ticks.
+/// Rounding tolerance within which a duration counts as a whole number of ticks, ticks.
 const ROUNDING_TICKS: f64 = 1e-6;
 
-/// Options of the command line.
+/// Command-line options of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
     /// Path of the launch file; `None` for the default.
@@ -32,7 +32,7 @@ pub struct Request {
     pub receiver: Option<String>,
     /// Recording to replay, which overrides the launch file's source.
     pub replay: Option<PathBuf>,
-    /// Recording converted from `replay`, if that is the log of another system.
+    /// Recording converted from `replay`, if `replay` is a log from another system.
     pub imported: Option<PathBuf>,
     /// Speed of the source; `None` for real time.
     pub pace: Option<Pace>,
@@ -57,7 +57,7 @@ pub struct Plan {
     pub config: ServiceConfig,
     /// Number of ticks that the source will provide; `None` if unknown.
     pub ticks: Option<u64>,
-    /// Clock time after which an endless source is stopped, s.
+    /// Run time after which an endless source is stopped, s.
     pub stop_after_s: Option<f64>,
     /// Set if the source has a reference attitude, at least occasionally.
     pub has_reference: bool,
@@ -192,7 +192,7 @@ fn ticks_in(duration_s: f64, rate_hz: f64) -> u64 {
     ((duration_s * rate_hz - ROUNDING_TICKS).ceil() as u64).max(1)
 }
 
-/// Creates the configuration of slots that run without a supervisor.
+/// Creates the configuration for slots that run without a supervisor.
 fn standalone_config(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
     ServiceConfig {
         launch,
@@ -226,8 +226,8 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
     result.map_err(|error| error.to_string())
 }
 
-/// Returns the text of the launch file: the given one, else `launch.toml` in the current folder,
-/// else the built-in one.
+/// Returns the text of the given launch file, else of `launch.toml` in the current folder, else of
+/// the built-in launch file.
 ///
 /// # Errors
 ///

@@ -39,15 +39,15 @@ use crate::scheduling::{self, SchedulingClass};
 
 /// Unit of CPU times in `/proc/PID/stat`, ticks per second.
 const USER_HZ: f64 = 100.0;
-/// Time from the request to exit until a process is killed, at shutdown.
+/// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 
 /// Maximum number of exited processes that wait for the reaper thread.
 const MAX_UNREAPED: usize = 64;
-/// Delay from an exit until the process is reaped, by which its threads have cleaned up.
+/// Delay between the exit of a process and its reaping, during which its threads clean up.
 ///
-/// Reaping earlier would spin in the kernel until they have, on the processor that they need. The
-/// delay is skipped at shutdown.
+/// Reaping earlier would spin in the kernel until they have finished, on the processor that they
+/// need. The delay is skipped at shutdown.
 const REAP_DELAY: Duration = Duration::from_millis(300);
 const REAP_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Time limit for reaping at shutdown.
@@ -112,7 +112,7 @@ impl Processes {
 
     /// Returns the processes that have exited since the previous call.
     ///
-    /// Reads the standard error of the others, so that none blocks on a full pipe.
+    /// Also reads the standard error of running processes, so that none blocks on a full pipe.
     pub(crate) fn reap(&mut self) -> Vec<Exit> {
         let mut exits = Vec::new();
         let ended = self.all.extract_if(.., |incarnation, process| {
@@ -140,7 +140,7 @@ impl Processes {
             None => Err(TrySendError::Disconnected((child, Instant::now()))),
         };
         if let Err(TrySendError::Full((mut child, _)) | TrySendError::Disconnected((mut child, _))) = result {
-            // The process has exited, so the wait is for the kernel only.
+            // The process has exited, so this waits only for the kernel.
             let _ = child.wait();
         }
     }
@@ -153,7 +153,7 @@ impl Processes {
         self.all.get(&incarnation).into_iter().for_each(|process| scheduling::set_class(process.pid, class));
     }
 
-    /// Sleeps until a process exits, at most for `timeout`.
+    /// Sleeps until a process exits, for at most `timeout`.
     pub(crate) fn wait(&self, timeout: Duration) {
         let fds = self.all.values().filter_map(|process| process.fd.as_ref());
         let mut fds: Vec<_> = fds.map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
@@ -166,7 +166,7 @@ impl Processes {
     pub(crate) fn kill_all(&mut self) {
         self.all.values().for_each(|process| process.signal(Signal::KILL));
         for process in std::mem::take(&mut self.all).into_values() {
-            // The process has been killed, so the wait is for the kernel only.
+            // The process has been killed, so this waits only for the kernel.
             let _ = process.state(WaitIdOptions::EXITED | WaitIdOptions::NOWAIT);
             self.reap_in_background(process.child);
         }
@@ -213,7 +213,8 @@ impl Process {
         let pid = child.id();
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
         let process = Self { pid, child, fd, stderr };
-        // A process that exited before it read its configuration is noticed when it is reaped.
+        // If the process exited before it read its configuration, the exit is noticed when it is
+        // reaped.
         let written = stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()));
         match written.map_err(|cause| (cause.kind(), cause)) {
             Err((kind, cause)) if kind != io::ErrorKind::BrokenPipe => {
@@ -249,7 +250,7 @@ impl ReaperThread {
         let stop = Arc::new(AtomicBool::new(false));
         let stop_flag = stop.clone();
         let work = move || {
-            // Reaping may use the processor for long.
+            // Reaping may occupy the processor for a long time.
             scheduling::set_class(scheduling::CALLING_THREAD, SchedulingClass::Leaving);
             for (mut child, exited_at) in received {
                 while exited_at.elapsed() < REAP_DELAY && !stop_flag.load(Ordering::SeqCst) {
@@ -285,10 +286,10 @@ fn executable() -> io::Result<PathBuf> {
     Ok(if identity(&file) == identity(&running) { file } else { running })
 }
 
-/// Returns the standard output of a service, which services do not write to.
+/// Returns the standard output for a service. Services do not write to it.
 ///
-/// If standard input is the source, the drivers inherit it in this place, because their standard
-/// input carries the configuration.
+/// If standard input is the source, the drivers inherit it as their standard output, because their
+/// standard input carries the configuration.
 fn stdout_for(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
     match service {
         Service::Drivers if config.launch.ingest.source == Source::Stdin => {
@@ -319,8 +320,8 @@ pub(crate) fn own_cpu_s() -> f64 {
 /// Returns the CPU time of the reaped child processes, s: `cutime` and `cstime` of proc(5).
 fn reaped_cpu_s() -> f64 {
     let text = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The executable name in parentheses may contain spaces. The word after it is field 3, the
-    // state.
+    // The executable name in parentheses may contain spaces. The word after the parentheses is
+    // field 3, the state.
     let words = text.rsplit_once(')').map_or("", |(_, words)| words).split_whitespace();
     words.skip(16 - 3).take(2).filter_map(|word| word.parse::<f64>().ok()).sum::<f64>() / USER_HZ
 }

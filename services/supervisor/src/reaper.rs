@@ -1,9 +1,9 @@
-//! Removes what killed services leave on the bus, in parallel with the supervisor.
+//! Removes the leftovers of killed services from the bus, in parallel with the supervisor.
 //!
 //! - Input: notifications of exits.
 //! - Output: freed ports and segments.
 //! - Time: the system clock, for a delay that leaves the processor to the restarted service.
-//! - Failure: a failed removal is retried. A separate thread is used because iceoryx2 may wait
+//! - Failure: a failed removal is retried. A separate thread is used, because iceoryx2 may wait
 //!   forever for a segment whose creator was killed.
 
 use std::{
@@ -16,9 +16,9 @@ use bus::SystemName;
 
 use crate::UpError;
 
-/// Delay from an exit to the removal, by which the service has restarted.
+/// Delay from an exit to the removal. The service has restarted by then.
 const CLEANUP_DELAY: Duration = Duration::from_millis(50);
-/// Interval of the periodic removal, for example after an observer was killed.
+/// Interval between periodic removals, which cover, for example, a killed observer.
 const CLEANUP_INTERVAL: Duration = Duration::from_secs(1);
 /// Time limit for the thread to end at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);

@@ -1,4 +1,4 @@
-//! Interface of a recorder of all published messages.
+//! Interface for recorders of all published messages.
 //!
 //! - Input: the messages of every topic, from the first tick on.
 //! - Output: defined by the recorder.
@@ -24,7 +24,7 @@ pub trait Recorder {
     fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError>;
     /// Records a message of a topic.
     fn record(&mut self, topic: Topic, message: &[u8]);
-    /// Reports that the buffer of a topic was full before it was read, so that messages may be
+    /// Handles an overflow: the buffer of a topic was full before it was read, so messages may be
     /// missing.
     fn on_overflow(&mut self, topic: Topic);
     /// Ends a round of messages. Called several times per second.
@@ -42,7 +42,7 @@ pub struct RecordingReport {
     pub file: PathBuf,
     /// Number of recorded messages.
     pub messages: u64,
-    /// Minimum number of published messages that are not in the file.
+    /// Minimum number of published messages that are missing from the file.
     pub missed: u64,
     /// File size in bytes.
     pub bytes: u64,

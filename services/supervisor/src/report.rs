@@ -87,7 +87,7 @@ pub struct ServiceReport {
     pub restarts: u32,
 }
 
-/// Totals of a run that the collector does not know.
+/// Totals of a run that are not available from the collector.
 #[derive(Debug, Clone, Default)]
 pub struct RunTotals {
     /// Ticks numbered by ingest, or imported from another host.
@@ -112,7 +112,7 @@ impl Report {
         let partial = (without_fused > 0).then_some(UpError::WithoutFused { without_fused });
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();
-        // The newest health report of ingest may be older than the newest output.
+        // `totals.ticks_in` may be older than the newest output.
         let ticks_out = totals.ticks_out.unwrap_or(collector.ticks() + not_recorded);
         let ticks_in = totals.ticks_in.max(collector.next_tick()).max(ticks_out);
         let lost = ticks_in - ticks_out;

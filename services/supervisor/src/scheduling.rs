@@ -6,8 +6,8 @@
 //!
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
 //! processor would wait for a whole time slice of that process, some milliseconds. Processes on the
-//! data path therefore have the shortest slices; Linux 6.12 and later then run them as soon as they
-//! are woken, other versions ignore the slice. Processes that start as candidates or exit have an
+//! data path therefore have the shortest slices. Linux 6.12 and later then run them as soon as they
+//! are woken; earlier versions ignore the slice. Starting candidates and exiting processes have an
 //! increased nice value. A policy chosen for the whole system, such as `chrt --fifo`, applies to
 //! the data path.
 
@@ -18,14 +18,14 @@ use rustix::{
     thread::{CapabilitySet, capabilities},
 };
 
-/// Time slice of processes on the data path, ns; a tick takes less.
+/// Time slice of processes on the data path, ns. A tick takes less.
 const PATH_SLICE_NS: u64 = 100_000;
-/// Time slice of the supervisor, ns: longer than on the data path, shorter than the default of some
-/// milliseconds.
+/// Time slice of the supervisor, ns. Longer than on the data path, but shorter than the default of
+/// some milliseconds.
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
-/// Increase of the nice value for starting and leaving processes.
+/// Increase of the nice value for starting and exiting processes.
 ///
-/// They keep a tenth of the weight, so that they also start on a loaded machine.
+/// Such a process keeps a tenth of its weight, so that it can start even on a loaded machine.
 const NICE_INCREMENT: i32 = 10;
 const MAX_NICE: i32 = 19;
 /// Process ID that denotes the calling thread.
@@ -81,8 +81,8 @@ fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr
     }
 }
 
-/// Returns `true` if the supervisor may restore its own priority for a process with an increased
-/// nice value.
+/// Returns `true` if the supervisor may restore its own priority for a process after increasing the
+/// process's nice value.
 fn can_restore(own: &libc::sched_attr) -> bool {
     let allowed = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
     capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_NICE))
@@ -93,7 +93,7 @@ fn can_restore(own: &libc::sched_attr) -> bool {
 
 fn schedule(pid: u32, attributes: &libc::sched_attr) -> io::Result<()> {
     #[allow(unsafe_code)]
-    // SAFETY: the kernel reads as many bytes as the structure declares, and writes none.
+    // SAFETY: the kernel reads as many bytes as the structure declares, and writes nothing.
     let result = unsafe { libc::syscall(libc::SYS_sched_setattr, pid, std::ptr::from_ref(attributes), 0) };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

@@ -87,7 +87,7 @@ struct System<'r> {
     claim: Option<Claim>,
 }
 
-/// CPU usage of the processes, from the time when every service was ready to the shutdown.
+/// CPU usage of the processes from the time when every service was ready until shutdown.
 struct CpuUsage {
     since: Instant,
     cpu_since_s: f64,
@@ -104,8 +104,8 @@ impl<'r> System<'r> {
         let system_name = SystemName::new(&plan.config.launch.name)?;
         SharedMemory::check(system_name.name(), plan.config.shared_memory_bytes())?;
         let claim = system_name.claim()?;
-        // All topics of the supervisor are opened before a service starts. A signal would interrupt
-        // the wait for a topic that a service is just creating.
+        // All of the supervisor's topics are opened before any service starts, because a signal
+        // would interrupt the wait for a topic that a service is just creating.
         let optional_inputs = OptionalInputs {
             fused: plan.out.as_ref().is_some_and(AttitudeFile::needs_fused),
             every_topic: recorder.is_some(),
@@ -248,7 +248,7 @@ impl<'r> System<'r> {
     }
 
     fn perform(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
-        // After the end only replies are still performed.
+        // After the end, only replies are still performed.
         if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
@@ -287,7 +287,7 @@ impl<'r> System<'r> {
             }
             Action::Stopping => {
                 self.notifier.notify_stopping();
-                // Measured before the first process is reaped with its CPU time.
+                // Measured before the first process is reaped.
                 self.cpu_usage.cpu_s_per_s = Some(self.cpu_s_per_s());
             }
             Action::RenewBus => {
@@ -299,7 +299,7 @@ impl<'r> System<'r> {
         Ok(())
     }
 
-    /// Publishes an event, even without subscribers.
+    /// Publishes an event even if it has no subscribers.
     fn publish_event(&mut self, event: SystemEvent) {
         let number = self.event_count;
         self.event_count += 1;
@@ -346,8 +346,8 @@ impl<'r> System<'r> {
         }
     }
 
-    /// Creates a new bus of the same name after files of the old one were removed. `next_tick`
-    /// comes out next.
+    /// Creates a new bus of the same name after files of the old one were removed. `next_tick` is
+    /// output next.
     fn renew_bus(&mut self, next_tick: u64) -> Result<(), UpError> {
         self.processes.kill_all();
         // The old topics are closed first, because the new ones have the same names.
@@ -372,7 +372,7 @@ impl<'r> System<'r> {
         }
     }
 
-    /// Checks the received input until the check is finished.
+    /// Checks the input received since the previous call, until the check is finished.
     fn check_input(&mut self) {
         let Some(connection) = &mut self.connection else { return };
         let warnings = connection.input.as_mut().map_or(Vec::new(), |input| input.poll(&mut self.checker));
@@ -388,7 +388,8 @@ impl<'r> System<'r> {
             if self.supervision.local_next_tick().is_none() {
                 failure = failure.or(connection.collect(&mut collector).err());
             }
-            // Attitudes that wait for missing ticks are delivered; the missing ticks count as lost.
+            // Attitudes that were waiting for missing ticks are delivered. The missing ticks count
+            // as lost.
             connection.finish(&mut collector);
             if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
                 topics.poll(&mut **recorder);

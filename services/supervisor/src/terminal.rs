@@ -2,7 +2,7 @@
 //!
 //! - Input: lines.
 //! - Output: the lines, as far as they are accepted.
-//! - Time: the wait for room, with an optional timeout.
+//! - Time: waits for the output to accept more, with an optional timeout.
 //! - Failure: a line that is not accepted in time, or after the other end was closed, is dropped.
 
 use std::{
@@ -16,11 +16,12 @@ use rustix::{
     io::Errno,
 };
 
-/// Timeout of the wait for room.
+/// Time limit for a pipe or terminal to accept more output.
 pub(crate) const WRITE_TIMEOUT: Option<Timespec> = Some(Timespec { tv_sec: 1, tv_nsec: 0 });
-/// Unlimited wait for room.
+/// No time limit: waits until the output is accepted.
 pub(crate) const NO_TIMEOUT: Option<Timespec> = None;
-/// Number of bytes written at once, which never block a pipe that has room (`PIPE_BUF` on Linux).
+/// Number of bytes per write. A pipe that has room accepts them without blocking (`PIPE_BUF` on
+/// Linux).
 const CHUNK_BYTES: usize = 4096;
 
 /// Writes a line in chunks, each within the timeout. Drops the rest after a failure.
@@ -38,7 +39,7 @@ fn has_room(timeout: Option<&Timespec>) -> bool {
         match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
             Err(Errno::INTR) => {}
             Ok(0) => return false,
-            // Any other condition is reported by the write.
+            // Any other condition is reported by the subsequent write.
             _ => return true,
         }
     }

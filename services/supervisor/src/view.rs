@@ -53,8 +53,8 @@ impl View {
         })
     }
 
-    /// Shows the progress and, for a system of processes, the state of each at `now`, the
-    /// supervisor's time.
+    /// Shows the progress. For a system of processes, also shows the state of each process. `now`
+    /// is the supervisor's time.
     pub(crate) fn show(&mut self, collector: &Collector, supervision: Option<&Supervision>, now: Duration) {
         let elapsed_s = self.last_line.elapsed().as_secs_f64();
         let ticks = collector.ticks();

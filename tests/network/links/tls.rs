@@ -1,4 +1,4 @@
-//! Links over QUIC with certificates: delivery before close, rejected peers, half-open handshakes,
+//! Links over QUIC with certificates: delivery before close, lost peers, half-open handshakes,
 //! addresses.
 use std::{
     net::{Ipv4Addr, SocketAddr, UdpSocket},
@@ -34,9 +34,9 @@ impl Board {
 
     fn listening_at(address: &str, parties: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let here = ["127.0.0.1".parse().unwrap()];
-        let (keys, _) = Keys::init(folder.path(), &here, 2, false).unwrap();
-        keys.issue(&"vehicle.board".parse().unwrap(), &here, &[], 2, false).unwrap();
+        let hosts = ["127.0.0.1".parse().unwrap()];
+        let (keys, _) = Keys::init(folder.path(), &hosts, 2, false).unwrap();
+        keys.issue(&"vehicle.board".parse().unwrap(), &hosts, &[], 2, false).unwrap();
         parties.iter().for_each(|party| drop(keys.issue(&party.parse().unwrap(), &[], &[], 2, false).unwrap()));
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let tls = tls(&folder.path().join("vehicle.board"));
@@ -67,22 +67,22 @@ struct CuttableProxy {
 
 impl CuttableProxy {
     fn start(port: u16) -> Self {
-        let (here, there) = (socket(), socket());
-        let proxy = Self { port: here.local_addr().unwrap().port(), is_cut: Arc::default() };
+        let (client_side, server_side) = (socket(), socket());
+        let proxy = Self { port: client_side.local_addr().unwrap().port(), is_cut: Arc::default() };
         let is_cut = proxy.is_cut.clone();
         thread::spawn(move || {
             let (mut datagram, mut caller) = ([0; 65536], None);
-            here.set_nonblocking(true).unwrap();
-            there.set_nonblocking(true).unwrap();
+            client_side.set_nonblocking(true).unwrap();
+            server_side.set_nonblocking(true).unwrap();
             while !is_cut.load(Ordering::SeqCst) {
                 let mut idle = true;
-                if let Ok((length, from)) = here.recv_from(&mut datagram) {
+                if let Ok((length, from)) = client_side.recv_from(&mut datagram) {
                     (idle, caller) = (false, Some(from));
-                    let _ = there.send_to(&datagram[..length], (Ipv4Addr::LOCALHOST, port));
+                    let _ = server_side.send_to(&datagram[..length], (Ipv4Addr::LOCALHOST, port));
                 }
-                if let (Ok((length, _)), Some(to)) = (there.recv_from(&mut datagram), caller) {
+                if let (Ok((length, _)), Some(to)) = (server_side.recv_from(&mut datagram), caller) {
                     idle = false;
-                    let _ = here.send_to(&datagram[..length], to);
+                    let _ = client_side.send_to(&datagram[..length], to);
                 }
                 if idle {
                     thread::sleep(Duration::from_millis(1));
@@ -156,7 +156,7 @@ fn silent_peer_is_detected_before_default_lease() {
     let mut present = [next(), next()];
     present.sort();
     assert_eq!(present, [("live/alpha".into(), true), ("live/beta".into(), true)]);
-    // Although alpha falls silent later by a default lease, its loss is detected first.
+    // Although alpha falls silent 3 s later, its loss is detected first.
     proxies[1].cut();
     thread::sleep(Duration::from_secs(3));
     proxies[0].cut();
@@ -169,7 +169,7 @@ fn half_open_handshake_does_not_block_next_client() {
     // A client of which only the first datagram reaches the vehicle.
     let relay = socket();
     let endpoints = board.endpoints("viewer.wall", relay.local_addr().unwrap().port());
-    let rejected = thread::spawn(move || Link::open(&endpoints).map(drop));
+    let half_open = thread::spawn(move || Link::open(&endpoints).map(drop));
     let mut datagram = [0; 65536];
     let (length, _) = relay.recv_from(&mut datagram).unwrap();
     relay.send_to(&datagram[..length], (Ipv4Addr::LOCALHOST, board.port)).unwrap();
@@ -179,7 +179,7 @@ fn half_open_handshake_does_not_block_next_client() {
     let desk = Link::open(&board.endpoints("viewer.desk", board.port)).unwrap();
     assert!(desk.wait_for_peer(TIMEOUT));
     // The other client receives no response and reports that.
-    let error = rejected.join().unwrap().unwrap_err();
+    let error = half_open.join().unwrap().unwrap_err();
     assert!(matches!(error, LinkError::Unreachable { .. }) && error.to_string().contains("no response"), "{error}");
 }
 

@@ -34,7 +34,7 @@ fn message(number: u64) -> &'static [u8] {
     &NOISE[start..][..MESSAGE_BYTES]
 }
 
-/// Waits wait_for messages arrive, then discards those still in transit.
+/// Waits until messages arrive, then discards those still in transit.
 fn wait_for_route(from: &Session, key: &str, subscriber: &SampleSubscriber) {
     wait_for("a first message", || {
         from.put(key, "first").wait().unwrap();
@@ -57,7 +57,7 @@ fn send_messages(to: &Session, key: &str) -> u64 {
     number
 }
 
-/// Receives messages wait_for the empty one, checks each and returns their number.
+/// Receives messages until the empty one, checks each and returns their number.
 fn receive_messages(subscriber: &SampleSubscriber) -> u64 {
     for number in 0.. {
         let sample = subscriber.recv_timeout(RECEIVE_TIMEOUT).unwrap().unwrap();
@@ -73,11 +73,11 @@ fn receive_messages(subscriber: &SampleSubscriber) -> u64 {
 fn saturated_secured_link_delivers_all_messages() {
     let site = Site::new(&[]);
     let [alpha, beta] = ["vehicle.alpha", "vehicle.beta"].map(|party| party.parse().unwrap());
-    let here = ["127.0.0.1".parse().unwrap()];
-    site.keys.issue(&alpha, &here, &[], 30, false).unwrap();
+    let hosts = ["127.0.0.1".parse().unwrap()];
+    site.keys.issue(&alpha, &hosts, &[], 30, false).unwrap();
     site.keys.issue(&beta, &[], std::slice::from_ref(&alpha), 30, false).unwrap();
     // Each side may import what the other one exports.
-    site.keys.issue(&alpha, &here, &[beta], 30, true).unwrap();
+    site.keys.issue(&alpha, &hosts, &[beta], 30, true).unwrap();
     let (alpha, beta) = (site.listening("vehicle.alpha"), site.session("vehicle.beta"));
     let at_beta: SampleSubscriber = beta.declare_subscriber(TO_BETA).wait().unwrap();
     let at_alpha: SampleSubscriber = alpha.declare_subscriber(TO_ALPHA).wait().unwrap();

@@ -36,8 +36,8 @@ impl Site {
         site
     }
 
-    /// Returns a site whose vehicles are clients of the router, as configured, and one whose
-    /// vehicles are peers.
+    /// Returns a site with vehicles as clients of the router, as configured, and one with
+    /// vehicles as peers.
     pub(super) fn with_vehicle_clients_and_peers(parties: &[&str]) -> [Self; 2] {
         [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
     }

@@ -22,7 +22,8 @@ use crate::{
     ulog::Log,
 };
 
-/// Range of the mean force if gravity is included and the unit is right, m/s².
+/// Plausible range of the mean force, m/s². A mean outside it indicates a wrong unit or that
+/// gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 
 /// Options for reading the input files.
@@ -30,7 +31,7 @@ const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 pub struct Options {
     /// Meaning of the columns. Required for CSV and rejected for other formats.
     pub mapping: Option<Mapping>,
-    /// Topics to read where several hold the same quantity. Only for bags and MCAP files.
+    /// Topics to read if several contain the same quantity. Only for bags and MCAP files.
     pub topics: Vec<String>,
 }
 
@@ -46,14 +47,14 @@ pub struct Progress {
 /// Converts the files at `paths` into the recording `out`.
 ///
 /// The recording is compressed with gzip if its name ends in `.gz`. Fixes are written to
-/// `NAME_gnss.csv` next to it. Only the owner may read the files, and they appear when they are
-/// complete.
+/// `NAME_gnss.csv` next to it. The files are readable only by their owner and appear only once they
+/// are complete.
 ///
 /// # Errors
 ///
 /// Returns an [`ImportError`] if the input is invalid or the output cannot be written. Existing
-/// files are then unchanged, except that the file of fixes may be written if the disk is full at
-/// the very end.
+/// files are then unchanged, with one exception: if the disk becomes full at the very end, the
+/// fixes file may already have been written.
 pub fn convert(
     paths: &[PathBuf],
     options: &Options,
@@ -149,12 +150,12 @@ fn import(
         Some(_) => {}
     }
     let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligner, notes) };
-    // After the fixes, so that the recording never appears without them.
+    // The fixes are completed first, so that the recording never appears without them.
     rows.into_writer().finish()?;
     Ok(summary)
 }
 
-/// File of fixes. It is created by the first fix.
+/// Fixes file. It is created when the first fix is written.
 struct FixesFile {
     path: PathBuf,
     writer: Option<gnss::Writer>,
@@ -179,7 +180,7 @@ impl FixesFile {
         Ok(())
     }
 
-    /// Completes the file and returns its path; `None` if there was no fix.
+    /// Completes the file and returns its path; `None` if there were no fixes.
     fn finish(self) -> Result<Option<PathBuf>, ImportError> {
         let Some(writer) = self.writer else { return Ok(None) };
         writer.finish()?;
@@ -222,10 +223,10 @@ fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut not
     }
 }
 
-/// Returns the path of the fixes.
+/// Returns the path of the fixes file.
 ///
-/// This is `NAME_gnss.csv` for `NAME_imu.csv.gz`, and also for `NAME.csv`, where it is not found
-/// automatically.
+/// This is `NAME_gnss.csv` for both `NAME_imu.csv.gz` and `NAME.csv`. In the second case, the file
+/// is not found automatically when the recording is read.
 fn fixes_path(out: &Path) -> PathBuf {
     gnss::path_for(out).unwrap_or_else(|| {
         let name = out.file_name().unwrap_or_default().to_string_lossy();
@@ -235,7 +236,7 @@ fn fixes_path(out: &Path) -> PathBuf {
     })
 }
 
-/// Checks that no fixes of another recording would be read with a recording without fixes.
+/// Checks that a recording without fixes would not be read with the fixes of another recording.
 fn check_no_stale_fixes(out: &Path) -> Result<(), ImportError> {
     match gnss::find_for(out) {
         Some(fixes) => Err(ImportError::StaleFixes { path: out.to_owned(), fixes }),

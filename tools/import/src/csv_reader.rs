@@ -1,4 +1,4 @@
-//! Reader of one CSV file of any dialect.
+//! Reader of a single CSV file in any dialect.
 //!
 //! Input: text, plain or gzip, with a header line. Columns are separated by commas, semicolons or
 //! tabs, and numbers have a decimal point or a decimal comma. The dialect is detected from the
@@ -6,8 +6,8 @@
 //!
 //! Output: records.
 //!
-//! Failure: the first line that is malformed or longer than [`MAX_LINE_BYTES`] is an error with its
-//! position.
+//! Failure: the first line that is malformed or longer than [`MAX_LINE_BYTES`] is reported as an
+//! error with its position.
 
 use std::{
     cell::Cell,
@@ -31,9 +31,9 @@ const BUFFER_BYTES: usize = 1 << 16;
 const MAX_LINE_BYTES: usize = 1 << 16;
 /// Separators in order of preference.
 ///
-/// The first that splits header and first row into the same number of columns is used. Tabs and
-/// semicolons come first because they rarely occur in names, and a comma in such a file is a
-/// decimal comma.
+/// The first one that splits the header and the first row into the same number of columns is used.
+/// Tabs and semicolons come first because they rarely occur in names, and because a comma in a file
+/// with one of these separators is a decimal comma.
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
 
 pub(crate) struct CsvReader {
@@ -51,7 +51,7 @@ pub(crate) struct CsvReader {
 impl CsvReader {
     /// Opens a file and reads its header.
     ///
-    /// `read_bytes` is increased by the bytes read from the file.
+    /// The number of bytes read from the file is added to `read_bytes`.
     pub(crate) fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
         let mut lines = Lines::open(path, read_bytes)?;
         let line_position = |line| TextPosition { line, column: None, name: None };
@@ -143,7 +143,8 @@ impl CsvRecord<'_> {
 
     /// Returns the time in a column, ns.
     ///
-    /// `digits` is the number of decimals of its unit that make a nanosecond.
+    /// `digits` is the number of decimal places of the column's unit that correspond to 1 ns: 9 for
+    /// seconds, 0 for nanoseconds.
     pub(crate) fn time_ns(&self, index: usize, digits: usize) -> Result<i64, ImportError> {
         let unit = match digits {
             9 => "a time in s",
@@ -170,7 +171,7 @@ impl CsvRecord<'_> {
             }
             _ => {}
         }
-        // Text with several marks or with both is not a number and is rejected by the caller.
+        // Text with several decimal marks is not a number and is rejected by the caller.
         if mark == b',' && !text.contains('.') {
             text = text.replacen(',', ".", 1);
         }
@@ -185,7 +186,7 @@ impl CsvRecord<'_> {
     }
 }
 
-/// Lines of a file, without blank lines and comments.
+/// Lines of a file, excluding blank lines and comments.
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
@@ -231,8 +232,8 @@ impl Lines {
                 Err(cause) => return Err(malformed(&self.path, line_position(), cause.to_string(), "a readable line")),
             }
             let trimmed = text.trim_ascii();
-            // `sep=` in the first line names the separator for Excel. The separator is detected
-            // without it.
+            // A first line `sep=…` specifies the separator for Excel. It is skipped, because the
+            // separator is detected from the content.
             if trimmed.is_empty() || trimmed.starts_with(b"#") || (self.line == 1 && trimmed.starts_with(b"sep=")) {
                 continue;
             }

@@ -47,10 +47,10 @@ impl<'a> CsvSource<'a> {
 }
 
 impl CsvSource<'_> {
-    /// Reads the fixes of a group and returns the number of skipped ones.
+    /// Reads the fixes in a column group and returns the number of skipped fixes.
     ///
-    /// A fix is skipped if its timestamp does not increase. A fix that the rows of the rate repeat
-    /// is passed on once.
+    /// A fix is skipped if its timestamp does not increase. If the fixes are in the same file as
+    /// the rates, several rows repeat one fix, which is then passed on only once.
     fn read_fixes(
         &self,
         group: &ColumnGroup<3>,
@@ -91,7 +91,7 @@ impl Source for CsvSource<'_> {
         Format::Csv
     }
 
-    /// Returns the bytes of the headers and of one pass over the file of each column group.
+    /// Returns the size of the headers and of one pass over the file of each column group.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
@@ -168,7 +168,7 @@ pub(crate) struct CsvFiles {
     read_bytes: Rc<Cell<u64>>,
 }
 
-/// Columns of one vector, with their file and its time column.
+/// Columns of one vector, with the file that contains them and its time column.
 struct ColumnGroup<const N: usize> {
     path: PathBuf,
     time: usize,
@@ -181,7 +181,7 @@ struct ColumnGroups {
     force: ColumnGroup<3>,
     field: Option<ColumnGroup<3>>,
     reference: Option<ColumnGroup<4>>,
-    /// Position columns, followed by the velocity in the same file.
+    /// Position columns, and the velocity columns in the same file.
     velocity: Option<([Option<usize>; 3], ColumnGroup<3>)>,
 }
 
@@ -254,7 +254,7 @@ impl CsvFiles {
         Ok(std::iter::from_fn(move || next().transpose()))
     }
 
-    /// Returns the position columns, which must be in the file of the velocity.
+    /// Returns the position columns, which must be in the same file as the velocity.
     fn position_columns(&self, mapping: &Mapping, path: &Path) -> Result<[Option<usize>; 3], ImportError> {
         let file = self.columns.iter().position(|(other, _)| other == path);
         let find = |target: &'static str| -> Result<Option<usize>, ImportError> {

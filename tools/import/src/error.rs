@@ -36,7 +36,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Error of the operating system.
         cause: io::Error,
-        /// What the user can do.
+        /// Suggested remedy.
         remedy: &'static str,
     },
     /// The format of the file is unknown.
@@ -55,7 +55,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Format of the file.
         format: Format,
-        /// What the user can do.
+        /// Suggested remedy.
         remedy: &'static str,
     },
     /// A log is given together with other files.
@@ -96,7 +96,7 @@ pub enum ImportError {
         /// All readable topics.
         known: Vec<String>,
     },
-    /// Two selected topics hold the same quantity.
+    /// Two selected topics contain the same quantity.
     #[error("importing {}: --topic names both {first:?} and {second:?}, expected one topic for {what}", path.display())]
     ConflictingTopics {
         /// Path of the log.
@@ -105,7 +105,7 @@ pub enum ImportError {
         first: String,
         /// Name of the second topic.
         second: String,
-        /// Quantity that both topics hold.
+        /// Quantity that both topics contain.
         what: &'static str,
     },
     /// The bag cannot be read.
@@ -115,10 +115,10 @@ pub enum ImportError {
         path: PathBuf,
         /// Description of what was found.
         found: String,
-        /// What was expected, or what the user can do.
+        /// Description of what was expected, or a suggested remedy.
         expected: &'static str,
     },
-    /// CSV is given without a mapping of its columns.
+    /// A CSV file is given without a mapping of its columns.
     #[error(
         "importing {}: the meaning of its columns is unknown; map them with --map t=COLUMN,gx=COLUMN,…; available columns: {}",
         path.display(),
@@ -215,14 +215,12 @@ pub enum ImportError {
         /// Path of the input.
         path: PathBuf,
     },
-    /// A file of fixes of another recording exists next to the output.
-    ///
-    /// The import itself has no fixes.
+    /// The import has no fixes, but a fixes file of another recording exists next to the output.
     #[error("writing {}: no fixes were imported, but {} would be read as its fixes; move that file, or choose another output name", path.display(), fixes.display())]
     StaleFixes {
         /// Path of the recording.
         path: PathBuf,
-        /// Path of the existing fixes.
+        /// Path of the existing fixes file.
         fixes: PathBuf,
     },
     /// The recording cannot be read or written.
@@ -302,12 +300,12 @@ pub(crate) fn open_error(path: &Path, cause: io::Error) -> ImportError {
     ImportError::Open { path: path.to_owned(), cause, remedy }
 }
 
-/// Returns the first 40 characters in quotes.
+/// Returns the first 40 characters of a text in quotes.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
 }
 
-/// Maximum number of names that a message lists.
+/// Maximum number of names listed in an error message.
 const MAX_LISTED_NAMES: usize = 40;
 
 fn quoted_list(names: &[String]) -> String {

@@ -7,17 +7,17 @@
 //! Time: between two force samples that are close to each other, the force is interpolated
 //! linearly. Otherwise the nearest sample is used if it is very close.
 //!
-//! Failure: none. Unusable samples are counted.
+//! Failure: unusable samples are skipped and counted.
 
 use std::collections::VecDeque;
 
 use crate::{ImportError, row_writer::RowWriter};
 
-/// Maximum gap between force samples that is interpolated, ns.
+/// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// Maximum distance in time at which a single force sample is used, ns.
+/// Maximum time between a rate sample and a single force sample that is used for it, ns.
 const MAX_HOLD_NS: u64 = 20_000_000;
-/// Maximum number of rate samples that wait for a later force sample.
+/// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;
 
 /// Time, ns, and vector of a sample.
@@ -26,7 +26,7 @@ pub(crate) type Sample = (i64, [f64; 3]);
 #[derive(Default)]
 pub(crate) struct ForceAligner {
     pending: VecDeque<Sample>,
-    /// Last two force samples.
+    /// Force sample that precedes `last_force`.
     previous_force: Option<Sample>,
     last_force: Option<Sample>,
     last_rate_ns: Option<i64>,
@@ -65,7 +65,7 @@ impl ForceAligner {
         self.release(rows, false)
     }
 
-    /// Releases the remaining rate samples after the last force sample.
+    /// Passes the remaining rate samples on after the last force sample.
     pub(crate) fn finish(&mut self, rows: &mut RowWriter) -> Result<(), ImportError> {
         while !self.pending.is_empty() {
             self.release(rows, true)?;
@@ -73,8 +73,8 @@ impl ForceAligner {
         Ok(())
     }
 
-    /// Releases the rate samples up to the last force sample, and one more if `must_release_one` is
-    /// set.
+    /// Passes on the rate samples up to the last force sample, and at least one if
+    /// `must_release_one` is set.
     fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
         let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
         while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns)

@@ -12,11 +12,11 @@ use recording::Reader;
 
 use crate::{ImportError, error::open_error};
 
-/// Length of the prefix that is inspected, of a file and of decompressed gzip data.
+/// Number of bytes inspected at the start of a file, and of decompressed gzip data.
 const PREFIX_BYTES: u64 = 4096;
 
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
-/// A DataFlash log starts with the FMT message that describes FMT messages.
+/// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
 const MAGIC_NUMBERS: [(&[u8], Format); 5] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
@@ -26,7 +26,7 @@ const MAGIC_NUMBERS: [(&[u8], Format); 5] = [
     (b"PK\x03\x04", Format::Zip),
 ];
 
-/// File in the folder of every ROS 2 bag, and a key in it.
+/// File in the folder of every ROS 2 bag. It contains [`BAG_METADATA_KEY`].
 const BAG_METADATA_FILE: &str = "metadata.yaml";
 const BAG_METADATA_KEY: &[u8] = b"rosbag2_bagfile_information";
 
@@ -96,7 +96,7 @@ impl Format {
         matches!(self, Self::Mcap | Self::Bag | Self::Sqlite)
     }
 
-    /// Returns what to do about a format that is not supported; `None` if it is supported.
+    /// Returns a remedy for a format that is not supported; `None` if it is supported.
     pub fn remedy(self) -> Option<&'static str> {
         match self {
             Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,

@@ -9,8 +9,8 @@
 //!
 //! Time: the clock of the source, ns.
 //!
-//! Failure: an unreadable file is rejected with the position of the error. Of a truncated or
-//! damaged log the readable part is imported, and the summary reports the damage.
+//! Failure: an unreadable file is rejected with the position of the error. If a log is truncated or
+//! damaged, its readable part is imported and the summary reports the damage.
 //!
 //! | module | content |
 //! | --- | --- |

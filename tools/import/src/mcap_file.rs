@@ -3,9 +3,9 @@
 //! Input: a recording and its fixes.
 //!
 //! Output: messages of `proto/plumbline/v1` on the topics `imu`, `mag`, `reference` and `gnss`,
-//! readable by any MCAP and protobuf reader. An import restores the values.
+//! readable by any MCAP and protobuf reader. Importing the file restores the values.
 //!
-//! Time: that of the recording.
+//! Time: timestamps of the recording.
 //!
 //! Failure: no partial file remains.
 
@@ -27,13 +27,13 @@ use wire::Payload;
 
 use crate::ImportError;
 
-/// Library name in the file header. Recorded flights have another name.
+/// Library name in the file header. Recorded flights have a different one.
 const LIBRARY: &str = "plumb import";
 const CHUNK_BYTES: u64 = 1 << 20;
 
 /// Converts a recording and its fixes into the MCAP file `out`.
 ///
-/// Only the owner may read the file. It appears when it is complete.
+/// The file is readable only by its owner and appears only once it is complete.
 ///
 /// # Errors
 ///
@@ -58,7 +58,7 @@ pub fn to_mcap(recording: &Path, out: &Path) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// MCAP writer with its channels by topic.
+/// MCAP writer with one channel per topic.
 struct MessageWriter<'a> {
     writer: Writer<BufWriter<&'a File>>,
     channels: BTreeMap<&'static str, u16>,
@@ -111,7 +111,7 @@ impl<'a> MessageWriter<'a> {
                 id
             }
         };
-        // MCAP cannot express times before 1970. The message has its own time.
+        // MCAP cannot express times before 1970. The message itself contains the correct time.
         let time = u64::try_from(t_ns).unwrap_or(0);
         let header = MessageHeader { channel_id, sequence: tick as u32, log_time: time, publish_time: time };
         self.writer.write_to_known_channel(&header, &message.to_bytes())

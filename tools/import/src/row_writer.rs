@@ -17,9 +17,9 @@ use crate::{ImportError, force_aligner::Sample};
 
 /// Maximum distance between a field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
-/// Maximum gap between reference attitudes that is interpolated, ns.
+/// Maximum gap between two reference attitudes across which the reference is interpolated, ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
-/// Number of intervals from which the median is computed.
+/// Maximum number of intervals from which the median is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
 /// Value of 1 − cos of half the rotation angle below which linear interpolation replaces slerp.
 const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
@@ -29,9 +29,10 @@ const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
 pub(crate) struct Attitude {
     pub(crate) t_ns: i64,
     pub(crate) reference: Reference,
-    /// Counter of attitude resets of the estimator.
+    /// Number of attitude resets made by the estimator.
     ///
-    /// Attitudes with different counters are not interpolated, and none with `None`.
+    /// The reference is interpolated only between attitudes with equal numbers, and never if
+    /// `None`.
     pub(crate) reset_counter: Option<u8>,
 }
 
@@ -45,7 +46,7 @@ pub(crate) struct RowWriter<'a> {
     attitudes: Peekable<Samples<'a, Attitude>>,
     /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
-    /// Row that waits for the next one, which may be nearer to the next field sample.
+    /// Last row. It is written later, because the next row may be nearer to the next field sample.
     pending: Option<Row>,
     /// Distance in time between the pending row and its field sample, ns.
     pending_distance_ns: u64,
@@ -58,7 +59,8 @@ pub(crate) struct RowWriter<'a> {
     pub(crate) reference_rows: u64,
     /// Number of field samples with non-increasing timestamps.
     pub(crate) fields_out_of_order: u64,
-    /// Number of field samples without a row nearby or with another sample nearer to the row.
+    /// Number of field samples discarded because no row is nearby or another sample is nearer to
+    /// it.
     pub(crate) fields_unmatched: u64,
     /// Number of attitudes with non-increasing timestamps.
     pub(crate) attitudes_out_of_order: u64,
@@ -138,11 +140,11 @@ impl<'a> RowWriter<'a> {
             let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row. A sample near it waits until the row is pending.
+                // Before the first row: a sample near that row is kept until the row is pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };
-            // An error is taken from the iterator as well, to end the import.
+            // An error is also taken from the iterator, so that it ends the import.
             let Some(sample) =
                 self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
             else {
@@ -175,7 +177,7 @@ impl<'a> RowWriter<'a> {
     }
 
     fn reference_at(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
-        // An error is taken from the iterator as well, to end the import.
+        // An error is also taken from the iterator, so that it ends the import.
         while let Some(attitude) =
             self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
         {

@@ -9,7 +9,7 @@ use crate::{
     row_writer::{Attitude, RowWriter, Samples},
 };
 
-/// Receiver of fixes in time order.
+/// Callback that receives fixes in time order.
 pub(crate) type FixSink<'a> = dyn FnMut(&ReceiverFix) -> Result<(), ImportError> + 'a;
 
 /// GNSS fix in native axes. Unknown values are NaN.
@@ -32,7 +32,8 @@ pub(crate) struct Survey {
     pub(crate) notes: Vec<Note>,
     /// Reason to report if no row was written.
     pub(crate) reason: Option<String>,
-    /// Description of the data that provides rate and force, for the error message without rows.
+    /// Description of the data that provides rate and force, for the error reported without any
+    /// row.
     pub(crate) expected: String,
 }
 
@@ -40,9 +41,9 @@ pub(crate) struct Survey {
 pub(crate) trait Source {
     fn format(&self) -> Format;
 
-    /// Returns the number of bytes that all passes read.
+    /// Returns the number of bytes read by all passes together.
     ///
-    /// The value is an estimate before the survey.
+    /// Before the survey, the value is an estimate.
     fn total_bytes(&self) -> u64;
 
     /// Makes the first pass. `progress` receives the bytes read so far, in the unit of

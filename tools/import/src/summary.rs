@@ -13,14 +13,13 @@ pub struct Summary {
     pub rows: u64,
     /// Sampling rate, Hz.
     ///
-    /// This is the inverse of the median of the first 100,000 intervals. NaN if there is only one
-    /// row.
+    /// Inverse of the median of the first 100,000 intervals; NaN if there is only one row.
     pub rate_hz: f64,
     /// Time from the first to the last row, s.
     pub duration_s: f64,
     /// Mean magnitude of the specific force, m/s².
     ///
-    /// It is near 9.8 unless the vehicle accelerates for long.
+    /// Close to 9.8 unless the vehicle accelerates for a long time.
     pub mean_force_m_s2: f64,
     /// Number of rows with a magnetic field.
     pub field_rows: u64,
@@ -28,7 +27,7 @@ pub struct Summary {
     pub reference_rows: u64,
     /// Number of fixes written.
     pub fixes: u64,
-    /// File of the fixes; `None` without fixes.
+    /// Path of the fixes file; `None` without fixes.
     pub fixes_file: Option<PathBuf>,
     /// Skipped, missing or implausible data, most important first.
     pub notes: Vec<Note>,
@@ -61,7 +60,7 @@ pub enum Note {
     },
     /// Samples were skipped.
     Skipped {
-        /// Name of the samples, in the plural.
+        /// Kind of samples, as a plural noun.
         what: &'static str,
         /// Number of samples.
         count: u64,
@@ -77,9 +76,9 @@ pub enum Note {
     },
     /// Rates are instantaneous values, not means over an interval. A recording cannot express this.
     InstantRates,
-    /// Several topics hold the same quantity. One of them was read.
+    /// Several topics contain the same quantity. One of them was read.
     OtherTopics {
-        /// Quantity that the topics hold.
+        /// Quantity that the topics contain.
         what: &'static str,
         /// Name of the topic that was read.
         read: String,
@@ -88,11 +87,11 @@ pub enum Note {
     },
     /// A topic is read only if it is named with `--topic`.
     TopicOnRequest {
-        /// Quantity that the topic may hold.
+        /// Quantity that the topic may contain.
         what: &'static str,
         /// Name of the topic.
         topic: String,
-        /// Axes in which the topic is read.
+        /// Axes in which the topic is interpreted.
         interpretation: &'static str,
     },
     /// Several instances of a sensor were logged. One of them was read.
@@ -101,7 +100,7 @@ pub enum Note {
         topic: &'static str,
         /// Number of the instance that was read.
         read: u8,
-        /// Number of samples of the other instances.
+        /// Number of samples from the other instances.
         others: u64,
     },
     /// The source lacks a quantity.
@@ -109,11 +108,11 @@ pub enum Note {
         /// Name of the quantity.
         what: &'static str,
     },
-    /// Fixes are not found automatically.
+    /// The fixes file is not found automatically when the recording is read.
     ///
-    /// The name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
+    /// This happens if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
     FixesNotDiscoverable {
-        /// File of the fixes.
+        /// Path of the fixes file.
         fixes: PathBuf,
     },
 }

@@ -4,19 +4,20 @@ use core::f64::consts::PI;
 
 use crate::scalars::Scalars;
 
-/// Gyro bias assumed by a stage that does not estimate it, rad/s: a consumer MEMS gyro after its
-/// own calibration.
+/// Standard deviation assumed for the gyro bias by a stage that does not estimate it, rad/s: that
+/// of a consumer MEMS gyro after its own calibration.
 pub(super) const ASSUMED_BIAS_SD_RAD_S: f64 = 0.003;
 /// Averaging time of the innovations' mean square, s.
 const MEMORY_S: f64 = 1.0;
-/// Standard deviation of an initial level, rad: a vehicle that accelerates by 1 m/s² at that time.
+/// Standard deviation of an initial level, rad. Allows for a vehicle that accelerates by 1 m/s² at
+/// that moment.
 const INITIAL_SD_RAD: f64 = 0.1;
 
 /// Uncertainty of an angle.
 ///
-/// A correction by the fraction g of a white innovation of standard deviation σ gives σ² ← (1 − g)²
-/// σ² + g² <innovation²>. Between corrections, a gyro bias adds to the deviation itself. The model
-/// does not cover correlated innovations, such as those of a turning vehicle.
+/// If the angle is corrected by the fraction g of a white innovation, its variance σ² becomes (1 −
+/// g)² σ² + g² ⟨innovation²⟩. Between corrections, the drift caused by a gyro bias is added to σ
+/// itself. The model does not cover correlated innovations, such as those of a turning vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AngleUncertainty {
     sd_rad: f64,
@@ -35,7 +36,7 @@ impl AngleUncertainty {
         Self { sd_rad, innovation2_rad2: sd_rad * sd_rad }
     }
 
-    /// Adds the drift of a gyro bias over `dt_s`.
+    /// Adds the drift that a gyro bias causes over `dt_s`.
     pub(super) fn drift(&mut self, bias_sd_rad_s: f64, dt_s: f64) {
         self.sd_rad = (self.sd_rad + bias_sd_rad_s * dt_s).min(PI);
     }

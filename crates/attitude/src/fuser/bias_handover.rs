@@ -1,7 +1,8 @@
 //! Gyro bias to hand over on a swap: the value received, or the mean rate at rest, whichever is
 //! newer.
 //!
-//! Used by every stage that does not estimate the bias, or that updates it less often.
+//! Used by every stage that does not estimate the bias itself, or that updates its estimate less
+//! often.
 
 use super::{
     estimate::{BIAS_WALK_RAD_S, Estimate},
@@ -12,8 +13,8 @@ use super::{
 };
 use crate::{Vector3, accel::Inclination, scalars::Scalars, stage::bias_validation_error};
 
-/// Largest plausible specific force, m/s² (300 g), and rate, rad/s. Samples above either are not
-/// used.
+/// Largest plausible specific force, m/s² (300 g), and rate, rad/s. Samples above either limit are
+/// ignored.
 const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
 const MAX_PLAUSIBLE_RATE_RAD_S: f64 = 1e3;
 /// Largest speed over ground at which the body may be at rest, m/s.
@@ -31,7 +32,7 @@ pub(super) struct HandedOverBias {
     known: bool,
     gyro_scale: GyroScale,
     hard_iron: HardIron,
-    /// Whether the last fix reported motion. Without this check, a smooth ride looks like rest.
+    /// Set if the last fix reported motion. Without this check, a smooth ride would look like rest.
     is_moving: bool,
     rest: RestDetector,
     since_update_s: f64,
@@ -73,7 +74,8 @@ impl HandedOverBias {
         }
     }
 
-    /// Returns the bias and the standard deviation of each component, rad/s; infinite if unknown.
+    /// Returns the bias and the standard deviation of each component, rad/s. The standard deviation
+    /// is infinite if the bias is unknown.
     pub(super) fn bias(&self) -> (Vector3<f64>, f64) {
         let sd_rad_s = libm::hypot(self.sd_rad_s, BIAS_WALK_RAD_S * libm::sqrt(self.age_s));
         (self.bias_rad_s, if self.known { sd_rad_s } else { f64::INFINITY })

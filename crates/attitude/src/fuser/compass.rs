@@ -46,7 +46,7 @@ impl Compass {
         self.uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
     }
 
-    /// Returns the correction of z for a field sample, rad. The first sample sets the heading.
+    /// Returns the correction to z from a field sample, rad. The first sample sets the heading.
     pub(super) fn correction_rad(
         &mut self,
         attitude: Attitude,

@@ -8,7 +8,7 @@ use crate::{
 /// Smallest field that has a usable direction, µT: about a thousandth of the earth's field.
 const MIN_FIELD_UT: f64 = 0.05;
 
-/// Returns the increase of z that points the field to η0, rad, (−π, π].
+/// Returns the increase of z that turns the horizontal field to η0, rad, (−π, π].
 ///
 /// The result is z_mag − z, with z_mag = atan2(m'_ξ, m'_η) of the levelled field m' = A(w)ᵀ m. Here
 /// m' is also rotated by z.

@@ -44,8 +44,8 @@ impl FuserInput {
     }
 }
 
-/// Returns `true` if all components are finite. A finite number times zero is zero, any other
-/// number times zero is NaN.
+/// Returns `true` if all components are finite. A finite number times zero is zero; for any other
+/// value the product is NaN.
 #[inline]
 fn vector_is_finite(vector: &Vector3<f64>) -> bool {
     vector.x * 0.0 + vector.y * 0.0 + vector.z * 0.0 == 0.0

@@ -13,9 +13,9 @@ pub struct FuserInput {
     pub field_ut: Option<Vector3<f64>>,
     /// Fix of the satellite receiver. Present only at the tick at which it arrived.
     pub fix: Option<Fix>,
-    /// Whether gyro and accelerometer are working, so that constant readings mean rest.
+    /// `true` if gyro and accelerometer are working, so that constant readings mean rest.
     pub rest_credible: bool,
-    /// Whether the motion is that of the body: the rate is not missing, stuck or at the end of the
+    /// `true` if `motion` is that of the body: the rate is not missing, stuck or at the end of the
     /// gyro's range.
     pub rate_credible: bool,
 }

@@ -2,20 +2,21 @@
 //!
 //! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 3 s in `wz`.
 //! V summarises the accelerations of the last seconds. The loop tilts its level at a rate
-//! proportional to V. A loop that starts without V mistakes the braking at the end of a movement for
-//! a tilt.
+//! proportional to V. A loop that starts without V mistakes the braking at the end of a movement
+//! for a tilt.
 
 use crate::{Complex, scalars::Scalars};
 
 /// Largest velocity that is accepted, m/s. A loop that exceeds it has lost its level.
 const MAX_VELOCITY_M_S: f64 = 100.0;
-/// Largest velocity that is handed over, m/s. It is below the accepted limit because rotating the
-/// frame rounds.
+/// Largest velocity that is handed over, m/s. It is below the accepted limit, because rotating the
+/// frame can increase it by rounding.
 const MAX_HANDED_OVER_M_S: f64 = 99.0;
-/// Standard deviation of a loop's velocity, m/s: the effect of a level that was wrong by 2° for
+/// Standard deviation of a loop's velocity, m/s. Corresponds to a level that was wrong by 2° for
 /// some seconds.
 const SD_M_S: f64 = 1.0;
-/// Standard deviation if the velocity is unknown, m/s: the leaky velocity of a braking vehicle.
+/// Standard deviation if the velocity is unknown, m/s: the typical leaky velocity of a braking
+/// vehicle.
 const UNKNOWN_SD_M_S: f64 = 4.0;
 
 /// Leaky velocity of a levelling loop with its uncertainty.
@@ -33,8 +34,8 @@ impl LeakyVelocity {
 
     /// Creates the value from a loop's velocity.
     ///
-    /// `remaining_sd_m_s` is the standard deviation that remains from the loop's initial velocity.
-    /// The result is unknown if the velocity is implausible.
+    /// `remaining_sd_m_s` is the standard deviation of the error that remains from the loop's
+    /// initial velocity. The result is unknown if the velocity is implausible.
     pub(super) fn from_loop(velocity_m_s: Complex<f64>, remaining_sd_m_s: f64) -> Self {
         // The comparison also rejects NaN.
         if velocity_m_s.norm_sqr() <= MAX_HANDED_OVER_M_S * MAX_HANDED_OVER_M_S {
@@ -54,7 +55,8 @@ impl LeakyVelocity {
         self.sd_m_s.min(UNKNOWN_SD_M_S)
     }
 
-    /// Returns the velocity in a frame relative to which the present one is rotated by the angle.
+    /// Returns the velocity in another frame. `angle_rad` is the rotation from that frame to the
+    /// present one.
     pub(super) fn rotated(self, angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }

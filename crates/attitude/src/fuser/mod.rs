@@ -7,7 +7,7 @@
 //!
 //! Time: the interval of the motion.
 //!
-//! Failure: without a motion the attitude is held, without an inclination it follows the gyro.
+//! Failure: without a motion the attitude is held; without an inclination it follows the gyro.
 //! Non-finite numbers are treated as missing.
 //!
 //! | stage | method |
@@ -19,7 +19,7 @@
 //! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, with and without a normalised gradient |
 //! | [`levelling`](levelling::Levelling) | platform levelled by the specific force less the acceleration derived from satellite velocity |
 //! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with and without satellite velocity, and a selection between them |
-//! | [`levelling-pi`](levelling::LevellingPi) | the same levelling by matched velocity increments, with an estimate of the gyro bias |
+//! | [`levelling-pi`](levelling::LevellingPi) | platform levelled by matched velocity increments, with an estimate of the gyro bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
 //! | [`vqf`](vqf::Vqf) | VQF, the reference for comparison |
 
@@ -153,7 +153,7 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     ///
     /// # Errors
     ///
-    /// Returns [`RestoreError`] if `prior` is invalid. The stage is unchanged then.
+    /// Returns [`RestoreError`] if `prior` is invalid. The stage is then unchanged.
     fn seed_sensor_errors(&mut self, prior: &Estimate) -> Result<(), RestoreError> {
         let Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, .. } = *prior;
         self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, ..Estimate::UNKNOWN })?;

@@ -6,7 +6,7 @@
 
 use crate::{Vector3, scalars::Scalars};
 
-/// Time constant of the mean that samples are compared with, s.
+/// Time constant of the means with which samples are compared, s.
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
 /// Largest deviation of a rate from its mean at rest, rad/s: 2 °/s.
 const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;
@@ -24,12 +24,12 @@ const BIAS_MEMORY_S: f64 = 20.0;
 /// Standard deviation of a bias measured at rest, rad/s.
 pub(super) const BIAS_SD_AT_REST_RAD_S: f64 = 8e-4;
 
-/// Detector of rest, with the mean rate during it.
+/// Rest detector, which also averages the rate at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RestDetector {
     rate_mean_rad_s: Vector3<f64>,
     force_mean_m_s2: Vector3<f64>,
-    /// Integral of the rate since the last update.
+    /// Integral of the rate since the last update, rad.
     rotation_rad: Vector3<f64>,
     moved: bool,
     quiet_s: f64,

@@ -30,7 +30,8 @@ pub(super) const MAX_POINT_MODULUS: f64 = 10.0;
 settings! {
     /// Settings of the stage `wz-closed`.
     pub struct Settings {
-        /// Tilt time constant T: faster motion comes from the gyro, slower from the accelerometer.
+        /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
+        /// accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
         /// Heading time constant, between the gyro and the magnetic field.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";

@@ -29,7 +29,8 @@ use crate::{
 settings! {
     /// Settings of the stage `wz-open`.
     pub struct Settings {
-        /// Tilt time constant T: faster motion comes from the gyro, slower from the accelerometer.
+        /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
+        /// accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
         /// Heading time constant, between the gyro and the magnetic field.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
@@ -46,7 +47,7 @@ pub struct WzOpen {
     w_offset: Complex<f64>,
     /// Offset of the fused z from the gyro's z.
     z_offset_rad: f64,
-    /// Whether `gyro_attitude` was adopted from another stage instead of received from the gyro
+    /// Set if `gyro_attitude` was adopted from another stage instead of received from the gyro
     /// slot.
     adopted: bool,
     started: bool,
@@ -104,7 +105,7 @@ impl WzOpen {
     fn set_offset(&mut self, fused: Attitude, gyro: Attitude) {
         self.w_offset = fused.up.w_in_chart(gyro.up.chart, MAX_POINT_MODULUS) - gyro.up.w;
         self.gyro_attitude = gyro;
-        // The remaining difference of the two is a rotation about the vertical.
+        // The remaining difference between the two is a rotation about the vertical.
         let rotation = fused.quaternion() * self.fused_attitude().quaternion().conjugate();
         self.z_offset_rad = wrapped_rad(self.z_offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
     }
@@ -208,8 +209,8 @@ impl Stage for WzOpen {
         }
     }
 
-    /// Adopts an attitude from outside, which differs from the gyro slot's. The offset is computed
-    /// at the next motion.
+    /// Adopts the attitude of another stage, which differs from that of the gyro slot. The offset
+    /// is computed at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.gyro_attitude = common.attitude;

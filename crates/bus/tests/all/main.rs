@@ -1,4 +1,4 @@
-//! Integration tests of `bus` in one executable.
+//! Integration tests of `bus`, combined in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod observer;

@@ -1,4 +1,4 @@
-//! Observers of a test system: their limit, and their independence from the system.
+//! Observers of a test system: their maximum number and their independence from the system.
 use std::{
     fs,
     os::unix::fs::PermissionsExt,
@@ -13,7 +13,7 @@ use messages::ImuSample;
 
 const BUFFER: usize = 64;
 
-/// System without services: the owner's claim and a member of its bus.
+/// System without services, consisting of the owner's claim and one member of its bus.
 struct System {
     bus: Bus,
     claim: Claim,

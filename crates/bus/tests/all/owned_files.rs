@@ -1,4 +1,4 @@
-//! Files of a system are private to its user. Files of other users are reported and kept.
+//! Files of a system are private to its user. Files of other users are reported and left unchanged.
 use std::{
     fs,
     os::unix::{
@@ -17,7 +17,7 @@ use messages::ImuSample;
 const NOBODY_UID: u32 = 65534;
 const CONTENTS: &str = "contents of another program";
 
-/// System name that no other test uses, and a folder outside the shared memory.
+/// System name that no other test uses, and a folder outside shared memory.
 struct Name {
     system_name: SystemName,
     outside: tempfile::TempDir,
@@ -30,12 +30,13 @@ impl Name {
         Self { system_name: SystemName::new(&name).unwrap(), outside: tempfile::tempdir().unwrap() }
     }
 
-    /// Returns the path of a file of the system, or of its folder for an empty `end`.
+    /// Returns the path of the system file with the suffix `end`. An empty `end` selects the
+    /// folder.
     fn path(&self, end: &str) -> PathBuf {
         PathBuf::from(format!("/dev/shm/plumbline.{}{end}", self.system_name.name()))
     }
 
-    /// Creates a file outside the shared memory that is longer than the shared state.
+    /// Creates a file outside shared memory that is longer than the shared state.
     fn outside_file(&self) -> PathBuf {
         let path = self.outside.path().join("outside_file");
         fs::write(&path, CONTENTS.repeat(1000)).unwrap();
@@ -71,7 +72,7 @@ impl Name {
     }
 }
 
-/// Returns mode, owner, size and link target of a path.
+/// Returns the mode, owner, size and link target of a path.
 fn state(path: &Path) -> (u32, u32, u64, Option<PathBuf>) {
     let found = fs::symlink_metadata(path).unwrap();
     (found.mode(), found.uid(), found.len(), fs::read_link(path).ok())
@@ -154,7 +155,8 @@ fn linked_folder_is_rejected_and_replaced() {
     let name = Name::new();
     symlink(name.outside.path(), name.path("")).unwrap();
     assert!(matches!(name.system_name.control_socket_path().unwrap_err(), BusError::ForeignFile { .. }));
-    // A link of the same user is removed with the files of a previous run. Its target is kept.
+    // A link that belongs to the same user is removed with the files of a previous run, but its
+    // target is kept.
     let kept = name.outside_file();
     let claim = name.system_name.claim().unwrap();
     assert_eq!(state(&name.path("")).0, 0o040_700);

@@ -22,7 +22,7 @@ fn system_name() -> SystemName {
     SystemName::new(&format!("test-bus-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst))).unwrap()
 }
 
-/// Two members of the bus of a claimed system. Drop order: members first, then the claim.
+/// Two members of the bus of a claimed system. The members are dropped before the claim.
 struct Pair {
     here: Bus,
     there: Bus,
@@ -160,12 +160,12 @@ fn wake_reaches_every_subscriber() {
     });
 }
 
-/// A frozen subscriber announced that it waits before it froze, and does not announce it again.
+/// Simulates a subscriber that announced that it is waiting and then froze.
 #[test]
 fn frozen_waiter_costs_one_system_call() {
     let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
-    // Each word and the fields before the first one occupy a cache line.
+    // Each word occupies one cache line, as do the fields before the first word.
     let word_bytes = 64;
     let waiting = (word_bytes * (1 + ImuSample::TOPIC.index) + size_of::<u32>()) as u64;
     let file = fs::File::options()
@@ -201,7 +201,7 @@ mod extended {
     );
 }
 
-/// Payload of the topic in the added table line.
+/// Payload of the additional topic.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Pressure {
@@ -237,7 +237,7 @@ fn added_topic_has_its_own_wake_word_and_publishers() {
     assert_eq!((sum_pa, there.next_tick(Pressure::TOPIC), there.next_tick(Health::TOPIC)), (45.0, 42, 0));
 }
 
-/// `Reference` with the same name and size but two fields exchanged, as in another build.
+/// `Reference` of a different build: the same name and size, but two fields exchanged.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Swapped {
@@ -363,7 +363,7 @@ fn dropped_claim_removes_all_files() {
     assert_eq!(system_files(&system_name), Vec::<String>::new());
 }
 
-/// The tests of the command line kill a real owner.
+/// The command-line tests cover the case in which a real owner is killed.
 #[test]
 fn claim_removes_files_of_dead_owner() {
     let system_name = system_name();

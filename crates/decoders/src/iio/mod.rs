@@ -1,4 +1,4 @@
-//! Linux industrial I/O: records of a buffer's character device, as documented in the kernel's
+//! Linux industrial I/O: records from a buffer's character device, as documented in the kernel's
 //! sysfs ABI.
 //!
 //! [`sysfs`] reads the layout of a device's records and enables its buffer. [`Iio`] decodes the
@@ -9,13 +9,13 @@
 //! Units: `in_anglvel` in rad/s, `in_accel` in m/s², `in_magn` in gauss, after (raw + offset) ×
 //! scale.
 //!
-//! Axes: those of the sensor, rotated by `in_mount_matrix` or by the matrix of the quantity.
+//! Axes: those of the sensor, rotated by the matrix of the quantity or by `in_mount_matrix`.
 //!
 //! Time: `in_timestamp` on the clock given by `current_timestamp_clock`: UNIX time for `realtime`
 //! and `tai`, else time since the start.
 //!
-//! Many chips are two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`), with
-//! separate record files. [`DevicePair`] combines them.
+//! Many chips appear as two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`),
+//! with separate record files. [`DevicePair`] combines them.
 //!
 //! Limits: records have no start marker, so a stream that starts in the middle of a record is not
 //! detected.

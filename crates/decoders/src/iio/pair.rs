@@ -1,4 +1,4 @@
-//! A chip that consists of two devices: combines the records of its gyro and its accelerometer.
+//! Combines the gyro and accelerometer records of a chip that appears as two devices.
 //!
 //! Input: bytes of either character device, in any interleaving.
 //!
@@ -6,7 +6,7 @@
 //! accelerometer records if they are close to each other, else taken from the nearest one.
 //!
 //! Time: the timestamp of the gyro record. Both devices use the same clock. A gyro record waits for
-//! a later force for at most [`MAX_WAIT_NS`] of the gyro's time.
+//! a later force for at most [`MAX_WAIT_NS`], measured on the gyro's clock.
 //!
 //! Failure: a rate without a force is counted as rejected. If either clock steps back, both queues
 //! are cleared.
@@ -35,12 +35,11 @@ pub struct DevicePair {
 }
 
 impl DevicePair {
-    /// Creates a decoder for a gyro with a rate and an accelerometer with a force.
+    /// Creates a decoder for a gyro and an accelerometer with the given record layouts.
     ///
     /// # Errors
     ///
-    /// Returns an error if one of these quantities or a timestamp is missing, or if the clocks
-    /// differ.
+    /// Returns an error if the rate, the force or a timestamp is missing, or if the clocks differ.
     pub fn new(gyro: Layout, accel: Layout) -> Result<Self, IioError> {
         let missing = |missing| Err(IioError::MissingChannels { missing });
         match (&gyro, &accel) {
@@ -104,7 +103,7 @@ impl DevicePair {
         self.counts
     }
 
-    /// Returns `false` for a record with the timestamp of its predecessor, which is rejected.
+    /// Returns `false` and rejects the record if it has the same timestamp as its predecessor.
     ///
     /// An earlier timestamp means that the clock was reset. Both queues are then cleared.
     fn check_order(&mut self, now_ns: u64, last_ns: Option<u64>) -> bool {
@@ -119,7 +118,8 @@ impl DevicePair {
         true
     }
 
-    /// Outputs the queued rates with a known force, and rejects those that will get none.
+    /// Emits a measurement for each queued rate with a known force, and rejects rates that will get
+    /// none.
     fn emit_ready(&mut self, measurements: &mut Vec<Measurement>) {
         while let (Some((now_ns, sample)), Some((newest_ns, _))) = (self.rates.front(), self.rates.back()) {
             let force = match self.force_at(*now_ns) {

@@ -55,9 +55,9 @@ pub struct Channel {
     pub bits: u32,
     /// Number of bits below the significant ones.
     pub shift: u32,
-    /// Whether the value is a two's complement number.
+    /// `true` if the value is a two's complement number.
     pub is_signed: bool,
-    /// Whether the most significant byte comes first.
+    /// `true` if the most significant byte comes first.
     pub is_big_endian: bool,
 }
 
@@ -150,12 +150,12 @@ impl Vector {
 }
 
 impl Channel {
-    /// Returns the value in `record`, or `None` beyond its end.
+    /// Returns the value in `record`, or `None` if the record is too short.
     fn read(&self, record: &[u8]) -> Option<i64> {
         let stored = record.get(self.byte_offset..self.byte_offset.checked_add(self.storage_bytes)?)?;
         let joined = |all: u64, byte: &u8| all << 8 | u64::from(*byte);
         let word = if self.is_big_endian { stored.iter().fold(0, joined) } else { stored.iter().rev().fold(0, joined) };
-        // Shift the value to the upper end of the word and back, with or without sign extension.
+        // Shifts the value to the upper end of the word and back, with or without sign extension.
         let unused_bits = 64u32.checked_sub(self.bits)?;
         let upper = word.checked_shr(self.shift)?.checked_shl(unused_bits)?;
         if self.is_signed {

@@ -21,7 +21,7 @@ pub const ROOT: &str = "/sys/bus/iio/devices";
 const MAX_FILE_BYTES: u64 = 4096;
 /// Maximum number of folder entries that are examined.
 const MAX_ENTRIES: usize = 1000;
-/// Folders of the channels: since Linux 5.11, and before.
+/// Channel folders: the first exists since Linux 5.11, the second in earlier versions, too.
 const CHANNEL_FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
 const QUANTITIES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -64,7 +64,7 @@ pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Resu
     let buffer = device.join("buffer");
     let buffer = if buffer.is_dir() { buffer } else { device.join("buffer0") };
     write(&buffer.join("enable"), "0")?;
-    // Some drivers reject the clock. The one in effect is read back below.
+    // A driver may keep another clock, so the clock in effect is read back below.
     let clock = device.join("current_timestamp_clock");
     if clock.exists() {
         write(&clock, "monotonic")?;
@@ -91,7 +91,7 @@ pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Resu
     Ok(layout)
 }
 
-/// Returns the layout of the records of a device, with its enabled channels.
+/// Returns the record layout of a device, with the channels that are enabled.
 ///
 /// # Errors
 ///
@@ -142,7 +142,7 @@ fn channels_folder(device: &Path) -> Result<PathBuf, IioError> {
     found.ok_or_else(|| IioError::Read { path: device.join(CHANNEL_FOLDERS[1]), cause: not_found() })
 }
 
-/// Returns the enabled channels by name, and the size of a record in bytes.
+/// Returns the enabled channels with their names, and the size of a record in bytes.
 ///
 /// Each channel is aligned to its own size, and the record to the largest of them.
 fn channels(folder: &Path) -> Result<(Vec<(String, Channel)>, usize), IioError> {
@@ -175,7 +175,8 @@ fn channels(folder: &Path) -> Result<(Vec<(String, Channel)>, usize), IioError> 
     Ok((placed, byte_offset.next_multiple_of(largest)))
 }
 
-/// Parses `[be|le]:[s|u]BITS/STORED[XREPEAT]>>SHIFT` and returns the channel with its total size in bytes, including repetitions.
+/// Parses `[be|le]:[s|u]BITS/STORED[XREPEAT]>>SHIFT`. Returns the channel and its total size in
+/// bytes, including repetitions.
 fn parse_channel_type(text: &str) -> Option<(Channel, usize)> {
     let (order, rest) = text.split_once(':')?;
     let is_big_endian = match order {
@@ -216,7 +217,7 @@ fn clock(device: &Path) -> Result<Clock, IioError> {
     }
 }
 
-/// Reads the mounting matrix, or returns the identity if there is none.
+/// Reads the mounting matrix, or returns the identity if the device has none.
 ///
 /// The format is `a, b, c; d, e, f; g, h, i`. The matrix of the quantity has priority over that of
 /// the device.
@@ -248,7 +249,7 @@ fn is_rotation(&[a, b, c]: &[[f64; 3]; 3]) -> bool {
         && [dot(a, b), dot(b, c), dot(c, a)].into_iter().all(|found| is_near(found, 0.0))
 }
 
-/// Reads the number in the first of the files that exists.
+/// Reads the number from the first of the files that exists.
 fn first_number(device: &Path, names: &[String]) -> Result<Option<f64>, IioError> {
     let Some(path) = names.iter().map(|name| device.join(name)).find(|path| path.exists()) else { return Ok(None) };
     let text = read_text(&path)?;

@@ -7,7 +7,7 @@ use proptest::{prelude::*, test_runner::RngSeed};
 use crate::streams::{self, decoded};
 
 const UNITS: u32 = 12;
-/// Longer than any incomplete frame can be.
+/// Zero bytes, more than any incomplete frame can lack.
 const FLUSH: [u8; 9000] = [0; 9000];
 
 fn any_garbage() -> impl Strategy<Value = Vec<u8>> {
@@ -15,8 +15,8 @@ fn any_garbage() -> impl Strategy<Value = Vec<u8>> {
     proptest::collection::vec(prop_oneof![any::<u8>(), proptest::sample::select(&FRAME_STARTS[..])], 0..200)
 }
 
-/// Returns `true` if `found` contains all of `wanted` in order. Compared as text, so that NaN
-/// equals NaN.
+/// Returns `true` if `found` contains all of `wanted` in order. Measurements are compared as text,
+/// so that NaN equals NaN.
 fn contains_in_order(found: &[Measurement], wanted: &[Measurement]) -> bool {
     let mut found = found.iter().map(|found| format!("{found:?}"));
     wanted.iter().all(|wanted| found.any(|found| found == format!("{wanted:?}")))
@@ -35,8 +35,8 @@ fn every_undamaged_unit_is_measured() {
 }
 
 proptest! {
-    // A fixed seed keeps the cases the same: an 8-bit checksum accepts one of 256 corrupted frames
-    // by chance.
+    // The seed is fixed, because in other cases an 8-bit checksum could accept a corrupted frame by
+    // chance (one of 256).
     #![proptest_config(ProptestConfig { cases: 512, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Default::default() })]
 
     #[test]
@@ -97,8 +97,8 @@ proptest! {
         for stream in streams::all(UNITS).into_iter().filter(|stream| stream.is_stateless) {
             let mut units = stream.units.clone();
             let at = at.index(units[which].len());
-            // A partial frame and the start of the next can together pass as one frame: one in 256
-            // with an 8-bit checksum, or if a single byte is missing.
+            // A truncated frame and the start of the next can together look like a valid frame: by
+            // chance (one in 256) with an 8-bit checksum, or if only one byte is missing.
             let affected = if stream.checksum_bits > 8 && at + 1 < units[which].len() { 1 } else { 2 };
             let good: Vec<_> = [&units[..which], &units[which + affected..]].concat().concat();
             if is_cut {
@@ -130,8 +130,8 @@ proptest! {
     }
 }
 
-/// Returns the bytes that a UART receives if they are sent at `ratio` times its baud rate. Format:
-/// start bit, eight bits from the lowest, stop bit.
+/// Returns the bytes that a UART receives if `bytes` are sent at `ratio` times its baud rate.
+/// Format: start bit, eight data bits with the lowest first, stop bit.
 fn resample(bytes: &[u8], ratio: f64) -> Vec<u8> {
     let mut line = vec![true; 20];
     for byte in bytes {

@@ -39,7 +39,7 @@ fn device(root: &Path) -> std::path::PathBuf {
             write("index", &(first + axis).to_string());
         }
     }
-    // A channel between the others that is not needed.
+    // An additional channel that is not needed, and the timestamp after it.
     for (name, kind, index, en) in [("in_temp", "le:s16/16>>0", 9, "0"), ("in_timestamp", "le:s64/64>>0", 10, "0")] {
         write(&format!("scan_elements/{name}_en"), en);
         write(&format!("scan_elements/{name}_type"), kind);
@@ -200,7 +200,7 @@ fn device_pair_interpolates_force_at_rate_time() {
         wanted.iter().flat_map(|(t_ms, ..)| record_of_one_quantity(*t_ms as i16, *t_ms as i64)).collect();
     let accel: Vec<u8> =
         [0i16, 8, 16, 24, 32].iter().flat_map(|t_ms| record_of_one_quantity(10 * t_ms, (*t_ms).into())).collect();
-    // Complete, byte by byte, and in odd chunks.
+    // As a whole, byte by byte, and in chunks of 17 bytes.
     for size in [gyro.len(), 1, 17] {
         for gyro_is_first in [true, false] {
             let (mut pair, mut found) = (pair(), Vec::new());
@@ -229,8 +229,8 @@ fn device_pair_handles_accel_loss_and_clock_reset() {
     for t_ms in (10..600).step_by(10) {
         gyro(&mut pair, t_ms);
     }
-    // The records up to 590 − 200 ms are decided: those within 100 ms of the force were used, the
-    // rest were rejected. The others wait.
+    // The records up to 390 ms (590 − 200) have been decided: those within 100 ms of the force were
+    // used, the others rejected. Later records still wait.
     assert_eq!((pair.counts().frames, pair.counts().rejected), (60, 28));
     // After a clock reset the waiting records are discarded, and decoding continues.
     gyro(&mut pair, 5);

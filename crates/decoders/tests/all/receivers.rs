@@ -1,4 +1,4 @@
-//! Cases of receivers that third-party encoders do not cover.
+//! Receiver cases that third-party encoders do not cover.
 
 use decoders::{DeviceTime, Framed, Measurement, Value, nmea::Nmea, ubx::Ubx};
 
@@ -9,7 +9,6 @@ fn decode(sentences: &[&str]) -> Vec<Measurement> {
     decoded(Box::new(Framed::new(Nmea::default())), [&bytes[..]]).0
 }
 
-/// Example sentence of the standard.
 #[test]
 fn standard_example_sentence_is_read() {
     let example = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n";
@@ -58,7 +57,7 @@ fn invalid_date_or_time_leaves_fix_without_timestamp() {
 fn wrong_nmea_checksum_is_rejected() {
     let (found, counts) = decoded(Box::new(Framed::new(Nmea::default())), [&b"$GPRMC,1,A*00\r\n$GPR$GPGGA*56\r\n"[..]]);
     assert_eq!(found, []);
-    // One is rejected by its checksum, one by its end, and one is valid.
+    // One sentence has a wrong checksum, one is not terminated, and one is valid.
     assert_eq!((counts.frames, counts.rejected), (1, 2), "{counts:?}");
 }
 

@@ -1,5 +1,5 @@
-//! Sample streams of every format: a decoder for each, and units of bytes that are valid on their
-//! own.
+//! Sample streams of all formats, each with a decoder and with units of bytes that are valid on
+//! their own.
 
 use decoders::{
     Counts, Decoder, Framed, Measurement,
@@ -20,10 +20,10 @@ pub(crate) struct Stream {
     pub(crate) decoder: fn() -> Box<dyn Decoder>,
     /// Frames, or cycles of related frames.
     pub(crate) units: Vec<Vec<u8>>,
-    /// Number of checksum bits, which gives the probability that a corrupted frame is accepted. 0
-    /// for formats without a checksum and a start marker.
+    /// Number of checksum bits, which determines how likely a corrupted frame is accepted. 0 for
+    /// formats without checksum and start marker.
     pub(crate) checksum_bits: u32,
-    /// Whether the unit after a damaged one yields the same measurements as without the damage.
+    /// `true` if the unit after a damaged one yields the same measurements as without the damage.
     pub(crate) is_stateless: bool,
 }
 
@@ -76,7 +76,7 @@ pub(crate) fn witmotion_frame(kind: u8, numbers: [u8; 8]) -> Vec<u8> {
     frame
 }
 
-/// Time, force, rate, angles and field frames.
+/// Frames with time, force, rate, angles and field.
 fn witmotion_cycle(n: u32) -> Vec<u8> {
     let with = |three: [u8; 6]| [three[0], three[1], three[2], three[3], three[4], three[5], 0x10, 0x0a];
     let [low, high] = ((n * 10 % 1000) as u16).to_le_bytes();

@@ -1,5 +1,5 @@
-//! Decoders compared with pymavlink, pyubx2 and pynmeagps as encoders and with Python packages for
-//! WitMotion and BNO08x as readers.
+//! Compares the decoders with pymavlink, pyubx2 and pynmeagps as encoders, and with Python packages
+//! that read WitMotion and BNO08x.
 
 use std::{fs, path::Path, process::Command};
 
@@ -14,7 +14,8 @@ use decoders::{
 
 use crate::{python::python, streams::decoded};
 
-/// Returns the bytes of `kind` and the expected measurements. `None` for one that is not compared.
+/// Returns the bytes of `kind` and the expected measurements, or `None` without Python. An expected
+/// `None` is not compared.
 fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Option<Measurement>>)> {
     let python = python()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/third_party.py");
@@ -60,7 +61,7 @@ fn position(latitude_rad: Option<f64>, longitude_rad: Option<f64>, altitude_m: O
     Position { latitude_rad, longitude_rad, altitude_m }
 }
 
-/// Returns all numbers of a value. Unknown ones are NaN.
+/// Returns all numbers in a value. Unknown ones are NaN.
 fn numbers(value: &Value) -> Vec<f64> {
     let unknown = [f64::NAN; 3];
     match *value {
@@ -94,7 +95,7 @@ fn check(kind: &str, decoder: impl Decoder + 'static) -> Option<Counts> {
 fn mavlink_1_2_and_signed_match_pymavlink() {
     for kind in ["mavlink-1", "mavlink-2", "mavlink-signed"] {
         let Some(counts) = check(kind, Framed::new(Mavlink::new(MavlinkSettings::default()))) else { return };
-        // Six messages each time, and every tenth time one more.
+        // Six messages in each round, and one more in every tenth round.
         assert_eq!((counts.frames, counts.skipped_bytes), (300 * 6 + 30, 0), "{kind}");
     }
 }

@@ -1,11 +1,11 @@
-//! Clock fit on simulated devices: increasing times, the device's intervals, and the host's clock.
+//! Clock fit on simulated devices: times increase, keep the device's intervals and follow the host.
 use driver::clock_fit::{ClockFit, ClockHealth, Stamp};
 use proptest::prelude::*;
 
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
 
-/// Simulated device that measures every `interval_ns` of its own clock, with a transmission delay.
+/// Simulated device that sends a sample every `interval_ns` of its own clock, with a delay.
 #[derive(Debug, Clone)]
 struct Device {
     interval_ns: i64,
@@ -16,7 +16,7 @@ struct Device {
     /// Delay of each sample, as a fraction of the maximum.
     delays: Vec<f64>,
     max_delay_ns: i64,
-    /// Whether a sample is lost.
+    /// `true` for each sample that is lost.
     lost: Vec<bool>,
 }
 
@@ -34,7 +34,7 @@ impl Device {
         for (i, delay) in self.delays.iter().enumerate() {
             let device_ns = i as i64 * self.interval_ns;
             let true_ns = 10 * S + (device_ns as f64 * (1.0 + self.drift)) as i64;
-            // Samples on one line arrive in order.
+            // Samples arrive in order, because they share one serial line.
             arrived_ns = arrived_ns.max(true_ns + (delay * self.max_delay_ns as f64) as i64);
             if self.lost[i] {
                 continue;
@@ -118,7 +118,7 @@ proptest! {
     }
 }
 
-/// Runs 4 s at 100 Hz without delay and with `count` as the device's clock.
+/// Runs a fit for 4 s at 100 Hz without delay and with `count` as the device's clock.
 fn times_of_counter(count: impl Fn(i64) -> i64) -> (Vec<(i64, i64)>, ClockHealth) {
     let mut fit = ClockFit::new();
     let times = (0..400).map(|i| 10 * MS * i).map(|t_ns| {

@@ -10,7 +10,7 @@ use messages::{ReceiverReading, SensorReading};
 
 const BUFFER: usize = 300;
 
-/// Owner of a system, with its ingest.
+/// Running test system with its ingest.
 struct System {
     readings: Subscriber<SensorReading>,
     bus: Bus,
@@ -66,7 +66,7 @@ fn sensor_rejoins_restarted_system() {
     let first = System::start(&name);
     let mut sensor = Sensor::open(name.name()).unwrap();
     drop(first);
-    // The next system starts before the sensor checks.
+    // The next system starts before the sensor checks whether the first one is running.
     let second = System::start(&name);
     let deadline = Instant::now() + Duration::from_secs(10);
     while second.readings.receive().unwrap().is_none() {
@@ -74,7 +74,7 @@ fn sensor_rejoins_restarted_system() {
         sensor.send(1, [0.0; 3], [0.0; 3], None).unwrap();
         std::thread::sleep(Duration::from_millis(5));
     }
-    // The topic remains open for later participants.
+    // The topic remains open for programs that join later.
     let later = second.bus.subscriber::<SensorReading>(BUFFER).unwrap();
     let mut other = Sensor::open(name.name()).unwrap();
     other.send(2, [0.0; 3], [0.0; 3], None).unwrap();

@@ -45,7 +45,7 @@ fn added_dense_topic_makes_its_publisher_a_source() {
     assert_eq!(GRAPH.sources(Service::Course).collect::<Vec<_>>(), [Service::Fuser, Service::Gateway]);
 }
 
-/// A caller's macro over the table, with a match arm for each line.
+/// Macro that a caller applies to the table, with a match arm for each line.
 macro_rules! payload_of {
     ({ $topic_value:expr } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
         $publisher:ident => [$($subscriber:ident),*];)*

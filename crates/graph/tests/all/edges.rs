@@ -1,4 +1,4 @@
-//! Queries on the table of the system.
+//! Queries on the system's table.
 use graph::{
     Presence, Service,
     Service::{Accel, Cockpit, Course, Drivers, Fuser, Gateway, Gyro, Ingest},

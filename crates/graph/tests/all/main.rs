@@ -1,3 +1,3 @@
-//! Tests of the system's graph and of an extended one.
+//! Tests of the system's graph and of a graph with additional topics.
 mod added;
 mod edges;

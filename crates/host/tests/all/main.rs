@@ -13,8 +13,7 @@ use launch::{ExternalStage, Service};
 
 const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Accelerometer stage whose state is the number of steps so far. At the third step it misbehaves,
-/// depending on `fault`.
+/// Accelerometer stage with the number of steps so far as its state. The third step causes `fault`.
 const PROGRAM: &str = r#"
 import socket, struct, sys, time
 requests, steps, fault = socket.socket(fileno=0), 0.0, sys.argv[1]
@@ -92,7 +91,7 @@ fn invalid_response_fails_permanently_with_reason() {
         assert!(stage.step(&Vector3::zeros()).validation_error().is_some(), "{fault}");
         let reason = stage.failure().map(ToString::to_string).unwrap_or_default();
         assert!(reason.contains(message), "{fault}: {reason}");
-        // After the failure no request is sent and nothing is waited for.
+        // After the failure no request is sent, so that nothing blocks.
         let waited = started.elapsed();
         assert!(
             stage.step(&Vector3::zeros()).validation_error().is_some() && stage.restore(&stage.snapshot()).is_err()

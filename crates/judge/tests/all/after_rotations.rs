@@ -1,5 +1,5 @@
-//! Motion that hides errors of the gyro's axes: they are found after the body has rotated by 90°
-//! about each axis.
+//! Motion that hides errors of the gyro's axes. The errors are found after the body has rotated by
+//! 90° about each axis.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -25,7 +25,7 @@ const NEED_ROTATION: [&str; 7] = [
     "an axis stuck",
     "an axis of the force stuck",
 ];
-/// Duration of a rotation by 90°, and of the rest after it, s.
+/// Duration of a rotation by 90°, and of the rest that follows it, s.
 const ROTATION_S: f64 = 2.0;
 const REST_S: f64 = 0.5;
 const GRAVITY_M_S2: f64 = 9.81;
@@ -61,7 +61,7 @@ fn rotations(rate_hz: f64) -> Vec<Reading> {
     all
 }
 
-/// Returns the readings preceded by these rotations.
+/// Returns the readings, preceded by the rotations.
 fn after_rotations(readings: &[Reading], rate_hz: f64) -> Vec<Reading> {
     let mut all = rotations(rate_hz);
     let offset_ns = (all.len() as f64 * 1e9 / rate_hz) as i64 - readings[0].t_ns;
@@ -95,7 +95,7 @@ fn hidden_axis_errors_are_diagnosed_after_90_degree_rotations() {
             if !is_diagnosed || with_rotations.len() > 1 {
                 failures.push(format!("{name}: {error}: {with_rotations:#?}"));
             }
-            // Without the rotations there is no false diagnosis.
+            // Without the rotations, no false diagnosis is made.
             let without_rotations = diagnose_changed(&recorded);
             if without_rotations.iter().any(|(_, diagnosis)| diagnosis.issue != issue) {
                 failures.push(format!("{name}: {error}, without rotations: {without_rotations:#?}"));

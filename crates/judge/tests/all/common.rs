@@ -12,7 +12,7 @@ pub(crate) fn data() -> PathBuf {
         .map_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into(), PathBuf::from)
 }
 
-/// Returns the open recordings. If there are none, prints a note and returns an empty list.
+/// Returns the available recordings. Prints a note if the list is empty.
 pub(crate) fn recordings() -> Vec<PathBuf> {
     let mut all: Vec<_> = ["broad", "flights"]
         .iter()
@@ -46,7 +46,7 @@ pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
     (readings.len() - 1) as f64 * 1e9 / span_ns as f64
 }
 
-/// Returns the diagnoses, each with the time of the samples at which it was made, s.
+/// Returns the diagnoses, each with the sample time at which it was made, s.
 pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Diagnosis)> {
     let launch = Launch::default();
     let mut conditioner = Conditioner::new(&launch.ingest, rate_hz, GyroSamples::Means).unwrap();

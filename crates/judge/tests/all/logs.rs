@@ -1,4 +1,5 @@
-//! Logs of PX4 and of a real flight, unchanged and with errors that are visible in their motion.
+//! Logs from PX4 and from a real flight, unchanged and with errors that are visible in their
+//! motion.
 //!
 //! Errors of the gyro's axes are visible while gravity rotates in the body: not at rest, and not in
 //! the coordinated turns of an aeroplane.
@@ -7,7 +8,7 @@ use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use ingest::source::Reading;
 use judge::InputIssue;
 
-/// Errors that are visible whatever the motion.
+/// Errors that are visible in any motion.
 const ALWAYS_VISIBLE: [&str; 9] = [
     "forces in g",
     "times in ms",
@@ -20,13 +21,13 @@ const ALWAYS_VISIBLE: [&str; 9] = [
     "a sensor mounted upside down",
 ];
 
-/// File of a log, the tenth of it to start at, and further visible errors.
+/// Log file, the tenth of the log to start from, and further visible errors.
 const LOGS: [(&str, usize, &[&str]); 3] = [
-    // A few seconds of flight, then on the ground.
+    // A few seconds in flight, then on the ground.
     ("logs/px4_sample.ulg", 0, &["rates in °/s"]),
-    // Seven seconds.
+    // Seven seconds long.
     ("logs/px4_small.ulg", 0, &[]),
-    // Starts with the flight.
+    // The flight begins at this tenth.
     ("flights/apm_plane_log2_imu.csv.gz", 7, &["rates in °/s", "an axis stuck"]),
 ];
 

@@ -6,7 +6,7 @@ use judge::InputIssue;
 use scenario::Scenario;
 use std::thread;
 
-/// Recordings with rotation. The others do not reveal errors of the axes.
+/// Recordings with rotation. The others do not reveal errors in the axes.
 const ROTATING_RECORDINGS: [&str; 5] = ["02_", "04_", "07_", "33_", "36_"];
 
 #[test]

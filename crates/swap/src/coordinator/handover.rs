@@ -7,8 +7,8 @@ use crate::{
 };
 
 impl Coordinator {
-    /// Decides that the candidate owns the slot from a tick that neither stage has reached, so that
-    /// both receive the decision in time.
+    /// Decides that the candidate owns the slot from a future tick on. Neither stage has reached
+    /// this tick, so that both can receive the decision in time.
     pub(super) fn arm(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         let Some(owner) = swap.candidate else { return };
@@ -22,7 +22,7 @@ impl Coordinator {
     }
 
     /// Commits once the active stage has published all ticks before the hand-over and the candidate
-    /// the first one after it.
+    /// has published its first tick.
     pub(super) fn confirm(&mut self, now_ms: u64, from_tick: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let epoch = self.epoch;
         let Some(swap) = &self.swap else { return };
@@ -62,7 +62,8 @@ impl Coordinator {
         actions.push(Action::SpawnOwner { stage, epoch, from_tick });
     }
 
-    /// Commits once the new stage has published a new tick and has lived as long as a shadow must.
+    /// Commits once the new stage has published a new tick and has run for as long as a shadow
+    /// must.
     pub(super) fn confirm_takeover(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &self.swap else { return };
         let (Some(newest_tick), Some(candidate)) = (swap.takeover_tick, swap.candidate) else { return };
@@ -83,15 +84,15 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Committed, None, commit_tick, took_ms));
     }
 
-    /// Publishes a decision by which the slot has no owner from the next tick on.
+    /// Publishes a decision that leaves the slot without an owner from the next tick on.
     pub(super) fn vacate(&mut self, actions: &mut Vec<Action>) {
         self.epoch += 1;
         let decision = OwnershipDecision { epoch: self.epoch, owner: 0, from_tick: self.published_tick };
         actions.push(Action::PublishDecision(decision));
     }
 
-    /// Returns the slot to the active stage and stops the candidate. Has no effect after the
-    /// commitment.
+    /// Returns the slot to the active stage and stops the candidate. After the commitment this has
+    /// no effect.
     pub(super) fn abort(&mut self, now_ms: u64, reason: FailureReason, actions: &mut Vec<Action>) {
         let Some(swap) = self.swap.as_mut().filter(|swap| swap.is_open() && swap.state != SwapState::Aborting) else {
             return;
@@ -111,8 +112,8 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Aborted, Some(reason), None, took_ms));
     }
 
-    /// Waits until the candidate has exited and the active stage owns the slot. Restarts an active
-    /// stage that cannot resume ownership.
+    /// Waits until the candidate has exited and the active stage owns the slot. If the active stage
+    /// cannot resume ownership, it is restarted.
     pub(super) fn finish_abort(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         if let Some(incarnation) = swap.candidate
@@ -138,8 +139,8 @@ impl Coordinator {
         }
     }
 
-    /// Aborts the takeover under a new decision: the previous owner is restarted, or the slot stays
-    /// vacant.
+    /// Ends a failed takeover with a new decision. The previous owner is restarted, or the slot
+    /// stays vacant.
     fn cancel_takeover(&mut self, actions: &mut Vec<Action>) {
         let replaced = self.swap.take().is_some_and(|swap| swap.takeover_tick.is_some());
         match (replaced, self.vacant) {

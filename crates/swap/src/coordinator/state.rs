@@ -6,22 +6,22 @@ use serde::{Deserialize, Serialize};
 
 use crate::{OwnershipStatus, event::Request};
 
-/// State of the swap of a slot.
+/// State of a swap in a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SwapState {
     /// No swap is in progress.
     Idle,
-    /// The candidate starts.
+    /// The candidate is starting.
     Starting,
     /// The candidate processes the history of its input.
     CatchingUp,
     /// The candidate computes in parallel with the active stage.
     Shadowing,
-    /// The owner has exited and the new stage starts in its place. The takeover is confirmed by the
-    /// first new tick it publishes.
+    /// The new stage is taking over from an owner that has exited. The first new tick that the
+    /// stage publishes confirms the takeover.
     TakingOver,
-    /// The hand-over is decided.
+    /// The hand-over has been decided.
     Armed {
         /// First tick of the candidate.
         from_tick: u64,
@@ -58,7 +58,7 @@ impl fmt::Display for SwapState {
     }
 }
 
-/// A swap in progress.
+/// Swap in progress.
 #[derive(Debug, Clone)]
 pub(super) struct Swap {
     pub(super) request: Request,
@@ -67,13 +67,13 @@ pub(super) struct Swap {
     pub(super) state_since_ms: u64,
     /// Time of the last stop request to the candidate.
     pub(super) stop_requested_ms: u64,
-    /// Whether the result of the candidate's start is pending.
+    /// `true` while the result of starting the candidate is pending.
     pub(super) spawn_pending: bool,
     pub(super) candidate: Option<u32>,
     pub(super) status: Option<OwnershipStatus>,
     /// Tick of the hand-over.
     pub(super) from_tick: Option<u64>,
-    /// End of the published ticks when the owner exited; `None` while the owner runs.
+    /// First tick not yet published when the owner exited; `None` while the owner is running.
     pub(super) takeover_tick: Option<u64>,
 }
 
@@ -97,8 +97,8 @@ impl Swap {
         (self.state, self.state_since_ms) = (state, now_ms);
     }
 
-    /// Returns `true` before the commitment, while the active stage may still keep or resume the
-    /// slot.
+    /// Returns `true` before the commitment, while the active stage can still keep or resume
+    /// ownership of the slot.
     pub(super) fn is_open(&self) -> bool {
         !matches!(self.state, SwapState::Committed { .. } | SwapState::Retiring { .. })
     }

@@ -1,4 +1,4 @@
-//! Checks of every world, and of the coverage of all worlds together.
+//! Checks of each world, and of the coverage of all worlds together.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -31,8 +31,8 @@ impl World {
                     ));
                 }
             }
-            // A stage that replaced an exited one may start earlier or later than what subscribers
-            // received.
+            // Takeovers are excluded, because a stage that replaces an exited one may start before
+            // or after the last tick that subscribers received.
             let is_handover =
                 |report: &&Report| report.outcome == SwapOutcome::Committed && !self.replaced.contains(&report.epoch);
             for report in self.reports.iter().filter(is_handover) {
@@ -131,7 +131,7 @@ impl Statistics {
         }
     }
 
-    /// Checks that each case occurred: a case that is never simulated is not tested.
+    /// Checks that each case occurred, because a case that is never simulated is not tested.
     pub(crate) fn assert_all_cases_covered(&self) {
         for case in CASES {
             assert!(

@@ -7,9 +7,9 @@ use crate::{
     world::{SUBSCRIBERS, World},
 };
 
-/// Time until the deadline of a request, ms.
+/// Time from a request to its deadline, ms.
 pub(crate) const REQUEST_TIMEOUT_MS: u64 = 200;
-/// Maximum number of earlier attempts of a request.
+/// Maximum number of earlier attempts in a request.
 pub(crate) const MAX_PREVIOUS_ATTEMPTS: u32 = 2;
 /// Longest stall of the supervisor, ms.
 const MAX_STALL_MS: u64 = 30;
@@ -69,8 +69,8 @@ impl World {
 
     /// Returns `true` if a subscriber may restart without loss.
     ///
-    /// A restarted subscriber finds its missing ticks only at living publishers. The exits of a
-    /// subscriber and of its stage, both before a hand-over, are one fault more than the system
+    /// A restarted subscriber finds its missing ticks only at running publishers. The exit of a
+    /// subscriber and of its stage before the same hand-over is one fault more than the system
     /// tolerates.
     fn may_restart_subscriber(&self) -> bool {
         let owner = &self.processes[self.owner as usize - 1];

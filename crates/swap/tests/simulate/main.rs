@@ -1,5 +1,5 @@
-//! Simulation of stage swaps. Each seed is one world with delays, exits, hangs, late decisions and
-//! bad candidates.
+//! Simulation of stage swaps. Each seed generates one world with delays, exits, hangs, late
+//! decisions and bad candidates.
 //!
 //! `SWAP_SEED=n cargo test --release -p swap --test simulate -- --nocapture` prints the trace of
 //! one seed. `SWAP_SEEDS=n` runs n seeds.
@@ -48,7 +48,7 @@ fn every_subscriber_gets_every_tick_once_in_order() {
     }
 }
 
-/// Runs the worlds of `seeds`; returns their statistics and failures.
+/// Runs the worlds of `seeds`. Returns their statistics and failures.
 fn run_worlds(seeds: impl Iterator<Item = u64>) -> (Statistics, Vec<(u64, String)>) {
     let mut statistics = Statistics::default();
     let mut failures = Vec::new();
@@ -62,7 +62,7 @@ fn run_worlds(seeds: impl Iterator<Item = u64>) -> (Statistics, Vec<(u64, String
     (statistics, failures)
 }
 
-/// Returns a number from the environment.
+/// Returns the number in an environment variable.
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
 }

@@ -1,5 +1,5 @@
-//! Service of the slot: computes what its input allows and applies decisions. It can hang, fail and
-//! exit between any two messages.
+//! Service of the slot. It computes as far as its input allows and applies decisions. It can hang,
+//! fail and exit between any two messages.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use swap::{OutputGate, OwnershipDecision, OwnershipStatus, Stamped};
 
 use crate::rng::{Link, MAX_DELAY_MS, SimRng};
 
-/// Output. Its contents depend only on stage and tick.
+/// Output of a service. Before it is stamped, it depends only on the stage and the tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Packet {
     pub(crate) tick: u64,
@@ -45,17 +45,17 @@ pub(crate) enum ServiceMessage {
 /// Behaviour of a process.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Behaviour {
-    /// Time at which it opens its topics, ms.
+    /// Time at which the process opens its topics, ms.
     pub(crate) ready_ms: u64,
-    /// Number of ticks that it can compute in 10 ms.
+    /// Number of ticks that the process can compute in 10 ms.
     pub(crate) ticks_per_10_ms: u64,
-    /// Tick from which on its outputs are invalid.
+    /// First tick with an invalid output.
     pub(crate) invalid_from: Option<u64>,
     pub(crate) health_interval_ms: u64,
     pub(crate) checkpoint_interval_ticks: u64,
 }
 
-/// Number of published messages that a late subscriber still receives.
+/// Number of published messages that a late subscriber can still receive.
 pub(crate) const HISTORY: usize = 500;
 
 #[derive(Debug)]
@@ -66,7 +66,7 @@ pub(crate) struct Process {
     pub(crate) behaviour: Behaviour,
     pub(crate) alive: bool,
     pub(crate) exit_recorded: bool,
-    /// Whether it exited because it was stopped.
+    /// `true` if the process exited because it was stopped.
     pub(crate) retired: bool,
     pub(crate) hung_until_ms: u64,
     pub(crate) next_tick: u64,
@@ -75,7 +75,7 @@ pub(crate) struct Process {
     pub(crate) checkpoints: Link<ServiceMessage>,
     pub(crate) links: Vec<Link<Packet>>,
     pub(crate) history: VecDeque<Packet>,
-    /// End of the published ticks.
+    /// First tick that has not been published yet.
     pub(crate) published_tick: u64,
     newest_input: Option<u64>,
     reported_ready: bool,
@@ -116,7 +116,7 @@ impl Process {
         }
     }
 
-    /// Simulates one millisecond. `newest_input` is the newest tick of its input; with `exits` the
+    /// Simulates one millisecond. `newest_input` is the newest tick of the input. With `exits`, the
     /// process exits during its work.
     pub(crate) fn step(&mut self, now_ms: u64, newest_input: Option<u64>, exits: bool, rng: &mut SimRng) {
         if !self.alive || now_ms < self.hung_until_ms || now_ms < self.behaviour.ready_ms {
@@ -155,7 +155,8 @@ impl Process {
         }
     }
 
-    /// Sends each output to one subscriber after the other; an exit can interrupt this.
+    /// Sends each output to one subscriber after another. With `exits`, sending stops at a random
+    /// point.
     fn send(&mut self, now_ms: u64, out: &[Packet], exits: bool, rng: &mut SimRng) {
         let all = out.len() * self.links.len();
         let sent = if exits { rng.in_range(0, all as u64) as usize } else { all };

@@ -26,7 +26,7 @@ impl SimRng {
     }
 }
 
-/// Link between two processes: ordered and lossless, with a random delay per message.
+/// Ordered, lossless link between two processes, with a random delay for each message.
 #[derive(Debug, Clone)]
 pub(crate) struct Link<T> {
     queue: VecDeque<(u64, T)>,
@@ -36,7 +36,7 @@ pub(crate) struct Link<T> {
 
 /// Upper limit of the regular delay of a link, ms.
 pub(crate) const MAX_DELAY_MS: u64 = 10;
-/// Maximum delay of a stray message, ms.
+/// Maximum delay of an exceptionally late message, ms.
 const MAX_STRAY_DELAY_MS: u64 = 25;
 
 impl<T> Link<T> {

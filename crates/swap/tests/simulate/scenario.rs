@@ -19,7 +19,7 @@ pub(crate) struct Scenario {
     pub(crate) supervisor_exits_ms: Option<u64>,
     /// Lateness of the subscribers, ticks.
     pub(crate) lateness_ticks: u64,
-    /// Outputs that a process keeps. Sometimes too few.
+    /// Number of outputs that a process keeps. In some worlds it is too small.
     pub(crate) history_ticks: usize,
     /// Upper limit of the regular delay from a process to its subscribers, ms.
     pub(crate) max_link_delay_ms: u64,

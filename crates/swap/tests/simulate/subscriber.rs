@@ -1,4 +1,4 @@
-//! Subscriber of the slot, with the output that it received for each tick.
+//! Subscriber of the slot, which keeps the output received for each tick.
 
 use swap::ReorderBuffer;
 
@@ -7,7 +7,7 @@ use crate::process::Packet;
 #[derive(Debug)]
 pub(crate) struct Subscriber {
     pub(crate) reorder_buffer: ReorderBuffer<Packet>,
-    /// Received output of each tick, from 0.
+    /// Output received for each tick, starting with tick 0.
     pub(crate) received: Vec<Packet>,
     pub(crate) checkpoint_interval_ticks: u64,
     pub(crate) checkpoint: Checkpoint,
@@ -33,7 +33,7 @@ impl Subscriber {
         }
     }
 
-    /// Receives a message; fails if a tick is delivered out of order.
+    /// Receives a message. Fails if a tick is delivered out of order.
     pub(crate) fn receive(&mut self, packet: Packet) -> Result<(), String> {
         let mut failure = None;
         let received = &mut self.received;

@@ -73,7 +73,7 @@ impl World {
                 }
             }
             Action::StopCandidate { incarnation } | Action::RetirePrevious { incarnation } => {
-                // Some requests are dropped, so that the coordinator has to repeat them.
+                // Some stop requests are dropped, so that the coordinator has to repeat them.
                 if !self.rng.chance(50) {
                     let due_ms = due_within(self, 20);
                     self.tasks.push((due_ms, Task::Kill { incarnation }));
@@ -82,7 +82,8 @@ impl World {
             Action::RestartActive { epoch, from_tick } => {
                 let owner = &self.processes[self.owner as usize - 1];
                 let hung = owner.hung_until_ms + 2 * self.scenario.limits.restore_timeout_ms > self.now_ms;
-                // The previous stage has exited, and a subscriber may need what it had published.
+                // If the previous stage has exited, a subscriber may need the ticks that it had
+                // published.
                 let lost_handover = self.handovers.last().filter(|(previous, commit_tick)| {
                     from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive
                 });
@@ -90,7 +91,7 @@ impl World {
                 let is_necessary = !owner.alive || hung || owner.gate.status().missed || lost_handover.is_some();
                 assert!(is_necessary, "unnecessary restart");
                 self.stages.insert(epoch, owner.stage);
-                // Only the last requested restart is carried out.
+                // Only the most recently requested restart is carried out.
                 self.tasks.retain(|(_, task)| !matches!(task, Task::Restart { .. }));
                 let due_ms = due_within(self, 60);
                 self.tasks.push((due_ms, Task::Restart { epoch, from_tick }));
@@ -123,7 +124,7 @@ impl World {
     /// Runs the tasks that are due.
     pub(crate) fn run_due_tasks(&mut self) {
         let now_ms = self.now_ms;
-        // One at a time, because a task can cancel others.
+        // Tasks are run one at a time, because a task can cancel others.
         while let Some(index) = self.tasks.iter().position(|(due_ms, _)| *due_ms <= now_ms) {
             match self.tasks.remove(index).1 {
                 Task::Spawn { stage, epoch } => self.spawn(stage, epoch, None),
@@ -139,7 +140,7 @@ impl World {
         }
     }
 
-    /// Records the exit of a process; the supervisor is notified once, after a delay.
+    /// Records the exit of a process. The supervisor is notified once, after a delay.
     pub(crate) fn record_exit(&mut self, incarnation: u32) {
         let Some(process) = self.processes.iter_mut().find(|process| process.incarnation == incarnation) else {
             return;
@@ -160,7 +161,7 @@ impl World {
         }
     }
 
-    /// Starts a candidate, or with `from_tick` a stage in place of an exited owner.
+    /// Starts a candidate or, with `from_tick`, a stage in place of an owner that has exited.
     fn spawn(&mut self, stage: u32, epoch: u32, from_tick: Option<u64>) {
         if self.rng.chance(self.scenario.bad_candidates_per_mille / 8) {
             return self.apply(Event::SpawnFailed { cause: "no such file".into() });
@@ -187,7 +188,7 @@ impl World {
         self.apply(Event::Spawned { incarnation });
     }
 
-    /// Returns the tick of the newest checkpoint of the slot's owner from which it can resume.
+    /// Returns the tick of the newest checkpoint from which the slot's owner can resume.
     ///
     /// The checkpoint is no newer than those of the subscribers, unless the published ticks start
     /// later.
@@ -224,7 +225,7 @@ impl World {
         let gate = gate(incarnation, self.scenario.history_ticks);
         let links = std::iter::repeat_n(self.scenario.max_link_delay_ms, self.subscribers.len());
         let mut process = Process::new(incarnation, stage, gate, behaviour, first_tick, links, &mut self.rng);
-        // A late process receives the earlier decisions, too.
+        // A process that starts late also receives the earlier decisions.
         for decision in &self.decisions {
             process.decisions.send(self.now_ms, &mut self.rng, *decision);
         }

@@ -1,5 +1,5 @@
-//! World of one seed: a source, the processes of a slot, two subscribers and a supervisor, with
-//! faults up to a certain time.
+//! World of one seed: a source, the processes of a slot, two subscribers and a supervisor. Faults
+//! occur up to a certain time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,12 +13,12 @@ use crate::{
     supervisor::Task,
 };
 
-/// Input ticks that a restarted or late process can still read.
+/// Number of input ticks that a restarted or late process can still read.
 pub(crate) const INPUT_HISTORY_TICKS: u64 = 1500;
 pub(crate) const SUBSCRIBERS: usize = 2;
-/// Time after the last fault in which everything must settle, ms.
+/// Time after the last fault within which everything must settle, ms.
 const SETTLE_TIMEOUT_MS: u64 = 4000;
-/// Time in which the slowest stage must work off its input, ms.
+/// Time within which the slowest stage must process its remaining input, ms.
 const DRAIN_TIMEOUT_MS: u64 = 15_000;
 
 #[derive(Debug)]
@@ -30,19 +30,19 @@ pub(crate) struct World {
     pub(crate) processes: Vec<Process>,
     pub(crate) subscribers: Vec<Subscriber>,
     pub(crate) coordinator: Coordinator,
-    /// Owner of the slot, as known by the supervisor.
+    /// Owner of the slot, as known to the supervisor.
     pub(crate) owner: u32,
     pub(crate) tasks: Vec<(u64, Task)>,
-    /// Stored checkpoints by incarnation.
+    /// Next ticks of the stored checkpoints, by incarnation.
     pub(crate) checkpoints: BTreeMap<u32, Vec<u64>>,
     pub(crate) decisions: Vec<OwnershipDecision>,
-    /// Stage named by each decision.
+    /// Stage of the owner in each decision, by epoch.
     pub(crate) stages: BTreeMap<u32, u32>,
     pub(crate) requests: BTreeMap<u64, (u64, bool)>,
     pub(crate) reports: Vec<Report>,
     /// Previous owner and tick of each hand-over.
     pub(crate) handovers: Vec<(u32, u64)>,
-    /// Hand-over ticks before which the new stage had to publish again.
+    /// Ticks of hand-overs after which the new stage had to republish earlier ticks.
     pub(crate) republished: BTreeSet<u64>,
     /// Epochs under which a stage replaced an exited owner.
     pub(crate) replaced: BTreeSet<u32>,
@@ -89,7 +89,7 @@ impl World {
         }
     }
 
-    /// Runs until everything has settled; returns the world for its statistics.
+    /// Runs until everything has settled. Returns the world for its statistics.
     pub(crate) fn run(mut self) -> Result<Self, String> {
         self.trace(|world| format!("{:?}", world.scenario));
         let settled_by_ms = self.scenario.faults_until_ms + SETTLE_TIMEOUT_MS;
@@ -145,7 +145,7 @@ impl World {
         Ok(())
     }
 
-    /// Steps the processes and ends some of them, more during a hand-over.
+    /// Steps the processes and lets some of them exit, more often during a hand-over.
     fn step_processes(&mut self, has_faults: bool) {
         let newest = self.next_input.checked_sub(1 + self.rng.in_range(0, 3));
         let in_handover =
@@ -162,7 +162,7 @@ impl World {
         exited.into_iter().for_each(|incarnation| self.record_exit(incarnation));
     }
 
-    /// Delivers messages to the subscribers, in random order of the processes.
+    /// Delivers messages to the subscribers, starting with the messages of a random process.
     fn deliver(&mut self) -> Result<(), String> {
         let first = self.rng.in_range(0, self.processes.len() as u64 - 1) as usize;
         let (behind, ahead) = self.processes.split_at_mut(first);
@@ -216,7 +216,7 @@ impl World {
         }
     }
 
-    /// Prints a line of the trace if a single seed runs.
+    /// Prints a line of the trace if only one seed is run.
     pub(crate) fn trace(&self, line: impl FnOnce(&Self) -> String) {
         if self.verbose {
             println!("{:5} {}", self.now_ms, line(self));

@@ -1,4 +1,4 @@
-//! Compares `src/generated` with the output of the schemas in `proto`.
+//! Compares `src/generated` with the code generated from the schemas in `proto`.
 //!
 //! The generated files are kept in the repository, so that a build does not have to compile a
 //! schema compiler first. If a schema has changed, the test updates the files and fails. If `CI` is
@@ -48,7 +48,7 @@ fn generate(proto: &Path, out: &Path) {
         }
         let mut config = prost_build::Config::new();
         config.disable_comments(["."]).btree_map(["."]).out_dir(out).compile_fds(set.clone()).unwrap();
-        // Descriptors are sent to clients, which have no use for comments and positions.
+        // Descriptors are sent to clients, which have no use for comments and source positions.
         set.file.iter_mut().for_each(|file| file.source_code_info = None);
         fs::write(out.join(format!("{}.bin", package.replace('/', "."))), set.encode_to_vec()).unwrap();
     }

@@ -23,7 +23,7 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// Number of rejected requests after which a client is disconnected.
 const MAX_REJECTED: u32 = 100;
 
-/// Subscriptions of a client. They are removed from the broadcaster's counts when dropped.
+/// Subscriptions of a client. Dropping them removes them from the broadcaster's counts.
 struct ClientSubscriptions<'l> {
     broadcaster: &'l Broadcaster,
     subscriptions: Subscriptions,
@@ -90,13 +90,13 @@ pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Bro
 enum Event {
     Message(ChannelMessage),
     Request(String),
-    /// Ping or pong frame, or messages that this client was too slow to receive.
+    /// Ping or pong frame, or a notice that this client was too slow and missed messages.
     Ignored,
     Closed,
 }
 
 async fn next_event(socket: &mut WebSocket, messages: &mut Receiver<ChannelMessage>) -> Event {
-    // Polls both; each future is cancel-safe, so that dropping it loses nothing.
+    // Polls both futures. They are cancel-safe, so dropping them loses nothing.
     let (mut next_message, mut next_request) = (pin!(messages.recv()), pin!(socket.recv()));
     poll_fn(|context| {
         if let Poll::Ready(message) = next_request.as_mut().poll(context) {

@@ -15,10 +15,11 @@ use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
 use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::SourceState};
 
-/// Messages queued for each client: half a second of every channel. A client further behind loses
-/// the oldest.
+/// Maximum number of messages queued per client, enough for half a second of every channel. A
+/// client that falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 512;
-/// Step back in publication time that indicates a restarted system. Publishers differ by less.
+/// Backward step of the publication time that indicates a restarted system, ns. The publication
+/// times of concurrent publishers differ by less.
 const RESTART_STEP_NS: u64 = 1_000_000_000;
 
 /// Channels, their subscriber counts, and the queues of the clients.
@@ -28,7 +29,8 @@ pub(crate) struct Broadcaster {
     messages: broadcast::Sender<ChannelMessage>,
     /// Number of subscribed clients by channel index.
     subscriber_counts: Vec<AtomicUsize>,
-    /// Identifier of the session: its start on CLOCK_REALTIME, ns, made unique.
+    /// Session identifier: the start time on CLOCK_REALTIME, ns, incremented if necessary to be
+    /// unique.
     session: AtomicU64,
 }
 
@@ -38,7 +40,7 @@ pub(crate) struct ChannelMessage {
     pub(crate) session: u64,
     /// Index of the channel.
     pub(crate) channel: usize,
-    /// Publication on CLOCK_REALTIME, ns.
+    /// Publication time on CLOCK_REALTIME, ns.
     pub(crate) t_ns: u64,
     pub(crate) data: Bytes,
 }
@@ -58,7 +60,7 @@ impl Broadcaster {
         self.messages.receiver_count() > 0
     }
 
-    /// Returns a queue of the messages from now on.
+    /// Subscribes to all messages published from now on.
     pub(crate) fn subscribe(&self) -> broadcast::Receiver<ChannelMessage> {
         self.messages.subscribe()
     }
@@ -68,8 +70,8 @@ impl Broadcaster {
         self.session.load(Ordering::SeqCst)
     }
 
-    /// Updates the subscriber counts for a client, given whether it is subscribed to each channel
-    /// before and after the change.
+    /// Updates the subscriber counts after a client has changed its subscriptions. Both iterators
+    /// state for each channel whether the client is subscribed to it.
     pub(crate) fn update_subscriptions(&self, before: impl Iterator<Item = bool>, after: impl Iterator<Item = bool>) {
         for (clients, change) in self.subscriber_counts.iter().zip(before.zip(after)) {
             match change {
@@ -96,7 +98,7 @@ pub(crate) struct Feed {
     broadcaster: Arc<Broadcaster>,
     clocks: Clocks,
     topic_feeds: Vec<Option<TopicFeed>>,
-    /// Whether the source has stopped since it was last live; `None` before it is live for the
+    /// `true` if the source has stopped since it was last live; `None` until it is live for the
     /// first time.
     has_stopped: Option<bool>,
 }
@@ -106,7 +108,7 @@ pub(crate) struct Feed {
 struct TopicFeed {
     encoder: Encoder,
     rate_limit: Option<RateLimit>,
-    /// Newest publication time, CLOCK_MONOTONIC, ns.
+    /// Newest publication time so far on CLOCK_MONOTONIC, ns.
     newest_ns: u64,
     /// Indices of the topic's channels.
     channels: Vec<usize>,
@@ -121,7 +123,7 @@ impl Feed {
             let (encoder, rate_limit) = (Encoder::new(topic), RateLimit::for_topic(topic));
             topic_feeds[topic as usize] = Some(TopicFeed { encoder, rate_limit, newest_ns: 0, channels });
         }
-        // The rate serves only to stamp messages with the source's time, which is not needed here.
+        // The rate is needed only to stamp messages with the source's time, which is not used here.
         let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: 0.0 };
         Self { broadcaster, clocks, topic_feeds, has_stopped: None }
     }

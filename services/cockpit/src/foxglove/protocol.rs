@@ -1,9 +1,9 @@
-//! Messages of the Foxglove WebSocket protocol v1, as far as a server without client capabilities
-//! needs them.
+//! Messages of the Foxglove WebSocket protocol v1 that a server without optional capabilities
+//! needs.
 //!
-//! Input: JSON requests of a client.
-//! Output: JSON texts, and messages in binary.
-//! Time: that of a message, ns since 1970.
+//! Input: JSON requests from a client.
+//! Output: JSON text messages and binary messages.
+//! Time: message time, ns since 1970.
 //! Failure: an invalid request is answered with an error status.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::json;
 use wire::channel::Channel;
 
-/// Names of the subprotocol, newer one first. The server treats them alike.
+/// Names of the subprotocol, newer first. The server treats both alike.
 pub(crate) const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Opcode of a binary frame with a channel message.
 const MESSAGE_DATA: u8 = 1;
@@ -43,7 +43,7 @@ pub(crate) fn advertise(channels: &[Channel]) -> String {
     json!({ "op": "advertise", "channels": channels.collect::<Vec<_>>() }).to_string()
 }
 
-/// Encodes a channel message for the client's subscription id.
+/// Encodes a channel message with the client's subscription id.
 pub(crate) fn message(subscription: u32, t_ns: u64, data: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(1 + 4 + 8 + data.len());
     bytes.push(MESSAGE_DATA);
@@ -85,12 +85,12 @@ struct Subscription {
 pub(crate) struct Subscriptions(Vec<Option<u32>>);
 
 impl Subscriptions {
-    /// Creates an empty set for that number of channels.
+    /// Creates a set for the given number of channels, none of them subscribed.
     pub(crate) fn new(channels: usize) -> Self {
         Self(vec![None; channels])
     }
 
-    /// Returns the client's subscription id for a channel.
+    /// Returns the client's subscription id for a channel, or `None` if it is not subscribed.
     pub(crate) fn subscription_id(&self, channel: usize) -> Option<u32> {
         self.0.get(channel).copied().flatten()
     }
@@ -105,7 +105,7 @@ impl Subscriptions {
     /// # Errors
     ///
     /// Returns the reason if the request is rejected. Subscriptions listed before the invalid one
-    /// remain applied.
+    /// remain in effect.
     pub(crate) fn handle(&mut self, text: &str) -> Result<(), String> {
         let request = serde_json::from_str(text).map_err(|error| format!("not a message of the protocol: {error}"))?;
         match request {

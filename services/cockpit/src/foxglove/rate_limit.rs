@@ -1,4 +1,4 @@
-//! Limit on the messages of a topic that clients receive: 60 per second.
+//! Rate limit per topic: a client receives at most 60 messages of a topic per second.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ const SECOND_NS: u64 = 1_000_000_000;
 pub(crate) struct RateLimit {
     window_ns: u64,
     max_count: usize,
-    /// Times of the last messages admitted.
+    /// Times of the most recently admitted messages.
     admitted_ns: VecDeque<u64>,
 }
 
@@ -22,8 +22,8 @@ impl RateLimit {
     pub(crate) fn for_topic(topic: Topic) -> Option<Self> {
         let (span_ns, count_max) = match topic {
             Topic::Event => return None,
-            // Several processes publish these topics in turn. A minimum interval could exclude one
-            // of them permanently.
+            // Several processes publish each of these topics in turn. A minimum interval could
+            // permanently exclude one of them.
             Topic::Health | Topic::Difference => (SECOND_NS, MAX_MESSAGES),
             _ => (SECOND_NS.div_ceil(MAX_MESSAGES as u64), 1),
         };
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn limit_of_shared_topic_serves_all_publishers() {
-        // Eight services publish ten times a second each, always in the same order.
+        // Eight services each publish ten times a second, always in the same order.
         let published = (0..800_u64).map(|n| SECOND_NS + n / 8 * 100_000_000 + n % 8);
         let sent = admitted(Topic::Health, published);
         assert_eq!(sent.len(), 600);

@@ -54,8 +54,8 @@ impl Export {
         let config = &context.config;
         let gateway = &config.launch.gateway;
         let mask = gateway.export.iter().filter_map(|topic| index_of(topic)).fold(0, |mask, index| mask | 1 << index);
-        // Dense topics are polled first. A sparse message is published before the dense ones of its
-        // tick, so that it is found when the sparse topics are polled.
+        // Dense topics are polled first. A sparse message is published before the dense messages of
+        // its tick, so it has arrived by the time the sparse topics are polled.
         let dense = topics_in(mask).filter(|(_, topic)| topic.is_dense);
         let order = dense.chain(topics_in(mask).filter(|(_, topic)| !topic.is_dense));
         let sources: Vec<_> =
@@ -103,7 +103,7 @@ impl Export {
         self.progress.publish(context, self.next_tick, self.run)
     }
 
-    /// Waits for a message of the topic that the next record needs, at most for `limit`.
+    /// Waits up to `limit` for a message on the topic that the next record needs.
     pub(crate) fn wait(&self, limit: Duration) {
         let awaited =
             self.merge.awaited_topic().and_then(|index| self.sources.iter().find(|source| source.index() == index));
@@ -136,14 +136,14 @@ impl ExportState {
                     }
                     continue;
                 };
-                // A frame that could not be sent is requested by the importer.
+                // If a frame cannot be sent, the importer requests its ticks later.
                 let _ = outlet.send(&bytes);
                 sent_tick = next_tick;
             }
         }))
     }
 
-    /// Waits for new records and encodes them; `None` if there are none in time.
+    /// Waits for new records and encodes them. Returns `None` if no record arrives in time.
     fn next_frame(&self, sent_tick: u64) -> Option<(Vec<u8>, u64)> {
         let is_idle = |cache: &mut Cache| cache.next_tick().is_none_or(|next_tick| next_tick <= sent_tick);
         let grown = self.grown.wait_timeout_while(locked(&self.cache), POLL_INTERVAL, is_idle);
@@ -151,8 +151,8 @@ impl ExportState {
         (!is_idle(&mut cache)).then(|| self.frame(&cache, sent_tick, u64::MAX)).flatten()
     }
 
-    /// Replies with the requested records that are cached. If there are none, one empty frame
-    /// reports the range of the cache.
+    /// Replies with those of the requested records that are cached. If none of them is, an empty
+    /// frame reports the range of the cache.
     fn answer(&self, query: &IncomingQuery) {
         let (Some(from), Some(to)) = (query.parameter_u64("from"), query.parameter_u64("to")) else {
             return query.reject("missing tick range: query with ?from=TICK;to=TICK");
@@ -177,7 +177,7 @@ impl ExportState {
     }
 }
 
-/// Exported topic of the bus.
+/// Exported bus topic.
 trait Source {
     fn poll(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
     fn index(&self) -> usize;
@@ -195,8 +195,8 @@ fn source(context: &ServiceContext, index: usize, topic: Topic) -> Option<Result
     )
 }
 
-/// Creates a source of a dense topic: each tick once and in order, across changes of the slot's
-/// owner.
+/// Creates a source that yields each tick of a dense topic once and in order, even if the owner of
+/// the slot changes.
 fn dense<M: Ticked>(context: &ServiceContext, index: usize) -> Result<Box<dyn Source>, RuntimeError> {
     let lateness_ticks = context.config.lateness_ticks() / 2;
     let reorder_buffer: ReorderBuffer<M> = match context.config.resume {
@@ -248,7 +248,7 @@ impl<M: Ticked> Source for Tap<M> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The caller polls in either case.
+        // The caller polls whether or not a message has arrived.
         self.subscriber.wait(limit);
     }
 

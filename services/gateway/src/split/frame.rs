@@ -1,6 +1,6 @@
 //! Network format of records: a header followed by contiguous records, bit for bit.
 //!
-//! Both ends run the same program, so layouts are compared and not translated. Frames from the
+//! Both ends run the same program, so layouts are only compared, not translated. Frames from the
 //! network are validated before use.
 
 use launch::MAX_CACHE_TICKS;
@@ -10,7 +10,7 @@ use super::record::{Record, index_of, message_header, topics_in};
 
 /// Maximum size of a frame, bytes.
 pub const MAX_FRAME_BYTES: usize = 1 << 20;
-/// Size of the records at which a frame is closed, bytes. The last record may exceed it.
+/// Total size of the records at which a frame is closed, bytes. The last record may exceed it.
 pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
 /// Header of a frame.
@@ -24,7 +24,7 @@ pub struct FrameHeader {
     pub topics: Vec<(String, u64)>,
     /// Oldest tick that the exporter caches.
     pub oldest_tick: u64,
-    /// Tick after the newest that the exporter caches.
+    /// Tick after the newest one that the exporter caches.
     pub next_tick: u64,
     /// Tick of the first record.
     pub first_tick: u64,
@@ -48,7 +48,7 @@ pub enum FrameError {
         /// Description of the fault.
         what: &'static str,
     },
-    /// A topic has another layout on the other host.
+    /// A topic has a different layout on the other host.
     #[error(
         "cannot decode carried frame: topic `{topic}` has layout {remote:016x} on the other host, {local:016x} on this one; run the same version of plumb on both hosts"
     )]
@@ -73,7 +73,7 @@ impl Frame {
     /// Encodes as many records as fit into a frame. Returns the bytes and the tick after the last
     /// record.
     pub fn encode<'r>(header: &FrameHeader, records: impl Iterator<Item = &'r Record>) -> (Vec<u8>, u64) {
-        // The header has only strings and numbers, whose serialisation cannot fail.
+        // The header contains only strings and numbers, which can always be serialised.
         let text = serde_json::to_vec(header).unwrap_or_default();
         let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
         bytes.extend_from_slice(&text);

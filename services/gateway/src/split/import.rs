@@ -49,14 +49,15 @@ const LOSS_REPORT_INTERVAL: Duration = Duration::from_secs(1);
 pub(crate) struct Import {
     publishers: Vec<Option<Box<dyn TopicPublisher>>>,
     credit: Subscriber<Credit>,
-    /// Tick up to which the local slots grant credit; `None` until each has opened its topics.
+    /// Tick up to which the local slots grant credit; `None` until every slot has opened its
+    /// topics.
     granted_tick: Option<u64>,
     window_ticks: u64,
-    /// End of publication, exclusive, once the system is to end.
+    /// Tick before which publication ends, once the system is to end.
     end_tick: Option<u64>,
-    /// Start of a window that needs no credit, since no earlier tick is pending.
+    /// Start of the window of ticks that need no credit, because no earlier tick is pending.
     floor_tick: u64,
-    /// Start of the time during which nothing could be published for lack of credit.
+    /// Time since which nothing could be published for lack of credit.
     blocked_since: Instant,
     progress: ProgressCheckpoints,
     pub(crate) next_tick: u64,
@@ -193,9 +194,9 @@ impl ImportState {
         locked(&self.reassembly).is_complete()
     }
 
-    /// Waits until a tick can be published or is lost, at most for `limit`.
+    /// Waits up to `limit` until a tick can be published or is lost.
     pub(crate) fn wait(&self, limit: Duration) {
-        // The caller polls in either case.
+        // The caller polls whether or not a tick is available.
         let arrived =
             self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
         drop(arrived.unwrap_or_else(PoisonError::into_inner));
@@ -230,7 +231,7 @@ impl ImportState {
             };
             last_request = Instant::now();
             let selector = format!("{}?from={};to={}", self.key, span.start, span.end);
-            // A failed request is repeated after the interval.
+            // A failed request is repeated after `REQUEST_INTERVAL`.
             for (_, bytes) in link.query(&selector, Vec::new(), REPLY_TIMEOUT).unwrap_or_default() {
                 last_received = Instant::now();
                 self.handle_frame(&bytes, shared, &mut last_error);
@@ -238,7 +239,8 @@ impl ImportState {
         }
     }
 
-    /// Processes a frame. Errors are counted, and announced if they differ from the previous one.
+    /// Processes a frame. An error is counted, and is announced if it differs from the previous
+    /// one.
     fn handle_frame(&self, bytes: &[u8], shared: &Arc<Shared>, last_error: &mut Option<String>) {
         let rejected = match Frame::decode(bytes) {
             Ok(frame) => locked(&self.reassembly).offer(frame).err().map(|error| error.to_string()),
@@ -257,7 +259,7 @@ impl ImportState {
     }
 }
 
-/// Imported topic of the bus.
+/// Publisher of an imported topic on the bus.
 trait TopicPublisher {
     fn publish(&self, message: &[u8]) -> Result<(), BusError>;
     fn next_tick(&self) -> u64;

@@ -20,7 +20,7 @@ impl LossLog {
         }
     }
 
-    /// Returns a summary of the unreported spans and clears them; `None` if there are none.
+    /// Returns and clears the summary of unreported spans, or returns `None` if all are reported.
     ///
     /// `lost` is the total number of lost ticks.
     pub fn take_summary(&mut self, lost: u64) -> Option<String> {

@@ -1,4 +1,4 @@
-//! Join of several topics into one stream of records: each tick once and in order.
+//! Joins several topics into one stream of records, with each tick once and in order.
 //!
 //! Input: messages of each topic in tick order; topics may interleave in any way.
 //!
@@ -20,7 +20,7 @@ use super::record::{Record, topics_in};
 #[derive(Debug)]
 pub struct Merge {
     join: Join<TopicInputs>,
-    /// Whether the first tick of the stream is known.
+    /// Set once the first tick of the stream is known.
     has_started: bool,
     /// Tick at which the stream starts without the topics that are still missing.
     start_deadline: u64,
@@ -45,8 +45,8 @@ impl Merge {
 
     /// Creates a join that starts at the first tick that all dense topics still hold.
     ///
-    /// Ticks before `backlog_end` were published already and are still being delivered, so that
-    /// they are given up later.
+    /// Ticks before `backlog_end` have already been published but are still being delivered, so
+    /// they are given up later than other ticks.
     pub fn with_unknown_start(mask: u8, lateness_ticks: u64, backlog_end: u64) -> Self {
         let topics = topics_in(mask).map(|(index, topic)| (index, JoinInput::new(topic.flag)));
         let mut join = Join::with_empty_ticks(TopicInputs(topics.collect()), lateness_ticks);
@@ -59,7 +59,7 @@ impl Merge {
         self.join.offer(|topics| topics.input(index), TopicMessage { tick, flags, bytes: bytes.to_vec() });
     }
 
-    /// Returns the next record once every topic has delivered its tick or been given up.
+    /// Returns the next record once every topic has either delivered its tick or been given up.
     pub fn next_record(&mut self) -> Option<Record> {
         if !self.has_started {
             self.join.start_at(self.first_tick()?);

@@ -1,10 +1,10 @@
-//! Split systems: ticks of some topics are carried from one gateway to another host's bus.
+//! Split systems: the ticks of some topics are carried from one host's bus to another's.
 //!
 //! Input: messages on the bus of the exporting host.
 //!
 //! Output: the same messages, bit for bit and in tick order, on the bus of the importing host.
 //!
-//! Time: intervals of polling and requests only. Missing data are detected by ticks.
+//! Time: only polling and request intervals. Missing data are detected by tick numbers.
 //!
 //! Failure: a missing tick is requested for as long as the exporter caches it. A tick that is no
 //! longer cached is counted and reported as lost.
@@ -40,14 +40,14 @@ use crate::{Shared, tap::Taps};
 use export::{Export, ExportState};
 use import::{Import, ImportState};
 
-/// Bus side of a split, driven by the main thread.
+/// Bus side of a split system, driven by the main thread.
 pub(crate) enum BusSide {
     Disabled,
     Export(Box<Export>),
     Import(Box<Import>),
 }
 
-/// Network side of a split, which runs in its own thread.
+/// Network side of a split system, which runs in its own thread.
 pub(crate) enum NetworkSide {
     Disabled,
     Export(Arc<ExportState>),
@@ -81,7 +81,7 @@ impl BusSide {
         }
     }
 
-    /// Waits for ticks, at most for `limit`.
+    /// Waits up to `limit` for ticks.
     pub(crate) fn wait(&self, taps: &Taps, limit: Duration) {
         match self {
             Self::Disabled => taps.wait(limit),
@@ -90,7 +90,7 @@ impl BusSide {
         }
     }
 
-    /// Returns the number of ticks carried and of ticks lost; `None` if the system is not split.
+    /// Returns the numbers of carried and lost ticks, or `None` if the system is not split.
     pub(crate) fn ticks_and_lost(&self) -> Option<(u64, u64)> {
         match self {
             Self::Disabled => None,
@@ -116,8 +116,8 @@ impl NetworkSide {
         match self {
             Self::Disabled => Ok(None),
             Self::Export(state) => state.spawn(link, shared.clone()).map(Some),
-            // Ticks are accepted only from peers that this gateway connects to. The separate link
-            // accepts no incoming connections.
+            // Ticks are accepted only from peers that this gateway connects to. A separate link is
+            // used, which accepts no incoming connections.
             Self::Import(state) => state.spawn(Link::open(&endpoints.connect_only())?, shared.clone()).map(Some),
         }
     }
@@ -153,13 +153,14 @@ impl ProgressCheckpoints {
     }
 }
 
-/// Returns a number that is unique to this run, from the boot identifier and the start of the
-/// supervisor.
+/// Returns a number that is unique to this run. It is derived from the boot identifier and from the
+/// process identifier and start time of the supervisor.
 fn run_id(supervisor_pid: u32) -> u64 {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
     let boot = read("/proc/sys/kernel/random/boot_id");
     let stat = read(&format!("/proc/{supervisor_pid}/stat"));
-    // The process name may contain any character. The start time is the 20th field after it.
+    // The process name may contain any character, so the fields are counted from its closing
+    // parenthesis. The start time is the 20th of them.
     let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();
     messages::hash(messages::HASH_START, format!("{boot} {supervisor_pid} {start}").as_bytes())
 }

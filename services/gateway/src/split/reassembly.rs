@@ -14,7 +14,7 @@ use super::{
     record::{Record, topics_in},
 };
 
-/// Maximum distance of a stored tick from the next one to deliver.
+/// Maximum distance of a stored tick from the next tick to deliver.
 pub const MAX_AHEAD_TICKS: u64 = 65_536;
 
 /// Next element of the stream.
@@ -77,7 +77,7 @@ impl Reassembly {
     ///
     /// # Errors
     ///
-    /// Returns an error if the frame is of another run or rate, or lacks a topic.
+    /// Returns an error if the frame is from another run, has another tick rate, or lacks a topic.
     pub fn offer(&mut self, frame: Frame) -> Result<(), ReassemblyError> {
         let Frame { header, records } = frame;
         self.check(&header)?;
@@ -118,8 +118,8 @@ impl Reassembly {
         self.next_tick..self.cached.start.min(first_ahead).min(self.end_tick)
     }
 
-    /// Returns the span to request: the gap before the first stored record, or up to the end of the
-    /// exporter's cache.
+    /// Returns the span to request, which starts at the next tick. It ends before the first stored
+    /// record or, without stored records, at the end of the exporter's cache.
     pub fn missing(&self) -> Option<Range<u64>> {
         let first_ahead = self.ahead.first_key_value().map_or(self.cached.end, |(tick, _)| *tick);
         let missing = self.next_tick..first_ahead.min(self.end_tick);

@@ -16,9 +16,9 @@ pub struct CarriedTopic {
     pub size: usize,
     /// Fingerprint of the message layout.
     pub fingerprint: u64,
-    /// Whether every tick has a message.
+    /// `true` if every tick has a message.
     pub is_dense: bool,
-    /// Flag of the ticks that have a message; no flag for a dense topic.
+    /// Flag that marks the ticks with a message; empty for a dense topic.
     pub flag: Flags,
 }
 
@@ -91,7 +91,7 @@ pub fn topics_in(mask: u8) -> impl Iterator<Item = (usize, &'static CarriedTopic
     CARRIED_TOPICS.iter().enumerate().filter(move |(index, _)| mask & (1 << index) != 0)
 }
 
-/// Reads the header at the start of a carried message; `None` if the message is too short.
+/// Reads the header at the start of a carried message. Returns `None` if the message is too short.
 pub fn message_header(message: &[u8]) -> Option<Header> {
     bytemuck::try_pod_read_unaligned(message.get(..size_of::<Header>())?).ok()
 }

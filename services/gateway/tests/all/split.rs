@@ -77,7 +77,7 @@ fn frame_header(cache: &Cache, first_tick: u64) -> FrameHeader {
     }
 }
 
-/// Encodes the cached ticks of a span.
+/// Encodes the cached records of a span of ticks.
 fn frame(cache: &Cache, span: Range<u64>) -> Vec<u8> {
     let first_tick = span.start.clamp(cache.oldest_tick().unwrap(), cache.next_tick().unwrap());
     Frame::encode(
@@ -313,8 +313,8 @@ proptest! {
             if next == 0 { continue; }
             let live = frame(&cache, before..next);
             match action {
-                // Delivered; lost; delayed; importer restarts a few ticks earlier; missing ticks
-                // requested.
+                // The frame is delivered (0), lost (1) or delayed (2); the importer restarts a few
+                // ticks earlier (3); or delayed frames arrive and missing ticks are requested.
                 0 => reassembly.offer(Frame::decode(&live).unwrap()).unwrap(),
                 1 => {}
                 2 => delayed.push(live),
@@ -336,7 +336,7 @@ proptest! {
             drain_into(&mut reassembly, &mut received, &mut lost);
         }
         if next > 0 {
-            // The network is restored. A few requests deliver everything that is left.
+            // The network is restored. Requests now deliver everything that is left.
             for _ in 0..200 {
                 let span = reassembly.next_tick()..u64::MAX;
                 reassembly.offer(Frame::decode(&frame(&cache, span)).unwrap()).unwrap();

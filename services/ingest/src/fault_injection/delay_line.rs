@@ -1,12 +1,13 @@
-//! Stores the recent readings of the source for delayed values.
+//! Stores the source's recent readings, from which delayed values are taken.
 //!
 //! Input: readings.
 //!
-//! Output: the readings of the longest delay, by index.
+//! Output: the readings within the longest delay, by index.
 //!
 //! Time: that of the fault injector.
 //!
-//! Failure: if readings arrive faster than expected of any sensor, the oldest are discarded early.
+//! Failure: if readings arrive faster than any sensor should send them, the oldest are discarded
+//! early.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! Random numbers of the fault injector.
+//! Random numbers for the fault injector.
 
 use attitude::{Vector3, gnss::Fix};
 

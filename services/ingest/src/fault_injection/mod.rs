@@ -1,4 +1,4 @@
-//! Injects the faults that `[[ingest.fault]]` of the launch file specifies into readings.
+//! Injects the faults that the launch file specifies as `[[ingest.fault]]` into readings.
 //!
 //! Input: readings as reported by the source.
 //!
@@ -48,9 +48,10 @@ pub(crate) struct FaultInjector {
 struct FaultState {
     fault: Fault,
     rng: FaultRng,
-    /// Last values of the sensor before the fault; for `slow` and `delayed` also during the fault.
+    /// Last values of the sensor before the fault. For `slow` and `delayed`, also updated during
+    /// the fault.
     held: Option<Reading>,
-    /// Number of values or readings during the fault, for `slow`.
+    /// Number of values or readings since the fault started, for `slow`.
     count: u64,
     /// Index of the next reading from the delay line, for `delayed`.
     next_index: u64,
@@ -77,8 +78,8 @@ impl FaultInjector {
 
     /// Returns the reading with all active faults, or `None` if it is dropped.
     ///
-    /// The second value is `true` if a fault was active for this reading or for one dropped since
-    /// the last.
+    /// The second value is `true` if a fault was active for this reading or for any reading dropped
+    /// immediately before it.
     pub(crate) fn inject(&mut self, reading: &Reading) -> Option<(Reading, bool)> {
         if self.faults.is_empty() {
             return Some((*reading, false));
@@ -114,7 +115,8 @@ impl FaultState {
     ) -> Option<Reading> {
         let sensor = self.fault.sensor;
         if let FaultKind::Delayed { delay_s } = self.fault.kind {
-            // The delay line is read outside the fault, too, so that the state is current when it starts.
+            // The delay line is also read while the fault is inactive, so that the state is current
+            // when it starts.
             let delayed = self.delayed(elapsed_ns - (delay_s * 1e9) as i64, delay_line);
             return reading
                 .map(|reading| if is_active { with_sensor_from(reading, sensor, &delayed) } else { reading });
@@ -152,7 +154,7 @@ impl FaultState {
         }
     }
 
-    /// Holds the values of the sensor. Field and fix are held until there is a new one.
+    /// Stores the values of the sensor. A field or fix is kept until a new one arrives.
     fn hold(&mut self, reading: &Reading) {
         let (field_ut, fix) = self.held.map_or((None, None), |held| (held.field_ut, held.fix));
         self.held = Some(Reading { field_ut: reading.field_ut.or(field_ut), fix: reading.fix.or(fix), ..*reading });
@@ -222,7 +224,7 @@ fn with_sensor_from(reading: Reading, sensor: Sensor, other: &Reading) -> Readin
     }
 }
 
-/// Returns the reading without the values of one sensor, or `None` for all sensors.
+/// Returns the reading without the values of one sensor, or `None` for [`Sensor::All`].
 fn without_sensor(reading: Reading, sensor: Sensor) -> Option<Reading> {
     (sensor != Sensor::All).then(|| with_sensor_from(reading, sensor, &EMPTY_READING))
 }

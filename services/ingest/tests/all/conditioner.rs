@@ -55,7 +55,7 @@ fn assert_valid(samples: &[ImuSample]) {
     }
 }
 
-/// Returns the samples, each of which must have been accepted.
+/// Returns the samples. Every reading must have been accepted.
 fn all_accepted(readings: &[Reading]) -> Vec<ImuSample> {
     conditioned(readings).into_iter().map(Option::unwrap).collect()
 }
@@ -376,7 +376,7 @@ fn fuzzed_readings_give_finite_samples_in_time_order() {
     }
 }
 
-/// Returns for each sample whether it has a field and a fix, and its flags of both.
+/// Returns for each sample whether it has a field, whether it has a fix, and its flags for both.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;

@@ -11,8 +11,8 @@ const RATE_HZ: f64 = 100.0;
 const FROM: usize = 100;
 const UNTIL: usize = 200;
 
-/// Returns a valid reading, different for each count: a field with every second, a fix with every
-/// tenth one.
+/// Returns a valid reading that differs for each count. Every second one has a field, and every
+/// tenth one a fix.
 fn reading(count: usize) -> Reading {
     let x = count as f64 * 1e-3;
     let velocity_m_s = Vector3::new(x, 1.0, 0.0);
@@ -28,7 +28,7 @@ fn reading(count: usize) -> Reading {
     }
 }
 
-/// Conditions three seconds of readings, with the faults active in the second one.
+/// Conditions three seconds of readings. The faults are active from 1 s to 2 s.
 fn conditioned(faults: &[(Sensor, FaultKind)]) -> Vec<Option<Sample>> {
     let mut ingest = Launch::default().ingest;
     let fault = |&(sensor, kind): &(Sensor, FaultKind)| Fault { sensor, kind, from_s: 1.0, until_s: 2.0 };

@@ -13,14 +13,14 @@ use supervision::Event;
 use super::recorded_topics::RecordedTopics;
 use crate::{UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
 
-/// Free shared memory required to publish an event, bytes; more than the topic holds.
+/// Free shared memory required to publish an event, bytes. More than the topic `event` occupies.
 const EVENTS_BYTES: u64 = 1 << 20;
 
 pub(super) struct BusConnection {
     pub(super) socket: ControlSocket,
     pub(super) reaper: StaleNodeReaper,
     attitude: OrderedSubscriber<AttitudeOutput>,
-    /// Fused states, for columns of the output file that only these contain.
+    /// Fused states, for the columns of the output file that only these messages provide.
     fused: Option<OrderedSubscriber<FusedState>>,
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
@@ -32,7 +32,7 @@ pub(super) struct BusConnection {
     events: Publisher<SystemEvent>,
     /// All topics for the recorder, if there is one.
     pub(super) recorded: Option<RecordedTopics>,
-    /// Checked input, until the check is finished.
+    /// Topics of the input check; `None` once the check is finished, or if another host runs it.
     pub(super) input: Option<InputTopics>,
     buffer: usize,
     bus: Bus,
@@ -50,7 +50,7 @@ pub(super) struct OptionalInputs {
 }
 
 impl BusConnection {
-    /// Connects to the bus. The first attitude expected is that of `next_tick`.
+    /// Connects to the bus. The first attitude expected is that of tick `next_tick`.
     pub(super) fn open(
         system_name: &SystemName,
         config: &ServiceConfig,
@@ -88,10 +88,10 @@ impl BusConnection {
             self.reference.drain(self.buffer, |reference| collector.record_reference(reference))
         };
         let mut result = collect_references(collector);
-        // Each is counted immediately, because after an outage as many as a topic holds have
-        // arrived.
+        // Each attitude is counted immediately, because after an outage as many have arrived as a
+        // topic holds.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
-            // A reference is published before its tick, so the reference of this tick has arrived.
+            // A reference is published before its tick's attitude, so the reference has arrived.
             if result.is_ok() && collector.awaits_reference(output.header.tick) {
                 result = collect_references(collector);
             }
@@ -104,7 +104,7 @@ impl BusConnection {
         Ok(result?)
     }
 
-    /// Collects the attitudes that wait for missing ticks, which will not arrive any more.
+    /// Collects the attitudes that were waiting for missing ticks, which will no longer arrive.
     pub(super) fn finish(&self, collector: &mut Collector) {
         self.attitude.finish(&mut |output| collector.record_attitude(&output));
         self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.record_fused(&state)));
@@ -113,7 +113,7 @@ impl BusConnection {
     /// Returns the messages of the services, and the newest tick published by each.
     pub(super) fn poll_events(&mut self) -> Result<Vec<Event>, UpError> {
         let mut events = Vec::new();
-        // Late subscribers receive the earlier messages.
+        // Subscribers that have connected late receive the earlier messages.
         self.credit.deliver_history()?;
         self.control.deliver_history()?;
         let limit = CONTROL_BUFFER * Service::ALL.len();
@@ -132,7 +132,8 @@ impl BusConnection {
         service.output().map_or(0, |topic| self.bus.next_tick(topic.entry()))
     }
 
-    /// Publishes an ownership decision. An undelivered decision is not confirmed and is reverted.
+    /// Publishes an ownership decision. If it is not delivered, it is not confirmed and is
+    /// reverted.
     pub(super) fn publish_control(&self, control: &Control) {
         let _ = self.control.send(control);
     }
@@ -153,7 +154,7 @@ impl BusConnection {
         Ok(())
     }
 
-    /// Sleeps until an attitude arrives, at most for `timeout`.
+    /// Sleeps until an attitude arrives, for at most `timeout`.
     pub(super) fn wait(&self, timeout: Duration) {
         SlotInput::<AttitudeOutput>::wait(&self.attitude, timeout);
     }

@@ -1,7 +1,7 @@
 //! Subscriptions to every topic of the bus, for a recorder.
 //!
-//! They exist before any service starts and have the buffer sizes of the data path. In lockstep
-//! each round is complete, because the source receives credit only after the round.
+//! They are opened before any service starts and have the buffer sizes of the data path. In
+//! lockstep each round is complete, because the source receives credit only after the round.
 
 use bus::{Bus, BusError, Subscriber};
 use graph::Topic;

@@ -86,7 +86,8 @@ impl Painter {
         self.update(|queue| queue.frame = Some(frame));
     }
 
-    /// Waits until everything is written, within a time limit. The last frame stays.
+    /// Waits until everything is written, within a time limit. The last frame stays on the
+    /// terminal.
     pub(super) fn finish(&self) {
         self.update(|queue| queue.stop = true);
         let deadline = Instant::now() + SHUTDOWN_TIMEOUT;

@@ -1,18 +1,18 @@
 //! Timestamps of a state file and their age.
 //!
-//! Wall-clock time is read only here and only determines the weight of an earlier run's bias.
+//! Wall-clock time is read only here, and only to determine the weight of an earlier run's bias.
 
 use std::{fs, path::Path};
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// Maximum difference between a real-time clock and the system clock, s.
+/// Maximum difference up to which a hardware clock confirms the system clock, s.
 const MAX_CLOCK_DIFFERENCE_S: f64 = 60.0;
 /// Start of the year 2020, s since 1970. An earlier system time means that the clock was not set.
 const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;
 
-/// Point in time by every clock that may be comparable with another run.
+/// Point in time on every clock that may be comparable across runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Timestamp {
@@ -33,7 +33,7 @@ pub(super) enum Age {
     SameBoot(f64),
     /// Age of a timestamp from an earlier boot, s.
     OtherBoot(f64),
-    /// No common clock.
+    /// The two timestamps have no common clock.
     Unknown,
 }
 
@@ -66,9 +66,9 @@ fn seconds(clock: ClockId) -> f64 {
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }
 
-/// Returns `true` if the system clock is correct.
+/// Returns `true` if the network or a hardware clock confirms the system clock.
 ///
-/// A machine without a battery boots with the time of its last shutdown.
+/// A machine whose clock has no battery boots with the time of its last shutdown.
 fn is_set(root: &Path, unix_s: f64) -> bool {
     let by_network = || root.join("run/systemd/timesync/synchronized").exists();
     let by_battery = || {

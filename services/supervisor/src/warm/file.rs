@@ -59,8 +59,8 @@ pub(super) fn read(path: &Path) -> Result<Option<String>, FileError> {
 
 /// Writes a file that only this user may read.
 ///
-/// The file is replaced atomically: a reader, also after a power failure, finds the old text or the
-/// new one.
+/// The file is replaced atomically. Even after a power failure, a reader finds either the old or
+/// the new text.
 pub(super) fn write(path: &Path, text: &str) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
@@ -113,7 +113,7 @@ mod tests {
         assert!(matches!(read(&pipe), Err(FileError::NotRegular)));
         fs::set_permissions(&own, fs::Permissions::from_mode(0o620)).unwrap();
         assert!(matches!(read(&own), Err(FileError::WritableByOthers)));
-        // Only root can change the owner of a file. Other users find a file of root.
+        // Only root can change the owner of a file. Other users test with a file owned by root.
         let theirs = if geteuid().is_root() {
             fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
             chown(&own, Some(12_345), None).unwrap();

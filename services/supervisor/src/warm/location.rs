@@ -1,4 +1,4 @@
-//! Path of the state file, and which runs have one.
+//! Determines which runs have a state file, and its path.
 
 use std::{env, ffi::OsString, path::PathBuf};
 
@@ -8,7 +8,7 @@ use launch::{Launch, Service, Source, StateFile};
 ///
 /// `is_live` is `true` for a run in real time with one process per service.
 pub(crate) fn state_file_path(launch: &Launch, is_live: bool) -> Option<PathBuf> {
-    // The calibration is known to the host of ingest, the bias to that of the fuser.
+    // The host of ingest has the calibration, and the host of the fuser has the bias.
     let has_both = [Service::Ingest, Service::Fuser].iter().all(|service| launch.services.contains(service));
     // Injected faults are not errors of the sensor.
     if !is_live || !has_both || !launch.ingest.faults.is_empty() {
@@ -27,8 +27,8 @@ fn file_name(launch: &Launch) -> String {
     format!("{}.state", launch.name)
 }
 
-/// Returns the folder for state files: that of systemd, else that of the XDG base directory
-/// specification.
+/// Returns the folder for state files: the one given by systemd, else that of the XDG base
+/// directory specification.
 fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     // systemd separates several folders by colons.

@@ -35,10 +35,10 @@ use crate::{Plan, UpError};
 
 /// Interval between two checks for a new state.
 const CHECK_INTERVAL: Duration = Duration::from_millis(500);
-/// Minimum interval between two writes, a compromise between loss at a power cut and wear of a
+/// Minimum interval between two writes: a compromise between loss at a power cut and wear of a
 /// memory card.
 ///
-/// A state of half the standard deviation is written earlier.
+/// A state with half the standard deviation is written earlier.
 const WRITE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Warm-start state of a run.
@@ -114,8 +114,8 @@ impl WarmStart {
         std::mem::take(&mut self.messages)
     }
 
-    /// Writes a new state if `interval` has passed since the previous write, or if it is much more
-    /// certain.
+    /// Writes a new state if `interval` has passed since the previous write, or if the new state is
+    /// much more certain.
     fn write_if_due(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
         let (Some(writer), Some(newest)) = (&self.writer, newest) else { return };
         let next_tick = newest.next_tick;
@@ -134,7 +134,7 @@ impl WarmStart {
     }
 }
 
-/// Adds the previously known scale if a fuser has estimated none, and stores the result as the
+/// Adds the previously known scale if the fuser has not estimated one, and stores the result as the
 /// newest state.
 fn with_previous_scale(found: Prior, latest: &mut Option<(Prior, Instant)>) -> Prior {
     let previous = latest.map(|(prior, found_at)| prior.aged(found_at.elapsed().as_secs_f64(), false));
@@ -159,8 +159,7 @@ enum LoadError {
 }
 
 impl LoadError {
-    /// Returns `true` if another program or user wrote the file. Such a file is not replaced
-    /// either.
+    /// Returns `true` if another program or user wrote the file. Such a file must not be replaced.
     fn is_foreign(&self) -> bool {
         matches!(self, Self::File(_) | Self::Record(StateError::NotStateFile))
     }

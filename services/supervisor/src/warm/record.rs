@@ -159,7 +159,7 @@ mod tests {
         let started_again = decode(&state_text(), SENSORS, &timestamp("b", 5.0, 1.7e9 + 60.0, true)).unwrap();
         assert_eq!(started_again.1, 60.0);
         assert!(bias(started_again).sd > 1e-3 && started_again.0.hard_iron_ut.unwrap().sd < 0.6);
-        // After a night the bias is too uncertain, the hard iron is not.
+        // After a night the bias is too uncertain to be used, but the hard iron is not.
         let night = decode(&state_text(), SENSORS, &timestamp("b", 5.0, 1.7e9 + 36_000.0, true)).unwrap();
         assert_eq!(
             (night.0.bias_rad_s, night.0.gyro_scale, night.1),

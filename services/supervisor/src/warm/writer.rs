@@ -15,7 +15,7 @@ use crate::UpError;
 
 /// Time limit for writing the last state at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
-/// Maximum number of messages that wait to be read; further ones are dropped.
+/// Maximum number of messages that wait to be read. Further messages are dropped.
 const MAX_MESSAGES: usize = 4;
 
 /// Thread that writes the state file.
@@ -58,8 +58,8 @@ impl StateWriter {
         Ok(Self { states, messages, thread })
     }
 
-    /// Submits a state to be written. Dropped while an earlier state waits, which is almost as
-    /// recent.
+    /// Submits a state to be written. The state is dropped if an earlier one is still waiting,
+    /// because that one is almost as recent.
     pub(super) fn submit(&self, prior: Prior) {
         let _ = self.states.try_send((prior, Instant::now()));
     }

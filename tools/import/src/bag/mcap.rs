@@ -1,8 +1,8 @@
-//! Reader of the messages of an MCAP file, in file order.
+//! Reader of the messages in an MCAP file, in file order.
 //!
 //! Each chunk is read separately, so that a damaged chunk is skipped and the next one is read.
 //!
-//! Memory: a record or a chunk, each up to [`MAX_RECORD_BYTES`].
+//! Memory: one record or chunk, up to [`MAX_RECORD_BYTES`].
 
 use std::{
     cell::Cell,
@@ -22,16 +22,16 @@ use mcap::{
 use super::{Message, ReadError, topics::Topic};
 use crate::{csv_reader::CountingReader, error::open_error};
 
-/// Maximum length of a record or a chunk. A longer one ends the file.
+/// Maximum length of a record or chunk, bytes. Reading of the file ends at a longer one.
 const MAX_RECORD_BYTES: usize = 1 << 27;
-/// Maximum length of a message record. Longer messages are ignored.
+/// Maximum length of a message record, bytes. Longer messages are ignored.
 const MAX_MESSAGE_BYTES: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 16;
 const MAGIC_BYTES: u64 = 8;
-/// Length of the type and length fields at the start of a record.
+/// Length of the type and length fields at the start of a record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
-/// Position in an MCAP file.
+/// Cursor over the messages in an MCAP file.
 pub(super) struct Cursor {
     file: BufReader<CountingReader>,
     reader: LinearReader,
@@ -48,7 +48,7 @@ struct Chunk {
     bytes: io::Cursor<Vec<u8>>,
 }
 
-/// Handler of records, with the channels seen so far and the content of the last record.
+/// Record handler with the channels seen so far and the content of the last record.
 struct RecordHandler {
     wanted: Option<HashSet<Topic>>,
     schemas: HashMap<u16, String>,
@@ -64,7 +64,8 @@ enum ReadOutcome {
 }
 
 impl Cursor {
-    /// Opens a file for the messages of the `wanted` topics, or of all readable topics.
+    /// Opens a file to read the messages of the `wanted` topics, or of all readable topics if
+    /// `None`.
     pub(super) fn open(
         path: &Path,
         wanted: Option<&[Topic]>,
@@ -177,7 +178,7 @@ impl RecordHandler {
                     self.message = Some(Message { topic: topic.clone(), data: data.into_owned() });
                 }
             }
-            // Malformed schemas and channels are ignored, and with them their messages.
+            // Malformed schemas and channels are ignored, and so are their messages.
             op::SCHEMA => {
                 if let Ok(Record::Schema { header, .. }) = mcap::parse_record(kind, data)
                     && header.name.len() <= MAX_MESSAGE_BYTES

@@ -1,15 +1,16 @@
-//! Source of MCAP files and ROS 2 bags, with messages of Plumbline or ROS 2.
+//! Source that reads MCAP files and ROS 2 bags with Plumbline or ROS 2 messages.
 //!
 //! Input: a file, or the folder of a bag.
 //!
-//! Output: the rows of one IMU topic, with field, reference and fixes of other topics.
+//! Output: the rows of one IMU topic, with field, reference and fixes from other topics.
 //!
 //! Time: timestamps in the messages.
 //!
-//! Memory: a chunk of the file for each topic that is read. The files are read once for the survey,
+//! Memory: one chunk of the file for each topic being read. The files are read once for the survey,
 //! once for the rows and once for each further topic.
 //!
-//! Failure: a bag without usable messages is an error. Of a damaged bag the readable part is read.
+//! Failure: a bag without usable messages is an error. If a bag is damaged, its readable part is
+//! imported.
 
 mod compressed;
 mod mcap;
@@ -40,29 +41,31 @@ const PROGRESS_INTERVAL_MESSAGES: u64 = 1024;
 /// Maximum number of directory entries that are inspected in a bag.
 const MAX_FILES: usize = 10_000;
 
-/// Message of a readable topic.
+/// Message on a readable topic.
 struct Message {
     topic: Rc<Topic>,
     data: Vec<u8>,
 }
 
-/// Error while reading the next message. Damage ends a file, a fatal error ends the import.
+/// Error while reading the next message. Damage ends the reading of a file, a fatal error ends the
+/// import.
 enum ReadError {
     Fatal(ImportError),
     Damage(String),
 }
 
-/// Sample of rate and force in native axes, with the attitude of the same message.
+/// Sample of rate and force in native axes, with the attitude from the same message, if any.
 pub(crate) struct InertialSample {
     pub(crate) t_ns: i64,
     pub(crate) rate_rad_s: [f64; 3],
     pub(crate) force_m_s2: [f64; 3],
-    /// Set if the rate is the value at the end of the interval instead of its mean.
+    /// `true` if the rate is the value at the end of the interval instead of its mean over the
+    /// interval.
     is_instant: bool,
     attitude: Option<Attitude>,
 }
 
-/// Velocity of a receiver, east, north, up.
+/// Velocity measured by a GNSS receiver, east, north, up.
 struct VelocityFix {
     t_ns: i64,
     velocity_m_s: [f64; 3],
@@ -70,7 +73,7 @@ struct VelocityFix {
     position: Option<Position>,
 }
 
-/// Position of the receiver.
+/// Position measured by a GNSS receiver.
 #[derive(Clone, Copy)]
 struct Position {
     latitude_deg: f64,
@@ -299,7 +302,7 @@ enum Cursor {
 impl MessageReader {
     /// Returns the next message; `None` at the end of the last file.
     ///
-    /// A file that cannot be read further is noted and skipped.
+    /// If a file cannot be read further, a note is added and the next file is read.
     fn next(&mut self) -> Result<Option<Message>, ImportError> {
         loop {
             let Some((path, cursor)) = &mut self.current else {
@@ -357,7 +360,8 @@ impl Iterator for MessageReader {
     }
 }
 
-/// Collector of the fixes of one topic, each with the newest position received before it.
+/// Collector of the fixes of one topic. A fix without a position gets the newest one received
+/// before it.
 #[derive(Default)]
 struct FixCollector {
     topic: Option<Rc<Topic>>,
@@ -368,9 +372,10 @@ struct FixCollector {
 }
 
 impl FixCollector {
-    /// Passes the fix on if it belongs to the first topic with fixes.
+    /// Passes the fix to `on_fix` if it belongs to the first topic with fixes and its timestamp
+    /// increases.
     ///
-    /// Returns `true` if there is a fix.
+    /// Returns `true` if `fix` is `Some`, even if it is not passed on.
     fn push(
         &mut self,
         topic: &Rc<Topic>,
@@ -399,9 +404,9 @@ impl FixCollector {
         Ok(true)
     }
 
-    /// Stores the newest position of the first topic with positions.
+    /// Stores the position if it belongs to the first topic with positions.
     ///
-    /// Returns `true` if there is a position.
+    /// Returns `true` if `position` is `Some`.
     fn push_position(&mut self, topic: &Rc<Topic>, position: Option<Position>) -> bool {
         let is_some = position.is_some();
         if is_some && *self.position_topic.get_or_insert_with(|| topic.clone()) == *topic {

@@ -4,8 +4,8 @@
 //!
 //! Output: samples. Axes and units are native already.
 //!
-//! Time: `t_end_ns` of each sample on the clock of the source. The reference contains the tick of
-//! its sample instead of a time.
+//! Time: `t_end_ns` of each sample, on the source's clock. A reference contains the tick of its
+//! sample instead of a time.
 //!
 //! Failure: `None` if the message is invalid.
 
@@ -17,10 +17,10 @@ use wire::Payload;
 use super::{InertialSample, Position, VelocityFix};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
-/// Maximum number of samples, and of references, that wait for their counterpart.
+/// Maximum number of samples, and of references, waiting for their counterpart.
 const MAX_PENDING: usize = 4096;
 
-/// Decodes an IMU sample and returns its tick with it.
+/// Decodes an IMU sample and returns it together with its tick.
 pub(super) fn inertial(data: &[u8]) -> Option<(u64, InertialSample)> {
     let ImuSample { header, rate_rad_s, force_m_s2 } = ImuSample::from_bytes(data).ok()?;
     let is_instant = header.flags.any(Flags::RATE_INSTANT);
@@ -43,10 +43,10 @@ pub(super) fn fix(data: &[u8]) -> Option<VelocityFix> {
     })
 }
 
-/// Converts to the degrees that were written originally.
+/// Converts an angle in radians back to the degrees from which it was computed.
 ///
-/// Several neighbouring values convert back to the same radians. The one with the fewest digits is
-/// returned.
+/// Several neighbouring values in degrees convert to the same radians. The one with the fewest
+/// digits is returned.
 fn shortest_degrees(angle_rad: f64) -> f64 {
     let nearest_deg = angle_rad.to_degrees();
     let candidates = [
@@ -74,7 +74,7 @@ pub(super) struct ReferenceJoin {
 impl ReferenceJoin {
     /// Adds the tick and the time of a sample.
     ///
-    /// Returns the attitude if its reference has been added.
+    /// Returns the attitude if the reference for this tick has already been added.
     pub(super) fn push_sample(&mut self, tick: u64, t_ns: i64) -> Option<Attitude> {
         let index = self.pending_references.iter().position(|reference| reference.tick == tick);
         if let Some(reference) = index.and_then(|index| self.pending_references.drain(..=index).next_back()) {
@@ -84,7 +84,7 @@ impl ReferenceJoin {
         None
     }
 
-    /// Adds a reference. Returns the attitude if its sample has been added.
+    /// Adds a reference. Returns the attitude if the sample for its tick has already been added.
     pub(super) fn push_reference(&mut self, reference: Reference) -> Option<Attitude> {
         let index = self.pending_samples.iter().position(|(tick, _)| *tick == reference.tick);
         if let Some((_, t_ns)) = index.and_then(|index| self.pending_samples.drain(..=index).next_back()) {

@@ -22,7 +22,7 @@ const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;
 /// First element of the covariance of a quantity that was not measured.
 const NOT_MEASURED: f64 = -1.0;
-/// `NavSatStatus` without a fix.
+/// Value of `NavSatStatus` that means that there is no fix.
 const NO_FIX: i8 = -1;
 
 #[derive(Deserialize)]
@@ -102,8 +102,9 @@ pub(crate) fn field(data: &[u8]) -> Option<Sample> {
     Some((header.stamp.ns()?, Body::Flu.to_native(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
 }
 
-/// Decodes a `geometry_msgs/msg/TwistStamped` as east, north, up, the axes in which receivers
-/// publish.
+/// Decodes a `geometry_msgs/msg/TwistStamped`.
+///
+/// The velocity is interpreted as east, north, up, the axes in which GNSS receivers publish it.
 pub(super) fn velocity(data: &[u8]) -> Option<VelocityFix> {
     let TwistStamped { header, linear } = decode(data)?;
     Some(VelocityFix { t_ns: header.stamp.ns()?, velocity_m_s: finite(linear)?, position: None })
@@ -123,7 +124,7 @@ impl Stamp {
     }
 }
 
-/// Decodes CDR. The first two bytes are the byte order, the next two are ignored.
+/// Decodes CDR. The first two bytes specify the byte order; the next two are ignored.
 fn decode<T: DeserializeOwned>(data: &[u8]) -> Option<T> {
     let message = match data.get(..4)? {
         [0, 0, ..] => cdr_encoding::from_bytes::<T, BigEndian>(&data[4..]),

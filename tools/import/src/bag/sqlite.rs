@@ -1,7 +1,7 @@
-//! Reader of the messages of a ROS 2 database, in the order in which they were written.
+//! Reader of the messages in a ROS 2 database, in the order in which they were written.
 //!
-//! The database is opened read-only. Only two tables are read and views are rejected, so that the
-//! file cannot execute queries of its own.
+//! The database is opened read-only. Only two tables are read and views are rejected, so that no
+//! query stored in the file is executed.
 //!
 //! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
 
@@ -20,10 +20,10 @@ use super::{Message, ReadError, topics::Topic};
 const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;
 const MAX_TOPICS: i64 = 4096;
-/// Maximum length of a text or blob in SQLite.
+/// Maximum length of a text or blob that SQLite may load, bytes.
 const MAX_VALUE_BYTES: i32 = 1 << 24;
 
-/// Position in a database.
+/// Cursor over the messages in a database.
 pub(super) struct Cursor {
     connection: Connection,
     topics: HashMap<i64, Rc<Topic>>,
@@ -34,7 +34,7 @@ pub(super) struct Cursor {
     progress: Progress,
 }
 
-/// Progress of reading, estimated from the row numbers of the messages.
+/// Reading progress, estimated from the row numbers of the messages.
 struct Progress {
     read_bytes: Rc<Cell<u64>>,
     length_bytes: u64,
@@ -44,7 +44,8 @@ struct Progress {
 }
 
 impl Cursor {
-    /// Opens a file for the messages of the `wanted` topics, or of all readable topics.
+    /// Opens a file to read the messages of the `wanted` topics, or of all readable topics if
+    /// `None`.
     pub(super) fn open(path: &Path, wanted: Option<&[Topic]>, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ReadError> {
         let length_bytes =
             fs::metadata(path).map_err(|cause| ReadError::Fatal(crate::error::open_error(path, cause)))?.len();
@@ -106,7 +107,7 @@ impl Cursor {
         let mut statement = self.connection.prepare(&self.query)?;
         let mut rows = statement.query([self.last_row_id])?;
         let mut count = 0;
-        // Messages read before the damage are returned before the error.
+        // Messages that precede the corruption are returned first, then the error.
         let mut next = || rows.next().map(|row| row.map(|row| (row.get(0), row.get(1), row.get(2))));
         self.has_ended = loop {
             match next() {
@@ -134,7 +135,8 @@ impl Cursor {
 
 /// Opens a database read-only.
 ///
-/// Without a pending journal it is opened as immutable, so that SQLite creates no files next to it.
+/// A database without a pending journal is opened as immutable, so that SQLite creates no files
+/// next to it.
 fn open_read_only(path: &Path) -> Result<Connection, ReadError> {
     let journal = |end: &str| {
         let mut name = path.as_os_str().to_owned();

@@ -6,13 +6,11 @@ use mapping::names::nearest;
 
 use crate::{ImportError, Note};
 
-/// Maximum number of topics that are counted.
+/// Maximum number of topics for which messages are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
 
-/// Type of the messages of a topic.
-///
-/// The order is the order of preference: Plumbline before ROS.
+/// Message type of a topic, in order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Kind {
     PlumblineImu,
@@ -48,8 +46,7 @@ impl Role {
 }
 
 impl Kind {
-    /// Returns the kind of messages with this encoding and schema; `None` if they are not
-    /// supported.
+    /// Returns the kind of messages with this encoding and schema; `None` if it is not supported.
     pub(super) fn from_schema(encoding: &str, schema: &str) -> Option<Self> {
         Some(match (encoding, schema) {
             ("protobuf", "plumbline.v1.ImuSample") => Self::PlumblineImu,
@@ -90,13 +87,13 @@ impl Topic {
     }
 }
 
-/// Numbers of messages of a topic.
+/// Message counts of a topic.
 #[derive(Debug, Default)]
 pub(super) struct MessageCounts {
     pub(super) samples: u64,
-    /// Messages that are malformed or marked as not measured.
+    /// Number of messages that are malformed or marked as not measured.
     pub(super) rejected: u64,
-    /// Samples with an attitude.
+    /// Number of samples with an attitude.
     pub(super) attitudes: u64,
 }
 
@@ -111,7 +108,7 @@ impl<'a> Topics<'a> {
         Self { requested, counts: BTreeMap::new() }
     }
 
-    /// Returns the counts of a topic; `None` if there are too many topics.
+    /// Returns a mutable reference to the counts of a topic; `None` if there are too many topics.
     pub(super) fn counts_mut(&mut self, topic: &Topic) -> Option<&mut MessageCounts> {
         if !self.counts.contains_key(topic) {
             if self.counts.len() >= MAX_TOPICS {

@@ -10,17 +10,17 @@ use crate::{row_writer::Attitude, source::ReceiverFix};
 const UT_PER_MGAUSS: f64 = 0.1;
 /// Lowest GPS status with all three velocity components.
 const MIN_STATUS_3D: f64 = 3.0;
-/// Exclusive limit of the time column of a recording.
+/// Exclusive upper limit of times in a recording, ns.
 const MAX_TIME_NS: i64 = 9_000_000_000_000_000_000;
 
-/// Estimator of an attitude. The order is the order of preference.
+/// Attitude estimator of the autopilot, in order of preference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Estimator {
     /// Third extended Kalman filter, quaternion.
     Ekf3,
     /// Second extended Kalman filter, quaternion.
     Ekf2,
-    /// Estimator that controlled the vehicle, Euler angles.
+    /// Estimator that was in control of the vehicle, Euler angles.
     InUse,
     /// Third extended Kalman filter, Euler angles.
     Ekf3Angles,
@@ -63,7 +63,8 @@ pub(super) enum Kind {
 pub(super) struct Layout {
     pub(super) kind: Kind,
     time: Time,
-    /// Number of the sensor or estimator, if several exist.
+    /// Field with the number of the sensor or estimator; `None` if the message type has no such
+    /// field.
     instance: Option<Field>,
     fields: Fields,
 }
@@ -116,7 +117,7 @@ impl Layout {
         instance.and_then(|instance| instance.try_into().ok()).unwrap_or(0)
     }
 
-    /// Decodes a message; `None` if it has no finite numbers, no 3D fix or no rotation.
+    /// Decodes a message; `None` if it contains an invalid number, fix or rotation.
     pub(super) fn decode(&self, message: &[u8]) -> Option<Measurement> {
         let t_ns = self.t_ns(message)?;
         let finite_vector = |fields: &[Field; 3]| finite(fields.map(|field| field.number(message)));

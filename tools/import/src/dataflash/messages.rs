@@ -9,8 +9,8 @@
 //! Failure: only file errors. Bytes that are not a message are skipped and counted. Messages have
 //! no checksum, so a message is accepted if another one or the end of the log follows it.
 //!
-//! The available parser crate is not used: it stops silently after 256 consecutive faults, does not
-//! report skipped bytes, and allocates for each field of each message.
+//! The available parser crate is not used, because it stops silently after 256 consecutive faults,
+//! does not report skipped bytes, and allocates for each field of each message.
 
 use std::{
     cell::Cell,
@@ -24,9 +24,9 @@ use super::fields::Layout;
 use crate::csv_reader::CountingReader;
 
 const MESSAGE_MAGIC: [u8; 2] = [0xa3, 0x95];
-/// Length of the magic number and the type.
+/// Length of the magic number and the type, bytes.
 const HEADER_BYTES: usize = 3;
-/// Type of the messages that describe the layout of others.
+/// Type of the FMT messages, which describe the layout of all message types.
 const FMT: u8 = 0x80;
 const FMT_BYTES: usize = 89;
 const BUFFER_BYTES: usize = 1 << 16;
@@ -52,7 +52,7 @@ pub(super) struct MessageReader {
     start: usize,
     end: usize,
     formats: [Option<Format>; 256],
-    /// Number of bytes that do not belong to a message.
+    /// Number of bytes skipped because they do not belong to a message.
     pub(super) skipped_bytes: u64,
 }
 

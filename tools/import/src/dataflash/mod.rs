@@ -1,15 +1,15 @@
-//! Source of ArduPilot DataFlash logs (BIN).
+//! Source that reads ArduPilot DataFlash logs (BIN).
 //!
-//! Input: a log. Axes: forward, right, down; north, east, down.
+//! Input: a log. Body axes: forward, right, down. Earth axes: north, east, down.
 //!
-//! Output: the rows of its first IMU, with field, reference and fixes.
+//! Output: the rows of the first IMU, with field, reference and fixes.
 //!
-//! Time: the clock of the log, converted from microseconds or milliseconds.
+//! Time: the log's clock, converted from microseconds or milliseconds.
 //!
 //! Memory: a buffer for each series. The log is read once for the survey and once for each series.
 //!
-//! Failure: a log without usable messages is an error. Of a damaged log all complete messages are
-//! read.
+//! Failure: a log without usable messages is an error. If a log is damaged, all complete messages
+//! are read.
 
 mod fields;
 mod messages;
@@ -44,14 +44,14 @@ pub(crate) struct Log {
     selection: Option<Selection>,
 }
 
-/// Instance to read of each kind of message.
+/// Instance to read for each kind of message.
 struct Selection {
     inertial: Option<u8>,
     field: Option<u8>,
     attitude: Option<(Estimator, u8)>,
 }
 
-/// Numbers of valid and of rejected messages, by kind and instance.
+/// Numbers of valid and rejected messages, by kind and instance.
 type Counts = BTreeMap<Kind, BTreeMap<u8, (u64, u64)>>;
 
 impl Log {
@@ -114,7 +114,7 @@ impl Source for Log {
             let (samples, rejected) = counts.entry(layout.kind).or_default().entry(instance).or_default();
             *samples += u64::from(measurement.is_some());
             *rejected += u64::from(measurement.is_none());
-            // Of several receivers, the one with the first fix is read.
+            // If there are several receivers, the one with the first fix is used.
             if let Some(Measurement::Fix(fix)) = measurement
                 && *receiver.get_or_insert(instance) == instance
             {

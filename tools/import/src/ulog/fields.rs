@@ -9,7 +9,7 @@ use recording::Reference;
 
 use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::ReceiverFix};
 
-/// Relative timestamp of a measurement that does not exist.
+/// Relative timestamp that marks a missing measurement.
 const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;
 /// Lowest `fix_type` with all three velocity components.
 const MIN_FIX_TYPE: u8 = 3;
@@ -21,7 +21,7 @@ pub(crate) struct FieldSample {
     pub(crate) field_ga: [f32; 3],
 }
 
-/// Attitude at a time; forward, right, down to north, east, down.
+/// Attitude at a time, from forward, right, down to north, east, down.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AttitudeSample {
     pub(crate) t_ns: i64,
@@ -48,7 +48,7 @@ pub(super) struct CombinedFields {
     rate: Vector<f32>,
     force: Vector<f32>,
     force_time_offset: Option<FieldParser<i32>>,
-    /// Field with its relative timestamp. Only in logs from before 2018.
+    /// Magnetic field with its relative timestamp. Present only in logs from before 2018.
     field: Option<(Vector<f32>, FieldParser<i32>)>,
 }
 
@@ -67,12 +67,13 @@ impl CombinedFields {
         })
     }
 
-    /// Returns time and rate of the gyro; `None` if the time does not fit into 64-bit nanoseconds.
+    /// Returns time and rate of a gyro sample; `None` if the time does not fit into 64-bit
+    /// nanoseconds.
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
         Some((time_ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse_vector(&self.rate, data).map(f64::from))))
     }
 
-    /// Returns time and force of the accelerometer; `None` if the time is invalid.
+    /// Returns time and force of an accelerometer sample; `None` if the time is invalid.
     pub(super) fn force(&self, data: &[u8]) -> Option<Sample> {
         let relative_us = self.force_time_offset.as_ref().map_or(0, |time| time.parse(data));
         Some((
@@ -213,7 +214,7 @@ fn time_ns(us: u64, relative_us: i32) -> Option<i64> {
         return None;
     }
     let us = i64::try_from(us).ok()?.checked_add(relative_us.into())?;
-    // The limit of a recording's time column.
+    // Limit of the time column in a recording.
     us.checked_mul(1000).filter(|&t_ns| t_ns < 9_000_000_000_000_000_000)
 }
 

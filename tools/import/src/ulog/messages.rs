@@ -1,8 +1,8 @@
 //! Reader of the messages of a ULog.
 //!
-//! The parser receives only the formats and messages of the wanted topics, after a check of the
-//! message lengths. Deeply nested formats of other topics could take it very long, and some
-//! messages that are too short make it panic.
+//! The ULog parser receives only the formats and messages of the wanted topics, and only after
+//! their lengths have been checked. Otherwise, deeply nested formats of other topics could keep it
+//! busy for very long, and some messages that are too short would make it panic.
 
 use std::{
     cell::RefCell,
@@ -17,7 +17,7 @@ use crate::{ImportError, error::open_error};
 
 const BUFFER_BYTES: usize = 1 << 16;
 const HEADER_BYTES: usize = 16;
-/// Length of the size and type fields at the start of a message.
+/// Length of the size and type fields at the start of a message, bytes.
 const MESSAGE_HEADER_BYTES: usize = 3;
 /// Flags message without any flag set.
 const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
@@ -28,7 +28,7 @@ const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
 /// Number of bytes between two progress reports.
 const PROGRESS_INTERVAL_BYTES: u64 = 1 << 16;
 
-/// State of a log at the end of reading.
+/// State of a log after it has been read.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct LogStatus {
     /// Offset and description of the damage that ended reading; `None` if the log is complete.
@@ -90,7 +90,8 @@ pub(crate) fn read(
                 (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}"))),
             };
         if at_byte == HEADER_BYTES as u64 && kind != b'B' {
-            // Logs from before 2017 lack the flags, and the parser expects them or a parameter.
+            // Logs from before 2017 have no flags message, but the parser expects one or a
+            // parameter.
             if let Err(error) = parser.consume_bytes(&EMPTY_FLAGS_MESSAGE) {
                 break Some((at_byte, shorten(&error.description)));
             }
@@ -116,14 +117,14 @@ pub(crate) fn read(
     }
 }
 
-/// Shortens a description of the parser, which may contain whole formats.
+/// Shortens an error description from the parser, which may contain whole formats.
 fn shorten(description: &str) -> String {
     description.chars().take(100).collect()
 }
 
-/// Returns the offsets of data that was appended after a crash, last one first.
+/// Returns the offsets of sections that were appended after a crash, last one first.
 ///
-/// Each ends the section before it.
+/// Each offset is also the end of the previous section.
 fn section_ends(offsets: &[u64; 3]) -> Vec<u64> {
     offsets.iter().rev().copied().filter(|&offset| offset != 0).collect()
 }
@@ -213,7 +214,7 @@ impl MessageReader {
 
     /// Reads until the message has `length` bytes or the file ends.
     ///
-    /// Returns the length of the message.
+    /// Returns the number of bytes in the message.
     fn fill(&mut self, length: usize) -> io::Result<usize> {
         let mut available = self.message.len();
         self.message.resize(length, 0);

@@ -1,17 +1,17 @@
-//! Source of PX4 ULog files.
+//! Source that reads PX4 ULog files.
 //!
 //! Input: a PX4 log.
 //!
-//! Output: the rows of `sensor_combined`, with field, reference and fixes of other topics.
+//! Output: the rows of `sensor_combined`, with field, reference and fixes from other topics.
 //!
-//! Time: the clock of the log, converted from microseconds. The time of a rate is `timestamp`, that
-//! of a force is `timestamp` plus `accelerometer_timestamp_relative`.
+//! Time: the log's clock, converted from microseconds. The time of a rate sample is `timestamp`;
+//! that of a force sample is `timestamp` plus `accelerometer_timestamp_relative`.
 //!
 //! Memory: independent of the length of the log. The log is read once for the survey, and once each
-//! for the rows, field, attitude and receiver.
+//! for the rows, field, attitude and fixes.
 //!
-//! Failure: a log without usable samples is an error. Of a damaged log the part before the damage
-//! is read.
+//! Failure: a log without usable samples is an error. If a log is damaged, the part before the
+//! damage is imported.
 
 mod fields;
 mod messages;
@@ -38,7 +38,7 @@ const COMBINED: &str = "sensor_combined";
 const MAGNETOMETER: &str = "vehicle_magnetometer";
 const ATTITUDE: &str = "vehicle_attitude";
 const RECEIVER: &str = "vehicle_gps_position";
-/// Single receiver. [`RECEIVER`] is blended from all of them.
+/// Topic of a single receiver. [`RECEIVER`] is blended from all receivers.
 const RECEIVER_RAW: &str = "sensor_gps";
 const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_RAW];
 
@@ -53,7 +53,7 @@ pub(crate) struct Log {
 /// Topics and instances selected by the survey, with counts of what was skipped.
 struct Selection {
     combined: Series,
-    /// Field of the magnetometer, or of `sensor_combined` in an old log.
+    /// Field samples from the magnetometer topic, or from `sensor_combined` in an old log.
     fields: Series,
     attitudes: Series,
     fixes: Series,
@@ -128,7 +128,7 @@ impl Log {
         Ok(())
     }
 
-    /// Returns how many passes precede the one for the rows.
+    /// Returns the number of passes before the one for the rows.
     fn passes_before_rows(&self) -> u64 {
         1 + u64::from(self.selection.as_ref().is_none_or(|selection| selection.fixes.accepted > 0))
     }
@@ -259,15 +259,15 @@ fn push_field(series: &mut Series, field: Option<FieldSample>) -> Option<FieldSa
     series.push(field.filter(FieldSample::is_finite), |field| field.t_ns)
 }
 
-/// Adds the field sample of an old log's `sensor_combined`.
+/// Adds the field sample in a `sensor_combined` message of an old log.
 ///
-/// Such a log repeats the last sample until there is a new one.
+/// Such a log repeats the last sample until there is a new one. Repetitions are ignored.
 fn push_combined_field(series: &mut Series, layout: &CombinedFields, data: &[u8]) -> Option<FieldSample> {
     let new = layout.field(data).filter(|field| series.last_ns != Some(field.t_ns))?;
     push_field(series, Some(new))
 }
 
-/// Returns the field parsers of a topic, which are created from its first message.
+/// Returns the field parsers of a topic. They are created from its first message.
 fn cached_fields<T>(cache: &mut Option<T>, create: impl FnOnce() -> Result<T, ImportError>) -> Result<&T, ImportError> {
     Ok(match cache {
         Some(known) => known,

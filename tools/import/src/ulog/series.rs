@@ -23,7 +23,7 @@ use crate::{ImportError, Note, error::open_error, row_writer::Samples};
 /// Maximum number of samples queued for the consumer.
 const MAX_QUEUED: usize = 4096;
 
-/// Selection of one instance of a topic, with counts of its messages.
+/// Selected instance of a topic, with message counts.
 #[derive(Debug, Clone)]
 pub(super) struct Series {
     pub(super) topic: &'static str,
@@ -57,7 +57,7 @@ impl Series {
         }
     }
 
-    /// Returns a series without samples that keeps the instance.
+    /// Returns an empty series for the same instance.
     pub(super) fn restarted(&self) -> Self {
         Self { instance: self.instance, ..Self::new(self.topic, self.what) }
     }
@@ -74,7 +74,8 @@ impl Series {
                 return false;
             }
             _ => {
-                // The messages of a higher instance now count as those of another instance.
+                // The messages counted so far are from a higher instance and now count as other
+                // messages.
                 let others = self.other_messages + self.messages;
                 *self = Self { instance: Some(found), other_messages: others, ..Self::new(self.topic, self.what) };
             }
@@ -85,7 +86,7 @@ impl Series {
 
     /// Returns the sample if its timestamp increases.
     ///
-    /// `None` stands for an invalid sample and is counted as rejected.
+    /// `None` means an invalid sample, which is counted as rejected.
     pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
         let Some(sample) = sample else {
             self.rejected += 1;

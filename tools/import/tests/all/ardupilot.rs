@@ -112,7 +112,7 @@ fn ardupilot_log_matches_pymavlink() {
     for words in run_script("ardupilot.py", &[path.as_os_str()]) {
         let numbers: Vec<f64> = words[2..].iter().map(|word| word.parse().unwrap()).collect();
         let t_ns = words[1].parse::<i64>().unwrap() * 1000;
-        // Only the first sensor or estimator.
+        // Only messages of the first sensor or estimator are compared.
         if words[0] == "ATT" || numbers[0] == 0.0 {
             messages.entry(words[0].clone()).or_default().push((t_ns, numbers));
         }

@@ -12,7 +12,7 @@ use crate::{
 
 const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];
 
-/// Time and numbers of each message, by topic.
+/// Time and values of each message, by topic.
 type Messages = BTreeMap<String, Vec<(i64, Vec<f64>)>>;
 
 /// Creates the bags in a folder and returns the messages that rosbags reads from each.
@@ -30,8 +30,8 @@ fn with_topics(topics: &[&str]) -> Options {
     Options { topics: topics.iter().map(|topic| (*topic).to_owned()).collect(), ..Options::default() }
 }
 
-/// Checks that every value equals that of rosbags. Rates, forces and fields must be equal to the
-/// last bit.
+/// Checks that every value equals the one read by rosbags. Rates, forces and fields must be equal
+/// to the last bit.
 fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
     let is_measured = |numbers: &[f64]| numbers[5] != -1.0;
     let expected: Vec<_> = bag[imu].iter().filter(|(_, numbers)| is_measured(numbers)).collect();
@@ -41,7 +41,7 @@ fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
         let [w, x, y, z, covariance, _, gx, gy, gz, ax, ay, az] = numbers[..] else { panic!("{numbers:?}") };
         assert_eq!((row.t_ns, row.rate_rad_s, row.force_m_s2), (*t_ns, [-gy, gx, gz], [-ay, ax, az]));
         if covariance == -1.0 || [w, x, y, z] == [0.0; 4] {
-            // The row has an interpolated reference.
+            // The reference of this row is interpolated.
             continue;
         }
         let reference = row.reference.unwrap();

@@ -139,8 +139,8 @@ impl Log {
         self.message(b'D', &content);
     }
 
-    /// Writes a sample of [`COMBINED`]. `relative_us` is the time of the force after that of the
-    /// rate.
+    /// Writes a sample of [`COMBINED`]. `relative_us` is the time of the force relative to that of
+    /// the rate.
     pub(crate) fn combined(&mut self, t_us: u64, gyro: [f32; 3], relative_us: i32, accel: [f32; 3]) {
         self.sample(0, t_us, &[&gyro, &0.004f32, &relative_us, &accel]);
     }

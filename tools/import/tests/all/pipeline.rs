@@ -1,4 +1,4 @@
-//! Attitude of the default stages for imported logs.
+//! Attitudes that the default stages compute from imported logs.
 
 use attitude::{
     Quaternion,

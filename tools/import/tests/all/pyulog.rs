@@ -20,7 +20,8 @@ fn samples(log: &Path) -> HashMap<String, Vec<(i64, Vec<f64>)>> {
     topics
 }
 
-/// Checks that every value equals that of pyulog, except for the normalisation of quaternions.
+/// Checks that every value equals the one read by pyulog, except for the normalisation of
+/// quaternions.
 fn assert_equal(imported: &Imported, topics: &HashMap<String, Vec<(i64, Vec<f64>)>>) -> (usize, usize, usize) {
     let none = Vec::new();
     let topic_samples = |topic: &str| topics.get(topic).unwrap_or(&none);

@@ -15,7 +15,7 @@ fn imported(log: &Log) -> Imported {
     folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap()
 }
 
-/// Writes `count` samples, one each ms from 1 s on.
+/// Writes `count` samples at intervals of 1 ms, starting at 1 s.
 fn combined(log: &mut Log, count: u64) {
     (0..count).for_each(|i| log.combined(1_000_000 + 1000 * i, GYRO, 0, ACCEL));
 }
@@ -37,8 +37,8 @@ fn frd_ned_converted_to_rfu_enu() {
     combined(&mut log, 2);
     log.sample(1, 1_000_300, &[&1_000_000u64, &[0.25f32, 0.125, 0.5]]);
     let half = 0.5f32.sqrt();
-    // Examples of docs/conventions.md: facing east; north with the nose 30 degrees up; north with
-    // the right side 30 degrees down.
+    // Examples from docs/reference/conventions.md: facing east; facing north with the nose 30
+    // degrees up; facing north with the right side 30 degrees down.
     log.sample(2, 1_000_000, &[&[half, 0.0, 0.0, half], &0u8]);
     let (c, s) = (15f32.to_radians().cos(), 15f32.to_radians().sin());
     log.sample(2, 1_001_000, &[&[c, 0.0, s, 0.0], &0u8]);
@@ -89,7 +89,8 @@ fn fixes_of_old_and_new_logs_read_unless_invalid() {
 fn field_sample_written_to_nearest_row_only() {
     let mut log = Log::new(&[COMBINED, MAGNETOMETER]);
     combined(&mut log, 10);
-    // Nearest to the 2nd row; nearest to the 4th although published at the 6th; far after the last.
+    // The first sample is nearest to the 2nd row. The second is nearest to the 4th row, although it
+    // was published at the 6th. The third is far after the last row.
     for (sampled_us, published_us) in [(1_001_400u64, 1_001_400), (1_002_600, 1_005_000), (1_200_000, 1_200_000)] {
         log.sample(1, published_us, &[&sampled_us, &[1.0f32, 0.0, 0.0]]);
     }
@@ -114,8 +115,8 @@ fn old_log_field_in_sensor_combined_not_repeated() {
 #[test]
 fn force_interpolated_at_time_of_rate() {
     let mut log = Log::new(&[COMBINED]);
-    // The accelerometer runs 1 ms behind, at half the rate of the gyro; the force grows by 1 m/s²
-    // each ms.
+    // The accelerometer lags by 1 ms and has half the rate of the gyro. The force grows by 1 m/s²
+    // per ms.
     for (i, relative_us) in [(0u64, -1000), (2, -3000), (4, -1000), (6, -3000), (8, -1000), (10, i32::MAX)] {
         let t_ms = i as f64 + f64::from(relative_us) / 1000.0;
         log.combined(1_000_000 + 1000 * i, GYRO, relative_us, [t_ms as f32, 0.0, 0.0]);

@@ -8,7 +8,7 @@ const MAX_ELAPSED_S: f64 = 1e4;
 /// State of the satellite receiver.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Aiding {
-    /// Whether a velocity was ever received.
+    /// `true` once a velocity has been received.
     pub(super) has_velocity: bool,
     /// Time since the last velocity, s.
     pub(super) since_fix_s: f64,
@@ -16,9 +16,9 @@ pub(super) struct Aiding {
     pub(super) since_assumed_s: f64,
     /// Last speed over ground, m/s.
     pub(super) speed_m_s: f64,
-    /// Last track less the course at that time, rad.
+    /// Track minus course at the last fix, rad.
     pub(super) crab_rad: f64,
-    /// Time for which the speed has been sufficient to derive the course from the track, s.
+    /// Time for which the speed has been high enough to derive the course from the track, s.
     pub(super) track_duration_s: f64,
     pub(super) latitude_rad: f64,
     pub(super) has_latitude: bool,

@@ -1,7 +1,7 @@
-//! Assumed velocity: the remembered speed along the course, and zero across it and upwards.
+//! Assumed velocity: the remembered speed along the course, and zero across it and vertically.
 //!
-//! The variances are large, and larger while the body turns. With fixed gains this is the
-//! autonomous law of platform levelling, the low-passed specific force less V H'. An assumed
+//! The variances are large, and larger while the body turns. With fixed gains, this would be the
+//! autonomous law of platform levelling: the low-passed specific force minus V H'. An assumed
 //! velocity must not steer the course, so its gains for the heading and for the gyro bias about the
 //! body's vertical are zero.
 
@@ -23,10 +23,10 @@ const STANDSTILL_SD_M_S: f64 = 0.1;
 const CONSIDERED: [usize; 2] = [HEADING, GYRO_UP];
 
 impl Aided {
-    /// Updates with an assumed velocity if one is due. Returns `true` if the filter was updated.
+    /// Updates the filter with an assumed velocity if one is due. Returns `true` if it was updated.
     ///
-    /// It is used some time after the last fix, or while fixes cannot be used because the course is
-    /// unknown.
+    /// An assumed velocity is used once the last fix is too old, or while fixes cannot be used
+    /// because the course is unknown.
     pub(super) fn apply_assumed_velocity(&mut self) -> bool {
         let settings = self.settings;
         let interval_s = self.aiding.since_assumed_s;
@@ -37,7 +37,7 @@ impl Aided {
         let Some((forward, _)) = self.forward() else { return false };
         self.aiding.since_assumed_s = 0.0;
         let (sin, cos) = libm::sincos(self.aiding.crab_rad);
-        // Rotated clockwise by the crab angle.
+        // Direction of travel: forward, rotated clockwise by the crab angle.
         let along = Vector3::new(cos * forward.x + sin * forward.y, cos * forward.y - sin * forward.x, 0.0);
         let across = Vector3::new(along.y, -along.x, 0.0);
         let turn_factor = 1.0 + square(self.turn_rate_rad_s / settings.half_weight_turn_rate_deg_s.to_radians());
@@ -73,10 +73,10 @@ impl Aided {
         true
     }
 
-    /// Updates with a standstill. Returns `true` if the filter was updated.
+    /// Updates the filter at standstill. Returns `true` if it was updated.
     ///
-    /// The mean rate is a measurement of the gyro bias. Without recent fixes, the velocity is
-    /// measured as zero, too.
+    /// The mean rate is a measurement of the gyro bias. Without recent fixes, zero velocity is used
+    /// as a measurement, too.
     pub(super) fn apply_standstill(&mut self, input: &FuserInput, force_m_s2: Option<Vector3<f64>>) -> bool {
         let (Some(motion), Some(force_m_s2), true) = (&input.motion, force_m_s2, input.rest_credible) else {
             self.standstill.reset();

@@ -1,28 +1,29 @@
 //! Consistency of the filter's standard deviations with its innovations.
 //!
-//! The measure is the mean of the normalised innovations squared. It is 1 if noises and deviations
-//! are as set (Bar-Shalom, *Estimation with Applications to Tracking and Navigation*, 5.4).
+//! The measure is the mean of the normalised innovations squared. It is 1 if the sensor errors are
+//! as large as the filter assumes (Bar-Shalom, *Estimation with Applications to Tracking and
+//! Navigation*, 5.4).
 //!
-//! - Worse sensors raise the mean of every velocity measurement. The reported deviations are
-//!   multiplied by its square root.
-//! - A receiver that is better than its settings lowers the mean, but this says less about the
-//!   gyro's part of the error. The reported deviations are then reduced by an empirical law, fitted
-//!   to cruise flights with a receiver of 0.05 m/s and with good and bad other sensors. The law
-//!   holds only for the default noise settings.
+//! - Sensors that are worse than their settings raise the mean. The reported deviations are
+//!   multiplied by the square root of the mean.
+//! - A receiver that is better than its settings lowers the mean, but this reveals less about the
+//!   part of the error that the gyro causes. The reported deviations are then reduced by an
+//!   empirical law, fitted to cruise flights with a receiver of 0.05 m/s and with both good and bad
+//!   other sensors. The law holds only for the default noise settings.
 //!
-//! The filter's own deviations stay unchanged, because its gains belong to the settings.
+//! The filter's own deviations stay unchanged, because its gains are to follow from the settings.
 
 use crate::scalars::Scalars;
 
 /// Averaging time of the mean, s.
 const MEMORY_S: f64 = 60.0;
-/// Range of the mean that is used.
+/// Limits to which the mean is clamped.
 const MIN_MEAN: f64 = 0.05;
 const MAX_MEAN: f64 = 16.0;
 /// Constants of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
 const DEFLATION_FACTOR: f64 = 1.44;
 const DEFLATION_EXPONENT: f64 = 0.7;
-/// Largest normalised innovation counted, in standard deviations.
+/// Limit to which a normalised innovation is clamped, in standard deviations.
 const MAX_INNOVATION: f64 = 8.0;
 
 /// Origin of the filter's noise settings.
@@ -47,8 +48,8 @@ impl Default for Consistency {
 }
 
 impl Consistency {
-    /// Records the normalised innovations of a velocity, axis by axis, `interval_s` after the last
-    /// ones.
+    /// Records the normalised innovations of a velocity, one per axis. `interval_s` is the time
+    /// since the previous ones.
     pub(super) fn record(&mut self, innovations: [f64; 3], interval_s: f64) {
         let square = |innovation: f64| innovation * innovation;
         let mean = innovations

@@ -41,7 +41,7 @@ pub(super) struct PropagationInterval {
     pub(super) force_m_s2: Vector3<f64>,
     /// R, body → reference.
     pub(super) to_reference: Matrix3<f64>,
-    /// Whether the heading affects the velocity, which requires a heading counted from north.
+    /// `true` if the heading affects the velocity, which requires a heading counted from north.
     pub(super) heading_acts: bool,
     pub(super) dt_s: f64,
     /// Variances added over the interval.
@@ -78,8 +78,8 @@ impl Covariance {
             tilt_coupling.column_mut(2).fill(0.0);
         }
         let bias_coupling = to_reference * -*dt_s;
-        // Rows. The velocity comes first, because it needs the rows of the rotation before their
-        // update.
+        // Rows. The velocity comes first, because it needs the rotation rows before they are
+        // updated.
         let velocity = tilt_coupling * self.0.fixed_rows::<3>(ROTATION) + bias_coupling * self.0.fixed_rows::<3>(ACCEL);
         let rotation = bias_coupling * self.0.fixed_rows::<3>(GYRO);
         let mut rows = self.0.fixed_rows_mut::<3>(VELOCITY);
@@ -87,7 +87,7 @@ impl Covariance {
         let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
         rows += rotation;
         // Columns. Those of the biases do not change, so only the corner of velocity and rotation
-        // is left.
+        // remains.
         let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilt_coupling.transpose()
             + self.0.fixed_view::<6, 3>(0, ACCEL) * bias_coupling.transpose();
         let rotation = self.0.fixed_view::<6, 3>(0, GYRO) * bias_coupling.transpose();
@@ -164,7 +164,7 @@ impl Covariance {
 
     /// Returns why the covariance is invalid, or `None` if it is valid.
     ///
-    /// A variance may be zero. The pivots of P = L D Lᵀ may be negative by rounding only.
+    /// A variance may be zero. The pivots of P = L D Lᵀ may be negative only by rounding.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         if (0..COUNT).any(|i| !(0.0..1e12).contains(&self.variance(i))) {
             return Some("a variance below zero");

@@ -14,7 +14,8 @@ use super::{
 };
 use crate::{Vector3, course::CourseReference, fuser::bias_handover::HandedOverBias, state::Attitude};
 
-/// Smallest horizontal part of the forward axis that gives a heading: 20° from the vertical.
+/// Smallest horizontal part of the forward unit vector that defines a heading. Corresponds to 20°
+/// from the vertical.
 const MIN_HORIZONTAL_FORWARD: f64 = 0.34;
 
 /// Fuser stage `aided`.
@@ -28,7 +29,7 @@ pub struct Aided {
     pub(super) pending_rad: Vector3<f64>,
     pub(super) started: bool,
     pub(super) reference: CourseReference,
-    /// Whether the heading counts from north, so that it affects the velocity.
+    /// Set if the heading counts from north. Only then does it affect the velocity.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
     /// Velocity of the antenna relative to the sensors, R (ω × r), m/s, reference axes.
@@ -106,7 +107,7 @@ impl Aided {
         self.standstill.reset();
     }
 
-    /// Resets level and velocity, with the given standard deviation of the level.
+    /// Resets the velocity and sets the standard deviation of the level.
     pub(super) fn reset_level(&mut self, sd_rad: f64) {
         self.reset_velocity(Vector3::zeros(), self.settings.speed_sd_m_s, self.settings.vertical_sd_m_s);
         for axis in ROTATION..HEADING {
@@ -135,8 +136,8 @@ impl Aided {
         self.latency_s = (self.latency_s + error[LATENCY]).clamp(0.0, 0.6);
     }
 
-    /// Returns horizontal direction and course of the body's forward axis, for the corrected
-    /// attitude.
+    /// Returns the horizontal direction and the course of the body's forward axis, with the pending
+    /// correction applied.
     ///
     /// The course is in rad, clockwise from η0. The result is `None` if the axis is too steep.
     pub(super) fn forward(&self) -> Option<(Vector3<f64>, f64)> {

@@ -1,4 +1,4 @@
-//! Updates by satellite velocity, and the first course.
+//! Updates with the satellite velocity, and the initial course.
 
 use super::{
     covariance::{ACCEL, ErrorState, HEADING, LATENCY, Measurement, ROTATION, VELOCITY},
@@ -7,12 +7,12 @@ use super::{
 };
 use crate::{GRAVITY_M_S2, Vector3, course::CourseReference, fuser::fused::Corrections, gnss::Fix, state::wrapped_rad};
 
-/// Largest standard deviation of the first course due to wind, rad. The linearisation does not hold
-/// beyond it.
+/// Largest standard deviation of the initial course due to wind, rad. Beyond it, the linearisation
+/// does not hold.
 const MAX_WIND_COURSE_SD_RAD: f64 = 0.8;
-/// Speed from which a body is moving, m/s.
+/// Speed at which a body counts as moving, m/s.
 const MIN_MOVING_SPEED_M_S: f64 = 1.5;
-/// Time for which the track must be usable before it gives the course, s.
+/// Time for which the track must be usable before the course is set from it, s.
 const MIN_TRACK_DURATION_S: f64 = 0.35;
 /// Largest plausible velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 2e3;
@@ -52,11 +52,11 @@ impl Aided {
         }
     }
 
-    /// Updates with the antenna's velocity v + R (ω × r) at the time of measurement and, very
-    /// weakly, with the track.
+    /// Updates the filter with the antenna's velocity v + R (ω × r) at the time of measurement and,
+    /// with little weight, with the track.
     ///
-    /// The velocity error at that time differed from the present one by the effect of tilt and
-    /// accelerometer bias since then.
+    /// The velocity error at that time differed from the present one by the effect that tilt error
+    /// and accelerometer bias have had since then.
     fn update_velocity(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));

@@ -1,4 +1,4 @@
-//! Heading by the magnetic field, if enabled.
+//! Heading from the magnetic field, if enabled.
 
 use super::{
     covariance::{ErrorState, HEADING, Measurement},

@@ -1,36 +1,38 @@
 //! Fuser stage `aided`: an error-state filter with the velocity of a satellite receiver.
 //!
-//! The levelled specific force less gravity is integrated to a velocity. Its difference from the
-//! receiver's velocity reveals errors of tilt, heading and the biases of gyro and accelerometer.
+//! The levelled specific force less gravity is integrated to a velocity. The difference from the
+//! receiver's velocity reveals errors in tilt and heading and the biases of gyro and accelerometer.
 //! The heading needs no magnetometer once the body accelerates or turns, because the acceleration
-//! is then known both in body axes and relative to north. Without a fix for a while, an assumed
-//! velocity with a large variance takes its place: the remembered speed along the course, and zero
-//! across it and upwards. There is no mode switch, because the covariance weights all measurements.
+//! is then known both in body axes and relative to north. After some time without a fix, an assumed
+//! velocity with a large variance is used instead: the remembered speed along the course, and zero
+//! across it and vertically. There is no mode switch, because the covariance weights all
+//! measurements.
 //!
 //! The state consists of (w, z), the velocity v, the biases b and s, the receiver's latency L, and
 //! the covariance of their errors. Attitude corrections are applied over
-//! [`smoothing_s`](Settings::smoothing_s), as the rate w_c of a levelled platform.
+//! [`smoothing_s`](Settings::smoothing_s), as a rotation rate like ω_c of a levelled platform.
 //!
 //! The heading counts from true north once the body has moved over ground faster than
-//! `track_speed_m_s`. The first heading is that of the track, so it is wrong for a body that starts
-//! moving sideways or backwards. Before the first velocity only gravity corrects the level. A
-//! lasting turn then reveals the speed, lasting straight acceleration does not. Curvature of the
-//! earth and Coriolis acceleration, 0.04° at 50 m/s, are neglected.
+//! `track_speed_m_s`. The initial heading is that of the track, so it is wrong for a body that
+//! starts moving sideways or backwards. Before the first velocity, only gravity corrects the level.
+//! In that phase a sustained turn reveals the speed, but sustained straight acceleration does not.
+//! The earth's curvature and the Coriolis acceleration, which amount to 0.04° at 50 m/s, are
+//! neglected.
 //!
 //! | file | content |
 //! | --- | --- |
 //! | `filter` | state, initialisation, corrections and standard deviations |
-//! | `stage` | order of a step, snapshot and hand-over |
+//! | `stage` | implementation of the stage contract: step, snapshot and hand-over |
 //! | `strapdown` | propagation of attitude, velocity and covariance over an interval |
 //! | `sums` | sums since the last propagation of the covariance |
-//! | `fixes` | satellite velocity and the first course |
+//! | `fixes` | satellite velocity and the initial course |
 //! | `aiding` | state of the receiver |
-//! | `assumed_velocity` | assumed velocity in a gap, and standstill |
+//! | `assumed_velocity` | assumed velocity in a gap, and updates at standstill |
 //! | `consistency` | consistency of the filter's standard deviations |
-//! | `standstill` | standstill detector, with the gyro bias |
-//! | `magnetic` | magnetic heading |
+//! | `standstill` | standstill detector, which also measures the gyro bias |
+//! | `magnetic` | heading from the magnetic field |
 //! | `velocity_history` | velocities of the last second |
-//! | `covariance` | covariance and update by a measurement |
+//! | `covariance` | covariance and its update by a measurement |
 //! | `variance` | variances from standard deviations |
 
 mod aiding;

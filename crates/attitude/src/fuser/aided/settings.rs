@@ -23,11 +23,13 @@ settings! {
         gyro_bias_sd_deg_s: 0.2 in 0.0001 .. 10.0, "°/s";
         /// Initial standard deviation of the accelerometer bias.
         accel_bias_sd_m_s2: 0.05 in 0.0001 .. 10.0, "m/s²";
-        /// Standard deviation of the first level about each horizontal axis.
+        /// Standard deviation of the initial tilt about each horizontal axis.
         level_sd_deg: 2.0 in 0.01 .. 60.0, "°";
-        /// Standard deviation of the first course relative to the track over ground, without wind.
+        /// Standard deviation of the initial course relative to the track over ground, without
+        /// wind.
         course_sd_deg: 10.0 in 0.1 .. 90.0, "°";
-        /// Standard deviation of a satellite velocity on each axis if not reported.
+        /// Standard deviation of a satellite velocity on each axis, used if the receiver reports
+        /// none.
         velocity_sd_m_s: 0.2 in 0.01 .. 100.0, "m/s";
         /// Initial estimate of the receiver's latency, used if the age is not reported.
         latency_s: 0.2 in 0.0 .. 0.6, "s";
@@ -39,9 +41,9 @@ settings! {
         antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
         /// Position of the receiver's antenna relative to the sensors, up.
         antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Speed above which the track gives the course; lower for slow vehicles and less wind.
+        /// Speed above which the track gives the course. Lower it for slow vehicles and light wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
-        /// Expected wind, which makes course and track over ground differ.
+        /// Expected wind, which makes the course differ from the track over ground.
         wind_m_s: 6.0 in 0.1 .. 100.0, "m/s";
         /// Correlation time of the difference between course and track.
         wind_memory_s: 100.0 in 1.0 .. 10000.0, "s";
@@ -51,9 +53,9 @@ settings! {
         innovation_limit: 4.0 in 1.0 .. 1000.0, "";
         /// Time without a velocity after which the receiver counts as lost.
         fix_timeout_s: 1.5 in 0.2 .. 60.0, "s";
-        /// Standard deviation of the remembered speed along the course, in a gap.
+        /// Standard deviation of the remembered speed along the course in a gap.
         along_sd_m_s: 20.0 in 0.1 .. 1000.0, "m/s";
-        /// Correlation time of the error of the remembered speed.
+        /// Correlation time of the error in the remembered speed.
         along_memory_s: 100.0 in 1.0 .. 10000.0, "s";
         /// Standard deviation of the velocity across the course in a gap.
         across_sd_m_s: 4.0 in 0.1 .. 1000.0, "m/s";
@@ -63,19 +65,19 @@ settings! {
         vertical_sd_m_s: 1.0 in 0.1 .. 1000.0, "m/s";
         /// Correlation time of the vertical velocity in a gap.
         vertical_memory_s: 5.0 in 1.0 .. 10000.0, "s";
-        /// Standard deviation of the speed before the first velocity.
+        /// Standard deviation of the speed before the first satellite velocity.
         speed_sd_m_s: 50.0 in 0.1 .. 1000.0, "m/s";
-        /// Rate of turn at which an assumed velocity has half its weight.
+        /// Turn rate at which the weight of an assumed velocity is halved.
         half_weight_turn_rate_deg_s: 2.0 in 0.01 .. 100.0, "°/s";
-        /// Standard deviation of the gyro bias measured in one standstill.
+        /// Standard deviation of a gyro bias measurement at standstill.
         standstill_sd_deg_s: 0.05 in 0.001 .. 10.0, "°/s";
-        /// 1: correct the heading by the magnetic field of a calibrated magnetometer. 0: do not.
+        /// 1: correct the heading with the field of a calibrated magnetometer. 0: ignore the field.
         magnetic: 0.0 in 0.0 .. 1.0, "";
         /// Magnetic declination, east positive.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
         /// Standard deviation of the magnetic heading.
         magnetic_sd_deg: 5.0 in 0.1 .. 90.0, "°";
-        /// Correlation time of the error of the magnetic heading.
+        /// Correlation time of the error in the magnetic heading.
         magnetic_memory_s: 20.0 in 0.1 .. 10000.0, "s";
     }
 }

@@ -1,4 +1,4 @@
-//! Implementation of the stage contract: order of a step, snapshot and hand-over.
+//! Implementation of the stage contract: step, snapshot and hand-over.
 
 use core::f64::consts::PI;
 
@@ -121,7 +121,8 @@ impl Stage for Aided {
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        // Each component is limited to 1 rad where it arises. Rotating the axes can make it √2 rad.
+        // Each component is clamped to 1 rad when it is set. Rotating the axes can increase it to
+        // √2 rad.
         let pending = (self.pending_rad.amax() > 1.5).then_some("a pending correction above 1.5 rad");
         let latency = (!(0.0..=0.6).contains(&self.latency_s)).then_some("a latency outside 0 to 0.6 s");
         attitude_validation_error(self.attitude)
@@ -162,7 +163,7 @@ impl Stage for Aided {
             adopted.covariance.reset(axis, square(common.bias_sd_rad_s).min(max_variance));
         }
         // The received deviation comes from innovations, which do not show a lasting level error.
-        // The deviation of a first level is therefore added.
+        // The deviation of an initial level is therefore added.
         adopted.reset_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
         adopted.handed_over = HandedOverBias::from_estimate(common);
         adopted.reference = common.reference;

@@ -1,5 +1,5 @@
 //! Standstill detector: gyro and accelerometer stay close to their means, and the receiver, if
-//! present, reports no speed.
+//! present, reports a speed near zero.
 
 use crate::{Vector3, scalars::Scalars};
 
@@ -21,16 +21,16 @@ pub(super) struct StillnessLimits {
     mean_rad_s: f64,
 }
 
-/// Limits if the receiver reports no speed: 0.8 °/s, 0.15 m/s². Tighter limits take an idling
-/// engine for motion.
+/// Limits if the receiver reports a speed near zero: 0.8 °/s, 0.15 m/s². With tighter limits, an
+/// idling engine would count as motion.
 pub(super) const WITH_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.013_962_634, force_m_s2: 0.15, mean_rad_s: 0.087_266_463 };
-/// Limits without a receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s, because a steady turn in
-/// still air looks the same.
+/// Limits without a receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s. They are tighter because
+/// a steady turn in still air looks like standstill.
 pub(super) const WITHOUT_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.005_235_988, force_m_s2: 0.08, mean_rad_s: 0.017_453_293 };
 
-/// Detector of standstill, with the mean rate during it.
+/// Standstill detector, which also averages the rate.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct StandstillDetector {
     rate_rad_s: Vector3<f64>,
@@ -79,7 +79,6 @@ impl StandstillDetector {
         Some(self.rate_rad_s)
     }
 
-    /// Restarts the detector, because the sensors are not credible.
     pub(super) fn reset(&mut self) {
         *self = Self::default();
     }

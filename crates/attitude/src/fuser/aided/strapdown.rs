@@ -12,7 +12,7 @@ use crate::{GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rotation::Rotation};
 const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 /// Largest plausible specific force of a vehicle, m/s².
 const MAX_FORCE_M_S2: f64 = 1e3;
-/// Largest velocity of a vehicle, m/s.
+/// Largest component of a vehicle's velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 3e3;
 /// Averaging time of the rate of turn, s.
 const TURN_RATE_MEMORY_S: f64 = 1.0;
@@ -29,14 +29,15 @@ pub(super) fn is_plausible_force(force_m_s2: &Vector3<f64>) -> bool {
 }
 
 impl Aided {
-    /// Propagates over one gyro interval, with the specific force at its end. Returns `true` if the
-    /// attitude jumps.
+    /// Propagates the state over one gyro interval. `force_m_s2` is the specific force at its end.
+    /// Returns `true` if the attitude jumps.
     pub(super) fn propagate(&mut self, motion: &Motion, force_m_s2: Option<Vector3<f64>>) -> bool {
         let dt_s = motion.dt_s;
         let bias_rotation = Rotation::from_rotation_vector(self.gyro_bias_rad_s * -dt_s);
         self.attitude = self.attitude.rotated(motion.rotation.then(bias_rotation)).attitude;
         let matrix = self.attitude.matrix();
-        // Rotation of the platform, in body axes.
+        // Rotation of the platform in body axes: a part of the pending correction, and the earth's
+        // rotation.
         let pending_rad = self.pending_rad;
         let fed_in_rad = pending_rad * (dt_s / self.settings.smoothing_s).min(1.0);
         let platform_rad = matrix * (fed_in_rad + self.earth_rate_rad_s() * dt_s);
@@ -55,7 +56,7 @@ impl Aided {
             Some(force_m_s2) => {
                 self.sums.update_force_noise(force_m_s2, dt_s);
                 let force_m_s2 = to_reference * (force_m_s2 - self.accel_bias_m_s2);
-                // Levelled as by the attitude with the pending correction applied.
+                // Equivalent to levelling with the pending correction applied.
                 force_m_s2 - pending_rad.cross(&force_m_s2)
             }
             None => {
@@ -68,8 +69,8 @@ impl Aided {
         self.sums.duration_s += dt_s;
         self.sums.force_m_s += force_m_s2 * dt_s;
         self.sums.rate2_rad2_s += rate_rad_s.norm_squared() * dt_s;
-        // With a tolerance of half a millisecond, so that rounding does not defer a step to the
-        // next sample.
+        // The tolerance of half a millisecond keeps rounding from deferring a step to the next
+        // sample.
         if self.sums.duration_s > INTERVAL_S - 5e-4 {
             self.propagate_covariance(to_reference);
         }
@@ -107,8 +108,7 @@ impl Aided {
         self.sums.reset();
     }
 
-    /// Returns the variances at which the covariance is limited, so that a day without a fix ends
-    /// as an hour does.
+    /// Returns the upper limits of the variances, which bound their growth in a long gap.
     fn variance_limits(&self) -> ErrorState {
         let mut limits = ErrorState::zeros();
         let gyro = square(10.0 * self.settings.gyro_bias_sd_deg_s.to_radians());
@@ -125,7 +125,7 @@ impl Aided {
     }
 
     /// Returns the earth's rate if the latitude is known, rad/s, reference axes. Its north
-    /// component requires the course.
+    /// component requires a known course.
     fn earth_rate_rad_s(&self) -> Vector3<f64> {
         let Some(latitude_rad) = self.aiding.latitude_rad() else { return Vector3::zeros() };
         let (sin, cos) = libm::sincos(latitude_rad);

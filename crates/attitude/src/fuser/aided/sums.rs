@@ -9,14 +9,14 @@ const NOISE_MEMORY_S: f64 = 5.0;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct IntervalSums {
     pub(super) duration_s: f64,
-    /// Part of the duration without an accelerometer.
+    /// Part of the duration without a specific force, s.
     pub(super) force_outage_s: f64,
     /// ∫ f dt, m/s, reference axes.
     pub(super) force_m_s: Vector3<f64>,
     /// ∫ |ω|² dt, rad²/s.
     pub(super) rate2_rad2_s: f64,
     last_force_m_s2: Vector3<f64>,
-    /// Noise of the specific force from sample to sample, as the power of a white noise, m²/s³.
+    /// Sample-to-sample noise of the specific force, as the power density of white noise, m²/s³.
     pub(super) force_noise_m2_s3: f64,
 }
 

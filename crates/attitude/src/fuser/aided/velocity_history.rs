@@ -9,7 +9,7 @@ const COUNT: usize = 24;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Entry {
     velocity_m_s: Vector3<f64>,
-    /// Time since the previous entry.
+    /// Time since the previous entry, s.
     interval_s: f64,
 }
 
@@ -18,7 +18,7 @@ struct Entry {
 pub(super) struct VelocityHistory([Entry; COUNT]);
 
 impl VelocityHistory {
-    /// Adds a velocity, `interval_s` after the last one.
+    /// Adds a velocity. `interval_s` is the time since the previous one.
     pub(super) fn push(&mut self, velocity_m_s: Vector3<f64>, interval_s: f64) {
         self.0.rotate_right(1);
         self.0[0] = Entry { velocity_m_s, interval_s };
@@ -34,9 +34,9 @@ impl VelocityHistory {
         self.0 = [Entry { velocity_m_s, interval_s: INTERVAL_S }; COUNT];
     }
 
-    /// Returns velocity and acceleration `age_s` ago by linear interpolation.
+    /// Returns the velocity and the acceleration of `age_s` ago by linear interpolation.
     ///
-    /// `now_m_s` is the present velocity; the newest entry is `since_last_s` old.
+    /// `now_m_s` is the present velocity. `since_last_s` is the age of the newest entry.
     pub(super) fn interpolate(
         &self,
         age_s: f64,

@@ -34,17 +34,17 @@ pub(super) fn vehicle_acceleration_m_s2(
     forward(attitude) * Complex::new(clamped(speed_rate_m_s2), -clamped(centripetal_m_s2))
 }
 
-/// Returns the level-frame point that corrects a small tilt: half the tangent of the tilt.
+/// Returns the point w in the level frame that corrects a small tilt: half the tilt.
 pub(super) fn level_correction(tilt_rad: Complex<f64>) -> Complex<f64> {
     tilt_rad * 0.5
 }
 
-/// Returns the tilt, rad, that explains a horizontal acceleration by gravity.
+/// Returns the tilt, rad, for which gravity would cause the given horizontal acceleration.
 pub(super) fn tilt_from_acceleration(unexplained_m_s2: Complex<f64>) -> Complex<f64> {
     unexplained_m_s2 / GRAVITY_M_S2
 }
 
-/// Returns the gyro error that explains a tilt of the level, as a rotation vector in body axes.
+/// Returns the gyro error that would cause a tilt of the level, as a rotation vector in body axes.
 ///
 /// Its horizontal part in the level frame is j times the tilt.
 pub(super) fn gyro_error_from_tilt(attitude: Attitude, tilt_rad: Complex<f64>) -> Vector3<f64> {

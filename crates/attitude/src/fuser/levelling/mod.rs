@@ -7,13 +7,14 @@
 //! C' = C ω̂ − ω̂c C,  f_P = C f,  H = atan2(C12, C22)
 //!
 //! with ω the gyro's rate and ω_c the rate at which the platform is rotated back to level. In the
-//! (w, z) of this crate C is Aᵀ, the platform is the reference frame, f_P = e^{jz} h(f) with h the
-//! [horizontal part](crate::state::Attitude::horizontal) in the level frame, and −ω̂c C is a
-//! [tilt](crate::state::Attitude::tilted) of the level frame. Its axis is horizontal, so levelling
-//! does not change the course.
+//! (w, z) parameters of this crate, C is Aᵀ, the platform is the reference frame, f_P = e^{jz} h(f)
+//! with h the [horizontal part](crate::state::Attitude::horizontal) in the level frame, and −ω̂c C
+//! is a [tilt](crate::state::Attitude::tilted) of the level frame. Its axis is horizontal, so
+//! levelling does not change the course.
 //!
-//! In the vehicle's heading, x to the right and y forward, a vehicle at ground speed V that turns
-//! at H' (clockwise) accelerates by (V H', V'). The rest of the horizontal force is tilt:
+//! In axes that follow the vehicle's heading, x to the right and y forward, a vehicle at ground
+//! speed V that turns at H' (clockwise) accelerates by (V H', V'). The rest of the horizontal force
+//! is attributed to tilt:
 //!
 //! gx = fx − V H',  gy = fy − V'                             aided — S4, (3), (4)
 //! ωx = −K gy,  ωy = K gx,  K = 1/(g τ)
@@ -28,12 +29,13 @@
 //! accounts for the whole difference.
 //!
 //! In [`Levelling`] and in [`LevellingPi`] the aided and the autonomous law act on one attitude. At
-//! the edges of a gap only the rate of the attitude changes, so nothing jumps. S4's figure 7 has
-//! two platforms that run all the time, and selects one of them: [`LevellingUnified`].
+//! the start and end of a gap only the rate of the attitude changes, so nothing jumps. S4's figure
+//! 7 has two platforms that run all the time, and selects one of them. [`LevellingUnified`]
+//! implements this figure.
 //!
 //! Both laws assume a vehicle that moves where its nose points. In wind the error of V H' is wind
-//! times H': 10 m/s in a turn of 3 °/s is 3° of apparent tilt for the duration of the turn. The
-//! laws do not hold for backward and sideways motion; use `aided` there.
+//! times H': 10 m/s in a turn of 3 °/s gives 3° of apparent tilt for the duration of the turn. The
+//! laws do not hold for backward and sideways motion; use `aided` in these cases.
 
 mod geometry;
 mod level_force;

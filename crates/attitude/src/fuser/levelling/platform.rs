@@ -18,7 +18,7 @@ use crate::{
     state::Attitude,
 };
 
-/// Control law of a platform — S4, (3), (4), or the low-pass filtered force alone.
+/// Control law of a platform: S4, (3), (4), or the low-pass filtered force alone.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Law {
     /// Force minus the acceleration known from a receiver.
@@ -40,7 +40,7 @@ pub(super) enum Law {
 /// Effect of an inclination on a platform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LevelUpdate {
-    /// The level was set for the first time.
+    /// The level was initialised.
     Set,
     /// The level was corrected.
     Moved {
@@ -91,7 +91,10 @@ impl Platform {
         self.since_force_s += dt_s;
     }
 
-    /// Levels by one inclination with the given law and a low-pass filter over `low_pass_s`.
+    /// Processes an inclination: initialises the level, or corrects it by one step of the given
+    /// law.
+    ///
+    /// `low_pass_s` is the time constant of the low-pass filter of the force.
     pub(super) fn update(
         &mut self,
         inclination: &Inclination,
@@ -132,7 +135,7 @@ impl Platform {
         self.lag_rad += (azimuth * tilt_rad - self.lag_rad) * gain;
     }
 
-    /// Returns the standard deviation of the inclination.
+    /// Returns the standard deviation of the inclination, rad.
     ///
     /// A first-order loop lags by τ b. The lag appears as a tilt that the loop never removes.
     pub(super) fn inclination_sd_rad(&self) -> f64 {

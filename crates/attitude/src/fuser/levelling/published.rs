@@ -24,8 +24,8 @@ use core::f64::consts::PI;
 settings! {
     /// Settings of `levelling`.
     pub struct LevellingSettings {
-        /// Time constant of levelling with satellite velocity, 1/(K g). A short one reduces the
-        /// effect of the gyro bias and passes more noise.
+        /// Time constant of levelling with satellite velocity, 1/(K g). A shorter one reduces the
+        /// effect of the gyro bias but passes more noise.
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
         /// Time constant of levelling without satellite velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";

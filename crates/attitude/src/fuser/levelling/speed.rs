@@ -50,7 +50,7 @@ impl GroundSpeed {
         self.has_fix = true;
     }
 
-    /// Accounts for the use of the derivative over the interval of the tick.
+    /// Reduces the time for which the derivative still holds by the interval of the tick.
     pub(super) fn end_tick(&mut self, dt_s: f64) {
         self.rate_remaining_s = (self.rate_remaining_s - dt_s).max(0.0);
     }

@@ -2,8 +2,8 @@
 //! selection by k.
 //!
 //! P1 is levelled with the velocity of a receiver, P2 by the low-pass filtered force alone. Both
-//! run all the time, each with its own corrections. With k = 1, and k = 0 in a gap of the receiver
-//! and before its first fix,
+//! run all the time, each with its own corrections. Here k = 1 while fixes arrive, and k = 0 in a
+//! gap and before the first fix:
 //!
 //! roll, pitch = k · P1 + (1 − k) · P2,  course = k · H + (1 − k) · HΓ of P2
 //!
@@ -12,13 +12,13 @@
 //!
 //! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T
 //!
-//! In a gap P1 keeps the last speed with V' = 0. HΓ starts at an arbitrary direction of its
-//! platform. The offset is recomputed at each change of k, so the course is continuous and only
-//! roll and pitch jump, by the difference between the platforms. A jump above 0.03° is flagged as
-//! `aligned`.
+//! In a gap P1 keeps the last speed with V' = 0. The HΓ of each platform starts in an arbitrary
+//! direction. The offset between the azimuths of the selected platform and the output is recomputed
+//! at each change of k, so the course is continuous. Only roll and pitch jump, by the difference
+//! between the platforms. A jump above 0.03° is flagged as `aligned`.
 //!
-//! The stages with one attitude avoid this jump, and a P2 that carries the effect of the gyro bias
-//! for the whole flight.
+//! The stages that keep a single attitude have no such jump, and no P2 in which the effect of the
+//! gyro bias persists for the whole flight.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -122,7 +122,7 @@ impl LevellingUnified {
         Attitude { up, z_rad: wrapped_rad(z_rad + self.offset_rad) }
     }
 
-    /// Sets k. Returns `true` if the level jumps with it.
+    /// Sets k. Returns `true` if the level jumps as a result.
     fn select(&mut self, is_aided: bool) -> bool {
         if self.is_aided == is_aided {
             return false;
@@ -269,8 +269,8 @@ impl Stage for LevellingUnified {
         }
     }
 
-    /// Continues both platforms from the handed-over attitude. A course that is not true is set by
-    /// the next track.
+    /// Continues both platforms from the handed-over attitude. A course that does not refer to true
+    /// north is set by the next track.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.aided.adopt(common.attitude, self.settings.low_pass_s);

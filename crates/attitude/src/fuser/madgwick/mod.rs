@@ -10,15 +10,15 @@
 //!
 //! F = q* ⊗ (0, d) ⊗ q − (0, s), ∇F = Jᵀ F — Improved orientation of a UAV by a MEMS inertial
 //! system on the basis of the Madgwick filter, (1)–(4). With v = q* d q the gradient is 2 q ⊗ (|v|²
-//! − v·s, v × s); for two directions it is the sum of both.
+//! − v·s, v × s). For two directions it is the sum of both gradients.
 //!
-//! d is ζ0 for the specific force. For the magnetic field it is (0, b_η, b_ζ) with the horizontal
-//! and vertical part of the field in the frame of the last estimate. No map of the field is needed,
-//! and η0 is magnetic north — Madgwick, *An efficient orientation filter for inertial and
+//! For the specific force, d is ζ0. For the magnetic field it is (0, b_η, b_ζ), with the horizontal
+//! and the vertical part of the field in the frame of the last estimate. No map of the field is
+//! needed, and η0 is magnetic north — Madgwick, *An efficient orientation filter for inertial and
 //! inertial/magnetic sensor arrays*, 2010, (45), (46).
 //!
-//! Here q_g is q(t−1) after the exact rotation from the gyro slot. The paper's (1), one step of
-//! Euler, differs from it in the third order only.
+//! Here q_g is q(t−1) after the exact rotation from the gyro slot. The paper's (1), a single Euler
+//! step, differs from it only in third order.
 
 mod gradient;
 
@@ -43,14 +43,15 @@ use crate::{
 };
 use gradient::{ReferenceDirections, normalized};
 
-/// Largest β dt of the improved form. A larger step overshoots the minimum for two directions at
-/// right angles to its axis.
+/// Largest β dt of the improved form. A larger step overshoots the minimum if both directions are
+/// at right angles to its axis.
 const MAX_STEP: f64 = 0.125;
 
 settings! {
     /// Settings of `madgwick`.
     pub struct OriginalSettings {
-        /// Rate of the quaternion against the normalised gradient, half of that of the attitude.
+        /// Rate of the quaternion against the normalised gradient. The attitude rotates twice as
+        /// fast.
         beta_rad_s: 0.08 in 0.0 .. 10.0, "rad/s";
     }
 }
@@ -58,7 +59,7 @@ settings! {
 settings! {
     /// Settings of `madgwick-improved`.
     pub struct ImprovedSettings {
-        /// Rate of the quaternion for a gradient of 1. A tilt decays with a time constant of 1/(4
+        /// Rate of the quaternion for a gradient of 1. A tilt decays with the time constant 1/(4
         /// β).
         beta_1_s: 0.2 in 0.0 .. 10.0, "1/s";
     }
@@ -73,16 +74,16 @@ enum Descent {
 
 /// Fuser by gradient descent: `madgwick` or `madgwick-improved`.
 ///
-/// The defaults are the best gains on the ten trials of BROAD. The paper's own (0.021 rad/s and
-/// 0.029 1/s) are the best of its simulation, whose gyro has no bias; with gains that low a wrong
-/// initial attitude takes minutes to decay.
+/// The defaults are the best gains on the ten trials of BROAD. The paper's own gains (0.021 rad/s
+/// and 0.029 1/s) are the best in its simulation, whose gyro has no bias. With gains that low, the
+/// error of a wrong initial attitude takes minutes to decay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Madgwick {
     descent: Descent,
     quaternion: Quaternion<f64>,
     levelled: bool,
     magnetic: bool,
-    /// Time since the last field, s.
+    /// Time since the last field sample, s.
     since_field_s: f64,
     tilt: AngleUncertainty,
     heading: AngleUncertainty,
@@ -130,7 +131,7 @@ impl Madgwick {
             Descent::Improved(settings) => {
                 let step = |interval_s: f64| (settings.beta_1_s * interval_s).min(MAX_STEP);
                 let (step, field_step) = (step(motion.dt_s), step(self.since_field_s));
-                // A field that arrives at every n-th tick only has n times the weight.
+                // A field that arrives only at every nth tick gets n times the weight.
                 let weight = if step > 0.0 { field_step / step } else { 1.0 };
                 predicted - directions.gradient(predicted, weight) * step
             }
@@ -141,7 +142,7 @@ impl Madgwick {
     /// Returns the fraction of an error that one interval corrects.
     fn gain(&self, uncertainty: &AngleUncertainty, dt_s: f64) -> f64 {
         match self.descent {
-            // The attitude rotates by 2 β dt whatever the error.
+            // The attitude rotates by 2 β dt, however large the error is.
             Descent::Original(settings) => {
                 let rotation_rad = 2.0 * settings.beta_rad_s * dt_s;
                 rotation_rad / (rotation_rad + uncertainty.innovation_rms_rad())
@@ -220,7 +221,7 @@ impl Stage for Madgwick {
             }
             if let Some(field) = directions.field {
                 let error_rad = heading_correction_rad(predicted, field);
-                // The steeper the field, the less of its direction depends on the heading.
+                // The steeper the field, the less its direction depends on the heading.
                 let gain = self.gain(&self.heading, self.since_field_s) * predicted.horizontal(field).norm_sqr();
                 self.heading.record_correction(error_rad, gain, self.since_field_s);
                 self.since_field_s = 0.0;
@@ -283,7 +284,8 @@ impl Stage for Madgwick {
         }
     }
 
-    /// Keeps a heading from true north until the next field, which resets it.
+    /// Continues from the handed-over state. A heading from true north is kept until the next field
+    /// sample, which resets it.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.quaternion = common.attitude.quaternion();

@@ -1,19 +1,19 @@
-//! Fuser `multiple-model`: two stages on the same input, one per kind of motion, combined to one
+//! Fuser `multiple-model`: two stages on the same input, one per kind of motion, combined into one
 //! attitude.
 //!
-//! `wz` assumes that the mean acceleration over some seconds is zero, as for a hand, a robot's arm
-//! or a hovering vehicle. `aided` assumes that a velocity persists, which is known from a receiver
-//! or, without one, inferred from turns, as for aircraft and cars. Both run all the time.
+//! `wz` assumes that the mean acceleration over some seconds is zero, as for a hand, a robot arm or
+//! a hovering vehicle. `aided` assumes a persistent velocity that is known from a receiver or,
+//! without one, inferred from turns, as for aircraft and cars. Both run all the time.
 //!
-//! The level is that of `aided` if ground motion was detected within five minutes: a velocity was
-//! used while the heading refers to true north, or a coordinated turn was detected
+//! The level is that of `aided` if ground motion was detected within the last five minutes: a
+//! velocity was used while the heading referred to true north, or a coordinated turn was detected
 //! (`turn_detector`). Otherwise the level is that of `wz`.
 //!
-//! The heading is that of `aided` if it refers to true north. It is that of `wz` if `wz` knows
-//! magnetic north and there is no ground motion, and if neither stage knows north.
+//! The heading is that of `aided` if it refers to true north, unless the heading of `wz` refers to
+//! magnetic north and there is no ground motion. In all other cases the heading is that of `wz`.
 //!
-//! A change between the stages does not change the attitude. The remaining difference is removed
-//! gradually (`transition`).
+//! Switching between the stages does not change the attitude, unless they differ too much. The
+//! remaining difference is removed gradually (`transition`).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -60,7 +60,7 @@ const fn concat<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -
     all
 }
 
-/// Stage that a part of the output is taken from.
+/// Stage from which a part of the output is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Model {
     Wz,
@@ -86,7 +86,7 @@ impl ModelSelection {
     }
 }
 
-/// Values of the selected stages.
+/// Values of the stages selected for level and heading.
 #[derive(Debug, Clone, Copy)]
 struct Selected<T> {
     level: T,
@@ -232,8 +232,8 @@ impl Stage for MultipleModel {
         }
     }
 
-    /// Continues both stages from the handed-over state. A heading from true north counts as ground
-    /// motion.
+    /// Continues both stages from the handed-over state. A heading that refers to true north counts
+    /// as ground motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         self.wz.adopt(common)?;
         self.aided.adopt(common)?;

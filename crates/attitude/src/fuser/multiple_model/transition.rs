@@ -27,7 +27,7 @@ const MAX_STEP_RAD: f64 = 1.745_329_3e-4;
 pub(super) struct Transition {
     /// Rotation about the vertical, rad.
     heading_rad: f64,
-    /// Rotation about east and north, rad, applied after that about the vertical.
+    /// Rotation about east and north, rad, applied after the rotation about the vertical.
     tilt_rad: Complex<f64>,
 }
 
@@ -42,8 +42,8 @@ impl Transition {
         Attitude::from_quaternion(tilt * rotated.quaternion())
     }
 
-    /// Rotates a horizontal velocity of the stage that provides the level to the frame of the
-    /// output.
+    /// Rotates a horizontal velocity into the output frame from the frame of the stage that
+    /// provides the level.
     pub(super) fn rotate_velocity(&self, velocity: LeakyVelocity) -> LeakyVelocity {
         velocity.rotated(self.heading_rad)
     }
@@ -62,8 +62,8 @@ impl Transition {
         jumps
     }
 
-    /// Moves the heading towards that of the attitude `heading`, or of the level stage for `None`.
-    /// Returns `true` if the heading jumps because the difference is too large.
+    /// Moves the heading towards that of `heading`, or towards that of the level stage if `heading`
+    /// is `None`. Returns `true` if the heading jumps because the difference is too large.
     pub(super) fn follow_heading(&mut self, level: Attitude, heading: Option<Attitude>, dt_s: f64) -> bool {
         let target_rad =
             heading.map_or(0.0, |heading| about_vertical_rad(heading.quaternion() * level.quaternion().conjugate()));
@@ -75,7 +75,7 @@ impl Transition {
         jumps
     }
 
-    /// Reduces the remaining tilt over one tick.
+    /// Removes a part of the remaining tilt in one tick.
     pub(super) fn decay_tilt(&mut self, dt_s: f64) {
         self.tilt_rad -= self.tilt_rad * blend_gain(self.tilt_rad.norm_sqr(), dt_s);
     }
@@ -93,7 +93,8 @@ impl Scalars for Transition {
     }
 }
 
-/// Returns the fraction of a remaining angle, given as its square, rad², that is removed in a tick.
+/// Returns the fraction of a remaining angle to remove in a tick. `remaining2_rad2` is the square
+/// of the angle, rad².
 fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     let gain = (dt_s / BLEND_TIME_CONSTANT_S).min(1.0);
     if remaining2_rad2 * (gain * gain) > MAX_STEP_RAD * MAX_STEP_RAD {
@@ -103,7 +104,8 @@ fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     }
 }
 
-/// Returns the rotation about the vertical that precedes one about a horizontal axis, rad.
+/// Returns the angle about the vertical if `rotation` is split into a rotation about the vertical
+/// and a subsequent one about a horizontal axis, rad.
 fn about_vertical_rad(rotation: Quaternion<f64>) -> f64 {
     wrapped_rad(2.0 * libm::atan2(rotation.k, rotation.w))
 }

@@ -1,10 +1,10 @@
 //! Detection of coordinated turns, without an attitude.
 //!
-//! In a coordinated turn at the bank φ the norm of the force is g/cos φ and its direction is
-//! constant in the vehicle, while the force on a hand or a robot averages to g over seconds, in any
-//! frame. The force is therefore averaged in the frame propagated by the gyro, whose tilt does not
-//! affect a norm. With the rate H' about that mean, √(f̄² − g²) = V H' gives a speed, which must be
-//! plausible for a vehicle.
+//! In a coordinated turn at a bank angle φ, the norm of the force is g/cos φ and its direction in
+//! the vehicle is constant. The force on a hand-held body or a robot, in contrast, averages to g
+//! over seconds in any frame. The force is therefore averaged in the frame propagated by the gyro.
+//! The tilt of this frame does not affect the norm of the mean. With the rate H' about that mean,
+//! √(f̄² − g²) = V H' gives a speed, which must be plausible for a vehicle.
 //!
 //! Input: force and rotation of a tick.
 //!
@@ -12,30 +12,32 @@
 //!
 //! Time: the interval of the motion.
 //!
-//! Failure: implausible forces are ignored; an untrustworthy rate ends the turn.
+//! Failure: a missing or implausible force, or an untrustworthy rate, ends the turn. A tick without
+//! a motion, or with an implausible rate, is ignored.
 
 use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::Scalars};
 
 /// Averaging time of force and rate, s.
 const AVERAGING_S: f64 = 3.0;
-/// Minimum averaging time of a meaningful mean, s.
+/// Minimum averaging time before the mean is used, s.
 const MIN_AVERAGED_S: f64 = 2.0 * AVERAGING_S;
-/// Minimum relative excess of the mean force over that of straight motion: a bank of 7°.
+/// Minimum relative excess of the mean force over that in straight motion. Corresponds to a bank of
+/// 7°.
 const MIN_FORCE_EXCESS: f64 = 0.008;
 /// Minimum rate of a turn, rad/s: 1 °/s.
 const MIN_RATE_RAD_S: f64 = 0.017_453_293;
-/// Speeds of a vehicle in a turn, m/s.
+/// Plausible speeds of a vehicle in a turn, m/s.
 const VEHICLE_SPEEDS_M_S: core::ops::Range<f64> = 5.0..300.0;
 /// Minimum duration of a turn, s. On the trials of BROAD no motion resembles one for more than 0.8
 /// s.
 const MIN_TURN_S: f64 = 2.0;
 /// Limit of the recorded duration, s.
 const MAX_TURN_S: f64 = 5.0;
-/// Time constant of the estimate of the force in straight motion, s.
+/// Time constant of the estimated force in straight motion, s.
 const GRAVITY_TIME_CONSTANT_S: f64 = 30.0;
-/// Maximum relative deviation of that force from g.
+/// Maximum relative deviation of the force in straight motion from g.
 const MAX_SCALE_ERROR: f64 = 0.03;
-/// Smallest norm of a mean force, m/s².
+/// Smallest norm of a usable mean force, m/s².
 const MIN_FORCE_M_S2: f64 = 1.0;
 /// Largest plausible force of a vehicle, m/s²: 30 g.
 const MAX_FORCE_M_S2: f64 = 300.0;
@@ -64,8 +66,8 @@ impl Default for TurnDetector {
 }
 
 impl TurnDetector {
-    /// Processes a tick of a gyro with the given bias, rad/s. Returns `true` if a turn has lasted
-    /// long enough.
+    /// Processes a tick. `bias_rad_s` is the bias of the gyro. Returns `true` once a turn has
+    /// lasted long enough.
     pub(super) fn update(&mut self, input: &FuserInput, bias_rad_s: Vector3<f64>) -> bool {
         let Some(motion) = input.motion.filter(|motion| motion.rate_rad_s.amax() < MAX_RATE_RAD_S) else {
             return false;

@@ -16,11 +16,11 @@ use crate::{
 };
 use vqf_rs::{Params, VQF};
 
-/// Field interval from which on the field is not smoothed, s, because the low-pass of 0.05 s would
-/// be beyond its Nyquist frequency.
+/// Field interval above which the field is not smoothed, s. The cut-off of the 0.05 s low-pass
+/// filter would then be above the Nyquist frequency.
 const MAX_SMOOTHED_INTERVAL_S: f64 = 0.1;
-/// Largest component of a sample, in its SI unit or µT: far beyond any sensor, and its square is
-/// finite.
+/// Largest component of a sample, in its SI unit or µT. It is far beyond any sensor's range, and
+/// its square is finite.
 const MAX_READING: f64 = 1e6;
 
 /// Fuser stage `vqf`.
@@ -32,10 +32,10 @@ pub struct Vqf {
     pub(super) magnetic: bool,
     pub(super) tilt: AngleUncertainty,
     pub(super) heading: AngleUncertainty,
-    /// Standard deviation of the remaining effect of a handed-over velocity on the low-pass filter,
-    /// m/s.
+    /// Standard deviation of the effect that a handed-over velocity still has on the low-pass
+    /// filter, m/s.
     pub(super) velocity_sd_m_s: f64,
-    /// Gyro scale and hard iron that were handed over; passed on unchanged.
+    /// Handed-over gyro scale and hard iron, which are passed on unchanged.
     pub(super) gyro_scale: GyroScale,
     pub(super) hard_iron: HardIron,
 }
@@ -58,7 +58,7 @@ impl Default for Vqf {
 }
 
 impl Vqf {
-    /// Rebuilds the filter for the present sampling times and keeps its state.
+    /// Rebuilds the filter for the present sampling times. Its state is kept.
     pub(super) fn rebuild(&mut self) {
         let state = *self.filter.state();
         let field_s = self.field_period.mean_s;
@@ -91,7 +91,8 @@ impl Vqf {
         self.heading.drift(bias_sd_rad_s, motion.dt_s);
     }
 
-    /// Corrects the heading by a field. Returns `true` for the first field, which sets the heading.
+    /// Corrects the heading with a field sample. Returns `true` for the first sample, which sets
+    /// the heading.
     pub(super) fn process_field(&mut self, field_ut: Vector3<f64>) -> bool {
         let interval_s = self.field_period.since_s;
         if self.field_period.record_sample() {

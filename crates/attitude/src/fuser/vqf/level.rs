@@ -1,4 +1,4 @@
-//! Changes of the attitude of a running VQF.
+//! Changes to the attitude of a running VQF filter.
 
 use super::{
     filter::Vqf,
@@ -57,8 +57,8 @@ impl Vqf {
         })
     }
 
-    /// Returns the state of the force low-pass filter, once it has averaged for its time constant
-    /// or a level was handed over.
+    /// Returns the state of the force low-pass filter, or `None` until it has averaged for its time
+    /// constant or a level was handed over.
     pub(super) fn force_low_pass(&self) -> Option<ForceLowPass> {
         let ([pulse, _], resting, interval_s) = self.low_pass_response();
         let state = self.filter.state();
@@ -79,8 +79,8 @@ impl Vqf {
         state.acc_lp_state = core::array::from_fn(delayed);
     }
 
-    /// Returns the two delays of the low-pass filter after one sample of 1, those at a steady input
-    /// of 1, and its interval, s.
+    /// Returns the two delay elements of the low-pass filter after a single sample of 1 and at a
+    /// steady input of 1, and the filter's interval, s.
     fn low_pass_response(&self) -> ([f64; 2], [f64; 2], f64) {
         let coefficients = self.filter.coeffs();
         let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
@@ -88,8 +88,8 @@ impl Vqf {
     }
 }
 
-/// Output of the second-order force low-pass filter and its rate, in the frame of the gyro
-/// integration.
+/// Output of the second-order force low-pass filter and its rate of change, in the frame of the
+/// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
     /// Area of a one-sample pulse that would give a resting filter this rate of change, m/s.

@@ -1,13 +1,13 @@
-//! Fuser `vqf`: VQF in the implementation of vqf-rs, with its default parameters, as the benchmark.
+//! Fuser `vqf`: VQF as implemented by vqf-rs, with its default parameters, as the benchmark.
 //!
 //! Laidig and Seel, VQF: highly accurate IMU orientation estimation with bias estimation and
 //! magnetic disturbance rejection, *Information Fusion* 91, 2023, 187–204.
 //!
-//! Frames and signs are those of this crate, east, north, up. The heading is that of the
-//! magnetometer-free part until the first field.
+//! Frames and signs are those of this crate: east, north, up. The heading is that of the
+//! magnetometer-free part until the first field sample.
 //!
 //! vqf-rs filters with a sampling time that is fixed on construction. Here it is the mean of the
-//! first intervals; the attitude itself is integrated over the length of each interval.
+//! first intervals. The attitude itself is integrated over the actual length of each interval.
 
 mod filter;
 mod level;
@@ -135,8 +135,8 @@ impl Stage for Vqf {
         }
     }
 
-    /// Continues from a handed-over state. A heading from true north is kept until the next field,
-    /// which resets it. The bias is clamped to the range of VQF.
+    /// Continues from a handed-over state. A heading from true north is kept until the next field
+    /// sample, which resets it. The bias is clamped to the range of VQF.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.set_attitude(common.attitude);

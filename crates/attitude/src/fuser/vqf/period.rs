@@ -4,7 +4,7 @@ use crate::scalars::Scalars;
 
 /// Number of intervals that are averaged.
 const MAX_INTERVALS: f64 = 16.0;
-/// Sampling time before the first interval, s.
+/// Sampling time assumed before the first interval, s.
 pub(super) const DEFAULT_INTERVAL_S: f64 = 0.01;
 /// Limits that an interval is clamped to, s.
 const INTERVAL_RANGE_S: (f64, f64) = (1e-5, 1.0);

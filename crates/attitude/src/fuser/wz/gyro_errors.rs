@@ -15,9 +15,9 @@
 //!
 //! The levelling loop keeps its own dynamics. It is corrected only by the accumulated effect of the
 //! gyro errors and of the initial level error. If the estimated tilt itself were applied, the level
-//! would respond more slowly as the filter becomes more certain of the gyro. At rest the loop gets
-//! no such correction: accelerations before the rest may have masked the effect, and the force
-//! shows the remaining error directly.
+//! would respond more slowly as the filter becomes more certain of the gyro. At rest the loop
+//! receives no such correction, because accelerations before the rest may have masked the effect,
+//! and the force shows the remaining error directly.
 
 use core::f64::consts::PI;
 
@@ -41,40 +41,42 @@ use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s. Slightly below 0.2 s to tolerate rounding in sums of intervals.
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
-/// First update interval after an initial level, s, and the later ones as a fraction of the time
-/// since then. Short intervals let the level follow the mean from the start.
+/// First update interval after the level is initialised, s, and later intervals as a fraction of
+/// the time since then. Short intervals let the level follow the mean from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
-/// Time for which an initial level is a plain mean, whatever the estimated noise, s.
+/// Time after initialisation during which the level is a plain mean, whatever the estimated noise,
+/// s.
 const MEAN_ONLY_S: f64 = 0.6;
-/// Duration that the first sample represents in that mean, s: the acceleration of a hand changes no
-/// faster.
+/// Duration that the first sample represents in that mean, s. The acceleration of a hand does not
+/// change faster.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
 /// Factor on the standard deviation of a bias that is adopted together with a level. Their errors
 /// are correlated, and the correlation is not handed over.
 const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
-/// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
+/// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
+/// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
-/// Largest standard deviation of the scale error, for the same gyro, and largest scale error that
-/// is corrected. Data sheets allow at most 1 %.
+/// Largest standard deviation of the scale error of a consumer MEMS gyro, and largest scale error
+/// that is corrected. Data sheets allow at most 1 %.
 const MAX_SCALE_SD: f64 = 0.002;
 const MAX_SCALE: f64 = 0.01;
-/// Additional random walk of the bias per rate, 1/√s: the effect of misaligned axes at a changing
-/// rate.
+/// Additional random walk of the bias per unit of rate, 1/√s: the effect of misaligned axes at a
+/// changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
 /// Random walk of the scale error, 1/√s: the effect of some degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Additional random walk of the tilt per rate, 1/√s.
+/// Additional random walk of the tilt per unit of rate, 1/√s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
-/// Largest rate used for the process noise, rad/s, and rate assumed during a gyro outage, rad/s: a
-/// hand that turns the body over.
+/// Largest rate used for the process noise, rad/s, and rate assumed during a gyro outage, rad/s.
+/// The latter is that of a hand turning the body over.
 const MAX_RATE_RAD_S: f64 = 100.0;
 const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
-/// Standard deviation of an initial level, rad: a hand that accelerates the body by 3 m/s² at that
-/// time.
+/// Standard deviation of an initial level, rad. Allows for the body being handled, with an
+/// acceleration of 3 m/s², at that moment.
 const INITIAL_LEVEL_SD_RAD: f64 = 0.3;
-/// Standard deviation of a level after a tilt fault, rad: a vehicle that accelerates by 1 m/s² at
-/// that time.
+/// Standard deviation of a level after a tilt fault, rad. Allows for a vehicle that accelerates by
+/// 1 m/s² at that moment.
 const REINITIALISED_LEVEL_SD_RAD: f64 = 0.1;
 /// Time constant of the velocity, s.
 const VELOCITY_MEMORY_S: f64 = 3.0;
@@ -87,13 +89,12 @@ const ZERO_VELOCITY_SD_S: f64 = 1e-4;
 /// Smallest noise of the levelled force over g, and of the velocity over g, s.
 const MIN_FORCE_SD: f64 = 1e-3;
 const MIN_VELOCITY_SD_S: f64 = 5e-3;
-/// Initial standard deviations of the innovations, at a start and in the middle of a movement.
+/// Initial standard deviations of the innovations: at a start, and in the middle of a movement.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
 const MOVING_FORCE_INNOVATION_SD: f64 = 0.1;
 const INITIAL_VELOCITY_INNOVATION_SD_S: f64 = 0.075;
 const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
-/// Number of successive innovations that count as one because they are correlated, minimum and
-/// maximum.
+/// Minimum and maximum number of correlated successive innovations that count as one.
 ///
 /// Accelerations keep their direction for less than 1 s and cancel over longer times, because the
 /// velocity they cause ends. A velocity keeps its direction for seconds.
@@ -138,9 +139,11 @@ pub(super) struct GyroErrorFilter {
     tilt_sd_rad: f64,
     force_noise: InnovationNoise,
     velocity_noise: InnovationNoise,
-    /// Whether the level is based on a single sample, so that the force may show its error.
+    /// Set unless the level was adopted from another stage. The force may then show the error of
+    /// the level.
     is_initial_level: bool,
-    /// Whether that sample was used as it came, rather than after an outage or a tilt fault.
+    /// Set if the level was set from one sample, rather than kept or corrected after an outage or a
+    /// tilt fault.
     from_one_sample: bool,
     tilt_fault: TiltFaultMonitor,
     initial_velocity: InitialVelocityEstimator,
@@ -153,7 +156,7 @@ impl Default for GyroErrorFilter {
 }
 
 impl GyroErrorFilter {
-    /// Creates a filter with a bias and a level of the given standard deviations.
+    /// Creates a filter with the given bias and the standard deviations of bias and level.
     pub(super) fn new(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
         let (bias_sd, level_sd) = (bias_sd_rad_s.min(MAX_BIAS_SD_RAD_S), level_sd_rad.min(INITIAL_LEVEL_SD_RAD));
         let mut sds = [level_sd; STATES];
@@ -188,7 +191,7 @@ impl GyroErrorFilter {
     /// Creates a filter from the bias, scale and level of another stage.
     ///
     /// The body may be in the middle of a movement, so the innovations are assumed to be those of a
-    /// moving body until enough of them were observed.
+    /// moving body until enough of them have been observed.
     pub(super) fn from_estimate(common: &Estimate) -> Self {
         let Estimate { bias_rad_s, bias_sd_rad_s, inclination_sd_rad, gyro_scale, leaky_velocity, .. } = *common;
         let has_level = inclination_sd_rad < PI;
@@ -255,8 +258,8 @@ impl GyroErrorFilter {
 
     /// Restarts the filter with an unknown level error. Bias and scale are kept.
     ///
-    /// `from_one_sample` is `true` if the level comes from the next sample, `false` if it is the
-    /// one held through an outage.
+    /// `from_one_sample` is `true` if the level comes from the next sample, `false` if the level
+    /// was kept through an outage.
     pub(super) fn restart(&mut self, from_one_sample: bool) {
         let known: ErrorCovariance = self.covariance.fixed_view::<GYRO_ERRORS, GYRO_ERRORS>(BIAS, BIAS).into();
         *self = Self { bias_rad_s: self.bias_rad_s, scale: self.scale, from_one_sample, ..Self::default() };
@@ -275,7 +278,7 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Records a gyro outage. Force innovations across it do not update bias or scale.
+    /// Records a gyro outage. Force innovations that span it do not update bias or scale.
     #[inline]
     pub(super) fn add_outage(&mut self, outage_s: f64) {
         self.outage_s += outage_s;
@@ -300,8 +303,8 @@ impl GyroErrorFilter {
         self.since_update_s >= min_interval_s.min(UPDATE_INTERVAL_S)
     }
 
-    /// Returns for how long innovations were observed, s, up to a limit set by their averaging
-    /// time.
+    /// Returns the time for which innovations have been observed, s. It is limited by their
+    /// averaging time.
     #[inline]
     fn observed_s(&self) -> f64 {
         self.force_noise.memory_s() - noise::INITIAL_MEMORY_S
@@ -313,11 +316,11 @@ impl GyroErrorFilter {
         (self.since_update_s, self.force_dt_m_s)
     }
 
-    /// Updates the filter and returns the error of the loop that is to be corrected.
+    /// Updates the filter and returns the error of the loop to be corrected.
     ///
     /// That error is the effect of the gyro errors and of the initial level error up to now.
-    /// `tilt_correction_rad` is the tilt applied by the loop since the last update,
-    /// `loop_velocity_s` is its leaky velocity over g.
+    /// `tilt_correction_rad` is the tilt that the loop has applied since the last update.
+    /// `loop_velocity_s` is the loop's leaky velocity over g.
     #[inline(never)]
     pub(super) fn update(
         &mut self,
@@ -376,10 +379,11 @@ impl GyroErrorFilter {
     /// Updates with the force or the velocity, whichever is more informative, and returns the
     /// change of the state.
     ///
-    /// The innovations include the error of an initial level taken in motion, which cannot be
-    /// distinguished from noise until their averaging time has passed. Until then the gain is at
-    /// least that of a mean, 1/(1 + number of updates). In the first phase the tilt is exactly the
-    /// mean over time, while its variance falls as if each update interval held one measurement.
+    /// The innovations include the error of an initial level taken in motion. It cannot be
+    /// distinguished from noise until the averaging time of the innovations has passed. Until then
+    /// the gain is at least that of a mean, 1/(1 + number of updates). In the first phase the tilt
+    /// is exactly the mean over time, while its variance falls as if each update interval contained
+    /// one measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
@@ -432,9 +436,10 @@ impl GyroErrorFilter {
         )
     }
 
-    /// Handles rest, at which the force shows the complete error of the loop, whatever its cause.
+    /// Handles standstill, where the force reveals the entire error of the loop, whatever its
+    /// cause.
     ///
-    /// The loop gets the velocity that belongs to its present tilt, so that it settles within T2.
+    /// Sets the loop's velocity to match its current tilt, so that it settles within T2.
     /// Sensitivities to earlier errors are reset accordingly.
     fn settle_at_rest(&mut self, loop_velocity_s: Complex<f64>, tilt_rad: Complex<f64>) -> LoopError {
         for sensitivity in &mut self.loop_sensitivity {
@@ -447,8 +452,8 @@ impl GyroErrorFilter {
 
     /// Restarts the filter after a tilt fault and returns the error of the loop.
     ///
-    /// The level is wrong by `level_error_rad` more than estimated, so the velocity of the loop is
-    /// an artefact. Level and bias become as uncertain as at a start.
+    /// The error of the level exceeds the estimate by `level_error_rad`, so the velocity of the
+    /// loop is an artefact. Level and bias become as uncertain as they are after initialisation.
     #[cold]
     fn reset_after_tilt_fault(&mut self, level_error_rad: Complex<f64>, loop_velocity_s: Complex<f64>) -> LoopError {
         let tilt = self.tilt_rad + level_error_rad;
@@ -463,7 +468,7 @@ impl GyroErrorFilter {
         LoopError { tilt, velocity: loop_velocity_s }
     }
 
-    /// P ← F P Fᵀ + Q.
+    /// Propagates the covariance: P ← F P Fᵀ + Q.
     fn propagate(&mut self, drift: &[Complex<f64>; GYRO_ERRORS], rate2: f64, interval_s: f64, settings: &Settings) {
         let p = &mut self.covariance;
         let decay = decay(interval_s);
@@ -485,7 +490,7 @@ impl GyroErrorFilter {
             p[(i, VELOCITY)] = decay * p[(i, VELOCITY)] + interval_s * p[(i, TILT)];
             p[(i, VELOCITY + 1)] = decay * p[(i, VELOCITY + 1)] + interval_s * p[(i, TILT + 1)];
         }
-        // Makes both halves equal to the last bit, because they were summed in different orders.
+        // Makes both halves equal to the last bit. They were summed in different orders.
         let summed = [TILT, TILT + 1, VELOCITY, VELOCITY + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| p[(*j, i)] = p[(i, *j)]);
@@ -510,7 +515,7 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Enlarges the variance of the tilt by the rotation assumed during gyro outages.
+    /// Increases the variance of the tilt by the rotation assumed during gyro outages.
     fn inflate_tilt_covariance(&mut self) {
         let unobserved_rad = (ASSUMED_UNOBSERVED_RATE_RAD_S * core::mem::take(&mut self.outage_s)).min(1.0);
         for i in [TILT, TILT + 1] {

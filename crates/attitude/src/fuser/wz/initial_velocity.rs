@@ -1,9 +1,10 @@
 //! Estimates the error of the leaky velocity with which the loop started on a moving body.
 //!
 //! After a hand-over, the loop starts with the velocity of the previous loop or with zero. The
-//! velocity error tilts an initially correct level for as long as the loop remembers it. The effect
-//! of this error on the loop is known, so it can be estimated from the tilt found by the gyro error
-//! filter and corrected. The correction is smaller if the adopted level is less certain.
+//! velocity error tilts an initially correct level for as long as it persists in the loop. The
+//! effect of this error on the loop is known. The error can therefore be estimated from the tilt
+//! found by the gyro error filter, and corrected. The correction is smaller if the adopted level is
+//! less certain.
 
 use super::{
     level::{LoopError, LoopResponse},
@@ -29,9 +30,10 @@ impl InitialVelocityEstimator {
         Self { sensitivity: [0.0, 1.0], variance_s2: sd_s * sd_s }
     }
 
-    /// Returns the correction of the loop, given its tilt error after `interval_s`.
+    /// Updates the estimate after `interval_s` and returns the error of the loop to be corrected.
     ///
-    /// `tilt_rad` and `tilt_variance_rad2` are the estimate of the gyro error filter.
+    /// `tilt_rad` and `tilt_variance_rad2` are the loop's tilt error as estimated by the gyro error
+    /// filter, and its variance.
     pub(super) fn observe(&mut self, tilt_rad: Complex<f64>, tilt_variance_rad2: f64, interval_s: f64) -> LoopError {
         let [tilt, velocity] = self.sensitivity;
         self.sensitivity = LoopResponse::new(interval_s).apply(tilt, velocity);

@@ -40,7 +40,7 @@ pub(super) struct Level {
     started: bool,
 }
 
-/// Error of the levelling loop: its tilt and the corresponding velocity.
+/// Error of the levelling loop: its tilt and its velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct LoopError {
     /// Tilt, rad: the horizontal force it causes, over g.
@@ -112,7 +112,8 @@ impl Level {
 
     /// Returns the leaky velocity for an attitude with heading `z_rad`.
     ///
-    /// `remaining_sd_m_s` is the standard deviation that remains from the loop's initial velocity.
+    /// `remaining_sd_m_s` is the standard deviation of the error that remains from the loop's
+    /// initial velocity.
     pub(super) fn leaky_velocity(&self, z_rad: f64, remaining_sd_m_s: f64) -> LeakyVelocity {
         if !self.started {
             return LeakyVelocity::UNKNOWN;
@@ -144,7 +145,7 @@ impl Level {
     /// Rotates the body over `dt_s` and tilts the level by the leaky velocity and the pending
     /// correction.
     ///
-    /// The leaky velocity acts during `levelling_s`. Returns the body axes in the frame of fixed
+    /// The leaky velocity acts for `levelling_s`. Returns the body axes in the frame of fixed
     /// azimuth.
     #[inline]
     pub(super) fn propagate(&mut self, rotation: Rotation, dt_s: f64, levelling_s: f64) -> BodyAxes {

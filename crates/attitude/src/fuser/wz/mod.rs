@@ -58,8 +58,8 @@ use {
     settings::Settings,
 };
 
-/// Longest interval over which one rate sample may be integrated, s. The motion of a body is
-/// unpredictable over longer intervals.
+/// Longest interval over which one rate sample may be integrated, s. Over longer intervals the
+/// motion of a body is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
 /// Largest plausible specific force, m/s² (300 g). Larger values are discarded.
 const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;

@@ -11,7 +11,7 @@ use crate::{Complex, scalars::Scalars};
 
 /// Averaging time of the innovations' mean square, s.
 pub(super) const MEMORY_S: f64 = 5.0;
-/// Duration for which the initial mean square is assumed to have been observed, s.
+/// Duration over which the initial mean square is assumed to have been observed, s.
 pub(super) const INITIAL_MEMORY_S: f64 = 0.5;
 /// Square of the largest innovation treated as regular, in standard deviations.
 const MAX_INNOVATION2: f64 = 9.0;
@@ -36,14 +36,14 @@ impl InnovationNoise {
         }
     }
 
-    /// Returns the averaging time in effect, s, including the initial one.
+    /// Returns the averaging time in effect, s. It includes [`INITIAL_MEMORY_S`].
     pub(super) fn memory_s(&self) -> f64 {
         self.memory_s
     }
 
     /// Records an innovation and returns the variance to use for its measurement.
     ///
-    /// Successive innovations with correlation coefficient ρ carry the information of fewer
+    /// Successive innovations with correlation coefficient ρ contain as much information as fewer
     /// independent ones: the variance of their mean is (1 + ρ)/(1 − ρ) times that of independent
     /// innovations. `correlation` is the minimum and maximum of this factor.
     pub(super) fn update(&mut self, innovation: Complex<f64>, interval_s: f64, correlation: (f64, f64)) -> f64 {

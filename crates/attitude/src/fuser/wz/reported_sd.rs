@@ -14,7 +14,7 @@ use core::f64::consts::PI;
 use super::settings::Settings;
 use crate::GRAVITY_M_S2;
 
-/// Inclination error of a rotating body per rate, s.
+/// Inclination error of a rotating body per unit of rate, s.
 const INCLINATION_SD_PER_RATE_S: f64 = 1.5e-3;
 /// Smallest standard deviation of a heading, rad: 0.4°.
 const HEADING_SD_FLOOR_RAD: f64 = 6.981_317e-3;

@@ -12,9 +12,10 @@ settings! {
         hard_iron_sd_ut: 0.0 in 0.0 .. 200.0, "µT";
         /// Initial estimate of the magnetometer's delay relative to the gyro.
         magnetometer_delay_s: 0.0 in -0.01 .. 0.04, "s";
-        /// Initial standard deviation of that delay; 0 keeps the delay fixed.
+        /// Initial standard deviation of the magnetometer's delay; 0 keeps the delay fixed.
         magnetometer_delay_sd_s: 0.01 in 0.0 .. 0.02, "s";
-        /// Residual accelerometer bias per axis; not estimated, widens the inclination's deviation.
+        /// Residual accelerometer bias per axis. It is not estimated; it raises the inclination's
+        /// deviation.
         residual_accel_bias_sd_m_s2: 0.005 in 0.0 .. 1.0, "m/s²";
         /// Random walk of the level: gyro noise and coning.
         level_noise_deg_sqrt_s: 0.022 in 0.0001 .. 10.0, "°/√s";

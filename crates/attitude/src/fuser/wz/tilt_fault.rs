@@ -1,10 +1,10 @@
 //! Detects a tilt fault, that is, a wrong level as opposed to an accelerating vehicle.
 //!
-//! A wrong level and an acceleration cause the same horizontal force, but differ in its norm. At
-//! constant velocity the norm is g, however wrong the level. Under an acceleration a it is √(g² +
-//! a²), in a straight line as well as in an endless turn, at any speed. Innovations are therefore
-//! summed while they keep their direction. Once their sum amounts to a considerable velocity, the
-//! norm of the force decides.
+//! A wrong level and an acceleration cause the same horizontal force, but differ in the norm of the
+//! force. At constant velocity the norm is g, however wrong the level is. Under an acceleration a
+//! it is √(g² + a²), in a straight line as well as in an endless turn, at any speed. Innovations
+//! are therefore summed while they keep their direction. Once their sum amounts to a considerable
+//! velocity, the norm of the force decides.
 
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
@@ -15,11 +15,11 @@ const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// Above it, the square of the force exceeds the scale error of an accelerometer. The loop corrects
 /// smaller level errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Largest fraction of the excess norm of an acceleration, a²/2g², at which the level counts as
-/// wrong.
+/// Largest excess of the norm over g at which the level counts as wrong, as a fraction of the
+/// excess that an acceleration would cause, a²/2g².
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
-/// Sum of innovations while they keep their direction.
+/// Sum of innovations that keep their direction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TiltFaultMonitor {
     /// ∫ innovation/g dt.
@@ -38,8 +38,8 @@ impl Default for TiltFaultMonitor {
 }
 
 impl TiltFaultMonitor {
-    /// Processes an innovation of duration `interval_s`, with the levelled force and its norm, all
-    /// over g.
+    /// Processes the mean innovation of an interval, with the levelled force and its norm, all over
+    /// g.
     ///
     /// Returns the error of the level, rad, if no acceleration explains the force.
     pub(super) fn observe(

@@ -20,7 +20,7 @@ impl TestRng {
     }
 
     pub fn next_u64(&mut self) -> u64 {
-        // Small and extreme values are as frequent as others.
+        // Half of the numbers are close to zero or to the maximum.
         match self.below(4) {
             0 => self.below(3),
             1 => u64::MAX - self.below(3),
@@ -162,7 +162,8 @@ impl RandomMessage for Checkpoint {
     fn random(rng: &mut TestRng) -> Self {
         let mut checkpoint = Self { next_tick: rng.next_u64(), service: rng.service(), ..bytemuck::Zeroable::zeroed() };
         checkpoint.stage[..7].copy_from_slice(b"madgwick".first_chunk::<7>().unwrap());
-        // A batch cannot hold eight messages of the maximum size.
+        // At most half of the words are set, because a batch cannot hold eight messages of the
+        // maximum size.
         let words = rng.below(CHECKPOINT_WORDS as u64 / 2 + 1) as usize;
         checkpoint.words[..words].iter_mut().for_each(|word| *word = rng.next_u64());
         (checkpoint.slot_words, checkpoint.common_words) = (rng.next_u32(), rng.next_u32());

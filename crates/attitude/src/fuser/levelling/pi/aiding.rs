@@ -6,17 +6,18 @@ use super::{
 };
 use crate::{Complex, gnss::Fix, scalars::Scalars};
 
-/// Speed below which the directions of two velocities are irrelevant, m/s.
+/// Speed below which the direction of a velocity, and thus the azimuth, is irrelevant, m/s.
 const SLOW_SPEED_M_S: f64 = 0.7;
 /// Minimum cosine of the angle between two tracks that confirm each other: 30°.
 const MIN_TRACK_COSINE: f64 = 0.866;
 
-/// Velocity increment between the validity times of two fixes, by force and by fixes.
+/// Velocity increment between the validity times of two fixes, as measured by the force and by the
+/// fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MatchedIncrement {
     /// Integral of the force, platform axes, m/s.
     pub(super) by_force_m_s: Complex<f64>,
-    /// Difference of the fixes, east + j north, m/s.
+    /// Difference between the velocities of the fixes, east + j north, m/s.
     pub(super) by_fixes_m_s: Complex<f64>,
     /// Duration, s.
     pub(super) span_s: f64,
@@ -29,7 +30,7 @@ pub(super) struct Track {
     pub(super) direction: Complex<f64>,
     /// Age, s.
     pub(super) age_s: f64,
-    /// Set if the previous fix had a track, too, and both agree.
+    /// Set if the previous fix had a track, too, and the two tracks agree.
     pub(super) is_confirmed: bool,
 }
 
@@ -39,7 +40,7 @@ pub(super) struct Aiding {
     matched: DelayMatchedIntegral,
     /// Velocity of the last fix, east + j north, m/s.
     velocity_m_s: Complex<f64>,
-    /// Set if the increment since that velocity is complete from its start.
+    /// Set if the force has been integrated without interruption since the last fix was valid.
     is_increment_complete: bool,
     since_fix_s: f64,
     has_fix: bool,
@@ -72,8 +73,8 @@ impl Aiding {
         }
     }
 
-    /// Discards the increment after a loss of forces or a change of the axes. The next fix starts a
-    /// new one.
+    /// Discards the increment after missing force samples or a change of the axes. The next fix
+    /// starts a new one.
     pub(super) fn interrupt(&mut self) {
         self.matched = DelayMatchedIntegral::default();
         self.is_increment_complete = false;
@@ -81,8 +82,8 @@ impl Aiding {
 
     /// Returns the velocity increment and the track of a fix.
     ///
-    /// There is no increment over a gap. Without a known azimuth there is one only at nearly zero
-    /// velocity.
+    /// There is no increment across a gap. While the azimuth is unknown, there is an increment only
+    /// if the velocity is nearly zero.
     pub(super) fn process_fix(
         &mut self,
         fix: &Fix,

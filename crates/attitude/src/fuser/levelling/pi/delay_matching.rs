@@ -8,9 +8,9 @@ use crate::{Complex, scalars::Scalars};
 
 /// Number of intervals in the memory.
 const SLOTS: usize = 33;
-/// Length of each interval, s, or one sample if that is longer.
+/// Length of each interval, s, or of one sample if that is longer.
 const SLOT_S: f64 = 0.025;
-/// Maximum age of a velocity covered by the memory, s.
+/// Maximum age of a velocity that the memory covers, s.
 pub(super) const MAX_AGE_S: f64 = 0.8;
 
 /// Change of velocity over a time span.
@@ -69,7 +69,7 @@ impl DelayMatchedIntegral {
         matched
     }
 
-    /// Returns the integrated time since the validity of the last fix, s.
+    /// Returns the integrated time since the validity time of the last fix, s.
     pub(super) fn since_fix_s(&self) -> f64 {
         self.since_fix.span_s
     }

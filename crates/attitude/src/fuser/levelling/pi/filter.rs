@@ -9,27 +9,27 @@ use crate::{Complex, Vector3, fuser::bias_handover::HandedOverBias, state::Attit
 pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
 /// Standard deviation below which the bias counts as known, rad/s.
 pub(super) const KNOWN_BIAS_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Largest component of the bias, rad/s: 5 °/s. A larger request is not due to a bias.
+/// Largest component of the bias, rad/s: 5 °/s. A larger value has another cause than a bias.
 pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 
 /// Fuser stage `levelling-pi`.
 ///
-/// | input | tilt | bias |
+/// | input | correction of tilt or azimuth | correction of the bias |
 /// | --- | --- | --- |
 /// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the validity times of the fixes, τ = 20 s | its integral in body axes over 4 τ |
 /// | track | azimuth by (H − H_track)/T, T = 50 s, 100 s after turns | about the vertical, over 4 T |
 /// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, over 10 s of turning | about the vertical |
 /// | gap | low-pass filtered f_P minus V H' of the last speed, over 100 s, with less weight in a turn | its integral over 4000 s |
-/// | cold start | low-pass filtered f_P over 60 s, as S4 | unchanged |
+/// | cold start | low-pass filtered f_P over 60 s, as in S4 | unchanged |
 /// | standstill | as in a gap | the mean rate |
 ///
-/// A velocity increment is used once; after a lost interval the next two fixes start a new one. Two
-/// tracks that agree rotate the platform to north, which is a jump, and the heading is true from
-/// then on. A magnetic heading that is handed over is not used.
+/// A velocity increment is used once. After a lost interval, the next two fixes start a new
+/// increment. The first two tracks that agree rotate the platform to north. This is a jump, and
+/// from then on the heading refers to true north. A handed-over magnetic heading is not used.
 ///
-/// Without a receiver the integral would follow accelerations instead of the bias. It therefore
-/// starts once fixes or a standstill have determined the bias. Until then the stage uses S4's
-/// autonomous law.
+/// Without a receiver, the bias integral would follow accelerations instead of the bias. It
+/// therefore starts once fixes or a standstill have determined the bias. Until then the stage uses
+/// S4's autonomous law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingPi {
     pub(super) settings: PiSettings,
@@ -47,7 +47,7 @@ pub struct LevellingPi {
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered remainder of the force in a gap, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
-    /// Missing averaging time of that filter, up to its time constant, s.
+    /// Missing averaging time of `low_pass_m_s2`, up to its time constant, s.
     pub(super) averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

@@ -1,17 +1,17 @@
 //! Azimuth of the platform, from the track over ground and from the direction of accelerations.
 //!
 //! The track is the direction of travel, which in wind is not the direction of the nose. It
-//! corrects the azimuth over T = 50 s, as S4's (5), and the bias about the vertical over 4 T.
+//! corrects the azimuth over T = 50 s, as in S4, (5), and the bias about the vertical over 4 T.
 //!
-//! An acceleration is the same vector in the force and in the velocity, regardless of wind: in a
-//! turn the angle between the two is the error of the azimuth. Once turns have determined the
+//! The force and the change of velocity show the same acceleration vector, regardless of wind. In a
+//! turn the angle between the two is therefore the azimuth error. Once turns have determined the
 //! azimuth, the track corrects it at half the rate.
 
 use super::settings::PiSettings;
 use crate::{Complex, fuser::low_pass::low_pass_gain, scalars::Scalars, state::arg};
 use core::f64::consts::PI;
 
-/// Acceleration at which its direction outweighs the noise of the velocity, m/s².
+/// Acceleration above which its direction outweighs the noise of the velocity, m/s².
 const SIGNIFICANT_ACCELERATION_M_S2: f64 = 1.0;
 /// Largest azimuth error inferred from one increment, rad.
 const MAX_AZIMUTH_ERROR_RAD: f64 = 0.3;
@@ -25,7 +25,7 @@ const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
 pub(super) struct HeadingCorrection {
     /// Azimuth error, rad, counter-clockwise.
     pub(super) azimuth_rad: f64,
-    /// Bias increment about the vertical, rad/s. A gyro that reads too much rotates the azimuth too
+    /// Bias increment about the vertical, rad/s. A gyro that reads too high rotates the azimuth too
     /// far.
     pub(super) bias_rad_s: f64,
 }
@@ -35,7 +35,8 @@ pub(super) struct HeadingCorrection {
 pub(super) struct Heading {
     /// Set if the axes of the platform are east and north.
     pub(super) known: bool,
-    /// Standard deviation without the crab angle, rad; π while the azimuth is unknown.
+    /// Standard deviation without the effect of the crab angle, rad; π while the azimuth is
+    /// unknown.
     drift_sd_rad: f64,
     /// Time for which accelerations have determined the course, s, up to [`FULL_TURNING_S`].
     turning_s: f64,
@@ -58,14 +59,15 @@ impl Heading {
         self.drift_sd_rad = (self.drift_sd_rad + bias_sd_rad_s * dt_s).min(PI);
     }
 
-    /// Aligns the azimuth with the first track.
+    /// Returns the correction that aligns the azimuth with the first track. The heading is known
+    /// afterwards.
     pub(super) fn align_to_track(&mut self, forward: Complex<f64>, track: Complex<f64>) -> HeadingCorrection {
         *self = Self::with_sd(0.0);
         HeadingCorrection { azimuth_rad: arg(forward * track.conj()), bias_rad_s: 0.0 }
     }
 
-    /// Returns the correction by a track that is weighted for `span_s`. `forward` is the forward
-    /// direction in the platform at the time of the track.
+    /// Returns the correction from a track, weighted by the duration `span_s`. `forward` is the
+    /// forward direction in platform axes at the time of the track.
     pub(super) fn correct_by_track(
         &mut self,
         forward: Complex<f64>,
@@ -83,8 +85,8 @@ impl Heading {
         HeadingCorrection { azimuth_rad: error_rad * gain, bias_rad_s: error_rad * share_per_s2 * span_s }
     }
 
-    /// Returns the correction by a velocity increment over `span_s`, measured by the force and by
-    /// the fixes, platform axes, m/s.
+    /// Returns the correction from a velocity increment over `span_s`. The increment is given as
+    /// measured by the force and by the fixes, platform axes, m/s.
     pub(super) fn correct_by_acceleration(
         &mut self,
         by_force_m_s: Complex<f64>,
@@ -111,8 +113,8 @@ impl Heading {
         }
     }
 
-    /// Returns the standard deviation at a speed: the drift, and the crab angle in a typical wind,
-    /// which turns halve.
+    /// Returns the standard deviation at the given speed, rad. It combines the drift with the crab
+    /// angle in a typical wind. Turns reduce the crab angle's part by up to half.
     pub(super) fn sd_rad(&self, speed_m_s: f64) -> f64 {
         if !self.known {
             return PI;

@@ -29,10 +29,10 @@ use crate::{
 const STANDSTILL_BIAS_SD_RAD_S: f64 = 0.01 * PI / 180.0;
 /// Random walk of the bias, rad/s/√s: 0.0005 °/s/√s.
 const BIAS_RANDOM_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
-/// Time constant at which the bias follows the mean rate at standstill, s.
+/// Time constant with which the bias follows the mean rate at standstill, s.
 const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
-/// Largest unexplained velocity increment, m/s, plus m/s² times its duration. Larger ones are
-/// limited, which bounds the effect of an outlier.
+/// Largest unexplained velocity increment: a constant, m/s, plus an acceleration, m/s², times the
+/// duration. Larger increments are limited to it, which bounds the effect of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
@@ -71,7 +71,7 @@ impl LevellingPi {
 
     /// Corrects the level and the bias by the difference between force and fixes.
     ///
-    /// The tilt is (∫ f_P dt − ΔV)/(g τ), and the bias is its integral over 4 τ.
+    /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is its integral over 4 τ.
     fn level_by_increment(&mut self, increment: &MatchedIncrement) {
         let settings = self.settings;
         let MatchedIncrement { by_force_m_s, by_fixes_m_s, span_s } = *increment;
@@ -82,7 +82,7 @@ impl LevellingPi {
         self.learn_bias(azimuth(self.attitude).conj() * tilt_rad, 0.25 / settings.time_constant_s);
         let gain = low_pass_gain(span_s, settings.time_constant_s);
         self.lag_rad += (tilt_from_acceleration(unexplained_m_s / span_s) - self.lag_rad) * gain;
-        // The slower of the two loops that estimate the bias.
+        // Decreases at the rate of the slower of the two loops that estimate the bias.
         self.bias_variance_rad2_s2 -=
             self.bias_variance_rad2_s2 * low_pass_gain(span_s, settings.track_time_constant_s);
         if self.heading.known {
@@ -96,7 +96,7 @@ impl LevellingPi {
     fn apply_track(&mut self, track: &Track, span_s: Option<f64>) -> bool {
         let (sin, cos) = libm::sincos(self.turn_rate_rad_s * track.age_s);
         let forward_at_fix = azimuth(self.attitude) * forward(self.attitude) * Complex::new(cos, sin);
-        // The course is undefined for a vertical nose.
+        // The course is undefined if the nose points straight up or down.
         if forward_at_fix.norm_sqr() < 0.5 {
             return false;
         }
@@ -134,8 +134,8 @@ impl LevellingPi {
 
     /// Corrects the level without a fix.
     ///
-    /// If the bias is known, it uses the low-pass filtered force minus V H' of the last speed;
-    /// otherwise the autonomous law of S4.
+    /// If the bias is known, the correction uses the low-pass filtered force minus V H' of the last
+    /// speed. Otherwise it follows S4's autonomous law.
     pub(super) fn level_without_fix(&mut self, force: LevelForce, turn_rate_rad_s: f64) {
         let settings = self.settings;
         let known = self.is_bias_known();
@@ -157,7 +157,7 @@ impl LevellingPi {
         self.lag_rad += (measured_rad - self.lag_rad) * gain;
         if known {
             self.learn_bias(tilt_rad, 1.0 / settings.gap_integral_s);
-            // Compensates the random walk: a bias that was known once stays known.
+            // Compensates the random walk, so that a bias that was known once stays known.
             self.bias_variance_rad2_s2 -=
                 self.bias_variance_rad2_s2 * low_pass_gain(force.dt_s, settings.gap_integral_s);
         }
@@ -171,7 +171,7 @@ impl LevellingPi {
         self.correct_tilt(azimuth(self.attitude).conj() * share_rad);
     }
 
-    /// Updates the bias with the mean rate at standstill. Returns `true` at standstill.
+    /// Updates the bias with the mean rate at standstill. Returns `true` if the body stands still.
     pub(super) fn update_standstill(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>, dt_s: f64) -> bool {
         let speed_m_s = self.aiding.speed_m_s();
         let (rate, force) = (limited(rate_rad_s, MAX_RATE_RAD_S), limited(force_m_s2, MAX_FORCE_M_S2));

@@ -1,16 +1,15 @@
 //! Fuser stage `levelling-pi`: levelling by matched velocity increments, with an estimate of the
 //! gyro bias.
 //!
-//! The error ε of the level under a gyro bias b and its estimate b̂ follows
+//! With a gyro bias b and its estimate b̂, the level error ε follows
 //!
 //! ε' = b − b̂ − ε/τ,  b̂' = ε/(4τ²)
 //!
 //! with two equal roots at 1/(2τ). With τ = 20 s the bias converges in minutes and then has no
-//! effect; what remains is the bias of the accelerometer, 0.02 m/s² or 0.12°.
+//! effect. What remains is the effect of the accelerometer bias: 0.12° for 0.02 m/s².
 //!
-//! With fixes, V H' of the ground speed is not used. The force is compared with the change of
-//! velocity as a vector, which is right in wind, too, as far as the azimuth of the platform is
-//! right.
+//! While fixes arrive, V H' is not used. Instead, the force is compared with the change of velocity
+//! as a vector. This is correct in wind, too, provided that the platform's azimuth is correct.
 
 mod aiding;
 mod delay_matching;
@@ -58,7 +57,8 @@ impl LevellingPi {
         self.started = false;
     }
 
-    /// Sets the level and discards increments and filters, which belong to the previous level.
+    /// Sets the level and discards increments and filter states, which belong to the previous
+    /// level.
     fn align_level(&mut self, inclination: &Inclination) {
         self.attitude = self.attitude.realigned(inclination.up).attitude;
         let zero = Complex::new(0.0, 0.0);
@@ -84,8 +84,8 @@ impl LevellingPi {
         true
     }
 
-    /// Returns the standard deviation from the levelling lag and, in a gap, the drift by an unknown
-    /// bias.
+    /// Returns the standard deviation of the inclination, rad. It combines the levelling lag with,
+    /// in a gap, the drift caused by an unknown bias.
     fn inclination_sd_rad(&self) -> f64 {
         let since_s = self.aiding.since_fix_s();
         let gap_s = if since_s > self.settings.gap_s { since_s.min(self.settings.gap_time_constant_s) } else { 0.0 };
@@ -224,8 +224,8 @@ impl Stage for LevellingPi {
         let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
         if common.bias_sd_rad_s.is_finite() {
             adopted.bias_rad_s = limited(common.bias_rad_s, MAX_BIAS_RAD_S);
-            // The bias counts as known only together with the level and the speed, which start as
-            // on a cold start here.
+            // The bias counts as known only if the level and the speed are known, too. Here both
+            // are initialised as on a cold start.
             let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
             adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
         }

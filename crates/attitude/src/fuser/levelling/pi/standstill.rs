@@ -7,13 +7,13 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Time constant of the means and of the variances about them, s.
 const AVERAGING_S: f64 = 2.0;
-/// Largest RMS of the rate about its mean at standstill, rad/s: 0.3 °/s. A vehicle in calm air
+/// Largest RMS of the rate about its mean at standstill, rad/s: 0.3 °/s. Even in calm air a vehicle
 /// exceeds it.
 const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
 /// Largest RMS of the rate if a receiver reports standstill, rad/s: 0.8 °/s.
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
-/// Largest RMS of the force about its mean at standstill, without and with a receiver that reports
-/// it, m/s².
+/// Largest RMS of the force about its mean at standstill, m/s²: without a receiver, and with one
+/// that reports standstill.
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
 /// Largest component of a mean rate that is accepted as a bias, rad/s: 1 °/s.
@@ -23,7 +23,7 @@ const MAX_SPEED_M_S: f64 = 0.7;
 /// Minimum duration of the quiet phase, s.
 const MIN_QUIET_S: f64 = 5.0;
 
-/// Detector of standstill, with the mean rate.
+/// Standstill detector, which also averages the rate.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct StandstillDetector {
     rate_mean_rad_s: Vector3<f64>,
@@ -35,8 +35,8 @@ pub(super) struct StandstillDetector {
 }
 
 impl StandstillDetector {
-    /// Processes a sample with the speed over ground, if known. Returns the mean rate at
-    /// standstill.
+    /// Processes a sample and the speed over ground, if known. Returns the mean rate if the body
+    /// stands still.
     pub(super) fn step(
         &mut self,
         rate_rad_s: Vector3<f64>,

@@ -1,17 +1,17 @@
-//! Means of the magnetic field in the reference frame of the gyro heading over 0.2 s.
+//! Averages the magnetic field over 0.2 s in the reference frame of the gyro heading.
 //!
 //! Samples are collected over windows of about 20 ms, in which a body rotates little: at 10 rad/s
 //! the mean of a rotating field is 0.2 % too short. The mean of a window refers to an earlier time,
-//! by the magnetometer delay plus the mean age of the samples. The attitude is rotated back by the
-//! rotation since that time. With that attitude R', the means of an interval are those of R'm, of
-//! R' and of Ω = R'ω.
+//! earlier by the magnetometer delay plus the mean age of the samples. The attitude is rotated back
+//! to that time. With this attitude R', each interval yields the means of R'm, of R' and of Ω =
+//! R'ω.
 
 use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyAxes};
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
-/// Duration of a window, s. Here and below, slightly shortened to tolerate rounding in sums of
-/// intervals.
+/// Duration of a window, s. This and the next duration are slightly shortened to tolerate rounding
+/// in sums of intervals.
 const WINDOW_S: f64 = 0.0185;
 /// Duration of an interval, s.
 const INTERVAL_S: f64 = 0.1999;
@@ -42,9 +42,9 @@ pub(super) struct IntervalMeans {
     pub(super) rate_rms_rad_s: f64,
     /// Root mean square of the horizontal acceleration, m/s².
     pub(super) acceleration_rms_m_s2: f64,
-    /// Whether the body was at rest at the end of the interval.
+    /// Set if the body was at rest at the end of the interval.
     pub(super) at_rest: bool,
-    /// Whether the body vibrated.
+    /// Set if the body vibrated during the interval.
     pub(super) is_vibrating: bool,
     /// Variance of the remaining gyro scale error at the end of the interval, each axis.
     pub(super) scale_variance: [f64; 3],
@@ -53,16 +53,16 @@ pub(super) struct IntervalMeans {
 /// Accumulator of samples for the means of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FieldAverager {
-    /// Sums of the current window: samples, their ages, rotation.
+    /// Sums over the current window: samples, their ages, rotation.
     field_sum_ut: Vector3<f64>,
     age_sum_s: f64,
     samples: f64,
     rotation_rad: Vector3<f64>,
     window_s: f64,
-    /// Mean rate of the previous window, rad/s.
+    /// Mean rate over the previous window, rad/s.
     last_rate_rad_s: Vector3<f64>,
     vibration: VibrationDetector,
-    /// Sums of the current interval.
+    /// Sums over the current interval.
     sums: IntervalMeans,
 }
 
@@ -82,7 +82,7 @@ impl Default for FieldAverager {
 }
 
 impl FieldAverager {
-    /// Returns `true` if no sample is waiting for the end of its interval.
+    /// Returns `true` if there is no sample in the current interval.
     #[inline]
     pub(super) fn is_empty(&self) -> bool {
         self.samples == 0.0 && self.sums.windows == 0.0

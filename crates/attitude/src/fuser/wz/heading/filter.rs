@@ -2,7 +2,7 @@
 //!
 //! | state | number | meaning | frame |
 //! | --- | --- | --- | --- |
-//! | e | 3 | field of the place | reference |
+//! | e | 3 | ambient field | reference |
 //! | β | 1 | drift rate of the gyro heading | reference |
 //! | τ | 1 | delay of the magnetometer | |
 //! | b | 3 | hard iron | body |
@@ -17,24 +17,25 @@
 //! where τ' is the delay for which R' was rotated back.
 //!
 //! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals. Here ψ_i = ∫ u_i ω_i dt is
-//!   the rotation about the vertical contributed by body axis i, and u is up in body axes. Its
-//!   random walk acts along ζ0 × e, because gyro noise rotates the field and does not stretch it.
+//!   the rotation about the vertical contributed by body axis i, and u is up in body axes. The
+//!   random walk of e acts along ζ0 × e, because gyro noise rotates the field and does not stretch
+//!   it.
 //! - κ models a drift that appears only while the body keeps turning one way: half a per cent of a
-//!   full turn is 2°. Without κ, β would follow this drift for a minute, although it stands for
+//!   full turn is 2°. Without κ, β would follow this drift for a minute, although β represents
 //!   drift that does not depend on motion. The level filter estimates the scale error as well. The
-//!   variance of κ is bounded by the variance found there.
+//!   variance found there limits the variance of κ.
 //! - d decays with the motion of the body and only slowly at rest, because a stationary sensor
 //!   learns nothing about the field elsewhere. It is reset whenever a movement or a rest starts.
 //! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
-//!   + v reveals the drift of the gyro since then.
+//!   + v reveals the drift of the gyro since the previous rest there.
 //!
-//! The three components of y are used in one step, by the Cholesky factor of S = H P Hᵀ + R: W = P
-//! Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
+//! The three components of y are used in one step, with the Cholesky factor of S = H P Hᵀ + R: W =
+//! P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 //!
 //! Plain arrays and an unrolled factor of three rows are used because they are faster than
 //! nalgebra's `SMatrix` and `Cholesky`, although those read better. An update of the whole chain
-//! costs 0.39 of VQF's in the same chain, and 0.42 with nalgebra, 8 % more (`plumb score --fuser wz
-//! --fuser vqf`, four alternating runs of each).
+//! takes 0.39 times as long as with VQF in the same chain. With nalgebra it takes 0.42 times as
+//! long, 8 % more (`plumb score --fuser wz --fuser vqf`, four alternating runs of each).
 
 use super::field_averager::IntervalMeans;
 use crate::{
@@ -53,26 +54,26 @@ const D: usize = 8;
 pub(super) const KAPPA: usize = 11;
 const SITE: usize = 14;
 
-/// Standard deviation of an unknown field of a place, µT: the strongest field on earth.
+/// Standard deviation of an unknown ambient field, µT: the strongest field on earth.
 const FIELD_SD_UT: f64 = 60.0;
-/// Initial and largest standard deviation of the drift rate before a rest, rad/s: a consumer MEMS
-/// gyro.
+/// Initial and largest standard deviation of the drift rate before a rest, rad/s: that of a
+/// consumer MEMS gyro.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s; its increase per rate, 1/√s; and
-/// its increase while the body vibrates, rad/s/√s. The bias of a vibrating gyro differs from that
-/// at rest.
+/// Random walk of the drift rate while the body moves, rad/s/√s; its increase per unit of rate,
+/// 1/√s; and its increase while the body vibrates, rad/s/√s. The bias of a vibrating gyro differs
+/// from that at rest.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
 const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
-/// Largest standard deviation of κ: a multiple of the level filter's, plus a constant (root sum of
-/// squares).
+/// Largest standard deviation of κ: a multiple of the level filter's standard deviation, plus a
+/// constant (root sum of squares).
 const SCALE_SD_FACTOR: f64 = 1.5;
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
 /// Random walk of κ, 1/√s: the effect of some degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Random walk of the gyro heading, rad/√s, and its increase per rate.
+/// Random walk of the gyro heading, rad/√s, and its increase per unit of rate.
 const HEADING_WALK_RAD: f64 = 2e-4;
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the field, µT/√s.
@@ -85,8 +86,8 @@ const DECAY_AT_REST: f64 = 0.06;
 const DECAY_PER_TURN: f64 = 0.2;
 const DECAY_PER_ACCELERATION: f64 = 0.15;
 const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
-/// Noise of the field when the body rests at the same site again, each axis, µT, and gate for that
-/// measurement. The gate is tight because the field of another site may be similar.
+/// Noise of the field on each axis when the body rests at the same site again, µT, and gate for
+/// that measurement. The gate is tight because the field at another site may be similar.
 const REVISIT_SD_UT: f64 = 0.2;
 const REVISIT_GATE: f64 = 4.0;
 /// Range of magnetometer delays, s.
@@ -99,9 +100,9 @@ pub(super) struct Propagation {
     duration_s: f64,
     /// Rotation about the vertical contributed by each body axis, rad.
     vertical_rotation_rad: [f64; 3],
-    /// Whether the body moved, so that the gyro heading drifted.
+    /// Set if the body moved, so that the gyro heading drifted.
     is_moving: bool,
-    /// Whether a movement or a rest starts, which resets d.
+    /// Set if a movement or a rest starts, which resets d.
     motion_changed: bool,
     /// Increase of the variance of β, rad²/s², and largest variance of κ.
     drift_variance_rad2_s2: f64,
@@ -152,7 +153,7 @@ pub(super) struct MeasurementResult {
     pub(super) nis: f64,
     /// Determinant of the innovation covariance, µT⁶.
     pub(super) determinant: f64,
-    /// Whether the innovation passed the gate and was used.
+    /// Set if the innovation passed the gate and was used.
     pub(super) accepted: bool,
 }
 
@@ -165,7 +166,7 @@ pub(super) struct FieldFilter {
 }
 
 impl FieldFilter {
-    /// Creates a filter that knows only the settings.
+    /// Creates a filter from the settings alone.
     pub(super) fn new(settings: &Settings) -> Self {
         let mut filter = Self { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         filter.x[TAU] = settings.magnetometer_delay_s;
@@ -178,7 +179,7 @@ impl FieldFilter {
         filter
     }
 
-    /// Copies drift rate, gyro scale error and delay from `known`, and adds `hard_iron_sd_ut` to the
+    /// Copies drift rate, gyro scale error and delay from `known`. Adds `hard_iron_sd_ut` to the
     /// uncertainty of the hard iron.
     pub(super) fn keep_gyro_and_delay(&mut self, known: &Self, hard_iron_sd_ut: f64) {
         for i in [BETA, TAU, KAPPA, KAPPA + 1, KAPPA + 2] {
@@ -188,7 +189,7 @@ impl FieldFilter {
         self.inflate(B, hard_iron_sd_ut);
     }
 
-    /// Sets the hard iron if it is known. Otherwise it stays as the settings define it.
+    /// Sets the hard iron if it is known. Otherwise the prior from the settings is kept.
     pub(super) fn set_hard_iron(&mut self, hard_iron: HardIron) {
         let HardIron { field_ut, sd_ut } = hard_iron;
         if sd_ut.is_finite() {
@@ -214,7 +215,7 @@ impl FieldFilter {
         (B..B + 3).map(|i| (self.x[i] - other.x[i]) * (self.x[i] - other.x[i])).sum()
     }
 
-    /// Returns the mean field without the hard iron, µT, reference axes.
+    /// Returns the mean field minus the hard iron, µT, reference axes.
     pub(super) fn field_without_hard_iron_ut(&self, interval: &IntervalMeans) -> [f64; 3] {
         let hard_iron = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
         core::array::from_fn(|i| interval.field_ut[i] - hard_iron(interval.axes[i]))
@@ -255,8 +256,8 @@ impl FieldFilter {
         }
     }
 
-    /// Uses e + d = p, because the body is back at the last rest site. Returns `true` if the
-    /// innovation passed the gate.
+    /// Applies e + d = p, which holds if the body is back at the last rest site. Returns `true` if
+    /// the innovation passed the gate.
     pub(super) fn update_at_rest_site(&mut self) -> bool {
         const VARIANCE_UT2: f64 = REVISIT_SD_UT * REVISIT_SD_UT;
         let [across, along] = [0, 1].map(|i| self.rest_site_column(i));
@@ -299,8 +300,8 @@ impl FieldFilter {
 
     /// Makes the direction of the horizontal field unknown.
     ///
-    /// Both components become as uncertain as the field is strong, so that a field from any
-    /// direction passes the gate.
+    /// The standard deviation of both components is set to the strength of the field, so that a
+    /// field from any direction passes the gate.
     pub(super) fn invalidate_direction(&mut self) {
         let horizontal2 = self.x[E] * self.x[E] + self.x[E + 1] * self.x[E + 1];
         self.p[E][E] += horizontal2;
@@ -380,7 +381,7 @@ impl FieldFilter {
         for i in KAPPA..KAPPA + 3 {
             self.p[i][i] += SCALE_WALK * SCALE_WALK * t_s;
         }
-        // Makes both halves equal to the last bit, because a snapshot stores only one.
+        // Makes both halves equal to the last bit. A snapshot stores only one of them.
         let summed = [E, E + 1, SITE, SITE + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| self.p[*j][i] = self.p[i][*j]);

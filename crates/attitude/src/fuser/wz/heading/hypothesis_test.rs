@@ -4,18 +4,19 @@
 //! | --- | --- | --- |
 //! | M | the hard iron is unchanged | main filter, gives the heading |
 //! | B | a magnet was attached to the body or removed | copy of M with b uncertain by another 15 µT |
-//! | E | the field of the place has changed | copy of M with e uncertain by another 15 µT |
+//! | E | the ambient field has changed | copy of M with e uncertain by another 15 µT |
 //!
-//! A gate protects M from disturbances: the heading then follows the gyro. A step fixed to the body
-//! fits only B. A changed field fits E as well as B, and passing magnets fit none of the three.
+//! The gate of M rejects disturbances, during which the heading follows the gyro. A step fixed to
+//! the body fits only B. A changed ambient field fits E as well as B, and passing magnets fit none
+//! of the three.
 //!
 //! The evidence is a sum of log-likelihood ratios over the time in which the body turns, because
-//! the three cannot be distinguished at rest. Each update subtracts an allowance: no hypothesis models
-//! soft iron and field gradients, and B, which has more freedom, explains a little of both. The sum
-//! does not fall below zero.
+//! the three cannot be distinguished at rest. Each update subtracts an allowance, because no
+//! hypothesis models soft iron and field gradients, and B, which has more freedom, explains a
+//! little of both. The sum does not fall below zero.
 //!
-//! B replaces M when it leads both others by the margin, has a hard iron of its own, and the body
-//! has turned. B and E restart from M when B fails, or after 50 s without a decision.
+//! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
+//! the body has turned. B and E restart from M when B fails, or after 50 s without a decision.
 
 use super::{
     field_averager::IntervalMeans,
@@ -23,13 +24,13 @@ use super::{
 };
 use crate::{fuser::wz::settings::Settings, scalars::Scalars};
 
-/// Standard deviation added to b or e of a challenger, µT: a magnet at some centimetres, or a
-/// loudspeaker in the same room.
+/// Standard deviation added to b or e of a challenger, µT. Corresponds to a magnet at a distance of
+/// some centimetres, or a loudspeaker in the same room.
 const CHALLENGER_SD_UT: f64 = 15.0;
-/// Gate on the normalised innovation squared, which regular innovations exceed in 1 % of cases.
+/// Gate on the normalised innovation squared. Regular innovations exceed it in 1 % of cases.
 const GATE: f64 = 11.0;
-/// Largest normalised innovation squared used in a likelihood. Without it, one disturbance would
-/// decide the test.
+/// Largest normalised innovation squared used in a likelihood. Without this limit, a single
+/// disturbance would decide the test.
 const MAX_NIS: f64 = 30.0;
 /// Lead at which B wins, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
@@ -39,7 +40,7 @@ const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
 const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 /// Evidence subtracted per second of turning.
 const ALLOWANCE_PER_S: f64 = 5.5;
-/// Rate from which the body counts as turning, rad/s.
+/// Rate above which the body counts as turning, rad/s.
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
 /// Time outside the gate after which a challenger has failed, s, and time after which a challenge
 /// restarts, s.
@@ -48,12 +49,12 @@ const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// Time of turning outside the gate after which everything about the field is reset, s.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time inside the gate that ends the probation of a new main filter, s, and shortest time outside
-/// the gate that resets it before, s.
+/// the gate that resets the filter during probation, s.
 ///
-/// A filter on probation is reset once it was outside the gate for as long as inside.
+/// A filter on probation is reset once it has been outside the gate for as long as inside.
 const PROBATION_S: f64 = 10.0;
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
-/// Standard deviation of the drift rate once the gyro bias was observed at rest, rad/s.
+/// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 
 /// Result of an interval.
@@ -79,13 +80,12 @@ pub(super) struct HypothesisTest {
     challenge_turn_rad: f64,
     accepted_s: f64,
     rejected_s: f64,
-    /// Whether the direction was invalidated and the filter has not been rejected for long since
-    /// then.
+    /// Set when the direction is invalidated. Cleared by the first long rejection after that.
     direction_invalidated: bool,
 }
 
 impl HypothesisTest {
-    /// Creates the test with a main filter that has seen no field.
+    /// Creates the test with a main filter that has not processed a field yet.
     pub(super) fn new(main: FieldFilter) -> Self {
         let mut hypothesis_test = Self {
             main,
@@ -105,7 +105,7 @@ impl HypothesisTest {
     }
 
     /// Processes the first interval, which all hypotheses must use. In B, both field and hard iron
-    /// are unknown then.
+    /// are unknown at that point.
     pub(super) fn start(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64) {
         self.for_each_filter(|filter| {
             filter.measure(interval, delay_s, variance_ut2, f64::INFINITY);
@@ -128,8 +128,8 @@ impl HypothesisTest {
         (self.accepted_s, self.rejected_s, self.direction_invalidated) = (0.0, 0.0, true);
     }
 
-    /// Handles the first rest, at which the gyro bias is observed. Earlier drift says nothing about
-    /// later drift.
+    /// Resets the drift rate on the first rest, when the gyro bias is observed. Earlier drift does
+    /// not predict later drift.
     pub(super) fn on_first_rest(&mut self) {
         self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
@@ -169,7 +169,8 @@ impl HypothesisTest {
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
-            // The first fields after the loss were levelled with a level that was still wrong.
+            // The first fields after the direction was invalidated were levelled while the level
+            // was still wrong.
             self.invalidate_direction();
             self.direction_invalidated = false;
             replaced = true;
@@ -198,14 +199,16 @@ impl HypothesisTest {
         (self.challenger_rejected_s, self.challenge_age_s, self.challenge_turn_rad) = (0.0, 0.0, 0.0);
     }
 
-    /// Returns `true` if B has a hard iron of its own and the body has turned enough to show it.
+    /// Returns `true` if B has found a different hard iron and the body has turned enough to show
+    /// it.
     fn has_new_hard_iron(&self) -> bool {
         let distance2_ut2 = self.body.hard_iron_distance2_ut2(&self.main);
         distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT
             && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
     }
 
-    /// Handles a return to the last rest site. Returns `false` if it does not pass the gate of M.
+    /// Processes a return to the last rest site. Returns `false` if the field there does not pass
+    /// the gate of M.
     pub(super) fn update_at_rest_site(&mut self) -> bool {
         let accepted = self.main.update_at_rest_site();
         if accepted {

@@ -7,7 +7,7 @@ use crate::{Complex, Vector3, state::Attitude};
 pub(in crate::fuser::wz) struct HeadingInput {
     /// Attitude with the heading of the gyro alone.
     pub(in crate::fuser::wz) attitude: Attitude,
-    /// e^{jz} of that attitude.
+    /// e^{jz} of `attitude`.
     pub(in crate::fuser::wz) azimuth: Complex<f64>,
     /// Body rate with gyro bias and scale error removed, rad/s.
     pub(in crate::fuser::wz) rate_rad_s: Vector3<f64>,
@@ -19,7 +19,7 @@ pub(in crate::fuser::wz) struct HeadingInput {
     pub(in crate::fuser::wz) scale_variance: [f64; 3],
     /// Magnetic field, µT, body axes.
     pub(in crate::fuser::wz) field_ut: Option<Vector3<f64>>,
-    /// Whether the body is at rest.
+    /// `true` while the body is at rest.
     pub(in crate::fuser::wz) at_rest: bool,
     /// Duration of the tick, s.
     pub(in crate::fuser::wz) dt_s: f64,

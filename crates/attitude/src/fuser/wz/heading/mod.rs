@@ -1,7 +1,7 @@
-//! Heading by the magnetic field, for a level that the field does not affect.
+//! Heading from the magnetic field, for a level that the field does not affect.
 //!
-//! Input: the attitude with the heading of the gyro alone, the rate, and the field if there is a
-//! sample.
+//! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
+//! present.
 //!
 //! Output: the angle a by which the attitude is to be rotated about the vertical, counted from
 //! magnetic north, with its standard deviation.
@@ -12,9 +12,9 @@
 //! follows the gyro.
 //!
 //! In the frame of the gyro heading, north is fixed except for a slow drift. The field is therefore
-//! a linear measurement of the unknowns: the field of the place e, the drift rate β, the
-//! magnetometer delay τ, the hard iron b, the local disturbance d, the gyro scale error κ, and the
-//! field p at the last rest site (see `filter`). The result is a = atan2(e_ξ, e_η).
+//! a linear measurement of the unknowns: the ambient field e, the drift rate β, the magnetometer
+//! delay τ, the hard iron b, the local disturbance d, the gyro scale error κ, and the field p at
+//! the last rest site (see `filter`). The result is a = atan2(e_ξ, e_η).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -22,7 +22,7 @@
 //! | `filter` | equations of one Kalman filter |
 //! | `vibration` | vibration detector |
 //! | `rest_site` | detection of a return to the last rest site |
-//! | `hypothesis_test` | three filters for the same field: no change, a magnet on the body, a changed field |
+//! | `hypothesis_test` | three filters for the same field: no change, a magnet on the body, a changed ambient field |
 //!
 //! The reasons for this design:
 //!
@@ -68,19 +68,19 @@ const MIN_READING_UT: f64 = 1.0;
 const MAX_READING_UT: f64 = 500.0;
 /// Noise of the mean field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
-/// Additional noise per rate, as a fraction of the field, s: samples and attitude are misaligned by
-/// half a millisecond.
+/// Additional noise per unit of rate, as a fraction of the field, s. Corresponds to a misalignment
+/// of half a millisecond between samples and attitude.
 const NOISE_PER_RATE_S: f64 = 4.5e-4;
 /// Tilt error after a start in motion, rad, and the time constant with which it settles, s.
 const SETTLING_TILT_RAD: f64 = 0.3;
 const SETTLING_S: f64 = 3.0;
 /// Tilt error below which the tilt counts as settled, rad.
 const SETTLED_TILT_RAD: f64 = 4e-4;
-/// Rate below which a start does not count as in motion, rad/s.
+/// Rate below which the heading does not count as started in motion, rad/s.
 const MAX_STILL_RATE_RAD_S: f64 = 0.1;
-/// Standard deviation from which a heading counts as unknown, rad.
+/// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
-/// Rate assumed during a gyro outage, rad/s: a hand that turns the body over.
+/// Rate assumed during a gyro outage, rad/s: that of a hand turning the body over.
 const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
 /// one the direction is unknown.
@@ -103,21 +103,21 @@ pub(super) struct Heading {
     field_averager: FieldAverager,
     hypothesis_test: HypothesisTest,
     rest_site: RestSite,
-    /// Whether the body was at rest at the end of the last interval.
+    /// Set if the body was at rest at the end of the last interval.
     was_at_rest: bool,
-    /// Whether a field sample has been used.
+    /// Set once a field sample has been used.
     started: bool,
-    /// Whether the heading was ever known, from another stage or from the field.
+    /// Set once the heading has been known, from another stage or from the field.
     heading_known: bool,
     has_rested: bool,
     disturbed: bool,
-    /// Remaining tilt error after a start in motion.
+    /// Remaining tilt error after a start in motion, rad.
     settling_tilt_rad: f64,
     correction_rad: f64,
-    /// Part of the correction that the attitude does not contain yet.
+    /// Part of the correction that the attitude does not contain yet, rad.
     pending_rad: f64,
     sd_rad: f64,
-    /// Drift of the gyro heading before the first field sample.
+    /// Drift of the gyro heading before the first field sample, rad/s.
     drift_sd_rad_s: f64,
     /// Reference of a heading adopted from another stage.
     adopted_magnetic: bool,
@@ -194,7 +194,7 @@ impl Heading {
         self.hypothesis_test.main.x[TAU]
     }
 
-    /// Handles the loss of the level, which also invalidates the gyro heading.
+    /// Handles a loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
         self.field_averager = FieldAverager::default();
         // Before the first field sample there is no known heading to invalidate.
@@ -204,7 +204,7 @@ impl Heading {
         }
     }
 
-    /// Invalidates the heading. The level has to settle again, too.
+    /// Invalidates the heading. The level must settle again, too.
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
         self.rest_site = RestSite::default();
@@ -213,7 +213,7 @@ impl Heading {
 
     /// Handles a gyro outage. Returns `true` if the field of the interval can be used.
     ///
-    /// After a large unobserved rotation it can be used only if the outage covers the whole
+    /// After a large unobserved rotation, the field can be used only if the outage covers the whole
     /// interval. Otherwise its mean mixes two directions.
     fn handle_unobserved_turn(&mut self, interval: &IntervalMeans) -> bool {
         let unobserved_rad = ASSUMED_UNOBSERVED_RATE_RAD_S * interval.gyro_outage_s;
@@ -295,8 +295,8 @@ impl Heading {
         HeadingUpdate { magnetic: !self.disturbed, aligned: self.update_correction() }
     }
 
-    /// Processes an interval at rest. Back at the last rest site, the field reveals the drift of
-    /// the gyro.
+    /// Processes an interval at rest. If the body is back at the last rest site, the field reveals
+    /// the drift of the gyro.
     fn update_rest_site(&mut self, interval: &IntervalMeans) {
         let field_ut = self.hypothesis_test.main.field_without_hard_iron_ut(interval);
         match self.rest_site.observe(field_ut, interval.axes[2]) {
@@ -306,7 +306,8 @@ impl Heading {
         }
     }
 
-    /// Starts with the first field. A heading that is known to be magnetic need not jump.
+    /// Initialises the heading with the first field. A heading that is known to be magnetic need
+    /// not jump.
     fn start(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> HeadingUpdate {
         let mut main = FieldFilter::new(settings);
         if self.heading_known && self.sd_rad < UNKNOWN_HEADING_SD_RAD {
@@ -327,8 +328,8 @@ impl Heading {
     /// Sets the heading correction to that of the main hypothesis. Returns `true` if the heading
     /// jumps.
     ///
-    /// A heading that was once known stays with the gyro while the field's heading is unknown.
-    /// Before that, the field's heading is used however uncertain it is.
+    /// A heading that was once known follows the gyro while the field's heading is unknown. Before
+    /// that, the field's heading is used however uncertain it is.
     fn update_correction(&mut self) -> bool {
         let (correction_rad, variance_rad2) = self.hypothesis_test.main.heading_correction();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);

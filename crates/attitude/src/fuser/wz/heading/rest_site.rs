@@ -1,8 +1,8 @@
-//! Detects that the body rests again where it rested last.
+//! Detects that a body at rest is back at its previous rest site.
 //!
 //! Input: the intervals of a rest that passed the gate.
 //!
-//! Output: once per rest, whether it is at the previous site.
+//! Output: once per rest, whether the site is the previous one.
 //!
 //! Time: the number of intervals.
 //!
@@ -11,8 +11,8 @@
 //!
 //! A body that returns to its previous site in the same orientation measures the same field:
 //! strength, dip and up vector agree. Any rotation of the horizontal field since then is drift of
-//! the gyro heading. That field, p, is part of the filter's state. This module decides whether it is
-//! observed again.
+//! the gyro heading. The field p at the previous site is part of the filter's state. This module
+//! decides whether that field is observed again.
 
 use crate::{Vector3, scalars::Scalars};
 
@@ -23,10 +23,10 @@ const MIN_INTERVALS: f64 = 10.0;
 const HORIZONTAL_SD_UT: f64 = 0.2;
 const VERTICAL_SD_UT: f64 = 0.25;
 const UP_SD: f64 = 0.01;
-/// Largest squared distance of a site from itself, in standard deviations.
+/// Largest squared distance between two signatures of the same site, in standard deviations.
 const MAX_DISTANCE2: f64 = 9.0;
 
-/// Mean field and up vector over a rest.
+/// Mean field and up vector during a rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SiteSignature {
     horizontal_ut: f64,
@@ -50,7 +50,7 @@ pub(super) enum SiteMatch {
     Undecided,
     /// The body is back at the previous site. Returned once per rest.
     Revisited,
-    /// The current site becomes the one to recognise later.
+    /// The current site is stored as the one to recognise later.
     Current,
 }
 
@@ -62,7 +62,8 @@ impl Default for RestSite {
 }
 
 impl RestSite {
-    /// Handles the start of a movement, after which another rest follows.
+    /// Ends the current rest at the start of a movement. If the rest was long enough for a
+    /// decision, its site becomes the previous one.
     pub(super) fn end_rest(&mut self) {
         if self.decided {
             *self = Self { last: self.current, ..Self::default() };
@@ -71,8 +72,8 @@ impl RestSite {
         }
     }
 
-    /// Processes an interval at rest, with the field without hard iron, µT, reference axes, and up
-    /// in body axes.
+    /// Processes an interval at rest. The arguments are the field without hard iron, µT, reference
+    /// axes, and up in body axes.
     pub(super) fn observe(&mut self, [across, along, vertical_ut]: [f64; 3], up: [f64; 3]) -> SiteMatch {
         let current = &mut self.current;
         current.intervals += 1.0;

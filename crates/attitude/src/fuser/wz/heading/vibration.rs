@@ -2,9 +2,10 @@
 
 use crate::scalars::Scalars;
 
-/// Root mean square of the second difference of the force's norm above which a body vibrates, m/s².
+/// Root mean square of the second difference of the force's norm above which a body counts as
+/// vibrating, m/s².
 ///
-/// Measured with BROAD's sensor at 286 Hz. A vibrating phone causes 1.7, every movement less than
+/// Measured with BROAD's sensor at 286 Hz: a vibrating phone causes 1.7, every movement less than
 /// 0.4.
 const VIBRATION_THRESHOLD_M_S2: f64 = 1.2;
 

@@ -1,7 +1,7 @@
 """Writes conventions.json: attitudes in every convention, from the definitions and by matrices alone.
 
 Each attitude is given by yaw, pitch and roll. Its matrix is the product of three elementary rotations; everything else is read
-from that matrix, or from matrices of other frames. `python3 docs/conventions.py > docs/conventions.json`
+from that matrix, or from matrices of other frames. `python3 docs/reference/conventions.py > docs/reference/conventions.json`
 """
 
 import json

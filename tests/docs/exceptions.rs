@@ -1,0 +1,90 @@
+//! Examples of the documentation that do not run, each with the reason.
+//!
+//! Add a line here if an example needs a device, another machine or several minutes. A test fails
+//! if no example matches a line any more.
+
+/// Beginnings of shell lines that do not run, with the reason.
+pub(super) const NOT_RUN: &[(&str, &str)] = &[
+    // Builds and installation.
+    ("cargo ", "builds or tests this tree, which takes minutes"),
+    ("rustup ", "changes the toolchain"),
+    ("export CARGO_TARGET_", "configures a cross compiler"),
+    ("sudo apt ", "installs packages"),
+    ("sudo install ", "changes the machine; tested by deploy/trial"),
+    ("sudo systemd-sysusers", "changes the machine; tested by deploy/trial"),
+    ("sudo systemctl ", "changes the machine; tested by deploy/trial"),
+    ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
+    ("systemctl ", "needs systemd; tested by deploy/trial"),
+    ("scp ", "needs another machine"),
+    // Other hosts.
+    ("plumb station --connect quic/192.168.1.5", "needs a router; tested by `certificates`"),
+    ("plumb topic hz attitude --remote alpha", "needs a router and a vehicle; tested by `certificates`"),
+    ("plumb swap fuser vqf --remote alpha", "needs a router and a vehicle; tested by `certificates`"),
+    ("plumb swap --remote alpha fuser vqf", "needs a vehicle and an operator's keys; tested by `certificates`"),
+    ("plumb bridge ros", "needs a ROS 2 router; tested by `bridge`"),
+    // Browsers and monitoring.
+    ("plumb view", "serves a page until it is interrupted; tested by `cockpit`"),
+    ("curl ", "needs a running cockpit; tested by `cockpit`"),
+    // Devices.
+    ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),
+    ("plumb up --source 'mavlink:", "needs an autopilot; tested by `sources`"),
+    ("plumb up --source 'iio:", "needs devices; tested by `sources`"),
+    ("plumb up mine.toml --source 'serial:", "needs a device; tested by `serial_tutorial`"),
+    ("python3 examples/serial_imu.py", "simulates a device; tested by `serial_tutorial`"),
+    ("plumb score flights/*.mcap --reference", "needs the reference of a flight; tested by `serial_tutorial`"),
+    ("python3 my_imu.py |", "needs the reader's program; tested by `sources`"),
+    // Files and samples that the reader supplies.
+    ("plumb up --replay flights/NAME", "needs the name of a flight; tested by `reliability`"),
+    ("plumb calibrate accel", "needs a recording of six positions; tested by `cli`"),
+    ("plumb calibrate mag", "needs a rotated magnetometer; tested by `cli`"),
+    ("plumb calibrate mounting", "needs a recording of two poses; tested by `cli`"),
+    ("plumb calibrate clock", "needs a rotated magnetometer; tested by `cli`"),
+    ("plumb calibrate gyro --live", "needs a sensor at rest; tested by `cli`"),
+    ("plumb score flight.bin", "needs an ArduPilot log; tested by tools/import"),
+    ("plumb import flight.bin", "needs an ArduPilot log; tested by tools/import"),
+    ("plumb score walk.mcap", "needs an MCAP file; tested by tools/import"),
+    ("plumb score bag/", "needs a ROS 2 bag; tested by tools/import"),
+    ("plumb import bag/", "needs a ROS 2 bag; tested by tools/import"),
+    ("plumb stage test my-fuser", "tests a Python stage for minutes; tested by `own_stage`"),
+];
+
+/// Beginnings of the first lines of blocks that are not examples, with their content.
+///
+/// A new drawing or output is better fenced as `text`, which needs no line here.
+pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
+    ("┌── gyro", "drawing"),
+    ("plumbline: simulation s1", "output"),
+    ("launch.toml        what runs", "file tree"),
+    ("sensor, receiver ─►", "drawing"),
+    ("topics ─► gateway", "drawing"),
+    ("flight.ulg: ULog", "output"),
+    ("RMSE, degrees", "output"),
+    ("gyro: 1 rest", "output"),
+    ("checkpoints of the fuser ─►", "drawing"),
+    ("let mut sensor", "part of examples/driver.rs, which is built with the tests"),
+    ("scrape_configs:", "configuration of Prometheus; tested by `cockpit`"),
+    ("request_id:", "fields of a message; tested by tests/foreign/client.py"),
+];
+
+/// Folders whose Markdown files have no examples, with the reason.
+pub(super) const FOLDERS_WITHOUT_EXAMPLES: &[(&str, &str)] =
+    &[("crates/sdk/templates/", "contains placeholders; tested by `own_stage`")];
+
+/// Commands that run before the examples of a file.
+pub(super) const PREPARATION: &[(&str, &str)] =
+    &[("docs/how-to/split.md", "plumb keys init --router 192.168.1.5")];
+
+/// Beginnings of commands that run until they are interrupted, unless `--seconds` limits them.
+pub(super) const UNLIMITED: &[&str] =
+    &["plumb station", "plumb shadow", "plumb top", "plumb topic echo", "plumb topic hz", "plumb topic bw"];
+
+/// Beginnings of commands that need a running system. If none runs, one is started.
+pub(super) const NEEDS_SYSTEM: &[&str] = &["plumb swap", "plumb shadow", "plumb ps", "plumb top", "plumb station"];
+
+/// Beginnings of commands that may fail, because they check the machine.
+pub(super) const MAY_FAIL: &[&str] = &["plumb doctor"];
+
+/// Name of a PX4 log in examples. It is copied from the test data, if present.
+pub(super) const LOG: &str = "flight.ulg";
+/// Flight that an example creates from [`LOG`].
+pub(super) const FLIGHT_FROM_LOG: &str = "flights/*.mcap";
