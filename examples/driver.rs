@@ -1,5 +1,7 @@
-//! Publishes readings of a user-defined sensor to a running system whose launch file sets
-//! `[ingest] source = "bus"`: `cargo run --release --example driver -- NAME`.
+//! Publishes readings of a user-defined sensor to a running system.
+//!
+//! Run it with `cargo run --release --example driver -- NAME`. The launch file of the system must
+//! set `[ingest] source = "bus"`.
 
 use std::{
     thread::sleep,

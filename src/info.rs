@@ -96,7 +96,7 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
     Ok(RecordingInfo { file: file.to_owned(), format, rows, rate_hz, seconds, has_reference, text })
 }
 
-/// Returns a summary of a foreign log, as imported.
+/// Imports a foreign log and returns its summary.
 fn read_foreign_log(file: &Path) -> Result<RecordingInfo, ImportError> {
     let (_, summary) = ReadableFile::import(&[file.to_owned()], &Options::default())?;
     Ok(RecordingInfo {

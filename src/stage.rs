@@ -22,7 +22,7 @@ Examples:
   plumb stage list --launch my-fuser/launch.toml
   plumb stage list --json")]
     List {
-        /// Launch file whose [stages.NAME] are included [default: ./launch.toml]
+        /// Launch file with [stages.NAME] to include [default: ./launch.toml]
         #[arg(long, value_name = "FILE")]
         launch: Option<PathBuf>,
         /// Print one JSON object

@@ -32,8 +32,9 @@ use crate::{
 
 /// Interval between two updates of the summaries.
 const LINES_INTERVAL: Duration = Duration::from_secs(1);
-/// Interval between two service queries to all vehicles, and the timeout of each.
+/// Interval between two service queries to all vehicles.
 const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
+/// Timeout of a service query.
 const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest wait for a message.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);

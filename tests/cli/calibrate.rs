@@ -26,9 +26,10 @@ fn with_sensor_errors(exact: [f64; 3], scale: [f64; 3], bias: [f64; 3]) -> [f64;
     std::array::from_fn(|i| exact[i] / scale[i] + bias[i])
 }
 
-/// Returns a recording at 100 Hz of a unit with these errors.
+/// Returns a recording, at 100 Hz, of a unit with sensor errors.
 ///
-/// The unit rests for three seconds with each of these up directions and is moved in between.
+/// The unit rests for three seconds with each of the up directions in `ups`. It is moved in
+/// between.
 fn resting(ups: &[[f64; 3]]) -> String {
     let mut text = String::from(HEADER);
     for row in 0..400 * ups.len() {
@@ -72,7 +73,8 @@ fn vector(report: &Value, pointer: &str) -> Vec<f64> {
     report.pointer(pointer).and_then(Value::as_array).unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
-/// Checks that a calibration fails with this exit code and message, without a block in the report.
+/// Checks that a calibration fails with this exit code and message, and that the report has no
+/// launch-file block.
 fn assert_fails(arguments: &[&str], code: i32, expected: &[&str]) {
     let output = calibrate(&[arguments, &["--json"]].concat());
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -82,7 +84,7 @@ fn assert_fails(arguments: &[&str], code: i32, expected: &[&str]) {
     assert!(json["error"].is_string() && json.get("block").is_none(), "{json}");
 }
 
-/// Returns a recording of BROAD as text, first as it is, then with sensor errors.
+/// Returns a BROAD recording as text: first unchanged, then with sensor errors.
 fn broad(folder: &Path) -> (String, String) {
     let mut exact = String::new();
     let file = folder.join("broad/02_undisturbed_slow_rotation_B.csv.gz");
@@ -123,7 +125,7 @@ fn pasted_calibration_restores_accuracy() {
     assert!((delay_ms - 13.0).abs() < 2.0, "{delay_ms} ms");
 }
 
-/// Returns the report of the magnetometer's delay, measured with the given calibrations.
+/// Returns the report on the magnetometer's delay, measured with the given calibrations.
 fn calibrated_clock(system: &System, blocks: &str, file: &str) -> Value {
     let launch = write_file(system, "calibrated.toml", blocks);
     let clock = calibrated(&["clock", file, "--launch", &launch]);
@@ -155,7 +157,8 @@ fn errors_are_shown_as_text_and_json() {
 fn mounting_replaces_existing_one() {
     let system = System::new("");
     let (sin, cos) = 0.7f64.sin_cos();
-    // Body axes forward, left, up. First level, then nose down, so that x points down.
+    // The body axes are forward, left, up. The unit is first level, then nose down, so that x
+    // points down.
     let poses = write_file(&system, "poses.csv", &resting(&[[0.0, 0.0, 1.0], [-sin, 0.0, cos]]));
     let accel = write_file(&system, "six.csv", &resting(&SIX));
     let accel = write_file(&system, "accel.toml", &block(&["accel", &accel]));
@@ -242,7 +245,7 @@ fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) 
                     return;
                 }
                 t_ms += 100;
-                // 0.1 s of sensor time in 0.02 s.
+                // Advances 0.1 s of sensor time in 0.02 s.
                 std::thread::sleep(Duration::from_millis(20));
             }
         });
@@ -262,7 +265,7 @@ fn running_system_is_calibrated_with_progress_bar() {
         system.wait_until_running();
         let arguments = ["gyro", "--live", "--system", &system.name];
         let found = vector(&calibrated(&arguments), "/values/0/value");
-        // The bias of the unit itself, without the calibration in the launch file.
+        // The result is the bias of the unit itself, without the calibration in the launch file.
         assert!(found.iter().zip(GYRO_BIAS_RAD_S).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}");
         let shown = run_on_terminal(&[&["calibrate"], &arguments[..]].concat());
         assert!(shown.contains(" % ") && shown.contains("s of rest"), "{shown}");

@@ -13,7 +13,7 @@ use messages::{Layout, Message};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Timeout for a state that a busy machine reaches late. It only ends a failed test.
+/// Timeout for a state that a busy machine reaches late. It is reached only in a failed test.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns a `plumb` command for a system, with JSON output.
@@ -250,7 +250,7 @@ fn killed_or_frozen_observer_costs_no_tick() {
         (0..bus::MAX_OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
     frozen_observers.iter().for_each(|observer| observer.wait_until_reading(&system, "imu"));
     frozen_observers.iter().for_each(|observer| signal(observer.pid(), Signal::STOP));
-    // Longer than buffer_s.
+    // Waits longer than `buffer_s`.
     std::thread::sleep(Duration::from_millis(6000));
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
@@ -388,7 +388,7 @@ fn leftovers(output: &Output) -> Value {
 fn doctor_removes_leftovers_of_killed_system() {
     let (dead, living) = (System::new(""), System::new(""));
     let (killed, running) = (start_system(&dead, &[]), start_system(&living, &[]));
-    // Every process of a system holds this lock.
+    // This test holds the lock that every process of a system holds.
     let member = fs::File::open(format!("/dev/shm/plumbline.{}.members", dead.name)).unwrap();
     rustix::fs::flock(&member, rustix::fs::FlockOperation::LockShared).unwrap();
     // The supervisor must not restart the killed services.
@@ -418,7 +418,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     assert_eq!(dead.leftovers(), Vec::<String>::new());
     assert_eq!(leftovers(&run_json(&dead, &["doctor"]))["found"], "none");
 
-    // The supervisor removes such leftovers periodically, perhaps before doctor finds them.
+    // The supervisor removes such leftovers periodically, possibly before doctor finds them.
     let after_an_observer = |arguments: &[&str]| {
         let observer = Observer::start(&living, &["topic", "hz", "imu"]);
         observer.wait_until_reading(&living, "imu");
@@ -437,7 +437,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     running.wait().assert_complete();
 }
 
-/// Writes a recording of sensors at rest, 100 Hz, with forces about `force`.
+/// Writes a recording of sensors at rest at 100 Hz, with forces around `force`.
 fn write_rest_recording(system: &System, force: f64) -> PathBuf {
     let path = system.path("rest.csv");
     let row = |i: u32| {

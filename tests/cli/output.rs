@@ -7,7 +7,7 @@ use std::{
 
 use crate::common::{Running, System, plumb};
 
-/// Runs a command, closes its output after `lines` lines and checks the exit code 0.
+/// Runs a command, closes its output after `lines` lines and checks that the exit code is 0.
 ///
 /// Returns its standard error.
 fn read(mut command: Command, lines: usize) -> String {

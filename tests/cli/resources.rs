@@ -13,7 +13,7 @@ use crate::common::{Run, Running, System, copy_program, plumb, signal, wait_for}
 /// User id of `nobody`.
 const OTHER_USER: &str = "65534";
 
-/// Returns the command preceded by shell commands.
+/// Returns a command that runs shell commands before `command`.
 fn after_shell(shell: &str, command: &Command) -> Command {
     let mut wrapped = Command::new("sh");
     wrapped.args(["-c", &format!("{shell} && exec \"$@\""), "sh"]);
@@ -23,7 +23,7 @@ fn after_shell(shell: &str, command: &Command) -> Command {
 
 /// Returns the command with a private `/dev/shm` of this size.
 ///
-/// Returns `None` with a note that the test is skipped if mount namespaces are unavailable.
+/// If mount namespaces are unavailable, prints that the test is skipped and returns `None`.
 fn with_shared_memory(size: &str, command: &Command) -> Option<Command> {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let isolated = |command: &Command| {
@@ -105,7 +105,7 @@ fn service_recovers_after_shared_memory_runs_out() {
     assert_message(&fs::read_to_string(&log).unwrap(), &["--shm-size=1g"]);
 }
 
-/// Fills the file system of `path`.
+/// Fills the file system that contains `path`.
 fn fill(path: &Path) {
     let mut file = File::create(path).unwrap();
     while std::io::Write::write_all(&mut file, &[1; 4096]).is_ok() {}

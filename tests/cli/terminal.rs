@@ -16,7 +16,7 @@ fn top(system: &System, more: &[&str], size: (u16, u16)) -> TerminalProgram {
     terminal
 }
 
-/// Stopped processes, which are continued when dropped.
+/// Stopped processes. They are continued when this value is dropped.
 struct Frozen([u32; 2]);
 
 impl Frozen {
@@ -77,7 +77,7 @@ fn top_marks_data_as_stale_until_they_resume() {
     let running = start_system(&system);
     let mut terminal = top(&system, &[], (24, 80));
     terminal.wait_for_text(&["  live  "]);
-    // The supervisor is stopped, too, because it would replace the frozen service.
+    // The supervisor is stopped as well, because it would replace the frozen service.
     let frozen = Frozen::freeze([running.pid(), running.service("course")]);
     terminal.wait_for_screen("stale data", |text| text.lines().next().is_some_and(|bar| bar.contains("  stale ")));
     terminal.wait_for_text(&["the supervisor does not respond"]);

@@ -31,7 +31,7 @@ const REPORT: [&str; 11] = [
     "warnings",
 ];
 const RECORDING: &str = "t_s,gx,gy,gz,ax,ay,az\n0.00,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n0.02,0,0,0,0,0,9.8\n";
-/// Maximum time for a shutdown. It only ends a failed test.
+/// Maximum time for a shutdown. It is reached only in a failed test.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
 fn text(bytes: &[u8]) -> String {
@@ -40,8 +40,8 @@ fn text(bytes: &[u8]) -> String {
 
 /// Checks the exit code, the texts on standard error and the output.
 ///
-/// With `--json`, standard output must hold the same message as a report; without it, nothing.
-/// Returns standard error.
+/// With `--json`, standard output must contain the same message as a report. Without it, standard
+/// output must be empty. Returns standard error.
 fn assert_exits_with(mut command: Command, code: i32, texts: &[&str]) -> String {
     let output = command.output().unwrap();
     let stderr = text(&output.stderr);
@@ -65,7 +65,8 @@ fn gzip(text: &str) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Checks that a recording of these bytes is rejected with its name and these texts, in both modes.
+/// Checks that a recording of these bytes is rejected with its name and these texts, with and
+/// without `--in-process`.
 fn assert_recording_rejected(name: &str, contents: &[u8], texts: &[&str]) {
     let system = System::new("");
     let file = system.path(name);
@@ -381,7 +382,7 @@ fn plumb_without_arguments_runs_local_launch_file() {
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
-/// Stops a running system and checks its report and that no process or file remains.
+/// Stops a running system. Checks its report, and that no process or file remains.
 fn assert_stops_cleanly(label: &str, stop: impl Fn(&Running)) {
     let system = System::new("");
     let running = system.start_in_process_group(&[]);

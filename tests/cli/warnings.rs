@@ -6,7 +6,7 @@ use serde_json::Value;
 
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Row of a recording, in its units.
+/// Row of a recording, in the recording's units.
 #[derive(Clone, Copy)]
 struct Row {
     t_s: f64,
@@ -26,7 +26,7 @@ fn with_rate_in_degrees(row: Row) -> Row {
     Row { rate: row.rate.map(f64::to_degrees), ..row }
 }
 
-/// Returns samples at 100 Hz of a body that is tilted to and fro about its x axis.
+/// Returns samples at 100 Hz of a body that is rocked about its x axis.
 fn rows(seconds: u32) -> impl Iterator<Item = Row> {
     (0..100 * seconds).map(|row| {
         let t_s = f64::from(row) * 0.01;

@@ -48,7 +48,7 @@ fn packages() -> Result<PathBuf, String> {
 /// rendered in software.
 static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// Permission to open pages; released when the test's thread ends.
+/// Permission to open pages. It is released when the test's thread ends.
 struct BrowserSlot;
 
 impl BrowserSlot {
@@ -74,26 +74,26 @@ pub(crate) fn wait_for_browser_slot() {
     SLOT.with(|slot| _ = slot.get_or_init(BrowserSlot::acquire));
 }
 
-/// Runs a program to completion and returns its output; the error is the output of a failed
-/// program.
+/// Runs a program to completion and returns its output. If the program fails, its output is the
+/// error.
 pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stdout) + &text(&output.stderr)) }
 }
 
-/// Browser shared by all tests, because starting one takes as long as many tests.
+/// Browser shared by all tests, because starting one takes as long as running many tests.
 struct Browser {
     input: Mutex<ChildStdin>,
-    /// Channels for the outstanding replies, by request number.
+    /// Channels for outstanding replies, by request number.
     pending: Arc<Mutex<HashMap<u64, SyncSender<Value>>>>,
     next: AtomicU64,
 }
 
-/// The browser. It ends when its standard input is closed, together with the tests.
+/// The browser. It ends together with the tests, when its standard input is closed.
 static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
 
-/// Time limit for a reply. It exceeds the limits of the driver.
+/// Time limit for a reply. It exceeds the time limits of the driver.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(200);
 
 impl Browser {

@@ -17,11 +17,12 @@ use super::{
 use crate::common::wait_for;
 use rustix::net::sockopt::set_socket_recv_buffer_size;
 
-/// More than the buffers of a connection hold at both ends, bytes.
+/// Number of bytes that exceeds the capacity of a connection's buffers at both ends.
 const MAX_BUFFERED_BYTES: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Returns the duration of each measurement, s: short by default, longer for figures to quote.
+/// Returns the duration of each measurement, s. It is short unless figures for quoting are
+/// measured.
 fn measurement_s() -> u32 {
     std::env::var("PLUMBLINE_MEASURE_S").map_or(1, |text| text.parse().unwrap())
 }
@@ -69,7 +70,7 @@ fn viewer_traffic_is_small() {
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
-    // For figures to quote, the strips must be full.
+    // The strips must be full when figures for quoting are measured.
     let filled_s = if measurement_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"
@@ -158,7 +159,7 @@ fn session_memory_does_not_grow() {
     system.wait_until_running();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
-    // A short session uses a shorter history, so that it starts with a full one as well.
+    // A short session uses a shorter history, which is also full when the measurement starts.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
     page.eval(&format!("plumb.data.kept_s = {kept_s}"));
     let t_s = |page: &mut Page| page.number("plumb.data.frames.at(-1).t");

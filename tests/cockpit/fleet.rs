@@ -55,7 +55,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     view.stop();
     drone_runs.interrupt();
     drone_runs.wait().assert_complete();
-    // The file has north-east-down and forward-right-down; the page shows the native frame.
+    // The file uses the frame north-east-down, forward-right-down. The page shows the native frame.
     let row = row(&out, tick);
     assert_eq!(drawn, [row[1], row[3], row[2], -row[4]], "tick {tick}");
 }

@@ -30,7 +30,8 @@ fn wait_for_port(port: u16) {
     wait_for("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
 }
 
-/// Returns the attitude in the frames of viewers, x y z w: q times a quarter rotation about up.
+/// Returns the quaternion x, y, z, w in the frames of the viewers: q times a quarter rotation about
+/// up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
@@ -100,7 +101,7 @@ fn python_client_receives_60_attitudes_per_second() {
         "{max_per_second:?}"
     );
 
-    // Events are complete; they are not limited to 60 per second.
+    // Events must be complete, because they are not limited to 60 per second.
     let events: Vec<u64> = serde_json::from_value(summary["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 

@@ -14,8 +14,8 @@ use serde_json::Value;
 
 const PAGE: &str = "services/cockpit/page";
 
-/// Restart settings for tests with browsers: software rendering may delay a service, which must not
-/// be killed for it.
+/// Restart settings for tests with browsers. Software rendering may delay a service, which must not
+/// be killed for that.
 const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
 /// Returns a system with a cockpit and the port of its page.
@@ -25,7 +25,7 @@ pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
     (System::new(&format!("{services}\ncockpit.listen = \"127.0.0.1:{port}\"\n{more}")), port)
 }
 
-/// Returns a system with a cockpit once this test may open pages.
+/// Waits until this test may open pages, then returns a system with a cockpit.
 pub(crate) fn with_cockpit_for_browser(more: &str) -> (System, u16) {
     wait_for_browser_slot();
     with_cockpit(more)
@@ -45,7 +45,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// Starts `plumb view` for a system on this machine, running or not.
+    /// Starts `plumb view` for a system on this machine, which need not be running.
     pub(crate) fn of_system(system: &System, listen: &str) -> Self {
         let mut command = plumb(&["view", "--system", &system.name, "--listen", listen]);
         command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
@@ -102,7 +102,7 @@ fn every_view_shows_published_values() {
             page.wait_for_redraw();
             page.assert_readable(view);
             page.shot(&format!("{view}-{}-{scheme}.png", size.0));
-            // Toggles to the theme that the browser does not prefer.
+            // Switches to the theme that the browser does not prefer.
             page.key("t");
             page.wait_for_redraw();
             page.assert_readable(&format!("{view}, in the other theme than {scheme}"));
@@ -139,8 +139,8 @@ fn every_view_shows_published_values() {
         assert_eq!(drawn, attitude[1..5], "tick {tick}");
         let (_, b, _) = up(&attitude);
         assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
-        // The attitude is published one hop after the fused point, so that a snapshot has them of
-        // different ticks.
+        // The attitude is published one hop after the fused state, so a snapshot may contain them
+        // with different ticks.
         let fused = row(&out, w_tick);
         let (a, b, c) = up(&fused);
         assert!((w[0] - a / (1.0 + c)).abs() < 1e-9 && (w[1] - b / (1.0 + c)).abs() < 1e-9, "{w:?} {fused:?}");
@@ -194,7 +194,7 @@ fn swap_by_click_requires_token() {
     page.shot("system-swapped.png");
     page.assert_clean();
 
-    // A second page without the token.
+    // Opens a second page without the token.
     let mut without_token = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
     without_token.until("plumb.state().kind === 'live'");
     without_token.key("4");
@@ -280,8 +280,8 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     // The page turns stale between 200 and 500 ms without an attitude.
     page.until("plumb.data.state(plumb.data.received_ms + 200).kind === 'live'");
     assert_eq!(page.eval("plumb.data.state(plumb.data.received_ms + 500).kind"), "stale");
-    // Stale content is grey and the state shows its age. The supervisor is stopped, too, because it
-    // would restart a stopped source.
+    // Stale content is grey and the state shows its age. The supervisor is stopped as well, because
+    // it would restart a stopped source.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
@@ -303,7 +303,7 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     page.until("plumb.state().kind === 'live'");
     second_run.interrupt();
     second_run.wait().assert_complete();
-    // The browser itself logs the connection attempts that failed meanwhile.
+    // The browser itself logs the connection attempts that failed in the meantime.
     let others: Vec<_> = page.errors().into_iter().filter(|error| !error.contains("ERR_CONNECTION")).collect();
     assert_eq!(others, Vec::<String>::new());
 }
@@ -332,7 +332,8 @@ fn all_views_share_time_line_and_cursor() {
         page.key(view);
         page.until("plumb.timeline().some((event) => event.label === 'accel ended' && event.t === plumb.ended_s)");
     }
-    // Moves the cursor to the event by key. Strips, scene and description show that time.
+    // Moves the cursor to the event with the keyboard. Strips, scene and description show that
+    // time.
     let mut steps = 0;
     while page.eval("plumb.data.cursor === plumb.ended_s") != true {
         steps += 1;
@@ -356,7 +357,7 @@ fn values_and_quaternion_at_cursor_are_copied() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    // The services start one after the other, so that the first snapshots have no attitude.
+    // The services start one after the other, so the first snapshots have no attitude.
     page.until(
         "plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.data.shown()?.picture.attitude",
     );
@@ -399,7 +400,7 @@ fn open_page_does_not_grow() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    // The history is limited to a minute. A faster source fills it sooner.
+    // Measures the growth between 100 and 400 snapshots after a warm-up.
     page.until("plumb.data.frames.length > 300");
     page.eval("plumb.data.frames.splice(0, plumb.data.frames.length)");
     page.until("plumb.data.frames.length > 100");
@@ -424,8 +425,8 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
     page.until("document.getElementById('state').textContent === 'paused' && plumb.data.cursor !== null");
     page.key("l");
     page.until("document.getElementById('state').textContent === 'live' && plumb.data.cursor === null");
-    // The last output of a stopped service must not be shown as current. One call, because further
-    // snapshots arrive in between.
+    // The last output of a stopped service must not be shown as current. A single call is used,
+    // because further snapshots would otherwise arrive in between.
     let hidden = page.eval(
         "(() => {
             const { data } = plumb, { picture, number } = data.frames.at(-1), gyro = data.newest.gyro;

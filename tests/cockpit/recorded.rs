@@ -27,7 +27,7 @@ fn recording_seeks_to_known_second() {
         let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
         assert_eq!(drawn, row(&out, tick)[1..5], "tick {tick}");
         page.shot("recording.png");
-        // Steps by key, then plays to the end.
+        // Steps with the keyboard, then plays to the end.
         page.key("ArrowRight");
         page.until(&format!("plumb.data.position === {}", place.round() + 1.0));
         page.key(" ");

@@ -34,7 +34,7 @@ fn feed(running: &mut Running) -> Arc<AtomicBool> {
                 tick += 1;
                 let rate_rad_s = if is_down.load(SeqCst) && pitch_rad > -NOSE_DOWN_RAD { -RATE_RAD_S } else { 0.0 };
                 pitch_rad += rate_rad_s * 0.01;
-                // Real samples are never identical; constant values would be flagged as stuck.
+                // Real samples are never identical, and constant values would be flagged as stuck.
                 let noise = 1e-3 * (f64::from(tick) * 1.7).sin();
                 let (t_s, sin, cos) = (f64::from(tick) * 0.01, pitch_rad.sin(), pitch_rad.cos());
                 let rate = format!("{:.5},{noise:.5},{:.5}", rate_rad_s + noise, -noise);
@@ -102,7 +102,8 @@ fn calibration_reports_missing_data_and_finds_mounting() {
 
 #[test]
 fn mounting_check_detects_unit_on_its_side() {
-    // The launch file takes the unit's x axis for forward, so that nose down raises the right side.
+    // The launch file declares the unit's x axis to be forward, so nose down looks like a raised
+    // right side.
     let mounting =
         "[ingest]\nsource = \"stdin\"\nstdin.rate_hz = 100\n[ingest.mounting]\naxes = \"x-forward-y-left\"\n";
     let (system, port) = with_cockpit_for_browser(mounting);

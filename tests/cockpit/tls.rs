@@ -113,7 +113,7 @@ fn non_loopback_address_requires_valid_certificate() {
 
     let nothing = view(&["--tls", &folder("nowhere")]);
     assert!(stderr(&nothing).contains("nowhere/cert.pem"), "{}", stderr(&nothing));
-    // A key of another certificate, and a key that others can read.
+    // A key that belongs to another certificate, and a key that others can read.
     let mixed = site.holder_folder("mixed");
     fs::create_dir(&mixed).unwrap();
     copy(&site.holder_folder("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));

@@ -42,7 +42,7 @@ impl System {
     /// Creates a system with a unique name and the launch file `text`.
     ///
     /// Unless `text` sets them, the topic buffer and the lateness are longer than the defaults,
-    /// because tests must not depend on the time a busy machine takes for a restart.
+    /// because tests must not depend on how long a restart takes on a busy machine.
     pub(crate) fn new(text: &str) -> Self {
         let defaults = [("buffer_s", 6.0), ("lateness_s", 4.0)]
             .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value:?}\n") });
@@ -105,7 +105,8 @@ impl System {
         self.wait_for_states(&["running"]);
     }
 
-    /// Waits until every service listens. Messages of a device sent earlier are lost.
+    /// Waits until every service is ready to receive. Messages that a device sends before that are
+    /// lost.
     pub(crate) fn wait_until_ready(&self) {
         self.wait_for_states(&["ready", "running"]);
     }
@@ -117,7 +118,7 @@ impl System {
         });
     }
 
-    /// Returns the services; empty if the system does not respond.
+    /// Returns the status of the services, or an empty list if the system does not respond.
     pub(crate) fn ps(&self) -> Vec<Value> {
         let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
         serde_json::from_slice(&output.stdout).unwrap_or_default()
@@ -130,7 +131,8 @@ impl System {
         serde_json::from_slice(&output.stdout).unwrap_or_else(|_| fail())
     }
 
-    /// Requests a swap and retries if the report asks for it, for example after a machine stall.
+    /// Requests a swap and retries it if the report asks for a retry, for example after a machine
+    /// stall.
     pub(crate) fn swap(&self, arguments: &[&str]) -> Value {
         let asks_for_retry = |report: &Value| {
             report["reason"].as_str().is_some_and(|why| why.contains("retry") || why.contains("is in progress"))
@@ -147,7 +149,7 @@ impl System {
         report
     }
 
-    /// Interrupts the system and checks its report and `out`.
+    /// Interrupts the system and checks its report and its output file `out`.
     ///
     /// Nothing may be lost or left behind, and the bytes must equal those of an undisturbed run of
     /// `launch`.
@@ -160,7 +162,7 @@ impl System {
         run
     }
 
-    /// Returns the names of shared memory and files that belong to the system.
+    /// Returns the names of the files in `/dev/shm` and `/tmp` that belong to the system.
     pub(crate) fn leftovers(&self) -> Vec<String> {
         let dotted = format!("plumbline.{}.", self.name);
         let folder_name = format!("plumbline.{}", self.name);
@@ -180,8 +182,8 @@ impl System {
 
 /// Copies a program in a separate process.
 ///
-/// A child that another test thread starts meanwhile would inherit the open copy, which could then
-/// not be executed.
+/// If this process wrote the copy itself, a child started meanwhile by another test thread would
+/// inherit the open file, and the copy could not be executed.
 pub(crate) fn copy_program(program: &Path, to: &Path) {
     assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
 }
@@ -189,7 +191,7 @@ pub(crate) fn copy_program(program: &Path, to: &Path) {
 /// Running system. It is terminated when dropped.
 pub(crate) struct Running {
     child: Option<Child>,
-    /// Names of the services found so far, by process.
+    /// Names of the services found so far, by process id.
     known_services: RefCell<HashMap<u32, String>>,
 }
 
@@ -198,7 +200,7 @@ impl Running {
         Self::spawn_with_stderr(command, Stdio::piped())
     }
 
-    /// Starts the command with this standard error.
+    /// Starts the command with the given standard error.
     pub(crate) fn spawn_with_stderr(mut command: Command, stderr: impl Into<Stdio>) -> Self {
         let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
         Self { child: Some(child), known_services: RefCell::default() }
@@ -208,20 +210,20 @@ impl Running {
         self.child.as_ref().unwrap().id()
     }
 
-    /// Returns its standard input. Can be called once.
+    /// Returns the standard input of the process. Can be called only once.
     pub(crate) fn stdin(&mut self) -> ChildStdin {
         self.child.as_mut().unwrap().stdin.take().unwrap()
     }
 
-    /// Returns the names and processes of the live services.
+    /// Returns the name and process id of each live service.
     pub(crate) fn services(&self) -> Vec<(String, u32)> {
         let mut known = self.known_services.borrow_mut();
         children_of(self.pid())
             .into_iter()
             .filter(|pid| is_alive(*pid))
             .filter_map(|pid| {
-                // The command line is read once only: reading /proc of a dying process delays its
-                // parent.
+                // The command line is read only once, because reading /proc of a dying process
+                // delays its parent.
                 if let Some(name) = known.get(&pid) {
                     return Some((name.clone(), pid));
                 }
@@ -248,7 +250,7 @@ impl Running {
         signal(self.pid(), Signal::INT);
     }
 
-    /// Returns the processes of the services once all have started.
+    /// Waits until all services have started and returns their names and process ids.
     pub(crate) fn all_services(&self) -> Vec<(String, u32)> {
         wait_for("five services", || self.services().len() == 5);
         self.services()
@@ -271,7 +273,7 @@ impl Drop for Running {
     fn drop(&mut self) {
         if let Some(child) = self.child.take() {
             signal(child.id(), Signal::TERM);
-            // A failed test may have left it frozen.
+            // A failed test may have left the process frozen.
             signal(child.id(), Signal::CONT);
             // The output is read, because a full pipe would block the process forever.
             child.wait_with_output().unwrap();
@@ -300,8 +302,8 @@ impl Run {
 
     /// Checks that `out` equals the output of an undisturbed run of `launch`.
     ///
-    /// That run takes place in one process and has as many ticks. The source must be a simulation
-    /// at 1 kHz.
+    /// The undisturbed run is done in one process, with the same number of ticks. The source must
+    /// be a simulation at 1 kHz.
     pub(crate) fn assert_undisturbed_output(&self, out: &Path, launch: &str) {
         let system = System::new(launch);
         let (duration, undisturbed) =
@@ -361,7 +363,7 @@ pub(crate) fn children_of(pid: u32) -> Vec<u32> {
     text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
 }
 
-/// Waits for a condition that must become true. The timeout only ends a failed test.
+/// Waits for a condition that must become true. The timeout is reached only in a failed test.
 pub(crate) fn wait_for(what: &str, done: impl FnMut() -> bool) {
     wait_for_within(Duration::from_secs(60), what, done);
 }
@@ -375,7 +377,7 @@ pub(crate) fn wait_for_within(limit: Duration, what: &str, mut done: impl FnMut(
     }
 }
 
-/// Returns the folder of recordings, or `None` with a note that the test is skipped.
+/// Returns the folder with the recordings. Returns `None` after printing that the test is skipped.
 pub(crate) fn data() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../shared/data"), PathBuf::from);

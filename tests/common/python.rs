@@ -30,7 +30,7 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
             run(Command::new(part.join("bin/python")).args(INSTALL).args(dependencies).arg("-r").arg(file))?;
         }
         match fs::rename(&part, &folder) {
-            // Another process has created the same environment meanwhile.
+            // Another process has created the same environment in the meantime.
             Err(_) if folder.exists() => _ = fs::remove_dir_all(part),
             renamed => renamed.map_err(|cause| cause.to_string())?,
         }
@@ -38,8 +38,8 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     Ok(folder.join("bin/python"))
 });
 
-/// Returns the Python executable, or `None` after reporting the reason. Under `CI` this is a
-/// failure.
+/// Returns the Python executable. If it is not available, prints the reason and returns `None`, or
+/// panics if `CI` is set.
 pub(crate) fn python() -> Option<&'static Path> {
     match &*PYTHON {
         Ok(python) => Some(python),

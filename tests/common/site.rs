@@ -6,13 +6,13 @@ use tempfile::TempDir;
 
 use super::{System, plumb};
 
-/// Temporary folder of keys.
+/// Temporary key folder.
 pub(crate) struct Site(TempDir);
 
 impl Site {
     /// Creates an authority and the keys of these holders.
     ///
-    /// Each holder is given by the arguments of `plumb keys`.
+    /// Each holder is given as arguments of `plumb keys`.
     pub(crate) fn new(holders: &[&[&str]]) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.keys(&["init"]);
@@ -25,7 +25,7 @@ impl Site {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
 
-    /// Returns the folder of a holder's keys.
+    /// Returns the folder with a holder's keys.
     pub(crate) fn holder_folder(&self, holder: &str) -> PathBuf {
         self.0.path().join(holder)
     }
@@ -44,7 +44,7 @@ pub(crate) fn system_with_gateway(gateway: &str) -> System {
     ))
 }
 
-/// Creates a system with a vehicle's gateway that listens at `port`.
+/// Creates a system with a gateway that listens at `port` with the keys of vehicle `alpha`.
 pub(crate) fn listening_vehicle(site: &Site, port: u16) -> System {
     let access = site.holder_folder("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");

@@ -18,14 +18,15 @@ use rustix::{
 };
 use vt100::Parser;
 
-/// Sets the title of the terminal. Marks the end of the output without changing the screen.
+/// Escape sequence that sets the terminal's title. It marks the end of the output without changing
+/// the screen.
 const END: &[u8] = b"\x1b]0;end\x07";
 
 /// Program on a terminal. It is killed when dropped.
 pub(crate) struct TerminalProgram {
     pub(crate) child: Child,
     keys: File,
-    /// Terminal end of the program. It stays open, so that remaining output can be read.
+    /// The program's end of the terminal. It stays open, so that remaining output can be read.
     program_side: File,
     screen: Arc<Mutex<Parser>>,
     was_full_screen: Arc<AtomicBool>,
@@ -115,7 +116,7 @@ impl TerminalProgram {
 
     /// Returns `true` if the terminal is in the state a shell needs.
     ///
-    /// That is: main screen, visible cursor, echo and line mode.
+    /// This means the main screen, a visible cursor, echo and line mode.
     pub(crate) fn is_restored(&self) -> bool {
         let screen = self.screen.lock().unwrap();
         !screen.screen().alternate_screen() && !screen.screen().hide_cursor() && self.is_in_line_mode()
@@ -136,7 +137,7 @@ impl TerminalProgram {
             assert!(Instant::now() < deadline, "timed out waiting for the program to exit:\n{}", self.text());
             thread::sleep(Duration::from_millis(5));
         };
-        // The last output of the program precedes this mark.
+        // The program's last output arrives before this mark.
         self.program_side.write_all(END).unwrap();
         while !self.has_read_end.load(Ordering::SeqCst) {
             assert!(Instant::now() < deadline, "timed out waiting for the last output:\n{}", self.text());

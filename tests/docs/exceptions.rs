@@ -71,8 +71,7 @@ pub(super) const FOLDERS_WITHOUT_EXAMPLES: &[(&str, &str)] =
     &[("crates/sdk/templates/", "contains placeholders; tested by `own_stage`")];
 
 /// Commands that run before the examples of a file.
-pub(super) const PREPARATION: &[(&str, &str)] =
-    &[("docs/how-to/split.md", "plumb keys init --router 192.168.1.5")];
+pub(super) const PREPARATION: &[(&str, &str)] = &[("docs/how-to/split.md", "plumb keys init --router 192.168.1.5")];
 
 /// Beginnings of commands that run until they are interrupted, unless `--seconds` limits them.
 pub(super) const UNLIMITED: &[&str] =

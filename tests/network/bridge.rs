@@ -160,7 +160,8 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.stderr);
 
-    // Valid readings sent since the bridge joined are delivered, and damaged ones are counted.
+    // All valid readings sent after the bridge joined were delivered, and damaged ones were
+    // counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
     let [readings, rejected, undelivered, fields] =
         ["readings", "rejected", "undelivered", "fields"].map(|name| received[name].as_f64().unwrap());
@@ -218,7 +219,7 @@ fn stalled_bridge_drops_old_attitudes_without_affecting_system() {
         let mut bytes = [0; 300];
         wait_for("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
     }
-    // One socket stays open unread, the other one is closed.
+    // One socket stays open but is not read. The other one is closed.
     let [_stalled, closed] = sockets;
     drop(closed);
     let frozen = &bridges[1];
@@ -259,7 +260,7 @@ fn mavlink_heartbeat_reports_boot_active_and_critical_states() {
         }
     };
     assert_eq!(heartbeat(), (BOOT, 0));
-    // Then the source stalls without closing.
+    // Sends some readings. Then the source stalls without closing.
     for row in 0..500 {
         writeln!(input, "{},0,0,0,0,0,9.81", f64::from(row) * 0.01).unwrap();
     }

@@ -115,7 +115,7 @@ fn listening_vehicle_enforces_roles_of_clients() {
         stderr(&rejected)
     );
 
-    // Another authority, and a key folder without certificates.
+    // Keys from another authority, and a key folder without certificates, are rejected.
     let missing = site.holder_folder("missing");
     for (foreign, code, word) in
         [(&other.holder_folder("operator.ann"), 1, "another authority"), (&missing, 2, "no ca.pem")]

@@ -150,7 +150,7 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
-    // A request that was overtaken by that decision, and a request after its deadline.
+    // A request that was overtaken by that decision is refused, as is one after its deadline.
     let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
@@ -158,7 +158,7 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(swap(&late).reason.contains("after its deadline"));
     let wrong = SwapRequest { expected_epoch: epoch(&after), ..request("four", "kalman") };
     assert!(swap(&wrong).reason.contains("no stage named `kalman`"));
-    // An invalid request is rejected with a reason and counted.
+    // Invalid requests are rejected with a reason and counted.
     let assert_rejected = |payload: Vec<u8>, reason_part: &str| {
         let key = keys::key("alpha", keys::SWAP);
         let error = link.query_one::<SwapAnswer>(&key, payload, QUERY_TIMEOUT).unwrap_err();
@@ -205,7 +205,7 @@ fn frozen_supervisor_is_reported_to_clients() {
     signal(running.pid(), Signal::CONT);
     wait_for("the supervisor to respond", || ps(&system).len() == 6);
     running.interrupt();
-    // The freeze outlasts the buffer of the attitude topic.
+    // The supervisor was frozen for longer than the attitude topic can buffer.
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(1), 0.0), "{}", run.stderr);
     assert!(run.number("/not_recorded") > 0.0, "{}", run.stderr);

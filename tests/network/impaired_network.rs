@@ -20,15 +20,16 @@ use serde_json::Value;
 
 const BOARD: &str = "10.78.0.1";
 const STATION: &str = "10.78.0.2";
-/// Longer than Zenoh's lease of 3 s, after which it closes a silent connection.
+/// Duration of an outage. It exceeds Zenoh's lease of 3 s, after which a silent connection is
+/// closed.
 const OUTAGE: Duration = Duration::from_secs(12);
 
-/// Timeout for further samples over an open connection.
+/// Timeout for receiving further samples over an open connection.
 const SAMPLE_TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout for a reconnection.
 ///
-/// With 300 ms of delay and 20 % loss a handshake, which needs a dozen packets in sequence, may
-/// fail repeatedly after 10 s each.
+/// A handshake needs a dozen packets in sequence. With a delay of 300 ms and 20 % packet loss, it
+/// may fail several times, after 10 s each.
 const RECONNECT_TIMEOUT: Duration = Duration::from_secs(240);
 
 /// Two network namespaces joined by a link; removed on drop.

@@ -1,5 +1,5 @@
-//! `plumb topic --remote`: shows what `plumb topic` shows on board and counts the losses of the
-//! network. Values unknown to a remote observer are null.
+//! `plumb topic --remote` shows the same as `plumb topic` on board, and counts network losses.
+//! Values unknown to a remote observer are null.
 use std::{
     io::{BufRead, BufReader, Read},
     process::{Child, Output, Stdio},
@@ -147,8 +147,8 @@ fn remote_topic_commands_match_on_board_output() {
     let bw = vehicle.run_json(&["topic", "bw", "attitude", "--count", "60"]);
     println!("{bw}");
     assert_eq!((names(&bw), bw["messages"].as_u64()), (names(&hz), Some(60)));
-    // On board a message has 224 bytes. Over the network there is an envelope, but zeros are not
-    // sent.
+    // On board, a message has 224 bytes. Over the network, an envelope is added, but zero values
+    // are not sent.
     let bytes = number(&bw, "/bytes_per_s") / number(&bw, "/rate_hz");
     assert!((100.0..400.0).contains(&bytes), "{bw}");
     // 19 of 20 ticks are decimated on board and not counted as missed.
@@ -189,7 +189,7 @@ fn unknown_vehicle_or_topic_is_reported_with_remedy() {
         assert!(stderr(&unpublished).contains("does not publish `imu`"), "{}", stderr(&unpublished));
         assert!(stderr(&unpublished).contains("[gateway.rates]"), "{}", stderr(&unpublished));
     }
-    // Commands that work on board only reject --remote.
+    // Commands that work only on board reject --remote.
     for verb in ["top", "doctor"] {
         assert_eq!(vehicle.run(&[verb]).status.code(), Some(2), "{verb}");
     }

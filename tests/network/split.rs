@@ -104,7 +104,8 @@ fn restarts(run: &Run, service: &str) -> u64 {
     services.iter().find(|entry| entry["name"] == service).unwrap()["restarts"].as_u64().unwrap()
 }
 
-/// TCP proxy between two hosts that can be cut: connections close and new ones are not forwarded.
+/// TCP proxy between two hosts. While it is cut, connections are closed and new ones are not
+/// forwarded.
 struct CuttableProxy {
     port: u16,
     is_cut: Arc<AtomicBool>,
@@ -163,7 +164,7 @@ fn forward(from: &TcpStream, to: &TcpStream, is_cut: &Arc<AtomicBool>) {
                 Err(_) => break,
             }
         }
-        // The opposite direction may have closed them already.
+        // The thread for the opposite direction may have closed the sockets already.
         let _ = from.shutdown(Shutdown::Both);
         let _ = to.shutdown(Shutdown::Both);
     });
@@ -189,7 +190,7 @@ fn base_imports_only_from_hosts_it_connects_to() {
     let base_running = base.start(&[]);
     let address = || Some(service_status(&base, "gateway")?["address"].as_str()?.to_owned());
     wait_for("the base to listen", || address().is_some());
-    // A second system with the name of the board.
+    // The forger is a second system with the name of the board.
     let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, address().unwrap());
     let forger = board(&format!("tcp/127.0.0.1:{}", free_port()), &more);
     let forger_running = forger.start(&[]);
@@ -254,7 +255,7 @@ fn split_system_runs_user_defined_stage() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    // Outlives the system, because a later run uses the stage again.
+    // The folder outlives the system, because a later run uses the stage again.
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("mine");
     let output = plumb(&["stage", "new", "mine", "--lang", "python", "--dir"]).arg(&folder).output().unwrap();
@@ -436,7 +437,7 @@ fn certificates(folder: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Access list that allows everything to a client with a certificate.
+/// Access list that allows everything for clients with a certificate.
 const EVERYTHING: &str = r#"{
     enabled: true, default_permission: "deny",
     rules: [{
@@ -462,7 +463,7 @@ fn unplugged_link_for_5_s_loses_no_tick() {
         let (ca, cert, key) = (path("ca.pem"), path(&format!("{end}.pem")), path(&format!("{end}.key")));
         format!("access = {:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}", path("open.json5"))
     };
-    // Roles are covered by the tests of sessions.
+    // Roles are covered by the tests in `sessions`.
     fs::write(path("open.json5"), EVERYTHING).unwrap();
     let endpoint = "quic/10.77.0.1:7451";
     let board = board(endpoint, &tls("a"));

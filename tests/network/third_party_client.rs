@@ -1,5 +1,5 @@
-//! Third-party client in another language without any of our code: reads telemetry, sends queries
-//! and commands.
+//! Third-party client in another language, without any of our code. It reads telemetry and sends
+//! queries and commands.
 use std::{
     fs,
     io::{BufRead, BufReader, Write},

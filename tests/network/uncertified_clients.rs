@@ -24,7 +24,7 @@ use zenoh::{
     qos::{CongestionControl, Priority},
 };
 
-/// Number of idle connections in the simulated attack, as in an observed one.
+/// Number of idle connections in the simulated attack, the same as in an observed attack.
 const IDLE_CONNECTIONS: usize = 1200;
 /// Maximum resident memory of a gateway under attack, KiB.
 const MAX_MEMORY_KIB: u64 = 64 * 1024;
@@ -69,7 +69,8 @@ fn uncertified_client_reads_but_cannot_impersonate_or_command() {
     let key = |rest: &str| format!("plumbline/v1/{}/{rest}", system.name);
     let before = fuser(&system);
 
-    // The reader is a client, because the gateway would not forward to it what another peer puts.
+    // The reader is a client, because the gateway does not forward messages from one peer to
+    // another.
     let (reader, received) = (uncertified_session(&endpoint, "client"), Arc::new(Mutex::new(Vec::new())));
     let _subscriber = reader.declare_subscriber("plumbline/v1/**").callback({
         let received = received.clone();
@@ -194,9 +195,11 @@ fn excessive_declarations_restart_gateway_with_message() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    // Several sessions, because a declaration takes longer the more a session has made.
+    // Several sessions are used, because the more declarations a session has made, the longer the
+    // next one takes.
     let sessions: Vec<_> = (0..32).map(|_| uncertified_session(&endpoint, "client")).collect();
-    // Close to the longest key allowed: each key is compared with all those declared before.
+    // The keys are close to the maximum length. Each one is compared with all keys declared before
+    // it.
     let long = "x".repeat(60_000);
     let mut declared = Vec::new();
     for (number, session) in sessions.iter().cycle().enumerate() {

@@ -7,7 +7,7 @@ use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 200.0;
 const ROWS: u64 = 24_000;
-/// Start of every fault, s. The estimate has converged by then.
+/// Time at which every fault starts, s. The estimate has converged by then.
 const FAULT_S: f64 = 20.0;
 const LAUNCH: &str = "[ingest.replay]\ngyro_samples = \"instants\"\n";
 
@@ -19,7 +19,7 @@ struct Row {
     t_ns: i64,
     rate_rad_s: [f64; 3],
     force_m_s2: [f64; 3],
-    /// Ingest must reject the row.
+    /// `true` if ingest must reject the row.
     rejected: bool,
 }
 
@@ -52,7 +52,7 @@ impl Recording {
         Self { rows: rows.collect(), fault_ends_s: FAULT_S }
     }
 
-    /// Applies `change` to each row of a fault, together with the last good row.
+    /// Applies `change` to each row during a fault. It also receives the last row before the fault.
     fn during(duration_s: f64, change: impl Fn(&mut Row, &Row)) -> Self {
         let mut recording = Self::clean();
         recording.fault_ends_s = FAULT_S + duration_s;
@@ -62,14 +62,14 @@ impl Recording {
         recording
     }
 
-    /// Shifts every timestamp from the start of the fault.
+    /// Shifts every timestamp after the start of the fault.
     fn with_clock_jump(jump_s: i64) -> Self {
         let mut recording = Self::clean();
         recording.rows[FAULT..].iter_mut().for_each(|row| row.t_ns += jump_s * 1_000_000_000);
         recording
     }
 
-    /// Removes all rows of a fault.
+    /// Removes all rows during a fault.
     fn with_gap(duration_s: f64) -> Self {
         let mut recording = Self::during(duration_s, |_, _| ());
         let gap = FAULT_S..recording.fault_ends_s;
@@ -107,8 +107,8 @@ impl Recording {
         (run, errors.collect())
     }
 
-    /// Runs the system and asserts its flags and that the error returns to normal within
-    /// `max_recovery_s`.
+    /// Runs the system, and asserts its flags and a normal error within `max_recovery_s` after the
+    /// fault.
     fn assert_recovers(&self, what: &str, flags: &str, max_recovery_s: f64) {
         let (run, errors) = self.run(&[]);
         let bound_deg = 2.0 * clean_rmse_deg() + 0.05;
@@ -126,10 +126,10 @@ impl Recording {
     }
 }
 
-/// Index of the first row of a fault.
+/// Index of the first row during a fault.
 const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
 
-/// Returns the inclination RMSE of a clean recording from the start of the faults, degrees.
+/// Returns the inclination RMSE in a clean recording from `FAULT_S` on, degrees.
 fn clean_rmse_deg() -> f64 {
     static RMSE_DEG: OnceLock<f64> = OnceLock::new();
     *RMSE_DEG.get_or_init(|| {

@@ -1,4 +1,4 @@
-//! Real processes fed over the bus: accuracy, order, latency and clean-up.
+//! Real processes that are fed over the bus: accuracy, order, latency and clean-up.
 use std::time::{Duration, Instant};
 
 use crate::common::{System, inclination_deg, is_alive, signal, wait_for};
@@ -13,12 +13,13 @@ use rustix::process::Signal;
 use scenario::{Motion, SensorErrors, Sensors};
 
 pub(crate) const RATE_HZ: f64 = 500.0;
-/// Capacity for 30 s of readings, so that the result does not depend on the speed of this machine.
+/// Buffer capacity for 30 s of readings, so that results do not depend on the speed of this
+/// machine.
 pub(crate) const BUFFER_MESSAGES: usize = 15_000;
 pub(crate) const BUS_LAUNCH: &str =
     "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
 
-/// System that reads its sensors from the bus, with the test's ports on that bus.
+/// System that reads its sensors from the bus, with the ports of the test on that bus.
 pub(crate) struct Bench {
     pub(crate) system: System,
     pub(crate) running: Option<crate::common::Running>,
@@ -56,7 +57,7 @@ impl Bench {
         Self { system, running: Some(running), sensor, attitude, bus }
     }
 
-    /// Sends readings at the nominal rate and returns their attitudes.
+    /// Sends readings at the nominal rate and returns the resulting attitudes.
     fn feed(&self, readings: &[SensorReading]) -> Vec<AttitudeOutput> {
         self.send(readings, |_| {});
         let mut outputs = Vec::new();
@@ -69,12 +70,12 @@ impl Bench {
         outputs
     }
 
-    /// Sends readings at the nominal rate. `before` is called with the index of each one.
+    /// Sends readings at the nominal rate. Before each reading, `before` is called with its index.
     fn send(&self, readings: &[SensorReading], before: impl FnMut(usize)) {
         self.send_at(RATE_HZ, readings, before);
     }
 
-    /// Sends readings at another rate, with unchanged timestamps.
+    /// Sends readings at another than the nominal rate, with unchanged timestamps.
     pub(crate) fn send_at(&self, rate_hz: f64, readings: &[SensorReading], mut before: impl FnMut(usize)) {
         let start_ns = monotonic_ns();
         for (count, reading) in readings.iter().enumerate() {

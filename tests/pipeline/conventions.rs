@@ -66,7 +66,7 @@ fn vectors() -> Vec<Vector> {
     serde_json::from_str(include_str!("../../docs/reference/conventions.json")).unwrap()
 }
 
-/// Asserts equal quaternions up to their common sign.
+/// Asserts that two quaternions are equal, except possibly for their common sign.
 fn assert_rotation(name: &str, actual: [f64; 4], expected: [f64; 4]) {
     let difference = |sign: f64| {
         actual.iter().zip(expected).map(|(actual, expected)| (actual - sign * expected).abs()).fold(0.0, f64::max)
@@ -102,7 +102,7 @@ fn point_and_z_give_matrix_quaternion_and_angles() {
         let angles = attitude.angles();
         assert_angle(name, angles.pitch_rad, vector.pitch_rad);
         if vector.near_gimbal {
-            // Yaw and roll are ambiguous, but together they give the attitude.
+            // Yaw and roll are ambiguous, but together they determine the attitude.
             assert!(
                 (Attitude::from_angles(angles).matrix() - vector.matrix()).amax() < TOLERANCE,
                 "{name}: {angles:?}"

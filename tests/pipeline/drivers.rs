@@ -1,5 +1,5 @@
-//! Live sources: standard input, datagrams, a serial port and user-defined programs become
-//! attitudes.
+//! Live sources: standard input, datagrams, serial ports and user-defined programs provide readings
+//! that become attitudes.
 use std::{
     fs::{self, File},
     io::{self, Read, Write},
@@ -49,7 +49,7 @@ fn status(system: &System, service: &str) -> Option<Value> {
     system.ps().into_iter().find(|entry| entry["service"] == service)
 }
 
-/// Running system with its standard error in a file that can be read meanwhile.
+/// Running system whose standard error goes to a file, so that it can be read during the run.
 struct LoggedSystem {
     running: Running,
     stderr: PathBuf,
@@ -137,7 +137,7 @@ fn killed_or_frozen_drivers_restart_and_resume() {
     let out = system.path("out.csv");
     let mut running = start_with_stdin(&system, &["--source", "stdin", "--out", out.to_str().unwrap()], Stdio::piped());
     let mut input = running.stdin();
-    // A restarted process has to know the columns.
+    // A restarted process has to know the columns, so the header is sent first.
     writeln!(input, "gx,gy,gz,ax,ay,az,t_s").unwrap();
     let mut t = 0;
     let mut feed = |until_ticks: f64| {
@@ -214,7 +214,7 @@ fn occupied_port_is_reported_and_opened_when_free() {
     logged.stop();
 }
 
-/// Serial device under a path of the test.
+/// Serial device with a path in the folder of the test.
 ///
 /// The path is removed before the device is closed, because the kernel may reuse `/dev/pts/N` for
 /// another test.
@@ -257,7 +257,7 @@ pub(crate) fn open_serial_device(port: &Path) -> SerialDevice {
 
 #[test]
 fn serial_port_is_reopened_when_device_returns() {
-    // Other tests run in parallel, so a slow service must not be restarted.
+    // Other tests run in parallel and can make a service slow. It must not be restarted for that.
     let system = System::new("restart.silence_s = 3.0");
     let port = system.path("imu");
     let line = format!("serial:{}?rate_hz=100&baud=230400", port.display());

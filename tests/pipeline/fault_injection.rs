@@ -2,7 +2,7 @@
 use crate::common::{Run, System, assert_valid_attitudes, attitudes, inclination_deg, rms};
 use scenario::{Motion, Scenario};
 
-/// S1 at 200 Hz. Every fault starts when the estimate has converged.
+/// Scenario S1 at 200 Hz. Every fault starts after the estimate has converged.
 const SOURCE: &str = "[ingest.sim]\nscenario = \"s1\"\nrate_hz = 200\nseed = 11\n";
 const FROM_S: f64 = 20.0;
 

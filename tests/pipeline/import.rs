@@ -1,4 +1,4 @@
-//! Recordings of other systems: imported, or read directly like our own.
+//! Recordings of other systems, imported or read directly like our own.
 use std::{fs, io::Read, path::Path};
 
 use crate::common::{System, data, plumb};
@@ -77,7 +77,7 @@ fn is_same(original: f64, returned: f64) -> bool {
 fn recording_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");
-    // The first one has gaps in its reference, the second one has a file of fixes.
+    // The first recording has gaps in its reference, the second one has a fixes file.
     for file in ["broad/02_undisturbed_slow_rotation_B.csv.gz", "flights/apm_plane_log2_imu.csv.gz"] {
         let file = data.join(file);
         let back = import(&system, &import(&system, file.to_str().unwrap(), "way.mcap"), "back_imu.csv");
@@ -118,7 +118,7 @@ fn px4_log_survives_mcap_round_trip() {
     let [(names, original), (same_names, returned)] = [&direct, &through].map(|file| table(Path::new(file)));
     assert_eq!((&names, original.len(), returned.len()), (&same_names, 17070, 17070));
     for (original, returned) in original.iter().zip(&returned) {
-        // The reference has single precision, and unit length only to that precision.
+        // The reference has single precision, so its length is 1 only to that precision.
         let is_equal = |(column, (original, returned)): (usize, (&f64, &f64))| {
             is_same(*original, *returned) || (10..14).contains(&column) && (original - returned).abs() < 1e-6
         };
@@ -152,7 +152,7 @@ fn foreign_columns_units_and_frame_are_mapped() {
     };
     let via_import = replayed(out.to_str().unwrap(), &[]);
     assert!(replayed(file.to_str().unwrap(), &arguments[..6]) == via_import && via_import.len() > 5000);
-    // Level throughout, as is the mapped reference.
+    // The body is level throughout, and so is the mapped reference.
     let rows: String = (0..200).map(|row| format!("{},0,0,0,0,0,-9.8,1,0,0,0\n", row * 10)).collect();
     fs::write(&file, format!("ms,wx,wy,wz,fx,fy,fz,a,b,c,d\n{rows}")).unwrap();
     let output = plumb(&["score", file.to_str().unwrap(), "--json", "--map", map, "--map", "qw=a,qx=b,qy=c,qz=d"])

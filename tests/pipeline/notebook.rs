@@ -20,7 +20,7 @@ fn run(python: &Path, folder: &Path, arguments: &[&str]) -> Output {
     command.env("PLUMB", env!("CARGO_BIN_EXE_plumb")).env("PYTHONUTF8", "1").output().unwrap()
 }
 
-/// Returns the last line that a successful run printed.
+/// Returns the last line printed by a successful run.
 fn last_line(output: &Output) -> &str {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     std::str::from_utf8(&output.stdout).unwrap().lines().last().unwrap()
@@ -47,7 +47,7 @@ fn chapter_example_prints_equal_errors() {
     assert!(matches!(errors[..], [a, b] if (a - b).abs() < 1e-9 && a > 0.01), "{errors:?}");
 }
 
-/// Returns the error message of an expression that must fail.
+/// Returns the error message of a Python expression that must fail.
 fn error_message(python: &Path, folder: &Path, read: &str) -> String {
     let program = format!(
         "import plumbscore as p\ntry:\n    {read}\nexcept p.ScoreError as cause:\n    print(str(cause).replace(chr(10), ' '))"

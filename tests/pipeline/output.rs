@@ -14,7 +14,7 @@ use crate::common::{System, attitudes, data, plumb, python::python, rms};
 const HEADER: &str = "t_s,qw,qx,qy,qz,chart,u,v,z_rad,yaw_rad,pitch_rad,roll_rad,course_rad,course_reference,\
                     bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,inclination_sd_rad,course_sd_rad,flags";
 
-/// Returns the attitude file that a run writes.
+/// Returns the attitude file written by a run.
 fn run_output(system: &System, arguments: &[&str]) -> String {
     let out = system.path("out.csv");
     let _ = fs::remove_file(&out);
@@ -42,7 +42,7 @@ fn all_columns_are_equal_in_one_process_and_five() {
     for (short, long) in plain.lines().zip(in_one.lines()).skip(1) {
         assert!(long.starts_with(&format!("{short},")) && !long.contains("nan"), "{short}\n{long}");
     }
-    // All columns of a line describe the same attitude.
+    // All columns in a line describe the same attitude.
     for line in in_one.lines().skip(1).step_by(97) {
         let value = |name: &str| number(HEADER, line, name);
         let (q, chart) = ([value("qw"), value("qx"), value("qy"), value("qz")], line.split(',').nth(5).unwrap());
@@ -104,7 +104,7 @@ fn replayed_flight_writes_same_columns_and_records_frame() {
     let replayed = run_output(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
     assert!(recorded == replayed, "the bytes differ");
     assert!(recorded.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
-    // The topics of a flight stay in native axes, so an import does not need the output frame.
+    // The topics in a flight stay in native axes, so an import does not need the output frame.
     let info = plumb(&["info", flight.to_str().unwrap(), "--json"]).output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
     let text = info.to_string();
@@ -123,8 +123,8 @@ fn unknown_columns_are_rejected_with_suggestions() {
     }
 }
 
-/// Prints PX4's own attitude estimates with pyulog, independently of the importer: time, then w x y
-/// z, forward-right-down to north-east-down.
+/// Prints PX4's own attitude estimates with pyulog, independently of the importer. Each line has
+/// the time and w x y z, from forward-right-down to north-east-down.
 const PRINT_ESTIMATES: &str = "
 import sys
 from pyulog import ULog
@@ -173,8 +173,8 @@ fn estimates(text: &str) -> Vec<(f64, [f64; 4])> {
         .collect()
 }
 
-/// Returns the RMS inclination and total error after the first 10 s, degrees, paired by nearest
-/// time.
+/// Returns the RMS inclination and total error after the first 10 s, degrees. Attitudes are
+/// compared with the reference nearest in time.
 fn error_deg(attitudes: &[(f64, [f64; 4])], reference: &[(f64, [f64; 4])]) -> [f64; 2] {
     let from_s = attitudes[0].0 + 10.0;
     let (mut next, mut errors) = (0, Vec::new());

@@ -1,4 +1,4 @@
-//! User-defined sensors in Python: ingest receives their readings bit for bit.
+//! User-defined sensors in Python, whose readings must reach ingest bit for bit.
 use std::{
     fs,
     io::{BufRead, BufReader},
@@ -16,8 +16,8 @@ use serde_json::Value;
 
 const FROM_THE_BUS: &str = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n";
 
-/// Program that publishes to a system until its standard input is closed. A thread reads its
-/// output, so that a full pipe does not block it.
+/// Program that publishes to a system until its standard input is closed. A thread reads the output
+/// of the program, so that a full pipe does not block it.
 struct Feeder {
     child: Child,
     lines: mpsc::Receiver<String>,
@@ -136,7 +136,7 @@ fn python_sensor_follows_restarted_system() {
     running.interrupt();
     let run = running.wait();
     assert!(run.stderr.contains("restarting every service"), "{}", run.stderr);
-    // The feeder leaves the ended run, then joins the next run of the same name.
+    // The feeder detaches from the ended run, then joins the next run of the same name.
     feeder.lines.try_iter().for_each(drop);
     wait_for("the end to be noticed", || feeder.line().contains("gone"));
     let again = system.start(&[]);

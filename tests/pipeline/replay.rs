@@ -1,4 +1,5 @@
-//! Real recordings: accuracy against a camera reference, and equal bytes from every kind of run.
+//! Real recordings: accuracy against a camera reference, and identical bytes from every kind of
+//! run.
 use std::{
     f64::consts::FRAC_1_SQRT_2,
     fs::{self, File},
@@ -10,12 +11,12 @@ use crate::common::{Run, System, assert_valid_attitudes, attitudes, inclination_
 use attitude::Quaternion;
 use flate2::read::MultiGzDecoder;
 
-/// Maximum mean over the ten BROAD trials, degrees. VQF without magnetometer: 0.665°
+/// Maximum mean error over the ten BROAD trials, degrees. VQF without magnetometer: 0.665°
 /// (benches/README.md).
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "07_undisturbed_fast_rotation_B.csv.gz";
 
-/// Replays at full speed to `out.csv` and asserts a complete output.
+/// Replays at full speed to `out.csv` and asserts that the output is complete.
 fn replay(system: &System, file: &Path, arguments: &[&str]) -> Run {
     let out = system.path("out.csv");
     let paths = ["--replay", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--speed", "max"];
@@ -88,14 +89,15 @@ fn recording_gives_same_bytes_packed_or_plain() {
     }
 }
 
-/// Converts a recording, including its reference, to a sensor with the axes forward, right, down.
+/// Converts a recording, including its reference, to that of a sensor with the axes forward, right,
+/// down.
 fn to_frd_sensor(text: &str) -> String {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let indices = |names: [&str; 3]| names.map(|name| header.iter().position(|column| *column == name));
     let vectors = [["gx", "gy", "gz"], ["ax", "ay", "az"], ["mx", "my", "mz"]].map(indices);
     let quaternion = ["qw", "qx", "qy", "qz"].map(|name| header.iter().position(|column| *column == name).unwrap());
-    // Half a turn about the bisector of the first two axes.
+    // The mounting is a half turn about the bisector of the first two axes.
     let mounting = Quaternion::new(0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0);
     let rotated = lines.map(|line| {
         let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();

@@ -5,7 +5,7 @@ use crate::common::{System, plumb};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Maximum mean over the ten BROAD trials without magnetometer, degrees. VQF: 0.665°
+/// Maximum mean error over the ten BROAD trials without magnetometer, degrees. VQF: 0.665°
 /// (benches/README.md).
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
@@ -13,11 +13,11 @@ const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 /// Returns a recording of a level body at rest with a reference rotated by `heading_deg` about
 /// up and then by `tilt_deg` about east.
 ///
-/// The references of rows that must not be scored would spoil any score.
+/// Rows that must not be scored have references that would spoil any score.
 pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     let (sin, cos) = (0.5 * heading_deg).to_radians().sin_cos();
     let (tilt_sin, tilt_cos) = (0.5 * tilt_deg).to_radians().sin_cos();
-    // q = tilt * heading, both in earth axes.
+    // q = tilt · heading, with both rotations in earth axes.
     let q = [tilt_cos * cos, tilt_sin * cos, -tilt_sin * sin, tilt_cos * sin];
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
     for row in 0..400 {
@@ -31,7 +31,7 @@ pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     text
 }
 
-/// Adds a magnetometer that sees north along the forward axis, so that the heading is known.
+/// Adds magnetometer values with north along the forward axis, so that the heading is known.
 fn with_field(text: &str) -> String {
     let with_columns =
         |(index, line): (usize, &str)| format!("{line},{}\n", if index == 0 { "mx,my,mz" } else { "0,20,-40" });
@@ -59,7 +59,7 @@ pub(crate) fn number(scores: &Value, pointer: &str) -> f64 {
     scores.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer} in {scores}"))
 }
 
-/// Asserts that `plumb score` exits with `code`, prints the words to standard error and nothing to
+/// Asserts that `plumb score` exits with `code`, prints `messages` to standard error and nothing to
 /// standard output.
 pub(crate) fn assert_rejected(folder: &Path, arguments: &[&str], code: i32, messages: &[&str]) {
     let output = score(folder, arguments);

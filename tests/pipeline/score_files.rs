@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::score::{assert_rejected, at_rest, folder_with, number, scores};
 
-/// Returns the columns of a CSV file by name. Other values than numbers are NaN.
+/// Returns the columns of a CSV file by name. Values that are not numbers are NaN.
 fn columns(file: &Path) -> HashMap<String, Vec<f64>> {
     let text = fs::read_to_string(file).unwrap();
     let mut lines = text.lines();
@@ -41,8 +41,8 @@ fn scores_can_be_recomputed_from_table() {
         assert!((length - reported("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
         assert!(columns["true_u"].iter().chain(&columns["inclination_sd_rad"]).all(|value| value.is_finite()));
         assert_eq!(columns["course_rad"].len(), columns["true_course_rad"].len());
-        // The open-loop gyro starts at the accelerometer's up vector and drifts. The
-        // accelerometer's error stays the same.
+        // The open-loop gyro starts at the accelerometer's up vector and then drifts. The
+        // accelerometer's error does not change.
         let distance = |of: &str, row: usize| {
             let axis_error = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
             axis_error("u").hypot(axis_error("v"))
@@ -83,7 +83,8 @@ fn stages_and_reference_share_one_figure() {
         let svg = text(&format!("sim_s1_duration_s_20.{name}.svg"));
         labels.iter().for_each(|words| assert!(svg.contains(words), "no {words:?} in {name}"));
         assert!(svg.len() < 500_000, "{name}: {} bytes", svg.len());
-        // The first line is solid, the second one dashed: many pieces of one colour.
+        // The first line is solid. The second one is dashed, so it consists of many pieces of one
+        // colour.
         let pieces = |color: &str| svg.matches(&format!("stroke=\"{color}\"")).count();
         assert!(pieces("#CC79A7") > 3 * pieces("#0072B2"), "{name}: {} {}", pieces("#CC79A7"), pieces("#0072B2"));
     }

@@ -32,7 +32,7 @@ fn parsed(page: &str) -> Document<'_> {
     Document::parse_with_options(page, ParsingOptions { allow_dtd: true, ..ParsingOptions::default() }).unwrap()
 }
 
-/// Asserts that the page loads nothing: no external resource, script or form.
+/// Asserts that the page is self-contained, without external resources, scripts or forms.
 fn assert_self_contained(page: &str) {
     let document = parsed(page);
     for node in document.descendants() {
@@ -228,8 +228,8 @@ fn search_reports_end_of_range_and_invalid_ranges() {
 
 #[test]
 fn launch_file_calibration_and_mounting_are_applied() {
-    // The unit is mounted upside down, forward-right-down, and its accelerometer has a bias of 1
-    // m/s² forward.
+    // The unit is mounted upside down with its axes forward-right-down. Its accelerometer has a
+    // bias of 1 m/s² along the forward axis.
     let level = "0,0.7071067811865476,0.7071067811865476,0";
     let row = |i: i32| format!("{},0,0,0,1,0,-9.80665,{level},1\n", f64::from(i) * 0.01);
     let text = "t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n".to_owned() + &(0..500).map(row).collect::<String>();
@@ -249,7 +249,7 @@ fn launch_file_calibration_and_mounting_are_applied() {
     let cells = parsed(&page).descendants().filter_map(|node| Some(node.text()?.to_owned())).collect::<Vec<_>>();
     assert!(cells.iter().any(|cell| cell.contains("bias [1.0, 0.0, 0.0]")), "{cells:?}");
     assert!(cells.contains(&"[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]".to_owned()), "{cells:?}");
-    // Settings of the launch file apply to its own stage only.
+    // Settings in the launch file apply only to the stage for which they are given.
     let other = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--fuser", "wz"]);
     assert_eq!(other.pointer("/stages/0/settings").unwrap(), &serde_json::json!({}));
     assert!(number(&other, "/stages/0/mean/inclination") < 1e-3, "{other}");

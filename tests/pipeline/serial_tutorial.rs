@@ -1,4 +1,4 @@
-//! Steps of the tutorial: a bare IMU on a serial port is calibrated, and its recorded flight is
+//! Steps of the tutorial. A bare IMU on a serial port is calibrated, and its recorded flight is
 //! scored.
 use std::{
     fs,
@@ -16,7 +16,7 @@ use crate::{
     pipeline::drivers::restarts,
 };
 
-/// Simulated seconds per second of the clock.
+/// Number of simulated seconds per second of real time.
 const SPEED: &str = "4";
 
 /// Process that is terminated on drop.
@@ -46,7 +46,8 @@ impl MovingUnit {
 
 /// Returns a system with additional launch settings.
 ///
-/// The unit sends regardless of readers, so a late drivers process must not be restarted.
+/// The unit sends even without a reader, so the drivers process must not be restarted merely
+/// because it is late.
 fn system_with(settings: &str) -> System {
     System::new(&format!("restart.silence_s = 3.0\n{settings}"))
 }
@@ -58,7 +59,8 @@ fn source(port: &Path) -> String {
 
 /// Runs `plumb calibrate` while the unit moves and returns the block for the launch file.
 ///
-/// The motion starts when the calibration reads, so that the first pose is observed in full.
+/// The motion starts when the calibration has begun to read, so that the first pose is observed in
+/// full.
 fn calibrate(system: &System, port: &Path, kind: &str, motion: &str) -> String {
     let arguments = ["calibrate", kind, "--live", "--for", "40s", "--json", "--system", &system.name];
     let mut command = plumb(&arguments);
@@ -113,7 +115,7 @@ fn bare_serial_imu_is_calibrated_and_its_flight_scored() {
     stop(running);
     let sensors = [gyro, accel, mag].concat();
 
-    // The mounting is estimated from calibrated sensors.
+    // The mounting is estimated with calibrated sensors.
     let system = system_with(&sensors);
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);

@@ -1,5 +1,5 @@
-//! Live sources end to end: bytes in device formats, encoded by other projects if available, become
-//! attitudes, and `plumb doctor` reports faults of a device.
+//! Live sources end to end. Bytes in device formats, encoded by other projects if available, become
+//! attitudes, and `plumb doctor` reports device faults.
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
@@ -36,12 +36,12 @@ struct BackgroundTask {
 }
 
 impl BackgroundTask {
-    /// Calls `each` with its index until it returns `false`.
+    /// Calls `each` with the index of the call until it returns `false` or the task is dropped.
     fn start(pause: Duration, each: impl FnMut(u64) -> bool + Send + 'static) -> Self {
         Self::start_on_thread(pause, || each)
     }
 
-    /// Creates the action on the thread that calls it.
+    /// Like `start`, but creates the action on the background thread.
     fn start_on_thread<F: FnMut(u64) -> bool>(pause: Duration, create: impl FnOnce() -> F + Send + 'static) -> Self {
         let is_stopped = Arc::new(AtomicBool::new(false));
         let stopped = is_stopped.clone();
@@ -65,12 +65,12 @@ impl Drop for BackgroundTask {
     }
 }
 
-/// Simulated device of another project.
+/// Device simulated by software of another project.
 struct Device(Child);
 
 impl Device {
-    /// Starts the device, or returns `None` without a suitable Python. Waits until a server is
-    /// ready.
+    /// Starts the device. Waits until it is ready if it is a server. Returns `None` without a
+    /// suitable Python.
     fn start(kind: &str, port: u16, serves: bool) -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/devices.py");
         let mut command = Command::new(python()?);
@@ -145,7 +145,7 @@ fn assert_replay_is_identical(flights: &Path, out: &Path) {
     assert!(fs::read(out).unwrap() == fs::read(&replayed).unwrap(), "the bytes differ: {}", run.stderr);
 }
 
-/// Returns the doctor's findings about the source, with their remedies.
+/// Returns the findings of `plumb doctor` about the source, with their remedies.
 fn source_findings(system: &System) -> Vec<String> {
     let output = plumb(&["doctor", "--seconds", "0.2", "--json", "--system", &system.name]).output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -257,7 +257,7 @@ fn serial_sensors_are_read_with_one_command() {
     }
 }
 
-/// Returns the rotation about the vertical, degrees, within half a turn.
+/// Returns the rotation about the vertical, degrees, between −180 and 180.
 fn yaw_change_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
     let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
     (yaw(to) - yaw(from)).sin_cos().0.atan2((yaw(to) - yaw(from)).cos()).to_degrees()
@@ -384,7 +384,7 @@ fn protobuf_on_stdin_equals_csv_lines() {
     assert!(from_protobuf == output("stdin?rate_hz=200", lines.as_bytes()), "the bytes differ");
 }
 
-/// Creates the files of an industrial I/O device and returns the FIFO that carries its records.
+/// Creates the files of an industrial I/O device and returns the FIFO for its records.
 fn iio_device(root: &Path) -> File {
     let device = root.join("iio:device0");
     fs::create_dir_all(device.join("scan_elements")).unwrap();
@@ -443,13 +443,13 @@ fn iio_device_is_enabled_and_read() {
     let run = stop_and_assert_level(running, &out);
     drop(task);
     assert_eq!(run.number("/lost"), 0.0);
-    // The timestamps are those of the kernel.
+    // The timestamps come from the kernel.
     assert!((attitudes(&out)[0].0 - 1.0).abs() < 1.0);
 }
 
 #[test]
 fn doctor_reports_device_fault_that_is_announced_once() {
-    // Wrong baud rate: bytes arrive, but no valid message.
+    // The baud rate is wrong: bytes arrive, but no valid message.
     let system = System::new("");
     let port = system.path("imu");
     let mut device = open_serial_device(&port);
@@ -522,6 +522,6 @@ fn silent_device_is_reported() {
     wait_for_finding(&system, "is open but sends no data");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    // Keeps the device open until here.
+    // This call keeps the device open until here.
     let _ = device.read(&mut []);
 }

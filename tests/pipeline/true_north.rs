@@ -1,5 +1,5 @@
-//! True north: a magnetic course is converted alike in every process, after a restart and on any
-//! day.
+//! True north: a magnetic course is converted identically in every process, after a restart and on
+//! any day.
 use std::{
     fs,
     io::{BufRead, BufReader, Write},
@@ -66,7 +66,7 @@ fn declination_follows_newest_fix_and_survives_restart() {
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");
     let arguments = ["--replay", file.to_str().unwrap(), "--for", "200s", "--speed"];
     let (_magnetic, magnetic) = run_output("", &[&arguments[..], &["max", "--in-process"]].concat());
-    // The position in the launch file is on the other side of the earth.
+    // The position in the launch file is on the other side of the earth, but fixes take precedence.
     let north = launch(&format!("north = \"true\"\ndate = 2026-06-01\n{POSITION}"));
     let (_alone, alone) = run_output(&north, &[&arguments[..], &["max", "--in-process"]].concat());
     let system = System::new(&north);

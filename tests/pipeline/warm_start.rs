@@ -1,4 +1,4 @@
-//! Warm start: the gyro bias of an earlier run is available at the start, even if the body moves.
+//! Warm start: the gyro bias from an earlier run is available at the start, even if the body moves.
 use std::{fs, os::unix::fs::symlink, path::PathBuf};
 
 use super::bus_source::{BUFFER_MESSAGES, BUS_LAUNCH, Bench, RATE_HZ, readings};
@@ -16,8 +16,9 @@ const START_READINGS: usize = 2 * RATE_HZ as usize;
 const KNOWN_BIAS_SD_RAD_S: f64 = 7e-4;
 /// Gyro bias on each axis, °/s.
 const BIAS_DEG_S: f64 = 0.1;
-/// Maximum bias error throughout a warm start, and minimum bias error after a cold one, °/s.
+/// Maximum bias error during a warm start, °/s.
 const MAX_WARM_ERROR_DEG_S: f64 = 0.02;
+/// Minimum bias error after a cold start, °/s.
 const MIN_COLD_ERROR_DEG_S: f64 = 0.05;
 
 /// Returns readings of a moving body.
@@ -94,13 +95,13 @@ fn gyro_bias_survives_killed_supervisor_but_not_cold_start() {
     assert!(largest < MAX_WARM_ERROR_DEG_S, "{largest} °/s");
     let (system, run) = bench.stop_in_order();
     assert!(run.line("warm start: gyro bias within ").ends_with(file.to_str().unwrap()), "{}", run.stderr);
-    // The state written at the orderly end is newer than the state read at the start.
+    // The state written on the orderly stop is newer than the state read at the start.
     assert!(
         error_deg_s(serde_json::from_value(body(&file).unwrap()["prior"]["bias_rad_s"]["mean"].clone()).unwrap())
             < MAX_WARM_ERROR_DEG_S
     );
 
-    // A known scale error is kept for later runs, whether or not a run estimates it again.
+    // A known scale error is kept for later runs, even if a run does not estimate it again.
     let mut known = body(&file).unwrap();
     known["prior"]["gyro_scale"] = json!({ "mean": [0.002, -0.001, 0.0005], "sd": 5e-4 });
     rewrite(&file, &known);
@@ -206,7 +207,7 @@ impl Bench {
         self.kill()
     }
 
-    /// Stops the system in order.
+    /// Stops the system in an orderly way.
     fn stop_in_order(mut self) -> (System, Run) {
         let running = self.running.take().unwrap();
         running.interrupt();

@@ -1,5 +1,5 @@
-//! Flight recordings: MCAP files that third-party readers open, whatever is killed, swapped or
-//! full.
+//! Flight recordings: MCAP files that third-party readers can open, regardless of kills, swaps and
+//! full disks.
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -153,7 +153,7 @@ fn killed_recorder_leaves_readable_file() {
     let echo =
         plumb(&["topic", "echo", "attitude", "--json", "--count", "1", "--system", &system.name]).output().unwrap();
     let tick = serde_json::from_slice::<Value>(&echo.stdout).unwrap()["tick"].as_u64().unwrap();
-    // The file can be read while it is written. A tick seen on the bus appears in it soon.
+    // The file can be read while it is being written. A tick seen on the bus soon appears in it.
     wait_for("the tick to be in the file", || {
         let found = read_with_mcap(python, &flight, None);
         found["topics"]["/attitude"]["last_tick"].as_u64() > Some(tick)

@@ -1,4 +1,4 @@
-//! Replays of recorded flights: they yield the bytes of the flight.
+//! Replays of recorded flights, which yield the same bytes as the flights.
 //!
 //! The recording contains the readings, the swaps and the initial state.
 use std::{
@@ -78,7 +78,7 @@ impl RecordedFlight {
     }
 }
 
-/// Starts a shadow and waits until it computes.
+/// Starts a shadow and waits until it reports a difference.
 fn start_shadow(system: &System, slot: &str, stage: &str) -> Child {
     let report = system.path(&format!("shadow-{stage}"));
     let mut command = plumb(&["shadow", "--json", "--system", &system.name, slot, stage]);
@@ -89,7 +89,8 @@ fn start_shadow(system: &System, slot: &str, stage: &str) -> Child {
 
 /// Kills the process that owns the slot and waits for its restart.
 ///
-/// After a swap the previous owner may still be exiting, so the process is taken from `plumb ps`.
+/// After a swap the previous owner may still be exiting, so the process id is taken from `plumb
+/// ps`.
 fn kill_and_wait(system: &System, service: &str) {
     let status = || system.ps().into_iter().find(|one| one["service"] == service).unwrap_or_default();
     let before = status();
@@ -103,8 +104,8 @@ fn assert_committed(system: &System, arguments: &[&str]) {
     assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
 }
 
-/// Kills every service and swaps all slots, with one swap back, one shadow promoted and one
-/// cancelled.
+/// Kills every service and swaps all slots. The swaps include a swap back, a promoted shadow and a
+/// cancelled shadow.
 fn disturb(system: &System) {
     kill_and_wait(system, "fuser");
     assert_committed(system, &["fuser", "aided"]);

@@ -18,14 +18,14 @@ const RATE_HZ: f64 = 500.0;
 /// Buffer of the topic `sensor`: two seconds, the default of the launch file.
 const BUFFER: usize = 1000;
 const BUS: &str = "[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\ngyro_samples = \"instants\"\n";
-/// Timeout of the watchdog. It is fed four times as often.
+/// Timeout of the watchdog, µs. The watchdog is fed four times per timeout.
 const WATCHDOG: (&str, &str) = ("WATCHDOG_USEC", "400000");
-/// Wait for a message that must not arrive: five times the watchdog's timeout.
+/// Time to wait for a message that must not arrive: five times the watchdog's timeout.
 const SILENCE: Duration = Duration::from_secs(2);
-/// Maximum wait for a message. It only ends a failed test.
+/// Maximum time to wait for a message. It is reached only in a failed test.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Returns the next datagram at the manager's socket, or `None` after `limit`.
+/// Returns the next datagram received by the manager's socket, or `None` after `limit`.
 fn receive(manager: &UnixDatagram, limit: Duration) -> Option<String> {
     let mut message = [0; 4096];
     manager.set_read_timeout(Some(limit)).unwrap();
@@ -50,7 +50,7 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 3);
     let mut count = 0.0;
     for _ in 0..2 {
-        // Fed while the sensor publishes, at any speed of the machine.
+        // The watchdog is fed while the sensor publishes, regardless of the speed of the machine.
         let mut feeds = 0;
         wait_for("three feeds", || {
             let start_ns = monotonic_ns();
@@ -68,7 +68,7 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
                 .count();
             feeds >= 3
         });
-        // Ticks still in transit may feed it once.
+        // Ticks still in transit may feed the watchdog once.
         let late = receive(&manager, SILENCE);
         assert!(late.is_none() || receive(&manager, SILENCE).is_none(), "fed without ticks");
         assert_eq!(running.services().len(), 5, "all services are running");
@@ -80,7 +80,7 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
     assert_eq!(receive(&manager, Duration::from_millis(1)), None);
 }
 
-/// Runs a simulation of one second with an abstract socket. Returns all its notifications.
+/// Runs a one-second simulation with an abstract socket. Returns all its notifications.
 fn run_with(environment: &[(&str, &str)]) -> Vec<String> {
     let system = System::new("");
     let manager = UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&system.name).unwrap()).unwrap();

@@ -59,8 +59,8 @@ fn query(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Swaps the stage of a slot. Retries a swap that was aborted because the machine was too slow;
-/// such a swap loses nothing.
+/// Swaps the stage of a slot. Retries a swap that was aborted because the machine was too slow,
+/// since such a swap loses nothing.
 fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
         let report = query(system, &["swap", slot, to]);
@@ -199,7 +199,7 @@ fn program_ends_with_its_service() {
 
 #[test]
 fn external_stage_reports_difference_as_shadow() {
-    // A low rate, so that a stage in Python keeps up on a busy machine.
+    // The low rate lets a stage in Python keep up on a busy machine.
     let system = system_with_stage("python3", "[ingest.sim]\nrate_hz = 50\n");
     let running = start_system(&system, &[]);
     let shadowed = |seconds: &str| -> Value {
@@ -213,7 +213,7 @@ fn external_stage_reports_difference_as_shadow() {
         assert!(output.status.success() || ended, "{text}{}", String::from_utf8_lossy(&output.stderr));
         last
     };
-    // The start of a program takes longer on a busy machine.
+    // Starting a program takes longer on a busy machine.
     let mut shadows = ["3", "10", "30"].into_iter().map(shadowed);
     let difference = shadows.find(|difference| difference["ticks"].as_u64() > Some(50)).unwrap();
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
@@ -304,8 +304,8 @@ fn stage_with_defects_fails_their_checks() {
     let system = system_with_stage("cc", "");
     let path = system.path("my-fuser/my_fuser.c");
     let mut text = fs::read_to_string(&path).unwrap();
-    // The first change keeps a value outside the state. The second yields NaN without an
-    // inclination.
+    // The first change keeps a value outside the state. The second makes the output NaN if there is
+    // no inclination.
     for (from, to) in [
         (
             "state.attitude = plumbline_rotated(",
@@ -342,7 +342,7 @@ fn endless_output_is_drained_and_its_end_shown() {
     let out = system.path("out.csv");
     let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let course = || service(&system, "course");
-    // More than a pipe holds: 1 MiB at one step and 4 KiB at every other step.
+    // The stage writes more than a pipe holds: 1 MiB at one step and 4 KiB at every other step.
     wait_for("400 ticks", || course()["ticks"].as_u64() > Some(400));
     let first = course();
     assert_eq!(first["restarts"], 0, "{first}");
@@ -364,7 +364,7 @@ fn invalid_output_resets_stage_and_is_flagged() {
 
 #[test]
 fn permanent_failure_stops_system_if_configured() {
-    // A program that exits has time to report the reason.
+    // These limits give a program that exits time to report the reason.
     let rule = "[restart]\nsilence_s = 2\nmin_uptime_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";
     for (fault, text) in [
         ("gives-nan-always", "`own` returned a course outside [0, 2π), also after a reset"),
@@ -405,7 +405,8 @@ fn program_errors_are_reported() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// Build options: the mathematics is optimised fully, the checks a little, everything else not.
+/// Build options. The mathematics is fully optimised, the checks slightly and everything else not
+/// at all.
 const BUILD_OPTIONS: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",
@@ -420,7 +421,7 @@ fn new_rust_stage_conforms_and_swaps_in_every_slot() {
     let stage = |slot: &str| format!("[stages.my-{slot}]\nslot = \"{slot}\"\ncommand = [\"./my-{slot}-program\"]\n");
     let system = System::new(&SLOTS.map(|(slot, _)| stage(slot)).concat());
     let source = env!("CARGO_MANIFEST_DIR");
-    // The target folder of this test run is reused.
+    // Reuses the target folder of this test run.
     let target: PathBuf = Path::new(env!("CARGO_BIN_EXE_plumb")).parent().unwrap().parent().unwrap().into();
     let build = |slot: &str| {
         let name = format!("my-{slot}");
@@ -439,7 +440,7 @@ fn new_rust_stage_conforms_and_swaps_in_every_slot() {
         }
         copy_program(&target.join("release").join(&name), &system.path(&format!("{name}-program")));
     };
-    // Cargo builds one stage at a time. One is tested while the next is built.
+    // Cargo builds one stage at a time, so one stage is tested while the next is built.
     thread::scope(|scope| {
         for (slot, _) in SLOTS {
             let build = &build;

@@ -8,7 +8,7 @@ use rustix::process::Signal;
 
 /// Returns the files of the system in `/dev/shm` with names ending in `kind`.
 ///
-/// An empty `kind` selects all files, the name of the system selects its folder.
+/// An empty `kind` selects all files. The name of the system selects its folder.
 pub(crate) fn files(system: &System, kind: &str) -> Vec<PathBuf> {
     let all = system.leftovers().into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
     all.filter(|path| path.to_str().unwrap().ends_with(kind)).collect()
@@ -18,7 +18,7 @@ pub(crate) fn remove(paths: &[PathBuf]) {
     assert!(!paths.is_empty());
     for path in paths {
         let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-        // The owner may have removed the file meanwhile.
+        // The owner may have removed the file in the meantime.
         assert!(removed.is_ok() || !path.exists(), "{}: {removed:?}", path.display());
     }
 }
@@ -27,7 +27,7 @@ fn pids(running: &Running) -> Vec<u32> {
     running.all_services().into_iter().map(|(_, pid)| pid).collect()
 }
 
-/// Removes files of one kind after the other and kills a service after each removal.
+/// Removes one kind of file after another and kills a service after each removal.
 fn assert_restarts_without_loss(cases: &[(&str, &str)]) {
     let system = System::new("");
     let out = system.path("out.csv");
@@ -53,7 +53,7 @@ fn assert_restarts_without_loss(cases: &[(&str, &str)]) {
 
 #[test]
 fn system_with_removed_files_restarts_without_loss() {
-    // All files, like logind with RemoveIPC=yes.
+    // Removes all files, as logind does with RemoveIPC=yes.
     assert_restarts_without_loss(&[("", "fuser"), ("", "ingest"), ("", "course")]);
 }
 
@@ -69,7 +69,7 @@ fn system_with_removed_files_restarts_on_swap() {
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
     let before = pids(&running);
-    // The folder holds the supervisor's socket and stays.
+    // The folder contains the supervisor's socket and is kept.
     let without_folder: Vec<_> = files(&system, "").into_iter().filter(|path| !path.is_dir()).collect();
     remove(&without_folder);
     for fix in [&[][..], &["--fix"]] {

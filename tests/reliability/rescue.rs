@@ -9,7 +9,7 @@ use messages::SensorReading;
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Creates a system with a course stage that has this fault in every incarnation.
+/// Creates a system with a course stage that fails in this way in every incarnation.
 fn system_with_failing_stage(buffer: &str, fault: &str, rule: &str) -> System {
     let stage =
         |name: &str| format!("[stages.{name}]\nslot = \"course\"\ncommand = [{:?}, \"{name}\"]\n", faulty_executable());
@@ -78,7 +78,7 @@ fn swap_replaces_failed_stage_and_counts_loss() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     wait_for("the slot to fail", || service_status(&system, "course")["state"] == "failed");
-    // Longer than the topic buffers.
+    // Waits longer than the topic buffers last.
     std::thread::sleep(Duration::from_secs(4));
     let report = system.swap(&["course", "angles"]);
     println!("{report}");
@@ -135,7 +135,7 @@ fn replacement_that_fails_leaves_slot_unchanged() {
 
 #[test]
 fn swap_before_first_tick_waits_for_it() {
-    // Requested as early as possible.
+    // Requests the swap as early as possible.
     let system = System::new("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);

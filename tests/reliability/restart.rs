@@ -10,7 +10,8 @@ use std::{
 use crate::common::{Run, Running, System, copy_program, signal, wait_for};
 use rustix::process::Signal;
 
-/// Runs `launch`, disturbs it, and compares the output with an undisturbed run of as many ticks.
+/// Runs `launch`, disturbs it, and compares the output with an undisturbed run of the same number
+/// of ticks.
 fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
     let system = System::new(launch);
     let out = system.path("out.csv");
@@ -26,7 +27,8 @@ fn restarts(run: &Run, service: &str) -> u64 {
     services.iter().find(|one| one["name"] == service).unwrap()["restarts"].as_u64().unwrap()
 }
 
-/// Kills `count` incarnations of a service, after a pause of `pause_ms` each. None is killed twice.
+/// Kills `count` incarnations of a service, each after a pause of `pause_ms`. No incarnation is
+/// killed twice.
 fn kill_repeatedly(running: &Running, service: &str, count: usize, pause_ms: u64) {
     let mut dead = None;
     for _ in 0..count {
@@ -67,7 +69,8 @@ fn service_terminated_from_outside_is_restarted() {
     let services = ["ingest", "gyro", "accel", "fuser", "course"];
     let run = assert_undisturbed("", &[], |running| {
         for service in services {
-            // /proc is not read meanwhile: reading that of a dying process delays its parent.
+            // Does not read /proc during the pause, because reading the entry of a dying process
+            // delays its parent.
             pause(600);
             signal(running.service(service), Signal::TERM);
         }
@@ -186,7 +189,7 @@ fn kill_and_freeze_successor(running: &Running, service: &str) -> u32 {
     let killed = running.service(service);
     signal(killed, Signal::KILL);
     let deadline = Instant::now() + Duration::from_secs(60);
-    // No pause: the first health message follows within milliseconds.
+    // Polls without a pause, because the first health message follows within milliseconds.
     while Instant::now() < deadline {
         if let Some((_, pid)) = running.services().into_iter().find(|(name, pid)| name == service && *pid != killed) {
             signal(pid, Signal::STOP);

@@ -1,5 +1,4 @@
-//! Gaps in the report and the output file: they are reported, counted and reflected in the exit
-//! code.
+//! Gaps in the report and the output file are reported, counted and reflected in the exit code.
 //!
 //! The attitude itself is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
@@ -38,7 +37,7 @@ fn ticks_missed_by_frozen_supervisor_are_not_lost() {
     system.wait_until_running();
     assert_eq!(record(&system)["result"], "ok");
     signal(running.pid(), Signal::STOP);
-    // Longer than buffer_s.
+    // Measures for longer than `buffer_s`.
     let rates = json(&["topic", "hz", "attitude", "--seconds", "4"], &system);
     signal(running.pid(), Signal::CONT);
     assert!(rates["messages"].as_u64() > Some(3000), "{rates}");

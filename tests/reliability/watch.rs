@@ -9,9 +9,9 @@ fn stage_in(system: &System, slot: &str) -> Option<String> {
     Some(one["stage"].as_str()?.to_owned())
 }
 
-/// Returns a watch of `wz-open`.
+/// Returns the `[[watch]]` section for the stage `wz-open`.
 ///
-/// That stage ignores the simulated bias, so in motion it diverges slowly from the default.
+/// That stage ignores the simulated bias, so in motion it slowly diverges from the default stage.
 fn watch(bounds: &str) -> String {
     format!("[[watch]]\nslot = \"fuser\"\nstage = \"wz-open\"\nmeasure = \"inclination\"\n{bounds}\n")
 }

@@ -1,6 +1,6 @@
 //! `plumb` with a course service and an external course stage that have faults.
 //!
-//! If the slot course of a system has the stage `command = [FAULTY, FAULT]`, the service itself has
+//! If the course slot of a system has the stage `command = [FAULTY, FAULT]`, the service itself has
 //! that fault. With `command = [FAULTY, "hosted", FAULT]`, a correct service hosts a program with
 //! the fault.
 #![allow(clippy::unwrap_used, reason = "a test executable may panic")]
@@ -173,7 +173,7 @@ impl Slot for Faulty {
 }
 
 impl Faulty {
-    /// Sleeps when the decision that names this incarnation arrives.
+    /// Sleeps when a decision names this incarnation as the owner.
     fn sleep_when_decided(&mut self) {
         let (mut named, incarnation) = (false, self.incarnation);
         self.control.drain(64, |control| named |= control.owner == incarnation).unwrap();
@@ -183,7 +183,7 @@ impl Faulty {
     }
 }
 
-/// `FusedState` as another version could define it.
+/// `FusedState` as a different version of the software could define it.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct OtherState {

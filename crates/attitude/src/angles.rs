@@ -4,13 +4,12 @@
 //!
 //! Output: angles of the sequence ψ about ζ, ϑ about ξ, γ about η.
 //!
-//! Failure: none. At ϑ = ±90° yaw and roll are not unique; only their sum or difference is
-//! meaningful.
+//! Failure: at ϑ = ±90° yaw and roll are not unique; only their sum or difference is meaningful.
 
 use crate::{Vector3, rotation::Rotation, state::Attitude};
 
-/// Smallest cos ϑ at which yaw and roll are separated. Below it they would consist of rounding
-/// errors.
+/// Smallest cos ϑ at which yaw and roll are computed separately. Below it, both would consist of
+/// rounding errors.
 const MIN_PITCH_COSINE: f64 = 1e-8;
 
 /// Yaw ψ counter-clockwise from above, pitch ϑ nose up and roll γ right side down — Matveev 2025,
@@ -39,7 +38,7 @@ impl Attitude {
 
     /// Returns yaw, pitch and roll — Matveev 2025, (23)–(25), with the two-argument arctangent.
     ///
-    /// Pitch uses the arctangent, too, which is exact up to the vertical.
+    /// Pitch is also computed with the arctangent, which stays exact up to the vertical.
     pub fn angles(self) -> Angles {
         let (u, v) = (self.up.w.re, self.up.w.im);
         let rho = u * u + v * v;
@@ -48,8 +47,8 @@ impl Attitude {
         let (east, north) = (1.0 + u * u - v * v, 2.0 * u * v);
         let level = libm::hypot(2.0 * u, 1.0 - rho);
         if level < MIN_PITCH_COSINE * (1.0 + rho) {
-            // Only the sum or difference of yaw and roll is defined. All of it is yaw, from the
-            // first row of A.
+            // Only the sum or difference of yaw and roll is defined. All of it is assigned to yaw,
+            // from the first row of A.
             let across = 1.0 - u * u + v * v;
             let yaw_rad = libm::atan2(across * sin - north * cos, across * cos + north * sin);
             return Angles { yaw_rad, pitch_rad: libm::atan2(sign * 2.0 * v, level), roll_rad: 0.0 };

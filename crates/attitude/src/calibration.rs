@@ -8,7 +8,7 @@
 //! Failure: an invalid calibration or mounting is rejected on construction.
 //!
 //! The order is fixed: `body = mounting.apply(calibration.apply(raw))`. A calibration belongs to
-//! the sensor and moves with it, a mounting belongs to the vehicle; a bias is therefore in raw axes
+//! the sensor and moves with it; a mounting belongs to the vehicle. A bias is therefore in raw axes
 //! and raw units.
 
 use core::fmt;
@@ -17,8 +17,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 
 use crate::{Matrix3, Quaternion, Vector3, angles::Angles, state::Attitude};
 
-/// Maximum deviation of an element of M Mᵀ from the identity. Rotations given to three decimals
-/// pass.
+/// Maximum deviation of an element of M Mᵀ from the identity. It admits rotations given to three
+/// decimals.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
 /// Minimum volume spanned by the rows of a calibration matrix after normalisation.
@@ -57,7 +57,7 @@ impl Calibration {
         if volume >= MIN_VOLUME { Ok(Self { bias, matrix }) } else { Err(CalibrationError::Singular) }
     }
 
-    /// Creates a calibration from the parts of a data sheet: M = misalignment · diag(scale).
+    /// Creates a calibration from data-sheet values: M = misalignment · diag(scale).
     ///
     /// `scale` is in SI units per raw unit on each raw axis, 1 for a sensor with SI output.
     /// `misalignment` converts the scaled axes to an orthogonal frame. It is the inverse of the
@@ -104,8 +104,8 @@ impl Mounting {
     /// `x-forward-y-left`.
     ///
     /// The directions are right, left, forward, back, up and down; z completes the right-handed
-    /// frame. There are 24 names. Three of them have a short form with the directions of x, y and
-    /// z: `rfu` (native), `flu` (ROS), `frd` (PX4, MAVLink).
+    /// frame. There are 24 names. Three of them also have a short form made of the initials of the
+    /// directions of x, y and z: `rfu` (native), `flu` (ROS), `frd` (PX4, MAVLink).
     ///
     /// # Errors
     ///
@@ -120,10 +120,10 @@ impl Mounting {
 
     /// Creates a mounting from the attitude of the sensor in the body.
     ///
-    /// The rotations, starting at the body axes, are yaw about ζ, then pitch about ξ, then roll
-    /// about η. A sensor with its x axis to the right has yaw 0; yaw is counter-clockwise from
-    /// above, pitch raises its y axis, roll lowers its x axis. M = A(ψ, ϑ, γ)ᵀ — Matveev 2025,
-    /// (22).
+    /// The sensor's axes are obtained from the body axes by a yaw rotation about ζ, then a pitch
+    /// rotation about ξ, then a roll rotation about η. A sensor whose x axis points to the right
+    /// has yaw 0. Yaw is counter-clockwise from above, pitch raises the sensor's y axis, roll
+    /// lowers its x axis. M = A(ψ, ϑ, γ)ᵀ — Matveev 2025, (22).
     ///
     /// # Errors
     ///
@@ -180,8 +180,9 @@ impl Mounting {
         self.matrix * sensor
     }
 
-    /// Returns the attitude of the body from that of the sensor, both as unit quaternions axes →
-    /// reference.
+    /// Returns the attitude of the body for a given attitude of the sensor.
+    ///
+    /// Both are unit quaternions that convert own axes to the reference frame.
     ///
     /// v_ref = q v_sensor q* and v_body = M v_sensor, so q_body = q m*, with m the quaternion of M.
     pub fn attitude(&self, sensor: Quaternion<f64>) -> Quaternion<f64> {
@@ -195,9 +196,9 @@ impl Mounting {
     }
 }
 
-/// Returns the nearest rotation to a matrix that is a rotation up to its last decimals.
+/// Returns the rotation nearest to a matrix that is a rotation except for rounding of its elements.
 ///
-/// M ← M (3 − MᵀM)/2 doubles the number of correct digits with each iteration.
+/// M ← M (3 − MᵀM)/2 doubles the number of correct digits in each iteration.
 fn orthogonalised(matrix: Matrix3<f64>) -> Matrix3<f64> {
     (0..4).fold(matrix, |m, _| m * (Matrix3::identity() * 3.0 - m.transpose() * m) * 0.5)
 }
@@ -218,13 +219,13 @@ fn direction(name: &str) -> Option<Vector3<f64>> {
 /// Error in a calibration or a mounting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CalibrationError {
-    /// A number is infinite or not a number.
+    /// A number is infinite or NaN.
     NotFinite,
     /// The rows of the calibration matrix are not independent.
     Singular,
-    /// The name of the axes is unknown.
+    /// The axis name is unknown.
     UnknownName,
-    /// The quaternion is not of unit length.
+    /// The quaternion does not have unit length.
     NotUnitLength {
         /// Length of the quaternion.
         length: f64,

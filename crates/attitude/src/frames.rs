@@ -4,11 +4,12 @@
 //! are in Plumbline's frames (body right, forward, up; reference east, north, up); *external*
 //! values are in another frame. Native values converted to an external frame contain no −0.
 //!
-//! `docs/reference/conventions.md` has the equations, `docs/reference/conventions.json` test
-//! vectors.
+//! `docs/reference/conventions.md` has the equations, and `docs/reference/conventions.json` has
+//! test vectors.
 //!
-//! External axes are one of three permutations of the native axes, the same for body and reference:
-//! the identity; (second, −first, third); (second, first, −third). The first two differ by a
+//! External axes are obtained from the native axes by one of three permutations, which are the same
+//! for body and reference: the identity; (second, −first, third); (second, first, −third). The
+//! first two differ by a
 //! quarter turn about the third axis, the first and the last by a half turn about (1, 1, 0).
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
@@ -99,8 +100,7 @@ impl Frame {
     /// Converts native yaw, pitch and roll.
     ///
     /// In every frame these are rotations about the third axis, then the second axis (the first one
-    /// in the native frame), then the axis that points forward. The first and the last are in (−π,
-    /// π].
+    /// in the native frame), then the axis that points forward. Yaw and roll are in (−π, π].
     pub fn angles(self, native: Angles) -> Angles {
         let Angles { yaw_rad, pitch_rad, roll_rad } = native;
         let [yaw_rad, pitch_rad, roll_rad] = match self {
@@ -128,9 +128,9 @@ impl Frame {
 
     /// Converts native u, v and z.
     ///
-    /// w projects the reference's third axis in body axes and z is the rotation about that axis. In
-    /// the inverted chart they are those of the body rotated by π about its right axis, in every
-    /// frame.
+    /// w is the projection of the reference's third axis in body axes, and z is the rotation about
+    /// that axis. In the inverted chart, w and z are those of the body rotated by π about its right
+    /// axis, in every frame.
     pub fn point(self, [u, v]: [f64; 2], z_rad: f64) -> ([f64; 2], f64) {
         let (w, z_rad) = match self {
             Self::EnuRfu => return ([u, v], z_rad),
@@ -156,7 +156,7 @@ impl Body {
         }
     }
 
-    /// Converts a vector of these axes to native axes, exactly: only signs and order change.
+    /// Converts a vector in these axes to native axes, exactly: only signs and order change.
     pub fn to_native(self, [first, second, third]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Rfu => [first, second, third],
@@ -190,7 +190,7 @@ impl Earth {
         self.matching_body().vector(native)
     }
 
-    /// Converts a vector of these axes to native axes.
+    /// Converts a vector in these axes to native axes.
     pub fn to_native(self, external: [f64; 3]) -> [f64; 3] {
         self.matching_body().to_native(external)
     }
@@ -247,9 +247,10 @@ fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
     names.iter().find(|(_, other)| *other == one).map_or("", |(name, _)| name)
 }
 
-/// Rotations b with v_external = b v_native b*: a quarter turn about the third axis, and a half
-/// turn about (1, 1, 0).
+/// Rotation b with v_external = b v_native b* for forward, left, up: a quarter turn about the third
+/// axis.
 const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
+/// Rotation b for forward, right, down: a half turn about (1, 1, 0).
 const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
@@ -263,7 +264,7 @@ impl Body {
     }
 }
 
-/// Converts a native quaternion, w x y z, to one from the axes `body` to the axes `earth`: e q b*.
+/// Converts a native quaternion w x y z to the quaternion e q b* from `body` axes to `earth` axes.
 ///
 /// If body and reference differ from the native axes by the same permutation, only signs and order
 /// change.
@@ -275,8 +276,7 @@ pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f6
         .map(without_negative_zero)
 }
 
-/// Converts a quaternion, w x y z, from the axes `body` to the axes `earth` to a native one: e* q
-/// b.
+/// Converts a quaternion w x y z from `body` axes to `earth` axes to the native quaternion e* q b.
 pub fn quaternion_to_native(earth: Earth, body: Body, external: [f64; 4]) -> [f64; 4] {
     let [w, x, y, z] = external;
     match (earth, body) {

@@ -2,7 +2,7 @@
 
 use crate::{Vector3, scalars::Scalars};
 
-/// Velocity fix, at the tick at which it arrived.
+/// Velocity fix. A stage receives it at the tick of its arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fix {
     /// Velocity over ground, m/s, east, north, up.

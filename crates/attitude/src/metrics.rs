@@ -5,7 +5,7 @@
 //!
 //! Output: angles in degrees, and their RMSE over many samples.
 //!
-//! Failure: none for quaternions that are finite and not zero; their length does not matter.
+//! Failure: quaternions must be finite and not zero. Their length does not matter.
 //!
 //! Laidig et al., BROAD, *Data* 6(7):72, 2021: e = q_est q_ref*, in earth axes. Every angle uses
 //! the two-argument arctangent, which is exact near 0° and near 180°, where the arc cosine is not.
@@ -111,14 +111,14 @@ impl Accuracy {
         self.count
     }
 
-    /// Returns the root mean squares, or `None` without a sample.
+    /// Returns the root mean squares, or `None` if there are no samples.
     pub fn rmse(&self) -> Option<AttitudeError> {
         let count = self.count as f64;
         (self.count > 0).then(|| self.squares.zip_with(&self.squares, |sum, _| libm::sqrt(sum / count)))
     }
 
-    /// Returns the mean of each angle, such as over the trials of a benchmark, or `None` for no
-    /// errors.
+    /// Returns the mean of each angle, for instance over the trials of a benchmark, or `None` if
+    /// there are no errors.
     pub fn mean(errors: impl IntoIterator<Item = AttitudeError>) -> Option<AttitudeError> {
         let mut sum = AttitudeError::default();
         let mut count = 0.0;
@@ -168,12 +168,13 @@ mod tests {
 
     #[test]
     fn error_is_resolved_in_earth_axes() {
-        // The body lies on its side. A rotation of the estimate about the earth's vertical is
-        // heading, whatever the body's axes.
+        // The body lies on its side. A rotation of the estimate about the earth's vertical counts
+        // as heading, regardless of the body's axes.
         let truth = Quaternion::new(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0);
         let about_vertical = Quaternion::new(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
         assert_near(AttitudeError::between(about_vertical * truth, truth), [90.0, 90.0, 0.0]);
-        // The same rotation about the body's ζ, which is horizontal, is inclination.
+        // A rotation by the same angle about the body's ζ axis, which is horizontal, counts as
+        // inclination.
         assert_near(AttitudeError::between(truth * about_vertical, truth), [90.0, 0.0, 90.0]);
     }
 

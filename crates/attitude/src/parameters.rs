@@ -38,7 +38,7 @@ pub trait Parameters {
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError>;
 }
 
-/// Error when a parameter is set.
+/// Error from setting a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParameterError {
     /// The stage has no parameter of that name.

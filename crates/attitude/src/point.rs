@@ -4,7 +4,7 @@
 //!
 //! Output: a point with |w| ≤ 1 in one of two charts.
 //!
-//! Failure: a zero vector or one that is not finite has no point.
+//! Failure: a vector that is zero or not finite has no point.
 
 use crate::{Complex, Vector3, scalars::Scalars};
 
@@ -64,7 +64,7 @@ impl Point {
         (norm > f64::MIN_POSITIVE && norm.is_finite()).then(|| Self::from_direction_and_norm(direction, norm))
     }
 
-    /// Projects a direction whose norm is known, finite and above 0.
+    /// Projects a direction with the given norm, which must be finite and above 0.
     #[inline]
     pub(crate) fn from_direction_and_norm(direction: Vector3<f64>, norm: f64) -> Self {
         let chart = if direction.z >= 0.0 { Chart::Upright } else { Chart::Inverted };
@@ -81,11 +81,11 @@ impl Point {
         self.chart.flip(Vector3::new(2.0 * self.w.re, 2.0 * self.w.im, 1.0 - rho) * scale)
     }
 
-    /// Returns w of this direction in `chart`, with |w| limited to `max_modulus` in the other
-    /// chart.
+    /// Returns the coordinate w of this direction in `chart`.
     ///
-    /// The pole of a chart is at infinity; sums of points need a finite substitute in the same
-    /// direction.
+    /// The pole of a chart is at infinity, but sums of points need a finite substitute in the same
+    /// direction. If the direction is stored in the other chart, |w| is therefore limited to
+    /// `max_modulus`.
     pub fn w_in_chart(self, chart: Chart, max_modulus: f64) -> Complex<f64> {
         if self.chart == chart {
             return self.w;

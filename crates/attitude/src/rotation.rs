@@ -2,7 +2,7 @@
 //!
 //! Input: a rotation vector in body axes.
 //!
-//! Output: the pair (p, s), which stands for the unit quaternion δ = d0 + d1 i + d2 j + d3 k with p
+//! Output: the pair (p, s), which represents the unit quaternion δ = d0 + d1 i + d2 j + d3 k with p
 //! = d0 + j d3 and s = d1 + j d2.
 
 use crate::{Complex, Quaternion, Vector3, point::Chart, scalars::Scalars};
@@ -49,11 +49,11 @@ impl Rotation {
         Self { p: self.p * next.p - self.s * next.s.conj(), s: self.p * next.s + self.s * next.p.conj() }
     }
 
-    /// Subtracts a small rotation that is spread over this one, given as half its vector h, rad,
-    /// body axes.
+    /// Subtracts a small rotation that is spread over this one.
     ///
-    /// Computes δ − ½ (δ h + h δ), which is exact to θ² |h|/3 in a rotation by 2θ. The result is
-    /// not of unit length, which a Möbius map does not need.
+    /// The small rotation is given as half its rotation vector h, rad, body axes. Computes δ − ½ (δ
+    /// h + h δ), which is exact to θ² |h|/3 in a rotation by 2θ. The result does not have unit
+    /// length, which a Möbius map does not need.
     #[inline]
     pub(crate) fn minus_half_angle(self, half_rad: Vector3<f64>) -> Self {
         let along = half_rad.x * self.s.re + half_rad.y * self.s.im + half_rad.z * self.p.im;
@@ -63,8 +63,8 @@ impl Rotation {
         }
     }
 
-    /// Subtracts a small fraction of this rotation about each body axis. The result is not of unit
-    /// length.
+    /// Subtracts a small fraction of this rotation about each body axis. The result does not have
+    /// unit length.
     #[inline]
     pub(crate) fn minus_fraction(self, fraction: Vector3<f64>) -> Self {
         Self {
@@ -73,8 +73,8 @@ impl Rotation {
         }
     }
 
-    /// Returns a vector fixed in space, given in body axes before the rotation, in body axes after
-    /// it: δ* v δ.
+    /// Converts a vector that is fixed in space from the body axes before the rotation to those
+    /// after it: δ* v δ.
     #[inline]
     pub(crate) fn apply_inverse(self, body: Vector3<f64>) -> Vector3<f64> {
         let axis = Vector3::new(self.s.re, self.s.im, self.p.im);
@@ -98,8 +98,8 @@ impl Scalars for Rotation {
     }
 }
 
-/// Returns cos x and sin x / x for x², by series while these are exact to the last bit. An infinite
-/// x yields no rotation.
+/// Returns cos x and sin x / x for x². Uses series as long as they are exact to the last bit. An
+/// infinite x yields no rotation.
 #[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {

@@ -1,8 +1,8 @@
 //! Traversal of the numbers that make up a value, always in the same order.
 //!
-//! Snapshots are built from these numbers, and a stage in another process receives them.
+//! Snapshots consist of these numbers, and they are sent to stages in another process.
 //!
-//! Failure: none. Code that restores numbers validates the resulting value.
+//! Failure: code that restores numbers must validate the resulting value.
 
 use crate::{Complex, Quaternion, Vector3};
 
@@ -27,7 +27,7 @@ impl Scalars for bool {
     }
 }
 
-/// Visited as the presence, then the numbers of the value; those of the default value if absent.
+/// Visited as a presence flag, then the numbers of the value, or of the default value if absent.
 impl<T: Scalars + Default> Scalars for Option<T> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let mut present = self.is_some();

@@ -19,8 +19,8 @@ use crate::{
 
 /// Validation of a stage's output.
 pub trait Validate {
-    /// Returns the reason if the value is invalid: a number is not finite or a rotation is not of
-    /// unit length.
+    /// Returns why the value is invalid (a number is not finite or a rotation does not have unit
+    /// length), or `None` if it is valid.
     fn validation_error(&self) -> Option<&'static str>;
 }
 
@@ -36,7 +36,7 @@ pub trait Stage {
     type Input;
     /// Output that the slot publishes.
     type Output;
-    /// State that every stage of the slot can hand over to every other stage of the slot.
+    /// State that any stage of the slot can hand over to any other.
     type Common: Copy;
 
     /// Returns the name that selects the stage in a launch file or a swap request.
@@ -68,7 +68,8 @@ pub trait Stage {
     /// Visits every number of the state, always in the same order.
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64));
 
-    /// Returns the reason if a state of finite numbers is invalid, such as a negative variance.
+    /// Returns why a state of finite numbers is invalid, such as a negative variance, or `None` if
+    /// it is valid.
     fn validation_error(&self) -> Option<&'static str> {
         None
     }
@@ -83,8 +84,7 @@ pub trait Stage {
     /// Returns a [`RestoreError`] if the state is invalid. The stage is unchanged.
     fn adopt(&mut self, common: &Self::Common) -> Result<(), RestoreError>;
 
-    /// Returns the error of a stage that has failed permanently. Its outputs are meaningless from
-    /// then on.
+    /// Returns the error if the stage has failed permanently. Its outputs are then meaningless.
     ///
     /// Only stages in a separate process can fail.
     fn failure(&self) -> Option<&dyn core::error::Error> {
@@ -139,7 +139,7 @@ pub struct Snapshot {
     pub values: [f64; MAX_STATE_VALUES],
     /// Number of values in use.
     pub len: usize,
-    /// Checksum of the values, which detects damage in transit.
+    /// Checksum of the values, to detect corruption in transit.
     pub checksum: u64,
 }
 
@@ -156,8 +156,8 @@ impl Snapshot {
     ///
     /// # Errors
     ///
-    /// Returns a [`RestoreError`] for another stage, another length, a value that is not finite or
-    /// a wrong checksum.
+    /// Returns a [`RestoreError`] if the stage or the number of values differs, a value is not
+    /// finite or the checksum is wrong.
     pub fn validate(&self, stage: &'static str, expected: usize) -> Result<(), RestoreError> {
         if self.stage != stage {
             return Err(RestoreError::OtherStage { expected: stage, found: self.stage });
@@ -177,7 +177,7 @@ impl Snapshot {
 pub enum RestoreError {
     /// The state belongs to another stage.
     OtherStage {
-        /// Name of the stage that restores.
+        /// Name of the restoring stage.
         expected: &'static str,
         /// Name of the stage that wrote the snapshot.
         found: &'static str,
@@ -189,7 +189,7 @@ pub enum RestoreError {
         /// Number of values in the snapshot.
         found: usize,
     },
-    /// A value is infinite or not a number.
+    /// A value is infinite or NaN.
     NotFinite {
         /// Index of the first such value.
         index: usize,
@@ -240,13 +240,15 @@ impl Attitude {
     }
 }
 
-/// Returns the reason if an attitude exceeds the bounds of its chart or is not a number.
+/// Returns why an attitude is invalid (outside the bounds of its chart, or NaN), or `None` if it is
+/// valid.
 pub fn attitude_validation_error(attitude: Attitude) -> Option<&'static str> {
     let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
     (!inside).then_some("an attitude outside its chart")
 }
 
-/// Returns the reason if a gyro bias of finite components exceeds 10 rad/s.
+/// Returns why a gyro bias of finite components is invalid (above 10 rad/s), or `None` if it is
+/// valid.
 pub fn bias_validation_error(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
     (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

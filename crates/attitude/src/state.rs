@@ -4,7 +4,8 @@
 //!
 //! Output: an attitude bounded in its chart, |w| ≤ 1.2.
 //!
-//! Failure: none, because every attitude has a chart in which it is far from the pole.
+//! Failure: no operation fails, because every attitude has a chart in which it is far from the
+//! pole.
 
 use core::f64::consts::{PI, TAU};
 
@@ -15,9 +16,10 @@ use crate::{
     scalars::Scalars,
 };
 
-/// Maximum |w|². Beyond it the chart changes.
+/// Maximum |w|², above which the chart changes.
 ///
-/// The modulus 1.2 leaves a hysteresis, so that attitudes near the equator do not switch back and
+/// The modulus of 1.2 provides hysteresis, so that attitudes near the equator do not switch charts
+/// back and forth.
 /// forth.
 const MAX_CHART_NORM_SQUARED: f64 = 1.44;
 
@@ -39,7 +41,8 @@ pub struct Attitude {
 pub struct AttitudeUpdate {
     /// New attitude.
     pub attitude: Attitude,
-    /// Factor e^{−j Δz} for horizontal vectors in the level frame, which was rotated by Δz.
+    /// Factor e^{−j Δz} for horizontal vectors in the level frame, because that frame was rotated
+    /// by Δz.
     pub level_frame_rotation: Complex<f64>,
 }
 
@@ -141,13 +144,13 @@ impl Attitude {
 
     /// Rotates the body and tilts the level frame in one step, and returns the new body axes.
     ///
-    /// `tilt` is a point of the level frame before the rotation. `azimuth` is the unit number that
-    /// takes the level frame to a frame that does not rotate about the vertical. The returned axes
-    /// are in the latter.
+    /// `tilt` is a point of the level frame before the rotation. `azimuth` is the complex number of
+    /// modulus 1 that converts the level frame to a frame that does not rotate about the vertical.
+    /// The returned axes are in the latter.
     ///
     /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w, with
-    /// l the tilt: the composition of both maps. With the azimuth r⁺ = r M²/|M|² the axes need one
-    /// division, by |M|² + |N|².
+    /// l the tilt: the composition of both maps. With the azimuth r⁺ = r M²/|M|² the axes need only
+    /// one division, by |M|² + |N|².
     #[inline]
     pub(crate) fn rotate_and_tilt(
         &mut self,
@@ -196,8 +199,8 @@ impl Attitude {
         self.tilted(tilt)
     }
 
-    /// Returns the horizontal part ξ + j η of a body vector in the level frame, the reference frame
-    /// rotated by z.
+    /// Returns the horizontal part ξ + j η of a body vector in the level frame, which is the
+    /// reference frame rotated by z.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.
     #[inline]
@@ -222,7 +225,8 @@ impl Attitude {
         BodyAxes { horizontal: [azimuth - scaled_tilt * w.re, second, scaled_tilt * -sign], up }
     }
 
-    /// Returns the image numerator/m of a Möbius map, in the chart where it is far from the pole.
+    /// Returns the image numerator/m of a Möbius map, in the chart in which it is far from the
+    /// pole.
     #[inline]
     fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> AttitudeUpdate {
         let size2 = m.norm_sqr();
@@ -278,7 +282,7 @@ fn double_arg(m: Complex<f64>) -> f64 {
     2.0 * arg(m)
 }
 
-/// Returns arg m, rad, (−π, π]. The small angles of one sample use a series.
+/// Returns arg m, rad, (−π, π]. Small angles, as within one sample, use a series.
 #[inline]
 pub(crate) fn arg(m: Complex<f64>) -> f64 {
     let t = m.im / m.re;

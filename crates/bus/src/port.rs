@@ -148,7 +148,7 @@ impl BusTopic {
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
     fn send(&self, message: &[u8]) -> Result<(), BusError>;
-    /// Delivers the buffered history to subscribers that joined since the last call or message.
+    /// Delivers the buffered history to subscribers that joined since the last message or call.
     fn deliver_history(&self) -> Result<(), BusError>;
 }
 

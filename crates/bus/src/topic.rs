@@ -144,7 +144,7 @@ impl<M: Message> Publisher<M> {
         self.waker.next_tick()
     }
 
-    /// Delivers the buffered history to subscribers that joined since the last call or message.
+    /// Delivers the buffered history to subscribers that joined since the last message or call.
     pub fn deliver_history(&self) -> Result<(), BusError> {
         self.port.deliver_history()
     }
@@ -181,7 +181,7 @@ pub struct Subscriber<M: Message> {
 }
 
 impl<M: Message> Subscriber<M> {
-    /// Returns the oldest unread message, or `None` if there is none.
+    /// Returns the oldest unread message, or `None` if all messages have been read.
     pub fn receive(&self) -> Result<Option<M>, BusError> {
         let mut message = None;
         if !self.port.receive(&mut |bytes| message = bytemuck::try_pod_read_unaligned(bytes).ok())? {

@@ -215,7 +215,7 @@ impl Format for Lines {
             if bytes.len() < MAX_LINE_BYTES {
                 return ParseOutcome::Incomplete;
             }
-            // The rest of the overlong line must not be read as a line of its own.
+            // The rest of the overlong line must not be read as a separate line.
             self.is_synchronised = false;
             return ParseOutcome::Skip(MAX_LINE_BYTES);
         };

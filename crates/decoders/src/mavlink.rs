@@ -13,8 +13,8 @@
 //! system is decoded: the selected one, or the first that sends a usable message.
 //!
 //! Axes: forward, right, down is converted to right, forward, up, and north, east, down to east,
-//! north, up. No mounting is needed, because the autopilot has already compensated its own.
 //! north, up. No mounting is needed, because the autopilot has already compensated for its own.
+//!
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
 //!

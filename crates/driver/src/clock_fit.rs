@@ -10,8 +10,8 @@
 //!
 //! Time: supplied by the caller.
 //!
-//! Failure: if the device restarts, or its clock jumps or steps back, the fit follows and counts
-//! it.
+//! Failure: restarts of the device, and jumps and backward steps of its clock, are followed and
+//! counted.
 //!
 //! The host's time is modelled as a linear function of the device's time, fitted by least squares
 //! to the newest points (device, host). Samples arrive with a varying delay, so the result is late
@@ -106,7 +106,8 @@ impl ClockFit {
         Self::default()
     }
 
-    /// Creates a fit for a device whose samples may lack timestamps and arrive at about `rate_hz`.
+    /// Creates a fit for a device that sends samples, possibly without timestamps, at about
+    /// `rate_hz`.
     ///
     /// The number of such samples serves as the device's clock. The true rate may be 0.5 to 1.5
     /// times `rate_hz`.

@@ -2,21 +2,21 @@
 //!
 //! Everything not listed is denied. Zenoh checks whether a rule's key *includes* the key of a
 //! message, but delivers a query to every key that it *intersects*: a query for
-//! `plumbline/v1/alpha/**` reaches the commands of alpha. Queries are therefore allowed only on
+//! `plumbline/v1/alpha/**` would also reach alpha's commands. Queries are therefore allowed only on
 //! keys that cannot intersect a command's key, and commands only on the keys of one vehicle each.
 
 use serde::Serialize;
 
 use crate::{Party, Role};
 
-/// Keys that may be subscribed to: everything that vehicles put. Commands are queries and therefore
-/// not included.
+/// Keys that may be subscribed to: everything that vehicles publish. Commands are queries and are
+/// therefore not included.
 const TELEMETRY_KEYS: &str = "plumbline/v1/**";
 /// Keys that may be queried: last values and schemas.
 const QUERYABLE_KEYS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
 /// Keys of liveliness tokens. `**` alone does not match a chunk that starts with `@`.
 const LIVELINESS_KEYS: &str = "plumbline/v1/*/@live/**";
-/// Keys of the ticks of split systems.
+/// Keys under which the hosts of split systems exchange ticks.
 const CARRY_KEYS: &str = "plumbline/v1/*/@carry";
 /// Subject of clients without a certificate.
 const ANONYMOUS: &str = "plain";
@@ -33,7 +33,7 @@ const ALL_MESSAGE_KINDS: [&str; 9] = [
     "declare_liveliness_subscriber",
 ];
 
-/// Permission of one vehicle to import the ticks of another, as hosts of a split system.
+/// Permission for one vehicle to import the ticks of another. Both are hosts of a split system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Import {
     /// Vehicle that publishes the ticks.
@@ -56,7 +56,7 @@ pub struct AccessList {
 struct Rule {
     id: String,
     permission: &'static str,
-    /// Direction as seen by the router: `ingress` is what the party sends.
+    /// Direction as seen by the router: `ingress` is from the party to the router.
     flows: [&'static str; 1],
     messages: Vec<&'static str>,
     key_exprs: Vec<String>,
@@ -65,7 +65,7 @@ struct Rule {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Subject {
     id: String,
-    /// Common names of the certificates; empty for any client.
+    /// Common names of the certificates. Empty if the subject includes every client.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cert_common_names: Vec<String>,
     link_protocols: [&'static str; 1],
@@ -78,7 +78,7 @@ struct Policy {
 }
 
 impl AccessList {
-    /// Creates the access list of a router for these parties. All others are denied. An import is
+    /// Creates a router's access list for these parties. All other parties are denied. An import is
     /// ignored unless both of its parties are listed.
     pub fn new(parties: &[Party], imports: &[Import]) -> Self {
         let of = |role| parties.iter().filter(move |party| party.role() == role);
@@ -106,14 +106,15 @@ impl AccessList {
 
     /// Creates the access list of a gateway.
     ///
-    /// Clients without a certificate may subscribe and query; they may not put, reply, declare
-    /// liveliness or send commands. With `exports` they may also receive the vehicle's ticks as
-    /// another host of its system. With `certified` clients with a certificate may do everything,
-    /// because the router they come through keeps its own list.
+    /// Clients without a certificate may subscribe and query. They may not put, reply, declare
+    /// liveliness or send commands. With `exports` they may also receive the vehicle's ticks,
+    /// because another host of its system may be such a client. With `certified`, clients with a
+    /// certificate may do everything, because the router through which they connect has its own
+    /// access list.
     pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
         let mut list = Self::deny_all();
         let mut rules = reader_rules(ANONYMOUS);
-        // Between peers a query is sent only to those that have declared a queryable.
+        // Between peers, a query is sent only to peers that have declared a queryable.
         rules.push(allow(format!("{ANONYMOUS} see queryables"), "egress", &["declare_queryable"], QUERYABLE_KEYS));
         if exports {
             let carry = [format!("plumbline/v1/{vehicle}/@carry")];
@@ -166,8 +167,8 @@ impl AccessList {
     }
 }
 
-/// Returns the rules of a vehicle: it publishes and replies below its own name, and receives
-/// queries for its own data and commands.
+/// Returns the rules of a vehicle. It publishes and replies below its own name, and receives
+/// commands and queries for its own data.
 fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     let own = format!("plumbline/v1/{}", vehicle.name());
     let id = |what: &str| format!("{vehicle} {what}");
@@ -182,7 +183,7 @@ fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     ]
 }
 
-/// Returns the rules for ticks of a split system: those the vehicle exports and those it imports.
+/// Returns the rules for the ticks that the vehicle exports to and imports from a split system.
 fn carry_rules<'a>(vehicle: &Party, imports: impl Iterator<Item = &'a Import> + Clone) -> Vec<Rule> {
     let carry = |party: &Party| format!("plumbline/v1/{}/@carry", party.name());
     let id = |what: &str| format!("{vehicle} {what}");
@@ -218,8 +219,8 @@ fn reader_rules(subject: &str) -> Vec<Rule> {
     ]
 }
 
-/// Returns the rules for commands. Each key names one vehicle, so that one query cannot command a
-/// fleet.
+/// Returns the rules for commands. Each key names one vehicle, so that a single query cannot
+/// command several vehicles.
 fn command_rules(commands: &[String]) -> Vec<Rule> {
     if commands.is_empty() {
         return vec![];

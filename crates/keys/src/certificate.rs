@@ -17,7 +17,7 @@ use crate::{Host, KeysError, Party};
 pub const AUTHORITY_DAYS: u32 = 3650;
 /// Default validity of a certificate, days.
 pub const DEFAULT_DAYS: u32 = 365;
-/// Time by which the start of validity is set back, for clocks that are behind.
+/// Time by which validity starts before the time of issue, for clocks that are behind.
 const BACKDATING: Duration = Duration::DAY;
 
 /// Certificate and its private key, as PEM.
@@ -32,7 +32,7 @@ pub struct IssuedCertificate {
 /// Certificate authority.
 pub struct Authority {
     issuer: Issuer<'static, KeyPair>,
-    /// Certificate of the authority as PEM, which every party trusts.
+    /// Certificate of the authority, as PEM. Every party trusts it.
     certificate: String,
 }
 
@@ -73,7 +73,7 @@ impl Authority {
     }
 
     /// Issues a client certificate to a party. With `hosts` it is also a server certificate for
-    /// them.
+    /// these hosts.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ pub struct Contents {
     pub not_before: OffsetDateTime,
     /// End of validity.
     pub not_after: OffsetDateTime,
-    /// Hosts for which it is valid as a server certificate.
+    /// Hosts for which the certificate is valid as a server certificate.
     pub hosts: Vec<Host>,
 }
 

@@ -1,10 +1,10 @@
-//! Zenoh configurations of router, vehicle and ground.
+//! Zenoh configurations for the router, the vehicle and the ground station.
 //!
-//! The configurations are the files of `deploy/zenoh` with hosts and access list filled in.
+//! Each configuration is a file from `deploy/zenoh` with the hosts and the access list filled in.
 
 use crate::{Host, access::AccessList};
 
-/// Path of a party's folder on its machine, as the configurations refer to it.
+/// Path of a party's folder on the party's machine. The configurations refer to it.
 pub const INSTALL_DIR: &str = "/etc/plumbline/keys";
 /// Port on which the router listens.
 pub const ROUTER_PORT: u16 = 7447;

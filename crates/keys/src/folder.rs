@@ -1,4 +1,4 @@
-//! Folder of keys on disk.
+//! Key folder on disk.
 //!
 //! ```text
 //! DIR/authority.pem, authority.key    the authority; its key stays here
@@ -39,7 +39,7 @@ const PRIVATE: u32 = 0o600;
 const PUBLIC: u32 = 0o644;
 const PRIVATE_FOLDER: u32 = 0o700;
 
-/// Folder of keys with its authority.
+/// Key folder with its authority.
 pub struct Keys {
     folder: PathBuf,
     authority: Authority,
@@ -52,11 +52,12 @@ pub struct WrittenFolder {
     pub name: String,
     /// Last day of validity, `YYYY-MM-DD`, UTC.
     pub until: String,
-    /// Folder of the files.
+    /// Folder that contains the files.
     pub folder: PathBuf,
     /// Written files.
     pub files: Vec<PathBuf>,
-    /// Path to which the folder is to be copied; `None` for the authority, which stays here.
+    /// Path to which the folder must be copied; `None` for the authority, because its files stay
+    /// here.
     pub copy_to: Option<&'static str>,
 }
 
@@ -69,15 +70,15 @@ pub struct Holder {
     pub until: String,
     /// Whole days until the certificate expires; negative after expiry.
     pub days_left: i64,
-    /// Whether the party is revoked.
+    /// `true` if the party is revoked.
     pub revoked: bool,
-    /// Vehicles whose ticks the party may import.
+    /// Vehicles from which the party may import ticks.
     pub imports: Vec<Party>,
 }
 
 impl Keys {
-    /// Creates an authority in `folder` and a router certificate for `hosts`, each valid as
-    /// documented in [`certificate`](crate::certificate).
+    /// Creates an authority in `folder` and a router certificate for `hosts`, which is valid for
+    /// `days`. The authority is valid for [`AUTHORITY_DAYS`](crate::certificate::AUTHORITY_DAYS).
     ///
     /// With `force` an existing authority is replaced. Its certificates become invalid and their
     /// folders are removed.
@@ -121,7 +122,7 @@ impl Keys {
         Ok((keys, [own, router]))
     }
 
-    /// Opens an existing folder of keys.
+    /// Opens an existing key folder.
     ///
     /// # Errors
     ///
@@ -155,8 +156,8 @@ impl Keys {
 
     /// Issues a certificate to a party and adds the party to the access list.
     ///
-    /// With `hosts` the certificate is also valid for listening there. A vehicle may import the
-    /// ticks of the vehicles in `imports`.
+    /// With `hosts` it is also a server certificate for these hosts. A vehicle may import the ticks
+    /// of the vehicles in `imports`.
     ///
     /// # Errors
     ///
@@ -309,7 +310,7 @@ impl Keys {
         }
     }
 
-    /// Reads which vehicles import ticks from which others.
+    /// Reads which vehicles import ticks from which other vehicles.
     fn read_imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
         let mut imports = Vec::new();
         for importer in parties {
@@ -349,7 +350,7 @@ fn read(path: &Path) -> Result<String, KeysError> {
 fn write(path: &Path, text: &str, mode: u32) -> Result<(), KeysError> {
     let failed = |cause| KeysError::Io { action: "write", path: path.into(), cause };
     let temporary = path.with_extension("new");
-    // A file left by an interrupted write may have another mode.
+    // A file left by an interrupted write may have a different mode.
     remove(&temporary)?;
     let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(&temporary).map_err(failed)?;
     file.set_permissions(fs::Permissions::from_mode(mode)).map_err(failed)?;

@@ -1,10 +1,9 @@
 //! Certificates and access lists for vehicles, operators and viewers on a network.
 //!
-//! Input: names of parties. Output: one folder per party with its certificate, private key and
-//! Zenoh configuration, to be copied to the party's machine.
-//!
+//! Input: names of parties.
+//! Output: one folder per party with its certificate, private key and Zenoh configuration, to be
+//! copied to the party's machine.
 //! Time: the wall clock, for the validity of certificates.
-//!
 //! Failure: existing files are replaced only on request.
 //!
 //! | module | contents |
@@ -12,9 +11,9 @@
 //! | [`party`] | roles, names and hosts |
 //! | [`certificate`] | the authority and the certificates it issues |
 //! | [`access`] | the access list of a router or gateway |
-//! | [`configuration`] | the Zenoh configurations of router, vehicle and ground |
+//! | [`configuration`] | the Zenoh configurations of router, vehicle and ground station |
 //! | [`validity`] | check whether a certificate is valid now |
-//! | [`folder`] | the folder of keys on disk |
+//! | [`folder`] | the key folder on disk |
 #![forbid(unsafe_code)]
 
 pub mod access;
@@ -80,12 +79,12 @@ pub enum KeysError {
         /// Expected path of the authority's certificate.
         path: PathBuf,
     },
-    /// The name belongs to a revoked party, whose certificate may still be valid.
+    /// The name belongs to a revoked party. The revoked certificate may still be valid.
     #[error("{party} was revoked and its certificate is valid until {until}; choose another name")]
     Revoked {
         /// The revoked party.
         party: Party,
-        /// Last day of the revoked certificate, `YYYY-MM-DD`, UTC.
+        /// Last day on which the revoked certificate is valid, `YYYY-MM-DD`, UTC.
         until: String,
     },
     /// The folder contains no such party.
@@ -102,7 +101,7 @@ pub enum KeysError {
         /// The router's configuration.
         path: PathBuf,
     },
-    /// The file is not a valid certificate, key or list of imports.
+    /// The file is not a valid certificate, key or import list.
     #[error("cannot read {path}: {why}")]
     InvalidFile {
         /// The invalid file.

@@ -14,11 +14,11 @@ const MAX_HOST: usize = 253;
 /// Role of a party, which determines its permissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
-    /// Publishes below its own name and accepts commands there.
+    /// Party that publishes below its own name and accepts commands there.
     Vehicle,
-    /// Reads everything and sends commands.
+    /// Party that reads everything and sends commands.
     Operator,
-    /// Reads everything.
+    /// Party that reads everything.
     Viewer,
 }
 
@@ -122,7 +122,7 @@ impl FromStr for Host {
             !label.is_empty() && !label.starts_with('-') && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
         };
         let is_name = text.len() <= MAX_HOST && text.split('.').all(label);
-        // An IPv4 address also has the form of a name.
+        // An IPv4 address also matches the form of a host name.
         if is_name {
             Ok(Self(text.into()))
         } else if text.parse::<Ipv6Addr>().is_ok() {

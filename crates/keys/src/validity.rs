@@ -6,7 +6,7 @@ use time::OffsetDateTime;
 
 use crate::{KeysError, certificate::Contents};
 
-/// Checks that the file holds a certificate that is valid now.
+/// Checks that the file contains a certificate that is valid now.
 ///
 /// # Errors
 ///
@@ -49,7 +49,8 @@ mod tests {
 
     use super::*;
 
-    /// Writes a certificate of `name`, valid between these hours from now, and returns its path.
+    /// Writes a certificate for `name` and returns its path. `hours` is the period of validity, in
+    /// hours from now.
     fn file(folder: &Path, name: &str, hosts: &[&str], hours: [i64; 2]) -> PathBuf {
         let mut params = CertificateParams::new(hosts.iter().map(|host| (*host).into()).collect::<Vec<_>>()).unwrap();
         params.distinguished_name.push(DnType::CommonName, name);

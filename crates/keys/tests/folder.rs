@@ -1,4 +1,4 @@
-//! Folder of keys on disk: modes, replacement, access list, revocation.
+//! Key folder on disk: modes, replacement, access list, revocation.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{

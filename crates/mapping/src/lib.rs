@@ -1,6 +1,7 @@
 //! Maps the columns of a text file or stream to quantities, units and axes.
 //!
-//! Input: pairs such as `gx=gyro_x`, units such as `deg/s,g`, axes such as `frd`; fields of a line.
+//! Input: pairs such as `gx=gyro_x`, units such as `deg/s,g` and axes such as `frd`, and the fields
+//! of a line.
 //!
 //! Output: a [`Mapping`] that converts the numbers of a line to SI units and to body axes right,
 //! forward, up.

@@ -4,7 +4,7 @@ use attitude::frames::{self, Body, Earth};
 
 use crate::{names::nearest, rotation::is_rotation};
 
-/// Targets that a column can be mapped to: time, rate, force, field, reference, velocity, position.
+/// Targets of columns: time, rate, force, field, reference, velocity and position.
 const TARGETS: [&str; 21] = [
     "t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "vd", "lat",
     "lon", "alt",
@@ -31,13 +31,13 @@ pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
-/// Quantity measured in a unit, with the factor that converts it to the internal unit.
+/// Quantity that a unit measures, with the factor that converts the unit to the internal one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Unit {
     Rate(f64),
     Force(f64),
     Field(f64),
-    /// Number of decimal places with which a time in this unit has nanosecond resolution.
+    /// Number of decimal places that give a time in this unit nanosecond resolution.
     Time(usize),
 }
 
@@ -62,7 +62,8 @@ fn default_columns() -> Vec<(&'static str, String)> {
 
 /// Mapping of columns to quantities, with their units and axes.
 ///
-/// By default a column is mapped to the target of its own name, in s, rad/s, m/s², µT and `rfu`.
+/// By default, each column is mapped to the target of the same name. The default units are s,
+/// rad/s, m/s² and µT, and the default axes are `rfu`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
     /// Pairs of target and column.
@@ -131,7 +132,7 @@ pub enum MappingError {
         /// Second unit found.
         second: &'static str,
     },
-    /// The axes do not exist.
+    /// The text names no known axes.
     #[error(
         "found {found:?}, expected body axes, one of {}; with a reference preceded by earth axes, one of {}, as in ned-frd",
         Body::NAMES.map(|(name, _)| name).join(", "),
@@ -169,9 +170,9 @@ impl Mapping {
     ///
     /// Each element of `maps` is one pair, such as `gx=gyro_x`, or several separated by commas.
     /// With several files the column is given as `FILE:COLUMN`. `units` is a list in any order,
-    /// such as `deg/s,g,gauss,ms`; the defaults are rad/s, m/s2, uT and s. `frame` is the body axes
-    /// of the file, by default `rfu`. With a reference it also names the earth axes, as in
-    /// `ned-frd`.
+    /// such as `deg/s,g,gauss,ms`; the defaults are rad/s, m/s2, uT and s. `frame` names the body
+    /// axes of the file, by default `rfu`. If a reference is mapped, it also names the earth axes,
+    /// as in `ned-frd`.
     ///
     /// # Errors
     ///
@@ -257,10 +258,10 @@ impl Mapping {
         self.columns.iter().map(|(target, column)| (*target, column.as_str()))
     }
 
-    /// Returns the period after which a counter with `bits` bits, in the unit of the time, wraps,
-    /// ns.
+    /// Returns the period after which a time counter with `bits` bits wraps, ns. The counter has
+    /// the unit of the mapped time.
     ///
-    /// `None` if `bits` is not within 1 to 63 or the period exceeds an `i64`.
+    /// Returns `None` if `bits` is not within 1 to 63 or the period exceeds an `i64`.
     pub fn wrap_period_ns(&self, bits: u64) -> Option<u64> {
         let count_ns = u32::try_from(self.time_digits).ok().and_then(|digits| 10u64.checked_pow(digits))?;
         let counts = (1..64).contains(&bits).then(|| 1u64 << bits)?;
@@ -277,7 +278,7 @@ impl Mapping {
         self.column(REFERENCE[0]).is_some()
     }
 
-    /// Returns the targets of the velocity, east, north and vertical. `None` if it is not mapped.
+    /// Returns the targets of the east, north and vertical velocity. `None` if they are not mapped.
     pub fn velocity(&self) -> Option<[&'static str; 3]> {
         [VELOCITY_UP, VELOCITY_DOWN].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
     }
@@ -287,7 +288,7 @@ impl Mapping {
         [east, north, if self.column(VELOCITY_DOWN[2]).is_some() { -vertical } else { vertical }]
     }
 
-    /// Converts a quaternion w, x, y, z to native axes. `None` unless it has unit length.
+    /// Converts a quaternion w, x, y, z to native axes. Returns `None` unless it has unit length.
     pub fn reference(&self, quaternion: [f64; 4]) -> Option<[f64; 4]> {
         is_rotation(quaternion)
             .then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body, quaternion))
@@ -308,7 +309,7 @@ impl Mapping {
         self.body.to_native(values.map(|part| part * self.field))
     }
 
-    /// Returns the number of decimal places with which a time has nanosecond resolution.
+    /// Returns the number of decimal places that give a time nanosecond resolution.
     pub fn time_digits(&self) -> usize {
         self.time_digits
     }
@@ -323,7 +324,7 @@ fn parse_columns<S: AsRef<str>>(
         let mut continued = false;
         for part in map.as_ref().split(',') {
             let Some((found, column)) = part.split_once('=') else {
-                // The comma belongs to the name of the column.
+                // The comma is part of a column's name.
                 let Some((_, column)) = columns.last_mut().filter(|_| continued) else {
                     return Err(MappingError::InvalidPair { found: part.into() });
                 };

@@ -20,7 +20,7 @@ pub fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
 
 /// Parses a decimal time into nanoseconds, rounded half away from zero.
 ///
-/// `digits` is the number of decimal places with which the unit has nanosecond resolution: 9 for
+/// `digits` is the number of decimal places that give the unit nanosecond resolution: 9 for
 /// seconds. A number with an exponent is parsed as `f64`. Returns `None` if the text is not a
 /// number or the time is not within ±9e9 s.
 pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
@@ -36,7 +36,7 @@ pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
     }
     let decimals = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
     let sum = whole.bytes().chain(decimals).fold(0i128, |sum, byte| {
-        // The limit is already exceeded; more digits could overflow.
+        // The limit is already exceeded, and further digits could overflow.
         if sum > limit_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
     });
     let rounded = sum + i128::from(fraction.as_bytes().get(digits).is_some_and(|byte| *byte >= b'5'));

@@ -27,20 +27,20 @@ use crate::CollectorError;
 const BATCH_BYTES: usize = 8192;
 /// Maximum number of queued batches: 32 MiB, some minutes at 1 kHz.
 const MAX_BATCHES: usize = 4096;
-/// Maximum time without progress of the disk while the run waits for it: with a full queue, and at
-/// the end.
+/// Maximum time without disk progress while the run waits for the disk. The run waits if the queue
+/// is full, and at its end.
 const STALL_TIMEOUT: Duration = Duration::from_secs(5);
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Writer of the attitude file, with the lines not yet sent to its thread.
+/// Writer of the attitude file, with the lines not yet sent to the writer thread.
 pub(crate) struct CsvWriter {
     path: PathBuf,
     buffer: String,
     batches: Option<SyncSender<String>>,
-    /// Thread that writes; `None` once it has been joined.
+    /// Writer thread; `None` once it has been joined.
     writer: Option<JoinHandle<io::Result<()>>>,
     written_bytes: Arc<AtomicU64>,
-    /// Maximum time without progress of the disk while the caller waits.
+    /// Maximum time without disk progress while the caller waits.
     stall_timeout: Duration,
 }
 
@@ -48,7 +48,7 @@ impl CsvWriter {
     /// Creates the file with the header line.
     pub(crate) fn create(path: &Path, header: String) -> Result<Self, CollectorError> {
         let create_error = |cause| CollectorError::Create { path: path.into(), cause };
-        // Opening a named pipe blocks until a reader opens it.
+        // Opening a named pipe would block until a reader opens it.
         if fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo()) {
             return Err(create_error(io::Error::other("the path is a named pipe; choose a regular file")));
         }
@@ -104,8 +104,7 @@ impl CsvWriter {
         if is_sent { Ok(()) } else { self.join_writer() }
     }
 
-    /// Polls `done` until it returns a value. Fails if the disk makes no progress for
-    /// `stall_timeout`.
+    /// Polls `done` until it returns a value. Fails after `stall_timeout` without disk progress.
     fn wait_for<T>(&mut self, mut done: impl FnMut(&mut Self) -> Option<T>) -> Result<T, CollectorError> {
         let (mut written, mut progress_at) = (self.written_bytes.load(Ordering::Relaxed), Instant::now());
         loop {
@@ -142,8 +141,8 @@ impl CsvWriter {
 fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
     for batch in batches {
         file.write_all(batch.as_bytes()).inspect_err(|_| {
-            // Cuts off a partial line, whose last number would be wrong. A device has no length to
-            // set.
+            // Cuts off a partial line, because its last number would be wrong. A device cannot be
+            // truncated.
             let _ = file.set_len(written_bytes.load(Ordering::Relaxed));
         })?;
         written_bytes.fetch_add(batch.len() as u64, Ordering::Relaxed);
@@ -151,7 +150,7 @@ fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &Ato
     Ok(())
 }
 
-/// Returns `true` if both paths lead to the same existing file.
+/// Returns `true` if both paths refer to the same existing file.
 pub fn is_same_file(one: &Path, other: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
     identity(one).is_some_and(|one| Some(one) == identity(other))
@@ -163,7 +162,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns a writer to a pipe, which accepts 64 KiB and then stalls until the reader reads.
+    /// Returns a writer to a pipe. The pipe accepts 64 KiB and then stalls until it is read.
     fn slow_writer(limit: Duration) -> (io::PipeReader, CsvWriter) {
         let (reader, writer) = io::pipe().unwrap();
         (reader, CsvWriter::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), limit).unwrap())

@@ -1,5 +1,5 @@
-//! Evaluates the attitudes of a run: order, accuracy against the reference, latency; and writes
-//! them to a file.
+//! Evaluates the order, accuracy and latency of a run's attitudes, and writes the attitudes to a
+//! file.
 
 use std::{collections::VecDeque, io, path::PathBuf};
 
@@ -19,7 +19,7 @@ const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 /// Largest latency recorded, ns. Larger ones are counted as this value.
 const MAX_LATENCY_NS: u64 = 3_600_000_000_000;
 
-/// Error of evaluating or writing attitudes.
+/// Error when evaluating or writing attitudes.
 #[derive(Debug, thiserror::Error)]
 pub enum CollectorError {
     /// The latency histogram could not be created.
@@ -54,7 +54,7 @@ pub struct Collector {
     digest: u64,
     flags: Flags,
     last: Option<AttitudeOutput>,
-    /// Longest interval between two publications since the last query, ns.
+    /// Longest interval between two publications since the last call of `take_gap_ns`, ns.
     gap_ns: u64,
     /// Tick of the last swap to another kind of stage, and the attitude jump there, rad.
     last_swap: Option<(u64, f64)>,
@@ -62,7 +62,7 @@ pub struct Collector {
     lines: Option<AttitudeLines>,
     /// Number of lines without a fused state, once the file is finished.
     lines_without_fused: u64,
-    /// Error that ended the file.
+    /// Error after which the file was no longer written.
     file_error: Option<CollectorError>,
 }
 
@@ -102,7 +102,7 @@ impl Collector {
         self.pending.back().is_none_or(|newest| newest.tick < tick)
     }
 
-    /// Records the attitude of a tick. A failure of the file ends the file only; see
+    /// Records the attitude of a tick. A write error ends only the file, not the run; see
     /// [`Collector::file_error`].
     pub fn record_attitude(&mut self, output: &AttitudeOutput) {
         let header = output.header;
@@ -153,12 +153,12 @@ impl Collector {
         self.file_error.take().map_or(written, Err)
     }
 
-    /// Returns the number of lines without a fused state, which the subscriber missed on its topic.
+    /// Returns the number of lines for which no fused state was received.
     pub fn lines_without_fused(&self) -> u64 {
         self.lines.as_ref().map_or(self.lines_without_fused, AttitudeLines::lines_without_fused)
     }
 
-    /// Returns the error that ended the file, if any.
+    /// Returns the error after which the file was no longer written, if any.
     pub fn file_error(&self) -> Option<&CollectorError> {
         self.file_error.as_ref()
     }
@@ -173,7 +173,7 @@ impl Collector {
         self.sequence.next_tick
     }
 
-    /// Returns the number of earlier ticks for which no attitude was published.
+    /// Returns the number of ticks so far for which no attitude was published.
     pub fn lost(&self) -> u64 {
         self.sequence.lost - self.not_recorded
     }
@@ -188,7 +188,7 @@ impl Collector {
         self.sequence.duplicated
     }
 
-    /// Returns the latency from birth at ingest to publication of the attitude, ns.
+    /// Returns the latencies from reception at ingest to publication of the attitude, ns.
     pub fn latency_ns(&self) -> &Histogram<u64> {
         &self.latency_ns
     }

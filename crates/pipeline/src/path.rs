@@ -1,7 +1,7 @@
 //! Runs the slots of the data path in one process.
 //!
-//! Slots, join and hand-over between stages are those of the services, so the output is
-//! bit-identical.
+//! The path uses the same slots, joins and hand-overs as the services, so its output is
+//! bit-identical to theirs.
 
 use ingest::conditioner::Sample;
 use launch::Service;
@@ -28,7 +28,7 @@ impl Path {
         Self::with_schedule(config, &Schedule::default())
     }
 
-    /// Creates the path with the stages that `config` names and those that replace them later.
+    /// Creates the path with the stages that `config` names and the stages that replace them later.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Reconstructs from the topic `event` of a flight which stage owned each slot from which tick on.
+//! Reconstructs from the `event` topic of a flight which stage owned each slot at each tick.
 //!
 //! Input: events in the order in which they were published.
 //!
@@ -6,8 +6,8 @@
 //!
 //! Time: ticks.
 //!
-//! Failure: whatever the events leave undetermined gives a [`ReplayWarning`]. From its tick on, the
-//! replayed attitude may differ from that of the flight.
+//! Failure: if the events leave something undetermined, the schedule has a [`ReplayWarning`]. From
+//! the tick of the warning on, the replayed attitude may differ from that of the flight.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ pub struct Schedule {
 /// Stage changes of one slot.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SlotSchedule {
-    /// Stages other than that of the launch file, by instance number.
+    /// Stages other than the one in the launch file, by instance number.
     pub(crate) activations: BTreeMap<u32, StageActivation>,
     /// Changes of the owner, in tick order.
     pub(crate) owner_changes: Vec<OwnerChange>,
@@ -35,7 +35,7 @@ pub(crate) struct SlotSchedule {
 #[derive(Debug, Clone)]
 pub(crate) struct StageActivation {
     pub(crate) stage: StageConfig,
-    /// Tick of the checkpoint it starts from; `None` for a fresh start.
+    /// Tick of the checkpoint that the stage starts from; `None` for a fresh start.
     pub(crate) adopted_tick: Option<u64>,
     /// Instance that wrote the checkpoint.
     pub(crate) source_instance: u32,
@@ -50,7 +50,7 @@ pub(crate) struct OwnerChange {
     pub(crate) instance: u32,
 }
 
-/// Cause for which a replay may differ from the flight.
+/// Reason why a replay may differ from the flight.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReplayWarning {
     /// First tick that may differ.
@@ -73,7 +73,7 @@ impl Schedule {
         schedule
     }
 
-    /// Returns the warnings about everything that the events do not determine.
+    /// Returns a warning for everything that the events leave undetermined.
     pub fn warnings(&self) -> &[ReplayWarning] {
         &self.warnings
     }
@@ -108,7 +108,8 @@ impl Schedule {
         }
     }
 
-    /// Records an owner change, which replaces all earlier decisions about its tick and later ones.
+    /// Records an owner change. It replaces all earlier decisions about the same tick and later
+    /// ticks.
     fn on_owner(&mut self, slot: Service, event: &SystemEvent) {
         if event.filling == SystemEvent::NONE_U32 {
             return self.add_warning(event.tick, &format!("the slot `{slot}` had no owner"));
@@ -162,8 +163,8 @@ impl Schedule {
 }
 
 impl SlotSchedule {
-    /// Returns the tick before which the stage instance is needed, as owner or as source of a
-    /// checkpoint.
+    /// Returns the end, exclusive, of the ticks in which the stage instance is needed as owner or
+    /// as source of a checkpoint.
     pub(crate) fn needed_until(&self, instance: u32) -> u64 {
         let ends = self.owner_changes.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);
         let owned = self.owner_changes.iter().zip(ends).filter(|(change, _)| change.instance == instance);
@@ -189,8 +190,8 @@ mod tests {
 
     #[test]
     fn decision_replaces_those_about_later_ticks() {
-        // The first candidate is abandoned before it owns the slot. The second owns it, then a
-        // third.
+        // The first candidate is abandoned before it owns the slot. The second becomes the owner,
+        // and later a third.
         let events = [owner(90, 1, (50, 0)), owner(90, 0, (0, 0)), owner(140, 2, (100, 0)), owner(300, 3, (250, 2))];
         let schedule = Schedule::from_events(&events);
         let fuser = schedule.slot(Service::Fuser).unwrap();

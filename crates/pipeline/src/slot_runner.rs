@@ -1,6 +1,6 @@
 //! Runs a slot in one process, with its stages in sequence.
 //!
-//! Input: the messages of the slot, and before each tick its number.
+//! Input: the number of each tick, followed by the slot's messages for that tick.
 //!
 //! Output: the messages that the owner of the slot publishes.
 //!
@@ -71,8 +71,8 @@ impl<S: Slot<Input: Clone>> SlotRunner<S> {
         })))
     }
 
-    /// Applies all changes up to `tick`. Call it before any input of this tick or a later one is
-    /// offered.
+    /// Applies all changes up to `tick`. Must be called before any input of `tick` or a later tick
+    /// is offered.
     pub(crate) fn advance_to(&mut self, tick: u64, publish: &mut dyn FnMut(S::Output)) -> Result<(), RuntimeError> {
         match self {
             Self::Fixed(_) => Ok(()),

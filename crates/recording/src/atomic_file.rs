@@ -34,7 +34,8 @@ enum Encoder {
 impl AtomicFile {
     pub(crate) fn create(path: &Path) -> Result<Self, RecordingError> {
         let write_error = |cause| RecordingError::Write { path: path.to_owned(), cause };
-        // The final rename replaces a symbolic link and does not follow it.
+        // A symbolic link is accepted, because the final rename replaces it instead of following
+        // it.
         if let Ok(existing) = fs::symlink_metadata(path)
             && !existing.is_file()
             && !existing.is_symlink()
@@ -117,7 +118,8 @@ pub fn write_atomic(path: &Path, text: &str) -> Result<(), RecordingError> {
     output.finish()
 }
 
-/// Returns the temporary path used while `path` is written. An existing file there is removed.
+/// Returns the temporary path used while `path` is written. The writer removes any file that exists
+/// there.
 pub fn temporary_path(path: &Path) -> PathBuf {
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(".new");

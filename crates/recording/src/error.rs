@@ -1,8 +1,8 @@
-//! Errors of reading and writing recordings, with the position in the file.
+//! Errors when reading and writing recordings, with the position in the file.
 
 use std::{fmt, io, path::PathBuf};
 
-/// Error of reading or writing a recording.
+/// Error when reading or writing a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The file could not be opened, or its first bytes could not be read.
@@ -65,7 +65,7 @@ pub struct Position {
     pub line: u64,
     /// Column number, from 1. `None` for the entire line.
     pub column: Option<usize>,
-    /// Column name. `None` if the header has no known name for it.
+    /// Column name. `None` if the column has no known name.
     pub name: Option<&'static str>,
 }
 
@@ -93,7 +93,7 @@ impl fmt::Display for Position {
     }
 }
 
-/// Returns a hint to `--map` for recordings. Fixes and references have no such option.
+/// Returns a hint to use `--map`, which applies to recordings but not to fixes and references.
 fn mapping_hint(known: &[&str]) -> &'static str {
     if known.contains(&"gx") {
         "; name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…"

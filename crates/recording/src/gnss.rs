@@ -23,8 +23,9 @@ const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
 const POSITION: [&str; 3] = ["lat_deg", "lon_deg", "alt_m"];
 const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", POSITION[0], POSITION[1], POSITION[2]];
 
-/// Suffixes of a recording's file name and of its file of fixes.
+/// Suffixes of the file name of a recording that can have a fix file.
 const IMU_SUFFIXES: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
+/// Suffixes of a fix file's name, in order of preference.
 const GNSS_SUFFIXES: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
 
 /// Satellite fix.
@@ -37,9 +38,10 @@ pub struct Fix {
     /// Geodetic latitude, degrees, north positive. `None` if the column is missing or the value is
     /// NaN.
     pub latitude_deg: Option<f64>,
-    /// Longitude, degrees, east positive. `None` as for the latitude.
+    /// Longitude, degrees, east positive. `None` under the same conditions as for the latitude.
     pub longitude_deg: Option<f64>,
-    /// Altitude as reported by the receiver, m. `None` as for the latitude.
+    /// Altitude as reported by the receiver, m. `None` under the same conditions as for the
+    /// latitude.
     pub altitude_m: Option<f64>,
 }
 
@@ -50,7 +52,7 @@ struct Columns {
     position: [Option<usize>; 3],
 }
 
-/// Reader of a recording's fixes, to be advanced along with the rows.
+/// Reader of a recording's fixes, to be advanced in step with the rows.
 pub struct FixReader {
     table: Table<Columns>,
     next: Option<Fix>,
@@ -101,16 +103,16 @@ fn read_fix(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
     fix.transpose()
 }
 
-/// Returns the existing file of fixes next to a recording: `NAME_gnss.csv` for `NAME_imu.csv.gz`.
+/// Returns the fix file next to a recording, if it exists: `NAME_gnss.csv` for `NAME_imu.csv.gz`.
 pub fn find_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
     let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;
     GNSS_SUFFIXES.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
 }
 
-/// Returns the path at which [`find_for`] looks for the fixes of a recording.
+/// Returns the path of a recording's fix file that [`find_for`] tries first.
 ///
-/// `None` if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
+/// Returns `None` if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
 pub fn path_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
     let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;

@@ -32,7 +32,7 @@ pub struct Row {
 pub struct Reference {
     /// Unit quaternion w, x, y, z, sensor axes to ENU, dimensionless.
     pub quaternion: [f64; 4],
-    /// `true` if errors count at this sample: `mov` is 1, or the column is missing.
+    /// `true` if errors are scored at this sample, because `mov` is 1 or the column is missing.
     pub scored: bool,
 }
 
@@ -88,8 +88,8 @@ fn parse_reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Refe
 pub(crate) fn normalized(quaternion: [f64; 4]) -> Option<[f64; 4]> {
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     let is_rotation = length > 0.0 && length.is_finite();
-    // Division by a length that differs from 1 by rounding only would change the last digits on
-    // every write and read.
+    // If the length differs from 1 only by rounding, dividing by it would change the last digits
+    // every time the recording is written and read.
     let is_unit = (length - 1.0).abs() <= LENGTH_ROUNDING;
     is_rotation.then(|| if is_unit { quaternion } else { quaternion.map(|part| part / length) })
 }

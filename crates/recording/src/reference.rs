@@ -22,7 +22,7 @@ use crate::{
 
 const SCORED: &str = "mov";
 const KNOWN: [&str; 6] = ["t_s", "qw", "qx", "qy", "qz", SCORED];
-/// Largest interval between two rows that is interpolated, ns.
+/// Longest interval between two rows across which the attitude is interpolated, ns.
 pub const MAX_GAP_NS: i64 = 200_000_000;
 
 /// Columns of a reference, as field indices from 0.
@@ -35,7 +35,7 @@ struct Columns {
 /// Time of a row, ns, and its reference; `None` if the row has no valid quaternion.
 type ReferenceRow = (i64, Option<Reference>);
 
-/// Reader of a reference attitude, to be advanced along with the rows of a recording.
+/// Reader of a reference attitude, to be advanced in step with the rows of a recording.
 pub struct References {
     table: Table<Columns>,
     before: Option<ReferenceRow>,
@@ -60,8 +60,9 @@ impl References {
 
     /// Returns the interpolated attitude at `t_ns`.
     ///
-    /// `None` before the first row, after the last row, in a gap longer than [`MAX_GAP_NS`], next
-    /// to a row without a quaternion, and for a time before the row most recently passed.
+    /// Returns `None` before the first row, after the last row, in a gap longer than
+    /// [`MAX_GAP_NS`], and next to a row without a quaternion. Also returns `None` if `t_ns`
+    /// precedes a row that was already passed.
     ///
     /// # Errors
     ///
@@ -94,7 +95,7 @@ fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<ReferenceRow, (Po
     Ok((t_ns, quaternion.map(|quaternion| Reference { quaternion, scored })))
 }
 
-/// Interpolates along the shortest rotation: `from` at 0, `to` at 1.
+/// Interpolates along the shortest rotation. `fraction` is 0 at `from` and 1 at `to`.
 fn slerp(from: [f64; 4], to: [f64; 4], fraction: f64) -> [f64; 4] {
     let cosine: f64 = from.iter().zip(to).map(|(a, b)| a * b).sum();
     // q and −q are the same attitude; the one nearer to `from` gives the shortest rotation.

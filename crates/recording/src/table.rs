@@ -25,7 +25,7 @@ pub(crate) struct Table<C> {
 }
 
 impl<C> Table<C> {
-    /// Opens a file and parses its header. All names must be in `known`.
+    /// Opens a file and parses its header. All column names must be in `known`.
     pub(crate) fn open(
         path: &Path,
         known: &'static [&'static str],

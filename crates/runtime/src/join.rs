@@ -94,8 +94,8 @@ impl<M: TickStamped> JoinInput<M> {
         if tick < sequence.next_tick.max(self.next_tick) {
             return sequence.reject(publisher == self.publisher);
         }
-        // A full dense queue makes the tick overdue, so that the queue drains by itself. A sparse
-        // queue is limited to the capacity of a topic.
+        // If a dense queue is full, the next tick is overdue, so that the queue is drained. A
+        // sparse queue is limited to the capacity of a topic.
         if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }

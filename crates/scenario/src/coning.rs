@@ -3,8 +3,9 @@
 //! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), which exactly gives ω = (−Ω sin α sin Ωt, Ω
 //! sin α cos Ωt, −Ω (1 − cos α)).
 //!
-//! The axis of rotation changes continuously. An integrator that takes the mean rate of an interval
-//! of length h for a rotation vector therefore drifts about ζ by about ½ Ω α² (1 − sin Ωh/Ωh).
+//! The axis of rotation changes continuously. An integrator that treats the mean rate over an
+//! interval of length h as the rate of a rotation vector therefore drifts about ζ at about ½ Ω α²
+//! (1 − sin Ωh/Ωh).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 
@@ -18,8 +19,8 @@ pub struct Coning {
 }
 
 impl Default for Coning {
-    /// Returns a cone of 5° at 5 Hz. At 100 Hz it causes a drift of 0.11 °/s without coning
-    /// correction.
+    /// Returns a cone of 5° at 5 Hz. Sampled at 100 Hz, it causes a drift of 0.11 °/s without
+    /// coning correction.
     fn default() -> Self {
         Self { half_angle_rad: 5f64.to_radians(), frequency_hz: 5.0 }
     }
@@ -43,7 +44,7 @@ impl Coning {
 
     /// Returns the integral of the body rate, rad, up to a constant.
     ///
-    /// The difference between two times is the reading of an integrating gyro.
+    /// The difference between two times is the angle that an integrating gyro measures in between.
     pub(crate) fn rotation_rad(self, t_s: f64) -> Vector3<f64> {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);

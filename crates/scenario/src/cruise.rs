@@ -2,8 +2,8 @@
 //!
 //! Airspeed V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s. Roll = atan(V H'/g) + 1° sin(2πt/7.3),
 //! where the first term is the bank of a coordinated turn. Pitch = 2° + 3° sin(2πt/55) + 0.7°
-//! sin(2πt/5.1). The flight is level, f = A (a + g). The seed determines the phases and the turns
-//! with their signs.
+//! sin(2πt/5.1). The flight is level. The specific force is f = A (a + g). The seed determines the
+//! phases and the turns, including their directions.
 //!
 //! Rates and accelerations are central differences of the attitude and of the velocity. The hard
 //! flight adds wind, gusts and side slip, which change the velocity over ground.
@@ -17,7 +17,7 @@ use crate::{
     random::{RandomStream, StreamId},
 };
 
-/// Time constant of the logistic start and end of a turn, s.
+/// Time constant of the logistic transition at the start and end of a turn, s.
 const EDGE_TIME_CONSTANT_S: f64 = 1.5;
 /// Half the step of the central differences, s.
 const HALF_STEP_S: f64 = 1e-3;
@@ -45,7 +45,7 @@ pub struct Flight {
 struct Turn {
     start_s: f64,
     end_s: f64,
-    /// Rate of the course, rad/s, clockwise positive.
+    /// Course rate, rad/s, clockwise positive.
     rate_rad_s: f64,
     /// Course before the turn, rad, clockwise from north.
     course_rad: f64,
@@ -149,7 +149,7 @@ impl FlightPlan {
         })
     }
 
-    /// Generates turns until one ends after `t_s`.
+    /// Generates turns until the last one ends after `t_s`.
     fn extend_to(&mut self, t_s: f64) {
         while let Some(last) = self.turns.last().copied().filter(|last| last.end_s <= t_s) {
             let start_s = last.end_s + self.rng.uniform(60.0, 180.0);

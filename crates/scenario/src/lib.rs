@@ -7,15 +7,17 @@
 //!
 //! Time: passed in by the caller.
 //!
-//! Failure: an unknown name, key or value is rejected with the accepted ones.
+//! Failure: an unknown name, key or value is rejected with a list of the accepted ones.
 //!
 //! | scenario | motion |
 //! | --- | --- |
-//! | [`s1`] | pitch 25° and roll 30° at 0.05 Hz, yaw 1 °/s: the reference scenario of Matveev 2025 |
+//! | [`s1`] | pitch 25° and roll 30° at 0.05 Hz, yaw 1 °/s: reference of Matveev 2025 |
 //! | [`tumble`] | 500 °/s about an axis oblique to all three, through the inverted attitude |
 //! | [`s3`] | one full turn about each axis in sequence, with a magnetic field |
 //! | [`coning`] | classical coning, without sensor errors |
-//! | [`cruise`] | half an hour of flight with turns and satellite velocity; `cruise-hard` adds wind, gusts, side slip and larger sensor errors |
+//! | [`cruise`] | half an hour of flight with turns and satellite velocity |
+//!
+//! `cruise-hard` is `cruise` with wind, gusts, side slip and larger sensor errors.
 //!
 //! [`sensors`] simulates the readings. [`scenario`] combines a motion with its rate, duration and
 //! sensor errors.

@@ -31,7 +31,8 @@ pub struct Truth {
     pub attitude: Attitude,
     /// Body rate, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Specific force, m/s², body axes. A body that does not fly rotates in place.
+    /// Specific force, m/s², body axes. In all motions except the flights, the body rotates in
+    /// place.
     pub force_m_s2: Vector3<f64>,
 }
 
@@ -116,8 +117,8 @@ impl Body {
             Motion::Tumble(rate_rad_s) => rate_rad_s,
             Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / interval_s,
             Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / interval_s,
-            // Gauss-Legendre quadrature with three points: exact for polynomials up to degree 5.
-            // These motions are slow enough.
+            // Gauss-Legendre quadrature with three points, which is exact for polynomials up to
+            // degree 5. These motions are slow enough for it.
             Motion::Swing(_) | Motion::Cruise(_) => {
                 let middle_s = 0.5 * (from_s + to_s);
                 let offset_s = 0.5 * interval_s * libm::sqrt(0.6);

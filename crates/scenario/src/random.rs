@@ -3,7 +3,8 @@
 use attitude::Vector3;
 use rand_chacha::{ChaCha8Rng, rand_core::Rng, rand_core::SeedableRng};
 
-/// Purpose of a random stream. Each purpose has its own stream, so that none shifts another.
+/// Purpose of a random stream. Each purpose has its own stream, so that drawing from one does not
+/// affect the others.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum StreamId {
     Accel,

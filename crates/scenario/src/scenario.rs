@@ -5,7 +5,7 @@
 //!
 //! Output: the scenario and its readings.
 //!
-//! Failure: an unknown name, key or value is rejected with the accepted ones.
+//! Failure: an unknown name, key or value is rejected with a list of the accepted ones.
 
 use core::fmt;
 
@@ -177,7 +177,7 @@ impl Scenario {
         {
             return Err(ScenarioError::DuplicateKey { found: (*key).into() });
         }
-        // A change of the sampling rate scales the noise, so noise parameters are set afterwards.
+        // Changing the sampling rate rescales the noise, so noise parameters are set afterwards.
         let (others, numbers): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| KEYS.contains(key));
         others.into_iter().try_for_each(|(key, value)| scenario.set_key(key, value))?;
         for (key, value) in numbers {
@@ -199,7 +199,7 @@ impl Scenario {
         set(self, value).map_err(|missing| ScenarioError::NotApplicable { scenario: self.name, key: name, missing })
     }
 
-    /// Returns the scenario with another seed for all random values.
+    /// Returns the scenario with the given seed for all random values.
     #[must_use]
     pub fn with_seed(mut self, seed: u64) -> Self {
         self.seed = seed;
@@ -209,9 +209,10 @@ impl Scenario {
         self
     }
 
-    /// Returns the scenario with another sampling rate.
+    /// Returns the scenario with the given sampling rate.
     ///
-    /// The noise of a flight is scaled with the rate, as that of a sensor that averages.
+    /// The noise of a flight is scaled with the rate, as for a sensor that averages over its
+    /// sampling interval.
     #[must_use]
     pub fn with_rate_hz(mut self, rate_hz: f64) -> Self {
         if let Motion::Cruise(_) = self.motion {

@@ -1,4 +1,4 @@
-//! Batches of samples: `<Message>Batch` in the schema, with an envelope whose counts reveal losses.
+//! Batches of samples: `<Message>Batch` in the schema. Counts in the envelope reveal losses.
 
 use graph::Topic;
 use prost::{

@@ -68,7 +68,7 @@ impl Calibration {
     }
 
     /// Returns a progress report if at least [`REPORT_INTERVAL`] has passed since the last one. A
-    /// report whose `report` field is not empty contains the result.
+    /// report with a non-empty `report` field contains the result.
     pub(crate) fn progress(&mut self) -> Option<v1::Calibration> {
         if self.last_report.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return None;

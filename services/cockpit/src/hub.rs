@@ -18,7 +18,7 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Number of snapshots whose flags are kept for viewers that miss them: two seconds.
+/// Number of snapshots for which flags are kept, for viewers that missed them: two seconds.
 const MAX_STORED_FLAGS: usize = 64;
 /// Maximum number of messages queued per viewer: a quarter of a second. A viewer that falls further
 /// behind loses the oldest messages.

@@ -1,5 +1,4 @@
-//! Linux industrial I/O device, or the two devices of a chip whose gyro and accelerometer are
-//! separate.
+//! Linux industrial I/O device, or the separate gyro and accelerometer devices of one chip.
 
 use std::{
     fs::File,

@@ -20,7 +20,7 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout of one poll.
 const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Listening vehicle with a folder of keys for itself and other parties.
+/// Listening vehicle with a key folder for itself and for other parties.
 struct Board {
     folder: TempDir,
     port: u16,
@@ -59,7 +59,7 @@ fn tls(folder: &Path) -> Option<Tls> {
     Some(Tls { ca, cert, key })
 }
 
-/// UDP proxy between one client and `port` that can be cut.
+/// UDP proxy between one client and `port`. The connection can be cut.
 struct CuttableProxy {
     port: u16,
     is_cut: Arc<AtomicBool>,
@@ -156,7 +156,7 @@ fn silent_peer_is_detected_before_default_lease() {
     let mut present = [next(), next()];
     present.sort();
     assert_eq!(present, [("live/alpha".into(), true), ("live/beta".into(), true)]);
-    // Although alpha falls silent 3 s later, its loss is detected first.
+    // Although alpha goes silent 3 s later than beta, its loss is detected first.
     proxies[1].cut();
     thread::sleep(Duration::from_secs(3));
     proxies[0].cut();
@@ -166,7 +166,7 @@ fn silent_peer_is_detected_before_default_lease() {
 #[test]
 fn half_open_handshake_does_not_block_next_client() {
     let board = Board::new(&["viewer.wall", "viewer.desk"]);
-    // A client of which only the first datagram reaches the vehicle.
+    // Only the first datagram of this client reaches the vehicle.
     let relay = socket();
     let endpoints = board.endpoints("viewer.wall", relay.local_addr().unwrap().port());
     let half_open = thread::spawn(move || Link::open(&endpoints).map(drop));
@@ -178,7 +178,7 @@ fn half_open_handshake_does_not_block_next_client() {
 
     let desk = Link::open(&board.endpoints("viewer.desk", board.port)).unwrap();
     assert!(desk.wait_for_peer(TIMEOUT));
-    // The other client receives no response and reports that.
+    // The half-open client receives no response and reports this.
     let error = half_open.join().unwrap().unwrap_err();
     assert!(matches!(error, LinkError::Unreachable { .. }) && error.to_string().contains("no response"), "{error}");
 }

@@ -85,8 +85,8 @@ fn vehicle_publishes_only_below_its_own_name() {
         let _router = site.router();
         let received = Received::subscribe(&site.session("viewer.wall"), "plumbline/v1/**");
         let beta = site.session("vehicle.beta");
-        // Messages of one connection stay in order: when beta's own message arrives, the forged
-        // ones were rejected.
+        // Messages on one connection stay in order, so the forged ones have been rejected once
+        // beta's own message arrives.
         wait_for("beta's own message", || {
             for key in [ATTITUDE, "plumbline/v1/*/attitude", "plumbline/v1/beta/attitude"] {
                 beta.put(key, "forged").wait().unwrap();
@@ -157,8 +157,8 @@ fn ground_parties_cannot_publish() {
         let forged = "plumbline/v1/alpha/course";
         for party in ["viewer.wall", "operator.ann"] {
             let ground = site.session(party);
-            // The reply follows what was put before the query, and the vehicle's own message
-            // follows both.
+            // Messages stay in order: the reply follows the forged message, and the vehicle's own
+            // message follows the reply.
             wait_for("a reply", || {
                 ground.put(forged, "forged").wait().unwrap();
                 !query_keys(&ground, ATTITUDE).is_empty()

@@ -1,5 +1,5 @@
-//! Connections that are rejected for their certificate. Each test also makes the same attempt with
-//! a valid certificate.
+//! Connections that are rejected because of their certificate. Each test makes the same attempt
+//! with a valid certificate, too.
 use std::{fs, path::Path};
 
 use super::site::Site;
@@ -105,7 +105,7 @@ fn router_is_accepted_only_at_certified_hosts() {
 fn router_with_empty_access_list_denies_everything() {
     let site = Site::new(&[]);
     let _router = site.router();
-    // Signed by the authority but missing from the access list.
+    // The certificate is signed by the authority but missing from the access list.
     let now = OffsetDateTime::now_utc();
     let issued = party_certificate(&site.path(""), "operator.ann", now - Duration::DAY, now + Duration::DAY);
     let folder = tempfile::tempdir().unwrap();

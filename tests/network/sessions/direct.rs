@@ -1,4 +1,5 @@
-//! Vehicle that listens itself, as a gateway without a router does: the same access list applies.
+//! Vehicle that listens for clients itself, as a gateway without a router does. The same access
+//! list applies.
 use super::site::{Received, Site, Vehicle, query_keys, wait_for};
 use zenoh::{Session, Wait};
 

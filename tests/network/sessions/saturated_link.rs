@@ -10,17 +10,17 @@ use zenoh::{Session, Wait, handlers::FifoChannelHandler, pubsub::Subscriber, qos
 
 const TO_BETA: &str = "plumbline/v1/alpha/@carry";
 const TO_ALPHA: &str = "plumbline/v1/beta/@carry";
-/// Message size, bytes: many packets and several Zenoh batches.
+/// Message size, bytes. A message needs many packets and several Zenoh batches.
 const MESSAGE_BYTES: usize = 256 * 1024;
 const DURATION: Duration = Duration::from_secs(60);
-/// Messages per burst. A burst is sent as fast as the link accepts it, so that both directions are
-/// saturated.
+/// Number of messages per burst. A burst is sent as fast as the link accepts it, so that both
+/// directions are saturated.
 const BURST_MESSAGES: u64 = 24;
 /// Interval between the starts of two bursts, which leaves time for other work on this machine.
 const BURST_INTERVAL: Duration = Duration::from_millis(500);
 const RECEIVE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Random bytes from which all messages are cut.
+/// Pseudo-random bytes. Each message is a slice of them.
 static NOISE: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let word = |word: u64| (word.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ word.rotate_left(17)).to_le_bytes();
     (1..=2 * MESSAGE_BYTES as u64 / 8).flat_map(word).collect()
@@ -28,7 +28,7 @@ static NOISE: LazyLock<Vec<u8>> = LazyLock::new(|| {
 
 type SampleSubscriber = Subscriber<FifoChannelHandler<Sample>>;
 
-/// Returns the message with a number. No two messages of a run are equal.
+/// Returns the message with the given number. No two messages in a run are equal.
 fn message(number: u64) -> &'static [u8] {
     let start = (number.wrapping_mul(0xff51_afd7_ed55_8ccd) % MESSAGE_BYTES as u64) as usize;
     &NOISE[start..][..MESSAGE_BYTES]
@@ -43,7 +43,7 @@ fn wait_for_route(from: &Session, key: &str, subscriber: &SampleSubscriber) {
     while subscriber.recv_timeout(Duration::from_millis(500)).unwrap().is_some() {}
 }
 
-/// Sends messages for `DURATION`, then an empty one, and returns their number.
+/// Sends messages for `DURATION` and returns their number. An empty message marks the end.
 fn send_messages(to: &Session, key: &str) -> u64 {
     let started_at = Instant::now();
     let send = |bytes: &[u8]| to.put(key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
@@ -57,7 +57,7 @@ fn send_messages(to: &Session, key: &str) -> u64 {
     number
 }
 
-/// Receives messages until the empty one, checks each and returns their number.
+/// Receives and checks messages until the empty one, and returns their number.
 fn receive_messages(subscriber: &SampleSubscriber) -> u64 {
     for number in 0.. {
         let sample = subscriber.recv_timeout(RECEIVE_TIMEOUT).unwrap().unwrap();

@@ -18,7 +18,7 @@ const CONNECT_TIMEOUT_MS: u32 = 4000;
 /// Timeout of a query.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Folder of keys with the port of its router or listening vehicle.
+/// Key folder, with the port of its router or listening vehicle.
 pub(super) struct Site {
     folder: TempDir,
     pub(super) keys: Keys,
@@ -36,8 +36,8 @@ impl Site {
         site
     }
 
-    /// Returns a site with vehicles as clients of the router, as configured, and one with
-    /// vehicles as peers.
+    /// Returns a site whose vehicles are clients of the router, as configured, and a site whose
+    /// vehicles are peers.
     pub(super) fn with_vehicle_clients_and_peers(parties: &[&str]) -> [Self; 2] {
         [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
     }
@@ -86,7 +86,7 @@ impl Site {
         listening(&config)
     }
 
-    /// Opens a session with the configuration of any folder, which may be rejected.
+    /// Tries to open a session with the configuration in any folder.
     pub(super) fn open(&self, folder: &Path) -> zenoh::Result<Session> {
         let mut config = self.configuration(folder);
         config.insert_json5("connect/timeout_ms", &CONNECT_TIMEOUT_MS.to_string()).unwrap();
@@ -98,7 +98,7 @@ impl Site {
         zenoh::open(config).wait()
     }
 
-    /// Returns the configuration in a folder with the paths and the port of this site.
+    /// Returns the configuration in a folder, with the paths and the port of this site filled in.
     pub(super) fn configuration(&self, folder: &Path) -> Config {
         let files = ["router.json5", "vehicle.json5", "ground.json5"].map(|file| folder.join(file));
         let text = fs::read_to_string(files.iter().find(|file| file.exists()).unwrap()).unwrap();
@@ -134,7 +134,7 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Session that declares what a gateway declares: telemetry, last values, liveliness, commands.
+/// Session with the declarations of a gateway: telemetry, last values, liveliness and commands.
 pub(super) struct Vehicle {
     pub session: Session,
     name: String,
@@ -232,7 +232,7 @@ pub(super) fn query_live_tokens(session: &Session, key: &str) -> Vec<String> {
         .collect()
 }
 
-/// Waits for a condition. The timeout only ends a failed test.
+/// Waits for a condition. The timeout is reached only if a test fails.
 pub(super) fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while !done() {

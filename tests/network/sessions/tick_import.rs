@@ -113,8 +113,8 @@ fn host_cannot_export_in_name_of_other_host() {
     let own = "plumbline/v1/other/attitude";
     let viewer = Received::subscribe(&site.session("viewer.wall"), own);
     let forged = Board::new(site.session("vehicle.other"));
-    // Messages of one connection stay in order: when its own message arrives, the forged ones were
-    // rejected.
+    // Messages on one connection stay in order, so the forged ones have been rejected once the
+    // vehicle's own message arrives.
     wait_for("the vehicle's own message", || {
         forged.publish();
         forged.session.put(own, "level").wait().unwrap();

@@ -1,13 +1,13 @@
-//! Accelerometer bias, scale and misalignment: at rest it measures gravity, which has the same
-//! strength in every position.
+//! Accelerometer bias, scale and misalignment, from gravity. At rest, the accelerometer measures
+//! gravity, which has the same strength in every position.
 //!
 //! The model is |M (f − b)| = g over the rests, each weighted by the inverse variance of its mean;
-//! see `ellipsoid` for M. Six positions with each axis up and down determine bias and scale. Twelve
-//! or more positions also determine the misalignment.
+//! see `ellipsoid` for M. Six positions, with each axis up and down, determine bias and scale.
+//! Twelve or more positions also determine the misalignment.
 //!
-//! Without such rests the errors are estimated from slow rotation by hand through all positions;
-//! see `motion`. That is less accurate. Every direction has about the same weight, residuals have
-//! Huber weights, and the standard deviations follow from the residuals.
+//! Without such rests, the errors are estimated while the unit is slowly rotated by hand through
+//! all positions; see `motion`. This is less accurate. Every direction has about the same weight,
+//! residuals have Huber weights, and the standard deviations are computed from the residuals.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
@@ -22,27 +22,29 @@ use crate::{
     sphere::{SECTORS, Sphere},
 };
 
-/// Cosine of the largest angle between rests of one position, 15°.
+/// Cosine of the largest angle between rests that count as the same position, 15°.
 const MIN_SAME_POSITION_COS: f64 = 0.965_925_826_289_068_3;
 /// Minimum number of positions to estimate the misalignment.
 const MIN_MISALIGNMENT_POSITIONS: usize = 12;
-/// Maximum standard deviations of an accepted result: bias, m/s² (5 mg); scale and misalignment
-/// (0.5 %).
+/// Maximum standard deviation of an accepted bias, m/s² (5 mg).
 const MAX_BIAS_SD_M_S2: f64 = 0.05;
+/// Maximum standard deviation of an accepted scale or misalignment (0.5 %).
 const MAX_SCALE_SD: f64 = 0.005;
-/// Minimum standard deviation of a mean, m/s²: one step of a 16-bit accelerometer of 2 g range, or
-/// a surface that yields.
+/// Minimum standard deviation of a mean, m/s². Allows for one step of a 16-bit accelerometer with a
+/// range of 2 g, and for a surface that yields.
 const MIN_FORCE_SD_M_S2: f64 = 2e-4;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 50;
-/// Minimum number of motion windows (48 s), and the number of windows in a correlation block.
-///
-/// Successive windows are correlated: a velocity gained by hand in one is lost in the next.
+/// Minimum number of motion windows (48 s).
 const MIN_WINDOWS: usize = 24;
+/// Number of windows in a correlation block.
+///
+/// Successive windows are correlated, because a velocity that the hand gains in one is lost in the
+/// next.
 const BLOCK_WINDOWS: usize = 2;
 /// Threshold of the Huber weights, standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
-/// Maximum weight of a sector of the sphere with few windows.
+/// Maximum weight of windows in a sparsely covered sector of the sphere.
 const MAX_SECTOR_WEIGHT: f64 = 2.0;
 
 /// Calibrator of the accelerometer.
@@ -54,7 +56,7 @@ pub struct AccelCalibrator {
     last_force_m_s2: Option<Vector3<f64>>,
 }
 
-/// Mean force of a rest with its standard deviation.
+/// Mean force during a rest, with its standard deviation.
 struct Position {
     mean: MeanForce,
     sd_m_s2: f64,
@@ -66,15 +68,15 @@ struct Fit {
     bias_sd_m_s2: Vector3<f64>,
     matrix: Matrix3<f64>,
     scale_sd: Vector3<f64>,
-    /// Standard deviation of the misalignment; `None` if it was not estimated.
+    /// Standard deviation of the misalignment; `None` if the misalignment was not estimated.
     misalignment_sd: Option<Vector3<f64>>,
     source: DataSource,
 }
 
-/// Data that a fit and its standard deviations come from.
+/// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests equal in number to the unknowns.
+    /// As many rests as unknowns.
     MinimalRests,
     /// More rests than unknowns.
     Rests,
@@ -98,7 +100,7 @@ impl AccelCalibrator {
         if motion_coverage.share > rest_coverage.share { motion_coverage } else { rest_coverage }
     }
 
-    /// Returns the covered sectors. All four sectors of a side count as covered together.
+    /// Returns the covered sectors. The four sectors of a side always count as covered together.
     pub(crate) fn covered_sectors(&self) -> [bool; SECTORS] {
         let (rests, windows) = (self.rests(), self.windows.complete());
         let is_motion = coverage_in_motion(windows).share > coverage(&rests).share;
@@ -166,8 +168,8 @@ impl AccelCalibrator {
             }
         }
         let normal = sums(&model);
-        // Residuals beyond the noise of the rests (surfaces that yield, limited repeatability of
-        // the sensor) raise the standard deviations.
+        // Residuals beyond the noise of the rests increase the standard deviations. Causes are
+        // surfaces that yield and the limited repeatability of the sensor.
         let free = positions.len().saturating_sub(N);
         let excess = if free > 0 { (normal.cost() / free as f64).max(1.0) } else { 1.0 };
         let source = if free > 0 { DataSource::Rests } else { DataSource::MinimalRests };
@@ -188,7 +190,7 @@ impl AccelCalibrator {
                 windows.iter().map(|mean| model.residual_of_mean(mean, self.gravity_m_s2)).collect();
             let mut sizes: Vec<_> = residuals.iter().map(|(residual, _)| residual.abs()).collect();
             let middle = sizes.len() / 2;
-            // The median magnitude of normal errors is 0.6745 standard deviations.
+            // For a normal distribution, the median magnitude is 0.6745 standard deviations.
             let sd = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(MIN_FORCE_SD_M_S2);
             let mut normal = NormalEquations::<N>::new();
             for (i, ((residual, jacobian), direction)) in residuals.iter().zip(&directions).enumerate() {
@@ -282,14 +284,14 @@ fn positions(rests: &[Rest]) -> Vec<Position> {
     let noise = MeanNoise::from_series(&rests.iter().map(|rest| rest.forces_m_s2.as_slice()).collect::<Vec<_>>());
     let position = |rest: &Rest| {
         let force_m_s2 = rest.force_m_s2();
-        // Only the component along the force matters, because the fit uses lengths.
+        // Only the component along the force matters, because the fit uses the lengths of vectors.
         let sd = noise.sd(rest.forces_m_s2.len()).component_mul(&force_m_s2.normalize()).norm();
         Position { mean: MeanForce::at_rest(&force_m_s2), sd_m_s2: sd.max(MIN_FORCE_SD_M_S2) }
     };
     rests.iter().map(position).collect()
 }
 
-/// Returns the distinct directions of gravity, unit vectors.
+/// Returns the distinct directions of gravity as unit vectors.
 fn distinct_positions(rests: &[Rest]) -> Vec<Vector3<f64>> {
     let mut distinct_positions: Vec<Vector3<f64>> = Vec::new();
     for rest in rests {
@@ -324,7 +326,7 @@ fn coverage(rests: &[Rest]) -> Coverage {
     }
 }
 
-/// Returns for each side whether it was up in a window.
+/// Returns, for each side, `true` if it was up in some window.
 fn sides_in_motion(windows: &[MeanForce]) -> [bool; 6] {
     std::array::from_fn(|face| windows.iter().any(|window| window.sides_up[face]))
 }

@@ -1,10 +1,10 @@
-//! Delay of the magnetometer relative to the gyro: a constant field rotates in the sensor axes as
-//! the gyro measures, shifted by the delay.
+//! Delay of the magnetometer relative to the gyro, from turns to and fro. In the sensor axes, a
+//! constant field rotates as measured by the gyro, but later by the delay.
 //!
-//! dm/dt = −ω × m, where m read at t belongs to t − τ. Over a quarter of a second this is m(t₂) − b
-//! = A(τ) (m(t₁) − b), with A(τ) the rotation measured by the gyro from t₁ − τ to t₂ − τ, and b the
-//! residual hard iron. The fit is least squares in τ, b and the gyro bias with Huber weights. Only
-//! changes of the rate determine τ; a steady turn does not.
+//! The model is dm/dt = −ω × m, where the m read at t belongs to t − τ. Over a quarter of a second
+//! this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the gyro from
+//! t₁ − τ to t₂ − τ, and b is the residual hard iron. The fit is a least-squares fit of τ, b and
+//! the gyro bias with Huber weights. Only changes of the rate determine τ; a steady turn does not.
 
 use attitude::{Vector3, calibration::Calibration};
 use nalgebra::{SVector, UnitQuaternion};
@@ -18,10 +18,11 @@ use crate::{
 
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 250_000_000;
-/// Minimum interval between window starts, ns, and maximum number of field samples.
+/// Minimum interval between field samples, ns. Every field sample can start a window.
 const MIN_INTERVAL_NS: i64 = 25_000_000;
+/// Maximum number of field samples.
 const MAX_SAMPLES: usize = 80_000;
-/// Minimum change of the rate across an informative window, rad/s.
+/// Minimum change of the rate across a window that counts as informative, rad/s.
 const MIN_RATE_CHANGE_RAD_S: f64 = 0.5;
 /// Minimum total length of the informative windows, s.
 const MIN_INFORMATIVE_S: f64 = 5.0;
@@ -31,17 +32,17 @@ const CORRELATION_NS: i64 = 2_000_000_000;
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 20;
-/// Change of τ for the numerical derivative, s.
+/// Change of τ used for the numerical derivative, s.
 const DERIVATIVE_STEP_S: f64 = 5e-4;
 /// Largest delay that can be estimated, s.
 const MAX_DELAY_S: f64 = 0.2;
 /// Maximum standard deviation of an accepted delay, s.
 const MAX_SD_S: f64 = 0.002;
-/// Maximum ratio of the residual to the change of the field in a window.
+/// Maximum ratio of the residual to the field change across a window.
 const MAX_UNEXPLAINED_SHARE: f64 = 0.5;
-/// Range of the fuser setting `magnetometer_delay_s`, s, and range to which its standard deviation
-/// is clamped, s.
+/// Range of the fuser setting `magnetometer_delay_s`, s.
 const SUPPORTED_DELAY_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
+/// Range to which the fuser setting `magnetometer_delay_sd_s` is clamped, s.
 const OUTPUT_SD_RANGE_S: (f64, f64) = (0.0005, 0.02);
 
 /// Calibrator of the magnetometer delay.
@@ -51,7 +52,7 @@ pub struct ClockCalibrator {
     mag: Calibration,
     history: AttitudeHistory,
     fields: Vec<FieldSample>,
-    /// Start of the window under test, ns, and the rate then, rad/s.
+    /// Start of the current window, ns, and the rate at its start, rad/s.
     window: Option<(i64, Vector3<f64>)>,
     informative_s: f64,
 }
@@ -198,7 +199,7 @@ impl ClockCalibrator {
             sd_ut = residual_sd_ut;
             let step = normal.step()?;
             parameters += step;
-            // The fit does not recover from larger delays.
+            // With larger delays the fit would not converge again.
             parameters[0] = parameters[0].clamp(-2.0 * MAX_DELAY_S, 2.0 * MAX_DELAY_S);
             if step[0].abs() < 1e-7 {
                 break;
@@ -252,17 +253,18 @@ impl ClockCalibrator {
         }
         normal.end_block();
         let middle = sizes.len() / 2;
-        // The median norm of three normal errors is 1.538 standard deviations. The Huber weights
-        // use the norm.
+        // For three normal errors, the median norm is 1.538 standard deviations of one error. The
+        // Huber weights use the norm.
         let sd_ut =
             (sizes.len() > 1).then(|| *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 1.538 * 1.732)?;
         Some((normal, sd_ut.max(1e-9)))
     }
 
-    /// Returns the apparent rotation of a fixed vector in sensor axes, as measured by the gyro
+    /// Returns the apparent rotation of a fixed vector in sensor axes, from the gyro readings
     /// `delay_s` earlier.
     ///
-    /// `None` if a time is outside the gyro history or a gap lies between them.
+    /// The result is `None` if a time is outside the gyro history or if there is a gap between the
+    /// times.
     fn field_rotation(&self, first_ns: i64, last_ns: i64, delay_s: f64) -> Option<UnitQuaternion<f64>> {
         let delay_ns = (delay_s * 1e9).round() as i64;
         let ((from, segment), (to, end_segment)) =

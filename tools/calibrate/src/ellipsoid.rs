@@ -5,9 +5,11 @@
 //! rotation of all readings does not change their lengths. Parameters: b (3), the diagonal of M (3)
 //! and, if N = 9, the elements xy, xz, yz of M (3).
 //!
-//! Merayo et al. 2000, Scalar calibration of vector magnetometers, Meas. Sci. Technol. 11, 120;
-//! Olivares et al. 2013. The fit is Gauss-Newton in the lengths themselves, whose noise is that of
+//! The fit uses Gauss-Newton steps on the lengths themselves, because their noise equals that of
 //! the readings.
+//!
+//! Merayo et al. 2000, Scalar calibration of vector magnetometers, Meas. Sci. Technol. 11, 120;
+//! Olivares et al. 2013.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
@@ -19,7 +21,7 @@ use crate::motion::MeanForce;
 pub(crate) struct Ellipsoid<const N: usize>(pub(crate) SVector<f64, N>);
 
 impl<const N: usize> Ellipsoid<N> {
-    /// Creates a sphere: a reading minus `centre`, times `scale`, has length R.
+    /// Creates a sphere, in which the vector `scale` · (reading − `centre`) has length R.
     pub(crate) fn sphere(centre: Vector3<f64>, scale: f64) -> Self {
         let parameters = [centre.x, centre.y, centre.z, scale, scale, scale, 0.0, 0.0, 0.0];
         Self(SVector::from_fn(|i, _| parameters[i]))
@@ -35,7 +37,8 @@ impl<const N: usize> Ellipsoid<N> {
         Matrix3::new(part(3), xy, xz, xy, part(4), yz, xz, yz, part(5))
     }
 
-    /// Returns the residual and its derivatives for a mean of readings rotated into one frame.
+    /// Returns the residual and its derivatives for a mean of readings that were rotated into one
+    /// frame.
     pub(crate) fn residual_of_mean(&self, mean_force: &MeanForce, radius: f64) -> (f64, SVector<f64, N>) {
         let (matrix, bias) = (self.matrix(), self.bias());
         let mean = mean_force.corrected(&matrix, &bias);
@@ -84,8 +87,8 @@ impl<const N: usize> Ellipsoid<N> {
     }
 }
 
-/// Returns the standard deviations of the bias, the diagonal and the off-diagonal elements (zero if
-/// N = 6).
+/// Returns the standard deviations of the bias, the diagonal elements and the off-diagonal elements
+/// (zero if N = 6).
 pub(crate) fn standard_deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Vector3<f64>; 3] {
     let sd = |i: usize| if i < N { covariance[(i, i)].max(0.0).sqrt() } else { 0.0 };
     [0, 3, 6].map(|first| Vector3::new(sd(first), sd(first + 1), sd(first + 2)))

@@ -1,6 +1,6 @@
 //! Gyro bias: the mean rate at rest.
 //!
-//! The estimate includes the earth's rotation, 15 °/h, which is negligible for the use of the bias.
+//! The bias includes the earth's rotation, 15 °/h, which is negligible for its use.
 
 use attitude::Vector3;
 
@@ -14,8 +14,8 @@ use crate::{
 const MIN_REST_S: f64 = 5.0;
 /// Maximum standard deviation of an accepted bias, rad/s (0.1 °/s).
 const MAX_SD_RAD_S: f64 = 0.1 * core::f64::consts::PI / 180.0;
-/// Maximum deviation of the mean of one rest from the overall mean, rad/s. Larger ones indicate a
-/// steady turn or a sensor that is warming up.
+/// Maximum deviation of the mean of one rest from the overall mean, rad/s. A larger deviation
+/// indicates a steady turn or a sensor that is warming up.
 const MAX_REST_DEVIATION_RAD_S: f64 = 0.3 * core::f64::consts::PI / 180.0;
 
 /// Calibrator of the gyro.
@@ -74,8 +74,8 @@ impl GyroCalibrator {
     }
 }
 
-/// Returns the standard deviation of the overall mean from the scatter of the rests; zero for fewer
-/// than three.
+/// Returns the standard deviation of the overall mean, from the scatter of the rests; zero for
+/// fewer than three rests.
 fn between_rests_sd(rests: &[Rest], overall_mean: &Vector3<f64>) -> Vector3<f64> {
     let blocks: usize = rests.iter().map(|rest| rest.rates_rad_s.len()).sum();
     let count = rests.len() as f64;

@@ -1,13 +1,13 @@
-//! Attitude by gyro integration at any time of a recording, relative to an arbitrary start.
+//! Attitude at any time of a recording, integrated from the gyro relative to an arbitrary start.
 //!
-//! The integration is open loop, so only differences over about a second are accurate.
+//! The integration is open loop, so only differences over up to about a second are accurate.
 
 use attitude::{Vector3, gyro::RateKind};
 use nalgebra::UnitQuaternion;
 
 /// Maximum number of readings kept: half an hour at 500 Hz. Later readings are ignored.
 const MAX_READINGS: usize = 900_000;
-/// Longest interval that is integrated, ns. A longer one starts a new segment.
+/// Longest interval that is integrated, ns. After a longer one, a new segment starts.
 const MAX_GAP_NS: i64 = 100_000_000;
 
 /// Integrated gyro readings.
@@ -22,11 +22,11 @@ struct Entry {
     t_ns: i64,
     /// Mean rate over the interval that ends at `t_ns`.
     rate_rad_s: Vector3<f64>,
-    /// Rate as read at `t_ns`.
+    /// Unmodified rate reading at `t_ns`.
     raw_rad_s: Vector3<f64>,
-    /// Rotation body → initial axes of the segment.
+    /// Rotation from body axes at `t_ns` to body axes at the start of the segment.
     attitude: UnitQuaternion<f64>,
-    /// Number of the gap-free segment. Attitudes of different segments are not comparable.
+    /// Number of the gap-free segment. Attitudes in different segments are not comparable.
     segment: u32,
 }
 
@@ -69,7 +69,7 @@ impl AttitudeHistory {
 
     /// Returns the attitude at `t_ns` and the number of its segment.
     ///
-    /// `None` before the first reading, after the last one and in a gap.
+    /// The result is `None` before the first reading, after the last one and within a gap.
     pub(crate) fn attitude(&self, t_ns: i64) -> Option<(UnitQuaternion<f64>, u32)> {
         let next = self.entries.partition_point(|entry| entry.t_ns < t_ns);
         let to = self.entries.get(next)?;

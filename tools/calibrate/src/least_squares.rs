@@ -3,10 +3,10 @@
 //! With residuals r_i, Jacobians J_i and weights w_i: H = Σ w JᵀJ, g = Σ w Jᵀr, and the
 //! Gauss-Newton step is −H⁻¹g. If the weights are inverse variances, the covariance is H⁻¹.
 //!
-//! If the errors of neighbouring residuals are correlated, as those of a magnetometer in a room
-//! are, the covariance is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours
-//! (White 1980; Liang and Zeger 1986). With few blocks this estimate can be too small by chance.
-//! Each variance is therefore at least that for independent errors of the size of the residuals.
+//! If the errors of neighbouring residuals are correlated, as for a magnetometer in a room, the
+//! covariance is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours (White 1980;
+//! Liang and Zeger 1986). With few blocks, this estimate can be too small by chance. Each variance
+//! is therefore at least the one for independent errors of the same size as the residuals.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 
@@ -62,8 +62,8 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Ends the block and returns the Gauss-Newton step, or `None` if the residuals do not
-    /// determine the parameters.
+    /// Ends the current block and returns the Gauss-Newton step. Returns `None` if the residuals do
+    /// not determine the parameters.
     pub(crate) fn step(&mut self) -> Option<SVector<f64, N>> {
         self.end_block();
         let step = -Cholesky::new(self.information)?.solve(&self.gradient);
@@ -80,7 +80,7 @@ impl<const N: usize> NormalEquations<N> {
         (self.cost / self.weight.max(f64::MIN_POSITIVE)).sqrt()
     }
 
-    /// Returns H⁻¹, the covariance if the weights are inverse variances.
+    /// Returns H⁻¹, which is the covariance if the weights are inverse variances.
     pub(crate) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         Some(Cholesky::new(self.information)?.inverse())
     }
@@ -89,8 +89,7 @@ impl<const N: usize> NormalEquations<N> {
     pub(crate) fn block_covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let inverse = self.covariance()?;
         let free = self.blocks.checked_sub(N).filter(|free| *free >= N)?;
-        // Small-sample correction: the fitted parameters make the residuals smaller than the
-        // errors.
+        // Small-sample correction, because the fit makes the residuals smaller than the errors.
         let correction = self.blocks as f64 / free as f64;
         let clustered = inverse * self.block_scatter * inverse * correction;
         let variance = self.cost / self.weight * self.count as f64 / self.count.checked_sub(N)?.max(1) as f64;

@@ -1,9 +1,9 @@
-//! Sensor calibration: estimates the errors of a sensor unit from its own raw readings.
+//! Sensor calibration: estimates the errors of a sensor unit from its raw readings.
 //!
 //! Input: raw readings of one sensor unit in time order.
 //!
-//! Output: the errors with standard deviations, residuals before and after, coverage and a section
-//! for `launch.toml`; or a [`Rejection`] that lists what is missing.
+//! Output: the errors with standard deviations, the residuals before and after calibration, the
+//! coverage, and a section for `launch.toml`; or a [`Rejection`] that lists what is missing.
 //!
 //! Time: timestamps of the readings only.
 //!
@@ -13,7 +13,7 @@
 //! | module | content |
 //! | --- | --- |
 //! | [`gyro`] | bias, from rests |
-//! | [`accel`] | bias, scale and misalignment, from rests in several positions or from slow rotation |
+//! | [`accel`] | bias, scale and misalignment, from rests in many positions or slow rotation |
 //! | [`mag`] | hard and soft iron, from the field in all directions |
 //! | [`mounting`] | orientation of the unit in the body, from a level and a nose-down pose |
 //! | [`clock`] | delay of the magnetometer relative to the gyro, from turns to and fro |
@@ -46,8 +46,8 @@ use attitude::{GRAVITY_M_S2, Vector3, calibration::Calibration, gyro::RateKind};
 pub use report::{Coverage, Rejection, Report};
 pub use sphere::SECTORS;
 
-/// Largest accepted magnitude of a timestamp, ns (126 years). Differences of accepted timestamps
-/// fit into 64 bits.
+/// Largest accepted magnitude of a timestamp, ns (126 years). It ensures that differences of
+/// accepted timestamps fit into 64 bits.
 const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
 
 /// Raw reading of a sensor unit.
@@ -63,7 +63,7 @@ pub struct Sample {
     pub field_ut: Option<Vector3<f64>>,
 }
 
-/// Calibration that can be run.
+/// Kind of calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Gyro bias.
@@ -79,7 +79,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All calibrations with their names on the command line.
+    /// Names of all calibrations on the command line.
     pub const NAMES: [(&str, Self); 5] = [
         ("gyro", Self::Gyro),
         ("accel", Self::Accel),
@@ -101,7 +101,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Prior knowledge that a calibration uses.
+/// Prior knowledge for a calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
     /// Local gravity, m/s².
@@ -184,7 +184,7 @@ impl Calibrator {
         }
     }
 
-    /// Returns how far the readings so far suffice.
+    /// Returns the coverage by the readings so far.
     pub fn coverage(&self) -> Coverage {
         match &self.inner {
             SensorCalibrator::Gyro(inner) => inner.coverage(),
@@ -195,9 +195,9 @@ impl Calibrator {
         }
     }
 
-    /// Returns for each of the [`SECTORS`] whether it is covered, sensor axes.
+    /// Returns, for each of the [`SECTORS`] in sensor axes, `true` if it is covered.
     ///
-    /// `None` if the calibration does not depend on directions.
+    /// The result is `None` if the calibration does not depend on directions.
     pub fn covered_sectors(&self) -> Option<[bool; SECTORS]> {
         match &self.inner {
             SensorCalibrator::Accel(inner) => Some(inner.covered_sectors()),
@@ -206,9 +206,10 @@ impl Calibrator {
         }
     }
 
-    /// Returns the latest force or field vector, sensor axes, not normalised.
+    /// Returns the latest force or field vector in sensor axes, not normalised.
     ///
-    /// `None` if the calibration does not depend on directions or there is no reading.
+    /// The result is `None` if the calibration does not depend on directions or there is no
+    /// reading.
     pub fn direction(&self) -> Option<Vector3<f64>> {
         match &self.inner {
             SensorCalibrator::Accel(inner) => inner.direction(),
@@ -221,8 +222,8 @@ impl Calibrator {
     ///
     /// # Errors
     ///
-    /// Returns [`Rejection`] with what is missing if the coverage is below 1 or the result is too
-    /// uncertain.
+    /// Returns a [`Rejection`] that lists what is missing if the coverage is below 1 or the result
+    /// is too uncertain.
     pub fn finish(&self) -> Result<Report, Rejection> {
         let mut report = match &self.inner {
             SensorCalibrator::Gyro(inner) => inner.finish(),

@@ -1,10 +1,11 @@
-//! Magnetometer hard and soft iron: turned in one place, it measures a field of constant strength
-//! from all directions.
+//! Magnetometer hard and soft iron, from a field of constant strength. The unit is turned in one
+//! place, so that the magnetometer measures the field from all directions.
 //!
 //! The model is |M (m − b)| = F over the samples. Every direction has about the same weight,
-//! however long the unit stayed in it. Outliers, such as from passing iron, are reduced by Huber
-//! weights. If F is unknown, the mean strength is kept: det M = 1. The standard deviations assume
-//! errors correlated over a second, as caused by field gradients in a room.
+//! however long the unit remained in it. Huber weights reduce the effect of outliers, such as from
+//! iron that passes by. If F is unknown, det M = 1, which preserves the mean strength. The standard
+//! deviations assume that errors are correlated over a second, which allows for field gradients in
+//! a room.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::SMatrix;
@@ -17,13 +18,14 @@ use crate::{
     sphere::{SECTORS, Sphere},
 };
 
-/// Maximum number of samples kept, and their initial minimum interval, ns.
+/// Maximum number of samples kept.
 const MAX_SAMPLES: usize = 60_000;
+/// Initial minimum interval between the samples kept, ns.
 const MIN_INTERVAL_NS: i64 = 40_000_000;
 /// Minimum number of covered sectors, of 24.
 const MIN_SECTORS: usize = 20;
-/// Minimum half range of an axis, µT, to count as exposed to the earth's field (22 to 67 µT) from
-/// both sides.
+/// Minimum half range of an axis, µT. A larger half range shows that the earth's field (22 to 67
+/// µT) has pointed along both directions of the axis.
 const MIN_HALF_RANGE_UT: f64 = 12.0;
 /// Correlation time of the errors, ns.
 const CORRELATION_NS: i64 = 1_000_000_000;
@@ -31,11 +33,11 @@ const CORRELATION_NS: i64 = 1_000_000_000;
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 30;
-/// Maximum standard deviations of an accepted result: hard iron as a fraction of the field, and
-/// soft iron.
+/// Maximum standard deviation of an accepted hard iron, as a fraction of the field.
 const MAX_HARD_IRON_SD: f64 = 0.03;
+/// Maximum standard deviation of an accepted soft iron.
 const MAX_SOFT_IRON_SD: f64 = 0.03;
-/// Plausible strengths of the earth's field with a margin, µT.
+/// Plausible range of the earth's field strength, with a margin, µT.
 const EARTH_FIELD_RANGE_UT: std::ops::RangeInclusive<f64> = 15.0..=75.0;
 
 /// Calibrator of the magnetometer.
@@ -100,7 +102,7 @@ impl MagCalibrator {
         self.samples.last().map(|(_, field_ut)| field_ut - self.centre_ut())
     }
 
-    /// Returns the middle of the range of each axis, an approximation of the hard iron.
+    /// Returns the middle of the range of each axis, which approximates the hard iron.
     fn centre_ut(&self) -> Vector3<f64> {
         (self.min_ut + self.max_ut) * 0.5
     }
@@ -110,7 +112,7 @@ impl MagCalibrator {
         Sphere::from_directions(&self.samples.iter().map(|(_, field_ut)| field_ut - centre_ut).collect::<Vec<_>>())
     }
 
-    /// Returns for each axis whether its range shows that the field was on both sides.
+    /// Returns, for each axis, `true` if the field has pointed along both of its directions.
     fn is_excited(&self) -> [bool; 3] {
         let half_ut = (self.max_ut - self.min_ut) * 0.5;
         std::array::from_fn(|axis| half_ut[axis] >= MIN_HALF_RANGE_UT)
@@ -138,7 +140,7 @@ impl MagCalibrator {
                 MIN_SECTORS - sphere.covered_count()
             ));
         }
-        // With noise alone the directions are meaningless.
+        // If the readings contain only noise, the directions are meaningless.
         let sectors = if is_excited == [false; 3] { 0 } else { sphere.covered_count() };
         Coverage {
             share: if missing.is_empty() { 1.0 } else { share.min(0.99) },
@@ -159,7 +161,7 @@ impl MagCalibrator {
             Rejection::unreliable(Kind::Mag, coverage.clone(), missing)
         };
         let fit = self.fit().ok_or_else(|| unreliable(&before))?;
-        // Check the coverage again about the estimated centre.
+        // Check the coverage again, this time about the estimated centre.
         let directions: Vec<_> = self.samples.iter().map(|(_, field_ut)| fit.corrected(field_ut)).collect();
         let coverage = self.assess(&Sphere::from_directions(&directions), [true; 3]);
         if coverage.share < 1.0 {
@@ -230,8 +232,8 @@ impl MagCalibrator {
         Some(if self.strength_ut.is_some() { fit } else { fit.normalised()? })
     }
 
-    /// Returns centre and radius of the sphere that fits the samples best: |m|² = 2 c·m + k, which
-    /// is linear.
+    /// Returns centre c and radius of the sphere that fits the samples best. The equation |m|² = 2
+    /// c·m + k is linear in c and k.
     fn sphere(&self) -> Option<(Vector3<f64>, f64)> {
         let mean = self.samples.iter().map(|(_, field_ut)| field_ut).sum::<Vector3<f64>>() / self.samples.len() as f64;
         let mut normal = NormalEquations::<4>::new();
@@ -245,8 +247,8 @@ impl MagCalibrator {
         (radius.is_finite() && radius > 0.0).then_some((mean + centre, radius))
     }
 
-    /// Returns the weights that balance the directions. Samples of a sparse sector count at most
-    /// twice.
+    /// Returns the weights that balance the directions. A sample in a sparse sector has at most
+    /// twice the mean weight.
     fn weights(&self, model: &Ellipsoid<9>) -> Vec<f64> {
         let directions: Vec<_> = self.samples.iter().map(|(_, m)| model.matrix() * (m - model.bias())).collect();
         let sphere = Sphere::from_directions(&directions);
@@ -254,7 +256,7 @@ impl MagCalibrator {
         directions.iter().map(|direction| (mean_count / f64::from(sphere.count(direction).max(1))).min(2.0)).collect()
     }
 
-    /// Iterates Gauss-Newton steps, each halved while it increases the cost.
+    /// Iterates Gauss-Newton steps. Each step is halved until it does not increase the cost.
     fn iterate(&self, initial: Ellipsoid<9>, strength_ut: f64, weights: &[f64]) -> Option<Ellipsoid<9>> {
         let mut model = initial;
         for _ in 0..MAX_STEPS {
@@ -282,7 +284,7 @@ impl MagCalibrator {
             self.samples.iter().map(|(_, field_ut)| model.residual(field_ut, strength_ut)).collect();
         let mut sizes: Vec<_> = residuals.iter().map(|(residual, _)| residual.abs()).collect();
         let middle = sizes.len() / 2;
-        // The median magnitude of normal errors is 0.6745 standard deviations.
+        // For a normal distribution, the median magnitude is 0.6745 standard deviations.
         let sd = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(1e-6);
         let mut normal = NormalEquations::<9>::new();
         let mut cost = 0.0;
@@ -306,7 +308,7 @@ impl Fit {
         self.model.matrix() * (field_ut - self.model.bias())
     }
 
-    /// Divides M and the strength by det(M)^⅓, which keeps the mean measured strength.
+    /// Divides M and the strength by det(M)^⅓, which preserves the mean measured strength.
     fn normalised(self) -> Option<Self> {
         let matrix = self.model.matrix();
         let inverse = matrix.try_inverse()?;
@@ -314,7 +316,7 @@ impl Fit {
         if !(factor.is_finite() && factor > 0.0) {
             return None;
         }
-        // d(s M) = s (dM − M tr(M⁻¹ dM) / 3).
+        // d(s M) = s (dM − M tr(M⁻¹ dM) / 3) with s = det(M)^−⅓.
         let basis = |i: usize| {
             let mut parameters = nalgebra::SVector::<f64, 9>::zeros();
             parameters[i] = 1.0;

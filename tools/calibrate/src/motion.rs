@@ -1,36 +1,37 @@
-//! Gravity measured in motion: the mean of specific forces over two seconds, rotated into one frame
-//! by the gyro.
+//! Gravity measured in motion, as the mean of specific forces over two seconds, which the gyro
+//! rotates into one frame.
 //!
-//! A unit that is turned by hand hardly changes its position. Over two seconds the accelerations of
-//! the hand nearly cancel in a common frame and gravity remains. The forces are weighted by a
-//! raised cosine (Hann), so that the velocities at both ends have no effect.
+//! A unit that is turned by hand hardly changes its position. Over two seconds, the accelerations
+//! caused by the hand nearly cancel in a common frame, and gravity remains. The forces are weighted
+//! by a raised cosine (Hann), so that the velocities at both ends have no effect.
 //!
-//! The mean of R f is linear in the calibration parameters of f. R is the rotation since the first
-//! reading of the window.
+//! The mean of R f is linear in the calibration parameters of f, where R is the rotation since the
+//! first reading in the window.
 
 use attitude::{GRAVITY_M_S2, Matrix3, Vector3, calibration::Calibration};
 use nalgebra::UnitQuaternion;
 
 use crate::{Sample, sphere::face};
 
-/// Length of a window, ns, and longest interval between its readings, ns.
+/// Length of a window, ns.
 const WINDOW_NS: i64 = 2_000_000_000;
+/// Longest interval between readings in a window, ns.
 const MAX_GAP_NS: i64 = 100_000_000;
-/// Minimum number of readings of a window.
+/// Minimum number of readings in a window.
 const MIN_READINGS: usize = 20;
-/// Maximum rate in a usable window, rad/s. At higher rates the distance and delay between gyro and
-/// accelerometer matter.
+/// Maximum rate in a usable window, rad/s. At higher rates, the distance and the delay between gyro
+/// and accelerometer are no longer negligible.
 const MAX_RATE_RAD_S: f64 = 6.0;
-/// Minimum duration for which a side must point up to count, ns.
+/// Minimum duration for which a side must point up to be counted, ns.
 const MIN_SIDE_UP_NS: f64 = 250e6;
 /// Maximum number of windows kept: three hours. Later readings are ignored.
 const MAX_WINDOWS: usize = 5_000;
 
-/// Mean of the forces of a window, in the sensor axes at its start.
+/// Mean of the forces in a window, in the sensor axes at the start of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MeanForce {
-    /// Means of R f_x, R f_y and R f_z: the mean of R M f is their product with the columns of M,
-    /// summed.
+    /// Means of R f_x, R f_y and R f_z. The sum of their products with the columns of M is the mean
+    /// of R M f.
     pub(crate) component_means: [Matrix3<f64>; 3],
     /// Mean of R.
     pub(crate) mean_rotation: Matrix3<f64>,
@@ -39,7 +40,7 @@ pub(crate) struct MeanForce {
 }
 
 impl MeanForce {
-    /// Creates the mean of a force without rotation.
+    /// Creates the mean of a constant force without rotation.
     pub(crate) fn at_rest(force_m_s2: &Vector3<f64>) -> Self {
         let component_means = [0, 1, 2].map(|axis| Matrix3::identity() * force_m_s2[axis]);
         let mut sides_up = [false; 6];

@@ -1,8 +1,9 @@
 //! Orientation of the unit in the body, from gravity in a level and a nose-down pose of the body.
 //!
-//! In the level pose the specific force points along the body's up axis ζ. Nose down by any angle,
-//! it points between up and back: its component perpendicular to ζ points along −η (backward).
-//! Right is ξ = η × ζ. The rows of the matrix sensor → body are ξ, η, ζ in sensor axes.
+//! In the level pose, the specific force points along the body's up axis ζ. With the nose down by
+//! any angle, it points between up and back, so its component perpendicular to ζ points along −η
+//! (backward). The right axis is ξ = η × ζ. The rows of the matrix from sensor to body are ξ, η and
+//! ζ in sensor axes.
 
 use attitude::{
     Matrix3, Vector3,
@@ -20,9 +21,10 @@ use crate::{
 
 /// Minimum duration of each pose, s.
 const MIN_POSE_S: f64 = 2.0;
-/// Range of the angle between the two poses, degrees.
+/// Allowed range of the angle between the two poses, degrees.
 const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
-/// Largest angle to a named mounting (axes along the body's) that is still reported, degrees.
+/// Largest angle from a named mounting at which that mounting is reported, degrees. A named
+/// mounting has its axes along those of the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
 
 /// Calibrator of the mounting.
@@ -32,7 +34,7 @@ pub struct MountingCalibrator {
     accel: Calibration,
 }
 
-/// Poses in order of time.
+/// The two poses, in order of time.
 struct Poses {
     level: Rest,
     nose_down: Rest,
@@ -105,7 +107,7 @@ impl MountingCalibrator {
         let xi = eta.cross(&zeta);
         let matrix = Matrix3::from_rows(&[xi.transpose(), eta.transpose(), zeta.transpose()]);
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
-        // q and −q are the same rotation; w ≥ 0 makes the result unique.
+        // q and −q are the same rotation. The condition w ≥ 0 makes the result unique.
         let rotation = if rotation.w < 0.0 { UnitQuaternion::new_unchecked(-rotation.into_inner()) } else { rotation };
         let quaternion = [rotation.w, rotation.i, rotation.j, rotation.k];
         let sd_deg = rotation_sd_deg(&poses, &eta, &xi);
@@ -118,7 +120,7 @@ impl MountingCalibrator {
                 Value {
                     name: "quaternion",
                     value: quaternion.to_vec(),
-                    // A quaternion component changes by at most half the angle.
+                    // A quaternion component changes by at most half the change of the angle.
                     sd: vec![0.5 * sd_deg.norm().to_radians(); 4],
                     unit: "(w, x, y, z)",
                 },
@@ -138,8 +140,8 @@ impl MountingCalibrator {
     }
 }
 
-/// Returns the standard deviations of the rotations about ξ, η and ζ, degrees, from the noise of
-/// the pose means.
+/// Returns the standard deviations of the rotations about ξ, η and ζ, degrees, as caused by the
+/// noise of the pose means.
 fn rotation_sd_deg(poses: &Poses, eta: &Vector3<f64>, xi: &Vector3<f64>) -> Vector3<f64> {
     let Poses { level, nose_down } = poses;
     let noise = MeanNoise::from_series(&[&level.forces_m_s2, &nose_down.forces_m_s2]);
@@ -150,7 +152,8 @@ fn rotation_sd_deg(poses: &Poses, eta: &Vector3<f64>, xi: &Vector3<f64>) -> Vect
     Vector3::new(along(level, eta) / up.norm(), along(level, xi) / up.norm(), about_zeta).map(f64::to_degrees)
 }
 
-/// Returns pitch, roll and yaw of the sensor in the body, degrees, as defined for `[ingest.mounting]`.
+/// Returns pitch, roll and yaw of the sensor in the body, as defined for `[ingest.mounting]`,
+/// degrees.
 fn angles_deg(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     let Angles { yaw_rad, pitch_rad, roll_rad } = Attitude::from_quaternion(rotation.into_inner()).angles();
     Vector3::new(pitch_rad, roll_rad, yaw_rad).map(f64::to_degrees)
@@ -174,7 +177,7 @@ fn degrees_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }
 
-/// Returns the root mean square angle of the block means from the mean of the pose, degrees.
+/// Returns the root mean square angle between the block means and the mean of a pose, degrees.
 fn unsteadiness_deg(rest: &Rest) -> f64 {
     let mean = rest.force_m_s2();
     let squares = rest.forces_m_s2.iter().map(|force| degrees_between(force, &mean).powi(2));

@@ -7,14 +7,15 @@ use serde::Serialize;
 
 use crate::Kind;
 
-/// Coverage of what a calibration needs by the readings so far.
+/// Extent to which the readings so far meet the conditions of a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Fraction of what can be counted in advance, 0 to 1.
+    /// Fraction of the conditions that are met, 0 to 1. Includes only conditions that can be
+    /// counted in advance.
     pub share: f64,
-    /// Summary of the readings, one phrase.
+    /// Summary of the readings, as one phrase.
     pub summary: String,
-    /// Missing conditions, each with an instruction; empty if `share` is 1.
+    /// Unmet conditions, each with an instruction; empty if `share` is 1.
     pub missing: Vec<String>,
 }
 
@@ -64,13 +65,13 @@ pub struct Report {
     pub kind: &'static str,
     /// Estimated quantities.
     pub values: Vec<Value>,
-    /// Residuals before and after.
+    /// Residuals before and after calibration.
     pub residual: Residual,
     /// Coverage by the readings.
     pub coverage: Coverage,
     /// Remarks for the user.
     pub notes: Vec<String>,
-    /// Section of the launch file that `block` replaces.
+    /// Name of the launch file section that `block` replaces.
     pub replaces: &'static str,
     /// Section for the launch file, TOML.
     pub block: String,
@@ -92,14 +93,14 @@ impl fmt::Display for Report {
     }
 }
 
-/// Formats a value with two significant digits of the largest standard deviation.
+/// Formats values with two significant digits of the largest standard deviation.
 fn format_value(value: f64, sd: &[f64]) -> String {
     let largest = sd.iter().copied().fold(0.0, f64::max);
     let decimals = if largest > 0.0 { (1.0 - largest.log10().floor()).clamp(0.0, 7.0) as usize } else { 6 };
     format!("{value:.decimals$}")
 }
 
-/// Number that is displayed with the given precision as significant digits (default 3).
+/// Number displayed with as many significant digits as the format's precision (default 3).
 struct Rounded(f64);
 
 impl fmt::Display for Rounded {
@@ -117,7 +118,7 @@ impl fmt::Display for Rounded {
     }
 }
 
-/// Reason why the readings yield no calibration.
+/// Rejection of readings that yield no calibration, with the reason.
 #[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
 #[error("{kind} calibration failed: {} ({})\n{}", match coverage.share < 1.0 {
     true => format!("the readings cover {:.0} % of what is needed", coverage.percent()),
@@ -128,7 +129,7 @@ pub struct Rejection {
     pub kind: String,
     /// Coverage by the readings.
     pub coverage: Coverage,
-    /// Missing conditions, each with an instruction.
+    /// Unmet conditions, each with an instruction.
     pub missing: Vec<String>,
 }
 
@@ -138,7 +139,7 @@ impl Rejection {
         Self { kind: kind.to_string(), missing: coverage.missing.clone(), coverage }
     }
 
-    /// Creates a rejection for complete coverage with an unusable result.
+    /// Creates a rejection for an unusable result in spite of complete coverage.
     pub(crate) fn unreliable(kind: Kind, coverage: Coverage, missing: String) -> Self {
         Self { kind: kind.to_string(), missing: vec![missing], coverage }
     }

@@ -1,42 +1,46 @@
-//! Detection of rests and the uncertainty of their means.
+//! Detection of rests, and uncertainty of their means.
 //!
 //! Readings are grouped into blocks of a quarter of a second. A block is quiet if its standard
 //! deviations of rate and force are at most a few times those of the quietest tenth of all blocks.
 //!
 //! A rest is a run of quiet blocks with constant mean rate and mean force. A steady turn is not a
-//! rest, because the direction of gravity rotates with it. The first and last block of a run are
-//! discarded, because the unit is usually still being put down or picked up in them.
+//! rest, because the direction of gravity changes in sensor axes. The first and the last block of a
+//! run are discarded, because the unit is usually still being put down or already being picked up.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
 use crate::Sample;
 
-/// Length of a block, ns, and its minimum number of readings.
+/// Length of a block, ns.
 const BLOCK_NS: i64 = 250_000_000;
+/// Minimum number of readings in a block.
 const MIN_BLOCK_SAMPLES: u32 = 5;
 /// Maximum number of blocks kept: 14 hours. Later readings are ignored.
 const MAX_BLOCKS: usize = 200_000;
 /// Longest interval between readings within a rest, ns.
 const MAX_GAP_NS: i64 = 500_000_000;
-/// Minimum number of blocks of a rest, without its first and last: one second.
+/// Minimum number of blocks in a rest, not counting the first and the last one of the run: one
+/// second.
 const MIN_REST_BLOCKS: usize = 4;
 
-/// Maximum standard deviation of a quiet block, as a multiple of that of the quietest tenth.
+/// Maximum ratio of the standard deviation of a quiet block to that of the quietest tenth.
 const QUIET_FACTOR: f64 = 3.0;
-/// Range to which the limit for a quiet block is clamped, rad/s and m/s².
+/// Ranges to which the limits for a quiet block are clamped, rad/s and m/s².
 const RATE_SD_RANGE_RAD_S: (f64, f64) = (0.005, 0.06);
 const FORCE_SD_RANGE_M_S2: (f64, f64) = (0.05, 0.6);
-/// Largest rate that can be a bias, rad/s: 20 °/s, as data sheets of consumer gyros allow.
+/// Largest rate that can be a bias, rad/s. This is 20 °/s, as allowed by data sheets of consumer
+/// gyros.
 const MAX_BIAS_RAD_S: f64 = 0.35;
-/// Maximum deviation of a block mean from the mean of its rest beyond noise, rad/s and m/s² (0.3°
-/// of tilt).
+/// Maximum deviation of a block's mean rate from that of its rest, in addition to noise, rad/s.
 const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
+/// Maximum deviation of a block's mean force from that of its rest, in addition to noise, m/s².
+/// Corresponds to a tilt of 0.3°.
 const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 
 /// Minimum number of differences for an Allan variance.
 const MIN_DIFFERENCES: usize = 8;
 
-/// Statistics over a quarter of a second.
+/// Statistics of the readings in a quarter of a second.
 #[derive(Debug, Clone, Copy)]
 struct Block {
     t_start_ns: i64,
@@ -62,7 +66,7 @@ impl RunningStats {
         self.squares += deviation.component_mul(&(value - self.mean));
     }
 
-    /// Returns the standard deviation of a reading, the largest of the three axes.
+    /// Returns the standard deviation of a reading on the axis where it is largest.
     fn sd(&self, count: u32) -> f64 {
         (self.squares.max() / f64::from(count.max(2) - 1)).sqrt()
     }
@@ -76,10 +80,9 @@ pub(crate) struct RestFinder {
     start_ns: Option<i64>,
 }
 
-/// Interval in which the unit did not move.
+/// Interval in which the unit did not move. Times are in seconds since the first reading.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Rest {
-    /// Start and end, s since the first reading.
     pub(crate) start_s: f64,
     pub(crate) end_s: f64,
     /// Block means in time order.
@@ -180,7 +183,7 @@ impl RestFinder {
     }
 }
 
-/// Run of quiet blocks with a common mean.
+/// Run of quiet blocks with a constant mean.
 #[derive(Default)]
 struct Run<'a> {
     blocks: Vec<&'a Block>,
@@ -204,11 +207,12 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Uncertainty of the mean of a series of blocks, from the Allan deviations of the blocks.
+/// Uncertainty of the mean of a series of blocks, computed from the Allan deviations of the blocks
+/// (IEEE 952-1997, annex C).
 ///
-/// For white noise the standard deviation of the mean of K blocks is σ(m) √(m/K) for every
-/// averaging length m. Flicker noise and drift make σ(m) fall more slowly, so the largest value
-/// over m is used. (IEEE 952-1997, annex C.)
+/// For white noise, the standard deviation of the mean of K blocks is σ(m) √(m/K) for every
+/// averaging length m. Flicker noise and drift make σ(m) decrease more slowly, so the largest value
+/// over all m is used.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct MeanNoise {
     /// Allan variances of means of 1, 2, 4, … blocks, per axis.

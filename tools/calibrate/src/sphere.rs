@@ -1,4 +1,4 @@
-//! Coverage of directions: the sphere in 24 sectors, four on each face of a cube.
+//! Coverage of directions. The sphere is divided into 24 sectors, four on each face of a cube.
 
 use attitude::Vector3;
 
@@ -8,7 +8,7 @@ use attitude::Vector3;
 /// −+, −−.
 pub const SECTORS: usize = 24;
 
-/// Numbers of readings by sector.
+/// Number of readings in each sector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Sphere {
     counts: [u32; SECTORS],
@@ -43,12 +43,12 @@ impl Sphere {
         self.counts.iter().filter(|count| **count > 0).count()
     }
 
-    /// Returns for each sector whether it has a reading.
+    /// Returns, for each sector, `true` if it has a reading.
     pub(crate) fn covered_sectors(&self) -> [bool; SECTORS] {
         self.counts.map(|count| count > 0)
     }
 
-    /// Returns for each face whether it has a reading: +x, −x, +y, −y, +z, −z.
+    /// Returns, for each face, `true` if it has a reading: +x, −x, +y, −y, +z, −z.
     pub(crate) fn covered_faces(&self) -> [bool; 6] {
         std::array::from_fn(|face| self.counts[4 * face..4 * face + 4].iter().any(|count| *count > 0))
     }

@@ -12,17 +12,17 @@ use serde::Serialize;
 
 use crate::{CampaignError, DistributionMs, load::Load, new_histogram_ns, system_under_test::SystemUnderTest};
 
-/// Pause between two kills, ms.
+/// Range of the random pause between two kills, ms.
 const PAUSE_RANGE_MS: std::ops::Range<u64> = 100..400;
 /// Timeout for the system to end after the last kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Parameters of the campaign.
+/// Parameters of a kill campaign.
 #[derive(Debug, Clone, Copy)]
 pub struct KillCampaign {
     /// Number of kills.
     pub count: u32,
-    /// Seed for the times and the services.
+    /// Seed for the random kill times and the random choice of services.
     pub seed: u64,
     /// Samples per second.
     pub rate_hz: u32,
@@ -30,20 +30,20 @@ pub struct KillCampaign {
     pub load_threads: u32,
 }
 
-/// Result of the campaign.
+/// Result of a kill campaign.
 #[derive(Debug, Clone, Serialize)]
 pub struct KillCampaignReport {
-    /// Services killed.
+    /// Number of kills that were followed by another attitude.
     pub kills: u32,
-    /// Ticks with an attitude.
+    /// Number of ticks with an attitude.
     pub ticks: u64,
-    /// Ticks without an attitude.
+    /// Number of ticks without an attitude.
     pub lost: u64,
-    /// Attitudes published twice.
+    /// Number of attitudes that were published twice.
     pub duplicated: u64,
-    /// Equality with the output of an undisturbed run, byte for byte.
+    /// `true` if the output is byte-for-byte identical to that of an undisturbed run.
     pub same_bytes: bool,
-    /// Time from a kill to the first attitude of a sample taken after the kill.
+    /// Time from each kill to the first attitude whose sample was taken after the kill.
     pub recovery_ms: DistributionMs,
 }
 
@@ -94,7 +94,8 @@ impl KillCampaign {
 }
 
 impl KillCampaignReport {
-    /// Returns `true` if no tick was lost or duplicated and the bytes are the same.
+    /// Returns `true` if no tick was lost or duplicated and the output is identical to that of the
+    /// undisturbed run.
     pub fn passed(&self) -> bool {
         self.lost == 0 && self.duplicated == 0 && self.same_bytes
     }
@@ -117,7 +118,7 @@ pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
     )
 }
 
-/// Returns a random number of the range, uniform except for the modulo bias.
+/// Returns a random number in the range, uniform except for the modulo bias.
 pub(crate) fn random_in_range(random: &mut ChaCha8Rng, range: std::ops::Range<u64>) -> u64 {
     range.start + random.next_u64() % (range.end - range.start)
 }

@@ -1,9 +1,9 @@
-//! Stress tests of a running system: services are killed or stages swapped at random times.
+//! Stress tests of a running system: kills services or swaps stages at random.
 //!
 //! - Input: the number of disturbances and a seed.
-//! - Output: lost ticks, comparison with an undisturbed run, and distributions of times.
-//! - Time: the clock, for the random times and for measurements.
-//! - Failure: an error if the system does not start or does not end.
+//! - Output: lost ticks, a comparison with an undisturbed run, and distributions of times.
+//! - Time: disturbances are scheduled and measured with the monotonic clock.
+//! - Failure: an error if the system does not start, ends too early or does not end in time.
 #![forbid(unsafe_code)]
 
 mod kills;
@@ -23,7 +23,7 @@ use supervisor::{Request, UpError};
 pub use kills::{KillCampaign, KillCampaignReport};
 pub use swaps::{SwapCampaign, SwapCampaignReport};
 
-/// A campaign cannot be carried out.
+/// Error that prevents a campaign from being completed.
 #[derive(Debug, thiserror::Error)]
 pub enum CampaignError {
     /// The bus failed.
@@ -43,13 +43,13 @@ pub enum CampaignError {
     Io {
         /// Failed operation.
         action: &'static str,
-        /// Error of the operating system.
+        /// Operating-system error.
         cause: io::Error,
     },
     /// The system ended during the campaign.
     #[error("the system ended during the campaign; see its log {log}")]
     EarlyExit {
-        /// Log of the system.
+        /// Path of the system's log.
         log: PathBuf,
     },
     /// The system did not start or did not end in time.
@@ -57,7 +57,7 @@ pub enum CampaignError {
     Timeout {
         /// Time waited, s.
         timeout_s: u64,
-        /// Log of the system.
+        /// Path of the system's log.
         log: PathBuf,
     },
 }
@@ -98,13 +98,13 @@ impl std::fmt::Display for DistributionMs {
     }
 }
 
-/// Creates a histogram of times up to one minute, ns, with three significant digits.
+/// Creates a histogram of times in ns, up to one minute, with three significant digits.
 fn new_histogram_ns() -> Histogram<u64> {
     Histogram::new_with_bounds(1, 60_000_000_000, 3).unwrap_or_else(|_| unreachable!("the bounds are in order"))
 }
 
-/// Runs the launch file in one process without a bus and returns the attitudes as a file of `plumb
-/// up --out`.
+/// Runs the launch file in one process without a bus. Returns the attitudes in the format of the
+/// file that `plumb up --out` writes.
 fn run_undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, CampaignError> {
     let io_error = |action| move |cause| CampaignError::Io { action, cause };
     let folder = tempfile::tempdir().map_err(io_error("creating a folder"))?;

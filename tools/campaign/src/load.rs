@@ -1,4 +1,4 @@
-//! CPU load in competition with the system under test.
+//! CPU load that competes with the system under test.
 
 use std::{
     sync::{
@@ -8,7 +8,7 @@ use std::{
     thread::JoinHandle,
 };
 
-/// Busy threads that run until this is dropped.
+/// Threads that keep the CPU busy until this value is dropped.
 pub(crate) struct Load {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,

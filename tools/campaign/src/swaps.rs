@@ -1,4 +1,4 @@
-//! Campaign that swaps stages at random.
+//! Campaign that swaps random stages.
 
 use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
@@ -22,52 +22,53 @@ use crate::{
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Interval between two reads of the output during a swap.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Maximum number of failed swaps in the report.
+/// Maximum number of failed swaps that the report lists.
 const MAX_REPORTED_FAILURES: usize = 20;
 
-/// Parameters of the campaign.
+/// Parameters of a swap campaign.
 #[derive(Debug, Clone, Copy)]
 pub struct SwapCampaign {
     /// Number of swaps.
     pub count: u32,
-    /// Seed for the slots and the stages.
+    /// Seed for the random choice of slots and stages.
     pub seed: u64,
     /// Samples per second.
     pub rate_hz: u32,
     /// Number of threads that compete with the system for the CPU.
     pub load_threads: u32,
-    /// Swap each stage for the same stage, which must not change a byte of the output.
+    /// `true` to replace each stage by another instance of the same stage. In this case no byte of
+    /// the output may change.
     pub same_stage: bool,
 }
 
-/// Result of the campaign.
+/// Result of a swap campaign.
 #[derive(Debug, Clone, Serialize)]
 pub struct SwapCampaignReport {
-    /// Swaps requested.
+    /// Number of requested swaps.
     pub swaps: u32,
-    /// Swaps committed.
+    /// Number of committed swaps.
     pub committed: u32,
-    /// Failed swaps, up to a maximum number.
+    /// Reports of the first failed swaps, at most `MAX_REPORTED_FAILURES`.
     pub failed: Vec<SwapReport>,
-    /// Ticks with an attitude.
+    /// Number of ticks with an attitude.
     pub ticks: u64,
-    /// Ticks without an attitude.
+    /// Number of ticks without an attitude.
     pub lost: u64,
-    /// Attitudes published twice.
+    /// Number of attitudes that were published twice.
     pub duplicated: u64,
-    /// Attitudes published after a later one.
+    /// Number of attitudes that were published after a later one.
     pub out_of_order: u64,
-    /// Equality with the output of an undisturbed run, byte for byte; `None` unless `same_stage` is
-    /// set.
+    /// `true` if the output is byte-for-byte identical to that of an undisturbed run; `None` unless
+    /// `same_stage` is set.
     pub same_bytes: Option<bool>,
     /// Longest interval between two attitudes during each swap.
     pub gap_ms: DistributionMs,
-    /// Longest interval between two attitudes in an equally long time after each swap, for
+    /// Longest interval between two attitudes in an equally long period after each swap, for
     /// comparison.
     pub baseline_gap_ms: DistributionMs,
     /// Time from each request to its response.
     pub response_ms: DistributionMs,
-    /// Largest jump of the attitude, degrees.
+    /// Largest attitude jump at a swap, degrees.
     pub max_jump_deg: f64,
 }
 
@@ -177,8 +178,9 @@ fn random_request(random: &mut ChaCha8Rng, same_stage: bool) -> SwapRequest {
     SwapRequest { slot: slot.name().into(), stage, shadow: false, expected_epoch: None, timeout_ms }
 }
 
-/// Requests a swap and reads the output until the response arrives. The control socket has its own
-/// timeout.
+/// Requests a swap and polls the system until the response arrives.
+///
+/// No deadline is needed here, because the control socket has its own timeout.
 fn run_swap(system: &mut SystemUnderTest, name: &str, request: SwapRequest) -> Result<SwapReport, CampaignError> {
     let (sender, receiver) = mpsc::channel::<Result<SwapReport, ControlError>>();
     std::thread::scope(|scope| {
@@ -207,7 +209,7 @@ fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
     intervals.max().unwrap_or(0)
 }
 
-/// Counts the lines of an attitude file with a time not later than that of the previous line.
+/// Counts the lines of an attitude file whose time is not later than that of the previous line.
 fn count_out_of_order(attitudes: &[u8]) -> u64 {
     let time_s = |line: &[u8]| str::from_utf8(line.split(|byte| *byte == b',').next()?).ok()?.parse::<f64>().ok();
     let times_s: Vec<_> = attitudes.split(|byte| *byte == b'\n').skip(1).filter_map(time_s).collect();

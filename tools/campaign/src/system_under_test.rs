@@ -1,4 +1,4 @@
-//! System under test: `plumb up` as a process, observed on the bus.
+//! System under test: `plumb up` in a separate process, observed over the bus.
 
 use std::{
     fs::{self, File},
@@ -20,7 +20,7 @@ use crate::CampaignError;
 
 /// Timeout for the first attitude.
 const START_TIMEOUT: Duration = Duration::from_secs(20);
-/// Maximum number of messages read from a topic at once.
+/// Maximum number of messages read from a topic per poll.
 const MAX_MESSAGES_PER_POLL: usize = 4096;
 
 pub(crate) struct SystemUnderTest {
@@ -136,14 +136,14 @@ impl SystemUnderTest {
         self.outputs.clear();
     }
 
-    /// Requests the system to end.
+    /// Sends SIGINT to the system, which makes it end.
     pub(crate) fn interrupt(&self) {
-        // If the process has ended already, `wait_for_end` finds that.
+        // If the process has already ended, `wait_for_end` detects it.
         let _ = Pid::from_raw(self.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
-    /// Kills a service and returns the time, ns. Returns `None` if the service has not reported a
-    /// new process since it was last killed.
+    /// Kills a service and returns the time of the kill, ns (CLOCK_MONOTONIC). Returns `None` if
+    /// the service has not reported a new process since it was last killed.
     pub(crate) fn kill(&mut self, service: Service) -> Option<u64> {
         let pid = Pid::from_raw(std::mem::take(&mut self.pids[service as usize]) as i32)?;
         self.killed[service as usize] = pid.as_raw_nonzero().get() as u32;
@@ -156,12 +156,12 @@ impl SystemUnderTest {
         self.bus.next_tick(graph::Topic::Imu.entry())
     }
 
-    /// Waits for the end and returns the totals and the attitude file of the system.
+    /// Waits for the system to exit and returns its totals and its attitude file.
     pub(crate) fn wait_for_end(mut self, timeout: Duration) -> Result<(RunTotals, Vec<u8>), CampaignError> {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let deadline = Instant::now() + timeout;
         while self.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
-            // An unread topic does not block the system. Reading keeps its buffer from overflowing.
+            // The system would not block on an unread topic, but the topic's buffer would overflow.
             self.attitude.drain(MAX_MESSAGES_PER_POLL, |output| self.outputs.push(output))?;
             if Instant::now() > deadline {
                 return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.keep_log() });
@@ -185,7 +185,7 @@ impl SystemUnderTest {
 impl Drop for SystemUnderTest {
     fn drop(&mut self) {
         if let (Ok(None), Some(pid)) = (self.child.try_wait(), Pid::from_raw(self.child.id() as i32)) {
-            // On SIGTERM, the system ends its services and removes its files.
+            // On SIGTERM, the system stops its services and removes its files.
             let _ = kill_process(pid, Signal::TERM);
             let _ = self.child.wait();
         }

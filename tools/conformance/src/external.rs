@@ -1,4 +1,4 @@
-//! Checks of a stage in a separate program, and the cost of its steps.
+//! Checks a stage that runs as a separate program and measures the cost of its steps.
 
 use std::{
     fs,
@@ -22,14 +22,14 @@ const TIMED_STEPS: usize = 3000;
 /// Interval between timed steps.
 const STEP_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Checks the program that fills a slot as the stage `name`.
+/// Checks an external program as the stage `name` of its slot.
 ///
 /// `on_group_start` receives the name of each group of checks, because a group can take minutes.
-/// Each response may take as long as the start of a program.
+/// The timeout for each response is the one for starting a program.
 ///
 /// # Errors
 ///
-/// Fails if the program cannot be started or is not a stage of its slot.
+/// Returns an error if the program cannot be started or is not a stage of its slot.
 pub fn run_external(
     name: &str,
     program: &ExternalStage,
@@ -39,7 +39,7 @@ pub fn run_external(
         Service::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
         Service::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
         Service::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
-        // A launch file accepts external stages for these slots only.
+        // A launch file allows external stages only for gyro, accel, fuser and course.
         Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
             run_in_slot::<FuserSlot>(name, program, on_group_start)
         }
@@ -68,7 +68,7 @@ where
     Ok(report)
 }
 
-/// Measures the round trip of a step and the CPU time of the program, at 1 kHz.
+/// Runs steps at 1 kHz and measures their round-trip times and the CPU time of the program.
 fn cost_checks<L: SlotSpec>(mut stage: HostedStage<L::BuiltIn>) -> Vec<Check>
 where
     L::BuiltIn: HostableStage,

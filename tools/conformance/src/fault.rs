@@ -1,4 +1,4 @@
-//! Catalogue of faults of sensors, timestamps and vehicles.
+//! Catalogue of sensor, timestamp and motion faults.
 //!
 //! Input: a script.
 //!
@@ -8,8 +8,8 @@
 //!
 //! Ingest passes on only increasing timestamps and finite values. A timestamp that is constant,
 //! repeated or decreasing therefore appears here as an interval of zero, and a jump as an interval
-//! of up to `MAX_INTERVAL_S`. Non-finite values are passed on unchanged, because a stage can also
-//! be used without ingest. The stage must treat them as missing.
+//! of up to `MAX_INTERVAL_S`. The catalogue nevertheless includes non-finite values, because a
+//! stage can also be used without ingest. The stage must treat such values as missing.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
@@ -29,18 +29,18 @@ const NON_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 /// Fault of the sensors, the timestamps or the motion.
 #[derive(Debug, Clone, Copy)]
 pub struct Fault {
-    /// Name of the fault, which is also its row in `recovery.csv`.
+    /// Name of the fault, also the name of its row in `recovery.csv`.
     pub name: &'static str,
     /// Duration, s.
     pub duration_s: f64,
-    /// Replaces the ticks during the fault. The second argument is the last tick before it.
+    /// Replaces the ticks during the fault. The second argument is the last tick before the fault.
     transform: fn(&[Tick], &Tick) -> Vec<Tick>,
     /// Changes each tick after the fault.
     transform_after: fn(&mut Tick),
 }
 
 impl Fault {
-    /// Returns the script with this fault.
+    /// Returns the script with this fault applied.
     pub fn apply(&self, script: &Script) -> Script {
         let [start, end] = [FAULT_START_S, FAULT_START_S + self.duration_s].map(|t_s| script.ticks_before(t_s));
         let (before, rest) = script.ticks.split_at(start);
@@ -184,14 +184,14 @@ fn non_finite_vector(i: usize) -> Vector3<f64> {
     vector
 }
 
-/// Adds the velocity of a fall of this duration.
+/// Adds the velocity gained in a fall of this duration to the fix.
 fn add_fall_velocity(tick: &mut Tick, duration_s: f64) {
     if let Some(fix) = &mut tick.fix {
         fix.velocity_m_s.z -= GRAVITY_M_S2 * duration_s;
     }
 }
 
-/// Adds the velocity of a lateral acceleration of this duration.
+/// Adds the velocity gained by lateral acceleration of this duration to the fix.
 fn add_lateral_velocity(tick: &mut Tick, duration_s: f64) {
     if let Some(fix) = &mut tick.fix {
         fix.velocity_m_s.x += LATERAL_ACCELERATION_M_S2 * duration_s;

@@ -3,10 +3,11 @@
 //! Input: a stage.
 //!
 //! Output: a table of its outputs on scenario S1 with sensor errors, magnetic field and velocities.
-//!
+//! Output: a table of the stage's outputs on scenario S1 with sensor errors, magnetic field and
+//! velocities.
 //! Time: 30 s at 100 Hz, one row per second.
 //!
-//! Failure: a difference is reported with the first number that differs.
+//! Failure: the first number that differs is reported.
 
 use attitude::stage::Stage;
 
@@ -17,7 +18,7 @@ use crate::{
 
 const TICK_COUNT: usize = 3001;
 const ROW_INTERVAL_TICKS: usize = 100;
-/// Relative tolerance above 1, absolute below.
+/// Tolerance, relative for numbers above 1 and absolute below.
 const TOLERANCE: f64 = 1e-9;
 
 /// Returns the trace of a stage as CSV, or `None` for an unknown slot or name.

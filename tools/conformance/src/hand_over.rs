@@ -11,12 +11,12 @@ use crate::{
 const HAND_OVER_INPUT: usize = 4000;
 /// Index of the first tick at which the receiving stage has settled.
 const SETTLED_INPUT: usize = 8000;
-/// Largest difference between the attitudes of both stages at the tick after the hand-over,
-/// degrees.
+/// Largest difference between the attitudes of the two stages on the first tick after the
+/// hand-over, degrees.
 const MAX_JUMP_DEG: f64 = 0.5;
 /// Largest ratio of the receiving stage's error to its error without a hand-over.
 const MAX_ERROR_FACTOR: f64 = 1.5;
-/// Error that is allowed in addition, degrees.
+/// Allowance added to the error limit, degrees.
 const ERROR_MARGIN_DEG: f64 = 0.05;
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
@@ -59,14 +59,14 @@ fn step_all<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::In
     });
 }
 
-/// Returns the settled inclination RMSE of a stage that receives every input, degrees; 0 if the
-/// slot has no exact level.
+/// Returns the inclination RMSE after settling, degrees, of a stage that receives every input.
+/// Returns 0 if the slot has no exact level.
 fn undisturbed_rmse_deg<L: SlotSpec, S: SlotStage<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
     if L::HAS_EXACT_LEVEL { run_to_end::<L, S>(&mut stage, inputs, "without hand-over").rmse_deg } else { 0.0 }
 }
 
-/// Checks a hand-over from `donor`, which has processed the inputs before it, to the new stage
-/// `receiver`.
+/// Checks a hand-over to the new stage `receiver` from `donor`, which has processed all earlier
+/// inputs.
 fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
     donor: &G,
     receiver: &R,

@@ -4,9 +4,9 @@
 //!
 //! Output: a [`Report`] with the result of each check.
 //!
-//! Time: the timestamps of the scripts. A stage takes one or two seconds.
+//! Time: the timestamps of the scripts. Checking a stage takes one or two seconds.
 //!
-//! Failure: a panic of a stage is not caught.
+//! Failure: a panic in a stage is not caught.
 //!
 //! ```no_run
 //! use attitude::fuser::wz_closed::WzClosed;
@@ -18,14 +18,14 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `validity` | outputs are finite and valid rotations under any fault |
-//! | `repeatability` | equal inputs yield bit-identical outputs, also after a restore |
+//! | `repeatability` | equal inputs yield bit-identical outputs, even after a restore |
 //! | `rejection` | invalid states are rejected and leave the stage unchanged |
 //! | `hand_over` | a stage continues from the state of another stage |
 //! | `tumbling` | the attitude is continuous in any orientation |
 //! | `settings` | every allowed parameter value works |
 //! | `recovery` | the level recovers from each fault within the limits of `recovery.csv` |
 //! | [`script`], [`fault`] | simulated sensors and their faults |
-//! | `slot`, `run` | properties of the slots, runs of a stage |
+//! | `slot`, `run` | properties of the slots, and runs of a stage |
 //! | `external`, `cpu_affinity` | stages in a separate program, and the cost of their steps |
 //! | [`golden`] | golden traces of the outputs |
 #![forbid(unsafe_code)]
@@ -121,10 +121,10 @@ fn run_in_slot<L: SlotSpec>(name: &str) -> Option<Report> {
     Some(report)
 }
 
-/// Function that runs one group of checks on the stages that a constructor returns.
+/// Function that runs one group of checks on stages created by the given constructor.
 type CheckGroup<M> = fn(&M) -> Vec<Check>;
 
-/// Runs all checks. `on_group_start` receives the name of each group.
+/// Runs all checks. `on_group_start` receives the name of each group of checks.
 fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, on_group_start: &mut dyn FnMut(&str)) -> Report {
     let groups: [(&str, CheckGroup<_>); 7] = [
         ("validity", validity::checks::<L, S>),

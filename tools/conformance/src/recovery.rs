@@ -1,10 +1,10 @@
-//! Checks how long after a fault the inclination error is as small as without the fault.
+//! Checks how long the inclination error takes to recover after each fault.
 //!
-//! `recovery.csv` lists the limits for each stage. A fuser without a column uses the column `any`,
-//! a stage of another slot the column of the slot's first stage. Gyro stages have no limits,
-//! because an open-loop attitude never recovers.
+//! `recovery.csv` lists the limits for each stage. A fuser without its own column uses the column
+//! `any`. A stage of another slot uses the column of the slot's first stage instead. Gyro stages
+//! have no limits, because an open-loop attitude never recovers.
 //!
-//! Failure: an invalid output fails the check, too.
+//! Failure: an invalid output also fails the check.
 
 use std::sync::LazyLock;
 
@@ -16,16 +16,16 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Error that is allowed in addition to the multiple of the undisturbed RMSE, degrees.
+/// Allowance added to the multiple of the undisturbed RMSE, degrees.
 const MARGIN_DEG: f64 = 0.05;
 /// Column for fusers that have no separate column.
 const OTHER_FUSERS: &str = "any";
-/// Row with the largest undisturbed RMSE, degrees.
+/// Row with the upper limit of the undisturbed RMSE, degrees.
 const RMSE_ROW: &str = "undisturbed RMSE °";
-/// Row with the multiple of the undisturbed RMSE that counts as recovered.
+/// Row with the multiple of the undisturbed RMSE below which a stage counts as recovered.
 const FACTOR_ROW: &str = "multiple of undisturbed RMSE";
 
-/// Rows of faults and columns of stages. Entries are seconds or `none`.
+/// Table with one row per fault and one column per stage. An entry is a time in seconds or `none`.
 static TABLE: LazyLock<Vec<Vec<&'static str>>> = LazyLock::new(|| {
     let rows = include_str!("../recovery.csv").lines().filter(|line| !line.starts_with('#'));
     rows.map(|row| row.split(',').map(str::trim).collect()).collect()
@@ -68,10 +68,10 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     checks
 }
 
-/// Returns the time from the end of the fault to the last error above the bound, s. Returns `None`
-/// if the last error of the script is above it.
+/// Returns the time from the end of the fault until the error stays within the bound, s. Returns
+/// `None` if the last error of the script exceeds the bound.
 ///
-/// `errors_deg` starts with the fault.
+/// `errors_deg` begins at the start of the fault.
 fn recovery_s(fault: &Fault, errors_deg: &[(f64, f64)], bound_deg: f64) -> Option<f64> {
     let last = errors_deg.iter().rposition(|(_, error_deg)| !(0.0..=bound_deg).contains(error_deg));
     let Some(last) = last else { return Some(0.0) };

@@ -1,4 +1,4 @@
-//! Checks that a stage rejects invalid states with a reason and stays unchanged.
+//! Checks that a stage rejects invalid states with the correct reason and then stays unchanged.
 
 use attitude::stage::{RestoreError, Snapshot};
 
@@ -80,7 +80,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     ]
 }
 
-/// Stage with a snapshot, and the inputs that follow.
+/// Stage after [`SNAPSHOT_INPUT`] inputs, and the inputs that follow.
 struct RejectionCheck<'a, L: SlotSpec, S, M> {
     make: &'a M,
     stage: S,
@@ -89,7 +89,7 @@ struct RejectionCheck<'a, L: SlotSpec, S, M> {
 }
 
 impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
-    /// Returns an error unless the stage rejects the snapshot with the expected error and is
+    /// Returns an error unless the stage rejects the snapshot with the expected error and stays
     /// unchanged.
     fn rejection_error(
         &self,
@@ -105,8 +105,8 @@ impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
         self.unchanged_error(stage, result.is_err()).map(|error| format!("{}: {error}", name()))
     }
 
-    /// Returns an error unless the stage has rejected a state and its state and later outputs are
-    /// bit-identical to before.
+    /// Returns an error unless the stage has rejected a state and is unchanged: its own state and
+    /// its later outputs must be bit-identical to those of `self.stage`.
     fn unchanged_error(&self, mut stage: S, rejected: bool) -> Option<String> {
         if !rejected {
             return Some("accepted".into());
@@ -118,8 +118,8 @@ impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
         Some(format!("rejected, but the output differs at tick {tick}"))
     }
 
-    /// Returns an error if an accepted snapshot leads to invalid outputs or an invalid common
-    /// state.
+    /// Returns an error if the stage accepts the snapshot and then yields an invalid output or
+    /// common state, or if it rejects the snapshot but is changed by it.
     fn harm(&self, snapshot: &Snapshot) -> Option<String> {
         let mut stage = self.stage.clone();
         if stage.restore(snapshot).is_err() {

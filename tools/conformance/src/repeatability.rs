@@ -1,4 +1,4 @@
-//! Checks that equal inputs yield bit-identical outputs, also after a restore from a snapshot.
+//! Checks that equal inputs yield bit-identical outputs, even after a restore from a snapshot.
 
 use crate::{
     fault::{CATALOGUE, FAULT_START_S},

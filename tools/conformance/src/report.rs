@@ -21,7 +21,7 @@ pub struct Report {
 pub struct Check {
     /// Property that the check verifies, as a sentence.
     pub name: String,
-    /// Whether the stage has the property.
+    /// `true` if the stage has the property.
     pub passed: bool,
     /// Measured value, if the property is a number.
     pub measurement: Option<Measurement>,
@@ -32,9 +32,9 @@ pub struct Check {
 /// Measured number with its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Measurement {
-    /// Measured number; `None` if the event did not occur.
+    /// Measured number; `None` if the measured event did not occur.
     pub value: Option<f64>,
-    /// Largest allowed value; `None` for a measurement without limit.
+    /// Largest allowed value; `None` for a measurement without a limit.
     pub limit: Option<f64>,
     /// Unit of the number and its limit.
     pub unit: &'static str,
@@ -53,7 +53,7 @@ impl Report {
 }
 
 impl Check {
-    /// Creates a check that fails with the given violation, or passes for `None`.
+    /// Creates a check that fails with the given violation, or passes if it is `None`.
     pub fn property(name: impl Into<String>, failure: Option<String>) -> Self {
         Self { name: name.into(), passed: failure.is_none(), measurement: None, failure }
     }

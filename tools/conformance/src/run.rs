@@ -9,14 +9,14 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Runs a stage on a script and describes the first invalid output.
+/// Runs a stage on a script and describes the first invalid output, if any.
 pub(crate) fn first_invalid_output<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, script: &Script) -> Option<String> {
     L::inputs(script)
         .iter()
         .find_map(|(i, input)| describe_invalid_output::<L, S>(&stage.step(input), stage, &script.name, *i))
 }
 
-/// Describes the error of an invalid output, or returns `None` if it is valid.
+/// Describes why an output is invalid, or returns `None` if it is valid.
 pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
     output: &L::Output,
     stage: &S,
@@ -28,15 +28,16 @@ pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
     Some(format!("{script}, tick {tick}: {error}{failure}"))
 }
 
-/// Stage after the first ticks of a script, shared by scripts that differ only later.
+/// Stage that has processed the first ticks of a script, for use with every script that starts with
+/// the same ticks.
 ///
-/// A copy of an external stage is another process with the same state. The repeatability checks
-/// detect data that a program keeps outside its state.
+/// A copy of an external stage is another process with the same state. Data that a program keeps
+/// outside its state would be missing there. The repeatability checks detect such data.
 pub(crate) struct PrefixRun<L: SlotSpec, S> {
     stage: S,
     /// Number of inputs processed.
     input_count: usize,
-    /// First invalid output.
+    /// Description of the first invalid output.
     invalid_output: Option<String>,
     slot: PhantomData<L>,
 }
@@ -44,9 +45,9 @@ pub(crate) struct PrefixRun<L: SlotSpec, S> {
 /// Result of a run after the shared ticks.
 pub(crate) struct RunOutcome<S> {
     pub(crate) stage: S,
-    /// Time, s, and inclination error, degrees, of each tick up to the first invalid output.
+    /// Time, s, and inclination error, degrees, at each tick up to the first invalid output.
     pub(crate) errors_deg: Vec<(f64, f64)>,
-    /// First invalid output, also in the shared ticks.
+    /// Description of the first invalid output, which may be in the shared ticks.
     pub(crate) invalid_output: Option<String>,
 }
 
@@ -85,7 +86,8 @@ pub(crate) fn output_hash<L: SlotSpec>(output: &L::Output) -> u64 {
     hash
 }
 
-/// Runs two stages and returns the first tick at which their outputs are not bit-identical.
+/// Runs two stages on the same inputs and returns the first tick at which their outputs are not
+/// bit-identical.
 pub(crate) fn first_difference<L: SlotSpec, S: SlotStage<L>>(
     one: &mut S,
     other: &mut S,

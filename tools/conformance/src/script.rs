@@ -12,14 +12,14 @@ use std::sync::LazyLock;
 use attitude::{Vector3, gnss::Fix, state::Attitude};
 use scenario::{Motion, SensorErrors, Sensors};
 
-/// Magnetic field of central Europe, µT, east, north, up.
+/// Typical magnetic field in central Europe, µT: east, north and up components.
 const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -45.0);
 const FIELD_NOISE_UT: f64 = 0.5;
 const FIELD_RATE_HZ: f64 = 50.0;
 const FIX_RATE_HZ: f64 = 5.0;
 const VELOCITY_NOISE_M_S: f64 = 0.05;
 const LATITUDE_RAD: f64 = 0.97;
-/// Tolerance for times that are multiples of an interval, s.
+/// Tolerance for comparing times that are multiples of an interval, s.
 pub(crate) const ROUNDING_S: f64 = 1e-9;
 
 /// Sensor values and true attitude at one tick.
@@ -35,11 +35,11 @@ pub struct Tick {
     pub force_m_s2: Option<Vector3<f64>>,
     /// Magnetic field, µT, body axes.
     pub field_ut: Option<Vector3<f64>>,
-    /// Fix of the satellite receiver.
+    /// Fix from the satellite receiver.
     pub fix: Option<Fix>,
-    /// Whether gyro and accelerometer are working.
+    /// `true` if gyro and accelerometer are working.
     pub rest_credible: bool,
-    /// Whether the gyro is working and within its range.
+    /// `true` if the gyro is working and within its range.
     pub rate_credible: bool,
     /// True attitude.
     pub truth: Attitude,
@@ -54,11 +54,11 @@ pub struct Script {
     pub ticks: Vec<Tick>,
 }
 
-/// Scenario S1 with sensor errors, long enough for recovery.
+/// Scenario S1 with sensor errors, long enough to recover from a fault.
 pub(crate) static S1: LazyLock<Script> =
     LazyLock::new(|| Script::new("S1 at 100 Hz", Motion::S1, SensorErrors::S1, 100.0, 100.0));
 
-/// Motions and sample rates for the checks of validity.
+/// Other motions and sample rates for the validity checks.
 pub(crate) static SHORT_SCRIPTS: LazyLock<[Script; 3]> = LazyLock::new(|| {
     let tumble = Motion::Tumble(Vector3::new(2.4, -1.6, 0.8));
     [
@@ -69,7 +69,7 @@ pub(crate) static SHORT_SCRIPTS: LazyLock<[Script; 3]> = LazyLock::new(|| {
 });
 
 impl Script {
-    /// Simulates sensors with these errors on a body that rotates in place.
+    /// Simulates sensors with the given errors on a body that rotates in place.
     pub fn new(name: &str, motion: Motion, errors: SensorErrors, rate_hz: f64, duration_s: f64) -> Self {
         let mut sensors = Sensors::new(motion, errors, 1);
         let (mut field_noise, mut velocity_noise) = (noise(2), noise(3));
@@ -103,13 +103,14 @@ impl Script {
         Self { name: name.into(), ticks: (0..=(duration_s * rate_hz) as u64).map(tick).collect() }
     }
 
-    /// Returns the number of ticks before a time.
+    /// Returns the number of ticks before the given time.
     pub(crate) fn ticks_before(&self, t_s: f64) -> usize {
         self.ticks.partition_point(|tick| tick.t_s < t_s - ROUNDING_S)
     }
 }
 
-/// Returns a generator of vectors of independent standard normal numbers, equal on every machine.
+/// Returns a generator of vectors of independent standard normal numbers, identical on every
+/// machine.
 pub(crate) fn noise(seed: u64) -> impl FnMut() -> Vector3<f64> {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors { accel_noise_m_s2: 1.0, ..SensorErrors::default() }, seed);
     move || {

@@ -11,7 +11,7 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Units and the suffixes of parameter names.
+/// Each unit with the required suffix of the parameter name.
 const UNIT_SUFFIXES: [(&str, &str); 12] = [
     ("s", "_s"),
     ("Hz", "_hz"),

@@ -34,9 +34,9 @@ pub(crate) trait SlotSpec: Sized {
 
     const SLOT_NAME: &'static str;
     const STAGE_NAMES: &'static [&'static str];
-    /// Whether the sign of the output's quaternion must be continuous.
+    /// `true` if the sign of the output's quaternion must be continuous.
     const HAS_CONTINUOUS_SIGN: bool = false;
-    /// Whether a stage with exact sensors must report the exact inclination.
+    /// `true` if a stage must report the exact inclination when its sensors are exact.
     const HAS_EXACT_LEVEL: bool;
 
     fn from_name(name: &str) -> Option<Self::BuiltIn>;
@@ -188,8 +188,8 @@ fn is_finite(vector: &Vector3<f64>) -> bool {
     vector.iter().all(|component| component.is_finite())
 }
 
-/// Replaces rate and interval by the non-finite values of the tick, as an upstream stage without
-/// checks would pass them on.
+/// Replaces the rate and the interval of a motion with those of the tick if the tick's are
+/// non-finite, as an upstream stage without checks would pass them on.
 fn with_non_finite_values(motion: Motion, tick: &Tick) -> Motion {
     let rate_rad_s = tick.rate_rad_s.filter(|rate| !is_finite(rate)).unwrap_or(motion.rate_rad_s);
     Motion { rate_rad_s, dt_s: if tick.dt_s.is_finite() { motion.dt_s } else { tick.dt_s }, ..motion }
@@ -401,8 +401,8 @@ fn invalid_attitudes() -> Vec<(&'static str, Attitude)> {
     ]
 }
 
-/// Returns why an attitude is invalid, or `None`. The chart changes at |w| = 1.2; the tolerance
-/// covers rounding.
+/// Returns why an attitude is invalid, or `None` if it is valid. The chart changes at |w| = 1.2,
+/// and the tolerance covers rounding.
 fn attitude_error(attitude: Attitude) -> Option<&'static str> {
     if attitude.up.w.norm_sqr() > 1.44 + 1e-9 {
         return Some("a point outside its chart");

@@ -13,10 +13,10 @@ use crate::{
 const RATE_RAD_S: f64 = 4.0;
 const SAMPLE_RATE_HZ: f64 = 200.0;
 const DURATION_S: f64 = 20.0;
-/// Largest ratio of an attitude step to the rotation of the body.
+/// Largest ratio of an attitude step to the body's rotation in one tick.
 const MAX_STEP_FACTOR: f64 = 1.5;
-/// Largest inclination error with exact sensors, degrees. A gradient step of fixed length
-/// oscillates.
+/// Largest inclination error with exact sensors, degrees. Allows for filters with a gradient step
+/// of fixed length, which oscillate.
 const MAX_ERROR_DEG: f64 = 2.0;
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
@@ -35,7 +35,8 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
             let (q, has_heading) = (L::quaternion(&output), L::heading_reference(&output).is_some());
             let truth = script.ticks[i].truth;
             if let Some((previous_q, previous_chart)) = previous {
-                // A sign change denotes the same attitude, but breaks interpolation.
+                // The negated quaternion denotes the same attitude, but a change of sign breaks
+                // interpolation.
                 let sign_jumps = L::HAS_CONTINUOUS_SIGN && q.dot(&previous_q) < 0.0;
                 let step_deg = match (sign_jumps, has_heading) {
                     (true, _) => 360.0,
@@ -67,7 +68,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     checks
 }
 
-/// Stores the value and its position if it is the largest so far or NaN.
+/// Stores the value and where it occurred if it is the largest so far or NaN.
 fn keep_largest(worst: &mut (f64, String), value: f64, name: &str, tick: usize) {
     if value > worst.0 || value.is_nan() {
         *worst = (value, format!("{name}, tick {tick}"));

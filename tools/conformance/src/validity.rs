@@ -10,16 +10,16 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Finite numbers outside the range of any measurement.
+/// Extreme finite numbers, most of them beyond the range of any measurement.
 const EXTREME_NUMBERS: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
 
-/// Sets one quantity of a tick to a number. The fix is a template.
+/// Function that sets one quantity of a tick to a number. The given fix serves as a template.
 type SetNumber = fn(&mut Tick, f64, Option<Fix>);
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let clean = SHORT_SCRIPTS.iter().chain([&*S1]).find_map(|script| first_invalid_output::<L, S>(&mut make(), script));
     let mut checks = vec![Check::property("outputs are valid without a fault", clean)];
-    // On S1 the recovery checks cover this.
+    // S1 is left out, because the recovery checks cover it.
     let prefixes = SHORT_SCRIPTS
         .iter()
         .map(|script| (script, PrefixRun::<L, S>::new(make(), script, script.ticks_before(FAULT_START_S))));
@@ -44,7 +44,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     checks
 }
 
-/// Sets each quantity to each extreme number for ten ticks of a fault-free run.
+/// Sets each quantity to each extreme number for ten ticks of an otherwise fault-free run.
 fn check_extreme_numbers<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Option<String> {
     let base = Script { name: "fault-free".into(), ticks: S1.ticks[..1500].to_vec() };
     let prefix = PrefixRun::<L, S>::new(make(), &base, 1000);

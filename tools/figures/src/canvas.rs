@@ -19,24 +19,24 @@ pub trait Draw {
         B::ErrorType: 'static;
 }
 
-/// Returns the text of an SVG of `size`, pixels.
+/// Draws an SVG of `size`, pixels, and returns its text.
 ///
 /// # Errors
 ///
-/// Returns the error of the drawing or of the SVG backend.
+/// Returns an error if the drawing or the SVG backend fails.
 pub fn svg(size: (u32, u32), drawing: &impl Draw) -> Result<String, Box<dyn Error + Send + Sync>> {
     let mut text = String::new();
     draw_on(&SVGBackend::with_string(&mut text, size).into_drawing_area(), drawing)?;
     Ok(text)
 }
 
-/// Returns the bytes of a PNG of `size`, pixels.
+/// Draws a PNG of `size`, pixels, and returns its bytes.
 ///
 /// Every length is doubled, so that the picture stays sharp on a high-density screen.
 ///
 /// # Errors
 ///
-/// Returns the error of the drawing, of the pixel backend or of the compression.
+/// Returns an error if the drawing, the pixel backend or the compression fails.
 pub fn png(
     size: (u32, u32),
     drawing: &impl Draw,

@@ -13,12 +13,13 @@ use crate::{
     style::{LineStyle, TEXT, TITLE, format_number},
 };
 
-/// Approximate maximum number of points of a curve over time.
+/// Approximate maximum number of points in a curve over time.
 const MAX_POINTS: usize = 2000;
 /// Width of the legend, pixels.
 const LEGEND_WIDTH: u32 = 168;
-/// Height of the margins of a chart, and minimum height per label of the vertical axis, pixels.
+/// Total height of a chart's margins and horizontal axis labels, pixels.
 const LABEL_MARGIN_HEIGHT: u32 = 56;
+/// Minimum height per label of the vertical axis, pixels.
 const MIN_LABEL_HEIGHT: u32 = 24;
 /// Minimum size of a title.
 const MIN_TITLE_SIZE: u32 = 9;
@@ -34,7 +35,7 @@ pub struct Chart {
     pub y: Axis,
     /// Curves in drawing order.
     pub curves: Vec<Curve>,
-    /// Whether a legend with the names of the curves is drawn to the right.
+    /// `true` to draw a legend with the names of the curves on the right.
     pub has_legend: bool,
 }
 
@@ -45,11 +46,12 @@ pub struct Axis {
     pub label: Cow<'static, str>,
     /// Values at the two ends.
     pub range: Range<f64>,
-    /// Whether the scale is logarithmic; the range must then be positive.
+    /// `true` for a logarithmic scale, which requires a positive range.
     pub is_log: bool,
 }
 
-/// A curve or a cloud of dots. Points that are not finite or outside the vertical range break it.
+/// A curve or a cloud of dots. Points that are not finite or outside the vertical range interrupt
+/// it.
 #[derive(Debug)]
 pub struct Curve {
     /// Name in the legend; empty for a curve without an entry.
@@ -94,10 +96,10 @@ impl Curve {
         Self { name: name.into(), color, style, points }
     }
 
-    /// Creates a decimated curve over time: each bin keeps its smallest and largest value.
+    /// Creates a decimated curve over time, in which each bin keeps its smallest and largest value.
     ///
-    /// A step of more than `max_step` between consecutive points breaks the curve, such as the wrap
-    /// of an angle.
+    /// The curve is interrupted at steps of more than `max_step` between consecutive points, such
+    /// as the wrap-around of an angle.
     pub fn over_time(
         name: impl Into<String>,
         color: RGBColor,

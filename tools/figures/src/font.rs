@@ -14,9 +14,10 @@ const FOLDERS: [&str; 4] =
     ["/usr/share/fonts", "/usr/local/share/fonts", "/run/current-system/sw/share/X11/fonts", "/Library/Fonts"];
 const NAMES: [&str; 5] =
     ["DejaVuSans.ttf", "LiberationSans-Regular.ttf", "NotoSans-Regular.ttf", "FreeSans.ttf", "Arial Unicode.ttf"];
-/// Maximum folder depth and maximum number of entries visited. Both bound the search in a tree with
-/// link loops.
+/// Maximum folder depth. Together with [`MAX_ENTRIES`], it bounds the search in a tree with link
+/// loops.
 const MAX_DEPTH: usize = 5;
+/// Maximum number of directory entries visited.
 const MAX_ENTRIES: usize = 20_000;
 
 /// Typeface for the text of a PNG.
@@ -70,7 +71,7 @@ impl Typeface {
     }
 }
 
-/// Collects the files with a supported name, each with the rank of its name.
+/// Collects the files with a name in [`NAMES`], each with the index of its name.
 fn collect_typefaces(folder: &Path, depth: usize, left: &mut usize, found: &mut Vec<(usize, PathBuf)>) {
     let Ok(entries) = folder.read_dir() else { return };
     for path in entries.flatten().map(|entry| entry.path()) {

@@ -39,8 +39,8 @@ impl Pixels {
         Canvas { bitmap: BitMapBackend::with_buffer(&mut self.rgb, self.size), typeface }
     }
 
-    /// Encodes the picture as PNG with unfiltered rows in one stream — PNG (ISO/IEC 15948), 5 and
-    /// 11.
+    /// Encodes the picture as PNG with unfiltered rows in a single stream; see PNG (ISO/IEC 15948),
+    /// clauses 5 and 11.
     pub(crate) fn encode(&self) -> io::Result<Vec<u8>> {
         let (width, height) = self.size;
         let mut header = Vec::with_capacity(13);
@@ -113,7 +113,8 @@ impl DrawingBackend for Canvas<'_> {
         self.bitmap.draw_rect((x, y), corner, &color, true)
     }
 
-    /// Draws a stroke as parallel thin lines: a stroke drawn as a polygon has holes at sharp bends.
+    /// Draws a stroke as parallel thin lines, because a stroke drawn as a polygon has holes at
+    /// sharp bends.
     fn draw_line<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S) -> DrawResult {
         let (from, to, color) = (scaled(from), scaled(to), style.color());
         let width = (style.stroke_width() * SCALE) as i32;

@@ -1,16 +1,18 @@
 //! Colours, text sizes and line styles.
+//!
+//! The palette is that of Okabe and Ito 2008, which is distinguishable with any colour vision.
 
 use plotters::style::RGBColor;
 
-/// Blue. The palette is that of Okabe and Ito 2008, distinguishable with any colour vision.
+/// Blue of the palette.
 pub const BLUE: RGBColor = RGBColor(0, 114, 178);
-/// Vermilion.
+/// Vermilion of the palette.
 pub const ORANGE: RGBColor = RGBColor(213, 94, 0);
-/// Bluish green.
+/// Bluish green of the palette.
 pub const GREEN: RGBColor = RGBColor(0, 158, 115);
-/// Reddish purple.
+/// Reddish purple of the palette.
 pub const PURPLE: RGBColor = RGBColor(204, 121, 167);
-/// Sky blue.
+/// Sky blue of the palette.
 pub const SKY: RGBColor = RGBColor(86, 180, 233);
 /// Orange of the palette.
 pub const AMBER: RGBColor = RGBColor(230, 159, 0);
@@ -35,7 +37,8 @@ pub enum LineStyle {
     Wide,
     /// Cloud of dots instead of a line.
     Dots,
-    /// Dashed line of two pixels: lengths of dash and gap along the horizontal axis, pixels.
+    /// Dashed line of two pixels. The fields are the lengths of dash and gap along the horizontal
+    /// axis, pixels.
     Dashed(u32, u32),
 }
 
@@ -67,9 +70,9 @@ pub fn series_style(index: usize) -> (RGBColor, LineStyle) {
     (COLORS[index % COLORS.len()], STYLES[index % STYLES.len()])
 }
 
-/// Formats a number without trailing zeros: 20 and 0.5 instead of 20.0 and −0.0.
+/// Formats a number without trailing zeros or a negative zero, for example 20 instead of 20.0.
 pub fn format_number(value: &f64) -> String {
-    // A remainder of summed ticks counts as zero.
+    // Rounding errors of summed tick values count as zero.
     let value = if value.abs() < 1e-9 { &0.0 } else { value };
     let text = if *value != 0.0 && value.abs() < 1e-3 { format!("{value:.0e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };

@@ -1,11 +1,11 @@
-//! File that grows by complete chunks and always ends at a chunk boundary.
+//! File that consists of complete chunks and always ends at a chunk boundary.
 //!
 //! Input: bytes, and a flush at the end of each chunk.
 //!
 //! Output: the file under its final name, readable by its owner only.
 //!
-//! Failure: a chunk that is written only in part, as on a full disk, is truncated. Nothing is
-//! written after that.
+//! Failure: if a chunk can be written only in part, for example because the disk is full, that part
+//! is removed. Nothing is written after that.
 
 use std::{
     fs::{File, OpenOptions},
@@ -19,7 +19,7 @@ use crate::error::{FlightError, create_error};
 #[derive(Debug)]
 pub(crate) struct ChunkFile {
     file: File,
-    /// Bytes of the chunk under construction.
+    /// Bytes of the current, incomplete chunk.
     pending: Vec<u8>,
     /// Length of the file up to the end of the last complete chunk.
     complete_bytes: u64,
@@ -68,7 +68,7 @@ impl Write for ChunkFile {
     }
 }
 
-/// Supports only the query of the position.
+/// Supports only querying the position.
 impl Seek for ChunkFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {

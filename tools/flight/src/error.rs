@@ -1,11 +1,11 @@
-//! Errors of recording and reading flights.
+//! Errors while recording and reading flights.
 
 use std::{
     io,
     path::{Path, PathBuf},
 };
 
-/// Error of recording or reading a flight.
+/// Error while recording or reading a flight.
 #[derive(Debug, thiserror::Error)]
 pub enum FlightError {
     /// The file already exists, possibly as a symbolic link.
@@ -40,7 +40,7 @@ pub enum FlightError {
         /// Timeout, s.
         limit_s: u64,
     },
-    /// Published messages are missing in the file.
+    /// Published messages are missing from the file.
     #[error(
         "recording to {path}: {} published but not recorded, because the recorder was too slow; reduce the load of the machine",
         launch::pluralize(*missed, "message")

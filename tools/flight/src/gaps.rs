@@ -1,12 +1,12 @@
-//! Count of missed ticks of a topic that has a message for every tick.
+//! Counter of missed ticks on a topic that has a message for every tick.
 //!
-//! Input: tick and upstream losses of each message, in any order. A tick may arrive late,
+//! Input: tick and upstream loss counter of each message, in any order. A tick may arrive late,
 //! repeatedly or from another incarnation of the publisher.
 //!
 //! Output: number of ticks that were published but not received.
 //!
-//! Failure: beyond a maximum number of open gaps the oldest one is closed, and late ticks no longer
-//! fill it.
+//! Failure: if too many gaps are open, the oldest one is closed, and late ticks can no longer fill
+//! it.
 
 /// Maximum number of gaps that late ticks can still fill.
 const MAX_OPEN_GAPS: usize = 64;
@@ -19,7 +19,7 @@ pub(crate) struct Gaps {
     open: Vec<(u64, u64)>,
     /// Number of ticks in closed gaps.
     closed: u64,
-    /// Upstream loss counter at the first message and its maximum since.
+    /// Upstream loss counter in the first message, and its maximum since then.
     lost_upstream: Option<(u64, u64)>,
 }
 

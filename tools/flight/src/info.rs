@@ -94,7 +94,7 @@ impl FlightInfo {
     /// # Errors
     ///
     /// Returns [`FlightError::Read`] if the file cannot be read and [`FlightError::Malformed`] if
-    /// it is not MCAP. A truncated or damaged file is no error.
+    /// it is not MCAP. A truncated or damaged file is not an error.
     pub fn read(path: &Path) -> Result<Self, FlightError> {
         let read_error = |cause| FlightError::Read { path: path.to_owned(), cause };
         let mut file = File::open(path).map_err(read_error)?;
@@ -141,7 +141,7 @@ impl FlightInfo {
     }
 }
 
-/// Reads the summary at the end of the file; `None` if there is none.
+/// Reads the summary at the end of the file; `None` if the file has no summary.
 fn from_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
     let options = SummaryReaderOptions::default().with_file_size(bytes).with_record_length_limit(MAX_RECORD_BYTES);
     let mut reader = SummaryReader::new_with_options(options);

@@ -9,7 +9,7 @@ use wire::{
     schema,
 };
 
-/// Messages of all schemas with their full names.
+/// Message types of all schemas, with their full names.
 struct Schemas(Vec<(String, DescriptorProto)>);
 
 impl Schemas {
@@ -74,7 +74,7 @@ fn foxglove_layout_names_existing_channels_and_fields() {
         }
     }
     assert!(paths > 10, "{paths} paths");
-    // Panels and layout positions correspond one to one.
+    // Every panel has a position in the layout and vice versa.
     let layout_text = layout["layout"].to_string();
     let places: BTreeSet<_> = layout_text.split('"').filter(|word| word.contains('!')).collect();
     assert_eq!(places, panels.keys().map(String::as_str).collect());

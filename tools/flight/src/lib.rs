@@ -1,11 +1,11 @@
 //! Flights: MCAP recordings of a running system.
 //!
-//! Input: messages of the topics as bytes of the bus.
+//! Input: topic messages, as raw bytes from the bus.
 //!
 //! Output: an MCAP file that other tools can open. It has a channel per topic (protobuf with its
 //! schema), channels for viewers, and the configuration of the run.
 //!
-//! Time: see [`Stamps`] for the clocks of the time stamps.
+//! Time: see [`Stamps`] for the clocks of the timestamps.
 //!
 //! Failure: the disk never blocks a live system. Messages lost to a full queue or a full disk are
 //! counted and reported, and the file ends with a complete chunk. If the process is killed, the

@@ -69,7 +69,7 @@ pub fn read_messages<M: Payload>(path: &Path) -> Result<Messages<M>, FlightError
 /// Iterator over the messages of a topic in the order of recording. Ends after the first error.
 pub struct Messages<M> {
     records: Records,
-    /// Channels that carry the topic.
+    /// Channels of the topic.
     channels: BTreeSet<u16>,
     ended: bool,
     payload: PhantomData<M>,
@@ -140,10 +140,11 @@ pub fn read_span(path: &Path) -> Result<Option<TickSpan>, FlightError> {
     Ok(found)
 }
 
-/// Calls `visit` with source time, topic and bus bytes of each message, in the order of recording.
+/// Calls `visit` for each message, in the order of recording, with source time, topic and message
+/// bytes.
 ///
-/// A message of a topic without ticks has the time of the latest ticked message, or `i64::MIN`
-/// before the first one. Unknown topics are skipped.
+/// A message on a topic without ticks gets the time of the latest message with a tick, or
+/// `i64::MIN` before the first one. Unknown topics are skipped.
 ///
 /// # Errors
 ///
@@ -203,8 +204,9 @@ impl Records {
         Ok(Self { path: path.to_owned(), file, reader })
     }
 
-    /// Returns the first `Some` of `visit` over the following records; `None` at the end or a
-    /// truncation.
+    /// Calls `visit` for the following records until it returns `Some`.
+    ///
+    /// Returns that value, or `None` at the end of the file or at a truncation.
     fn find_map<T>(&mut self, visit: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {
         let Self { path, file, reader } = self;
         let malformed = |cause: McapError| FlightError::Malformed { path: path.clone(), cause };

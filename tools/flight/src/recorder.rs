@@ -4,7 +4,7 @@
 //!
 //! Output: the flight file.
 //!
-//! Time: a message is in the file within half a second.
+//! Time: a message is written to the file within half a second.
 //!
 //! Failure: recording never waits for the disk, except in lockstep, where the source waits.
 //! Messages that do not fit into the queue are counted as missed.
@@ -41,21 +41,23 @@ use crate::{
     writer::{Writer, now_ns, write_error},
 };
 
-/// Interval at which messages are sent to the writer thread, and interval at which it completes a
-/// chunk.
+/// Interval at which messages are sent to the writer thread.
 const BATCH_INTERVAL: Duration = Duration::from_millis(50);
+/// Interval at which the writer thread completes a chunk.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(250);
 /// Number of bytes after which a chunk is completed early.
 const FLUSH_BYTES: usize = 4 << 20;
-/// Maximum size of a batch of messages, bytes, and maximum number of batches in the queue.
+/// Maximum size of a batch of messages, bytes.
 const MAX_BATCH_BYTES: usize = 1 << 20;
+/// Maximum number of batches in the queue.
 const MAX_QUEUED_BATCHES: usize = 32;
-/// Timeout for the writer thread at the end, and longest time that a lockstep source waits for it.
+/// Timeout for the writer thread to complete the file.
 const DISK_TIMEOUT: Duration = Duration::from_secs(20);
+/// Longest time that a lockstep source waits for the writer thread.
 const LOCKSTEP_TIMEOUT: Duration = Duration::from_secs(2);
 /// Minimum interval between two metadata records of missed messages.
 const MISSED_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum number of file names that are tried.
+/// Maximum number of file names to try.
 const MAX_NAMES: u32 = 1000;
 
 /// Metadata at the start of a flight.
@@ -79,7 +81,7 @@ pub struct FlightHeader {
     pub output: Output,
 }
 
-/// Relation of the recording to the start of the run and to the source.
+/// Start of a recording, and its effect on the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecordingMode {
     /// The recording may start at any tick and the source does not wait. A full queue loses
@@ -105,14 +107,14 @@ pub struct Recorder {
     failure: Arc<OnceLock<String>>,
 }
 
-/// Bookkeeping of a topic.
+/// Loss accounting for a topic.
 #[derive(Debug)]
 struct TopicIntake {
     fields: FieldOffsets,
     /// Missed ticks, for a topic with a message on every tick.
     gaps: Option<Gaps>,
-    /// Number of messages that the queue had no room for. For other topics, overflows of the
-    /// subscriber buffer count as one each.
+    /// Number of messages for which the queue had no room. On a topic without a message on every
+    /// tick, each overflow of the subscriber buffer counts as one more.
     dropped: u64,
 }
 
@@ -218,7 +220,8 @@ impl Recorder {
         Ok(Self { path: path.to_owned(), mode, intakes, batch, sent_at, commands, result, failure })
     }
 
-    /// Records a message, given as the bytes of the bus. Topics that are not recorded are ignored.
+    /// Records a message, given as raw bytes from the bus. Topics that are not recorded are
+    /// ignored.
     pub fn record(&mut self, topic: Topic, bytes: &[u8]) {
         let Some(intake) = &mut self.intakes[topic as usize] else { return };
         let FieldOffsets { tick, lost_upstream, .. } = intake.fields;
@@ -240,15 +243,16 @@ impl Recorder {
         }
     }
 
-    /// Records that the subscriber buffer of `topic` was full and messages may be lost. Topics with
-    /// a message on every tick count losses by tick instead.
+    /// Records that the subscriber buffer of `topic` was full and messages may be lost. For topics
+    /// with a message on every tick, losses are counted by tick instead.
     pub fn record_overflow(&mut self, topic: Topic) {
         if let Some(intake) = self.intakes[topic as usize].as_mut().filter(|intake| intake.gaps.is_none()) {
             intake.dropped += 1;
         }
     }
 
-    /// Sends collected messages to the writer thread when due. To be called several times a second.
+    /// Sends collected messages to the writer thread when due. Must be called several times a
+    /// second.
     pub fn poll(&mut self) {
         if self.sent_at.elapsed() >= BATCH_INTERVAL {
             self.send_batch();
@@ -260,7 +264,7 @@ impl Recorder {
         self.failure.get().map(String::as_str)
     }
 
-    /// Completes the file with the reason of the end and the report of the run.
+    /// Completes the file with the reason for ending and the run's report.
     ///
     /// Errors are reported in the summary.
     pub fn finish(mut self, reason: &str, report: Option<String>) -> RecordingSummary {
@@ -283,7 +287,7 @@ impl Recorder {
         RecordingSummary { file: self.path, seconds, bytes, messages, missed, topics, error }.with_missed_error()
     }
 
-    /// Returns the number of missed messages so far for each topic with any.
+    /// Returns the number of missed messages so far, for each topic with at least one.
     fn missed(&self) -> BTreeMap<Topic, u64> {
         let count = |intake: &TopicIntake| intake.dropped + intake.gaps.as_ref().map_or(0, Gaps::missed);
         let each = Topic::ALL.iter().zip(&self.intakes);
@@ -300,7 +304,7 @@ impl Recorder {
         if let Err(WriterCommand::Write(batch)) = self.send(WriterCommand::Write(batch), timeout) {
             self.batch = batch;
             if self.mode == RecordingMode::Lockstep {
-                // The disk is too slow for lockstep: from now on messages are dropped instead.
+                // The disk is too slow for lockstep, so messages are dropped from now on.
                 self.mode = RecordingMode::FromFirstTick;
             }
         }
@@ -321,7 +325,7 @@ impl Recorder {
     }
 }
 
-/// Writes until the finish command, the end of the recorder or a write error.
+/// Writes until a finish command arrives, the recorder is dropped or a write fails.
 fn run_writer(
     file: ChunkFile,
     header: &FlightHeader,
@@ -401,8 +405,8 @@ pub fn unused_path(folder: &Path, system: &str) -> Result<PathBuf, FlightError> 
     (1..MAX_NAMES).map(name).find(is_free).ok_or_else(|| FlightError::Exists { path: name(MAX_NAMES) })
 }
 
-/// Formats a Unix time, s, with separators within the date, between date and time and within the
-/// time.
+/// Formats a Unix time, s. The separators are used within the date, between date and time, and
+/// within the time.
 fn utc(unix_s: i64, [date, middle, clock]: [&str; 3]) -> String {
     let time = OffsetDateTime::from_unix_timestamp(unix_s).unwrap_or(OffsetDateTime::UNIX_EPOCH);
     let (year, month, day) = (time.year(), u8::from(time.month()), time.day());

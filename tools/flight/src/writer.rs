@@ -1,12 +1,12 @@
 //! MCAP writer: a channel for each topic, channels for viewers, metadata, attachments.
 //!
-//! Input: messages as bytes of the bus.
+//! Input: messages, as raw bytes from the bus.
 //!
 //! Output: complete chunks of the file.
 //!
-//! Time: [`Clocks`].
+//! Time: see [`Clocks`].
 //!
-//! Failure: the first error ends the file.
+//! Failure: no more data is written after the first error.
 
 use std::{borrow::Cow, collections::BTreeMap, io, path::Path};
 
@@ -19,13 +19,17 @@ use crate::{FlightError, FlightHeader, Stamps, chunk_file::ChunkFile, summary::T
 
 /// Uncompressed size at which a chunk ends early, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
-/// Names of the metadata records: at the start, at the end and for missed messages.
+/// Name of the metadata record at the start.
 pub(crate) const HEADER_METADATA: &str = "plumbline";
+/// Name of the metadata record at the end.
 pub(crate) const END_METADATA: &str = "end";
+/// Name of the metadata records with the missed messages.
 pub(crate) const MISSED_METADATA: &str = "missed";
-/// Names of the attachments: launch file, effective configuration and report of the run.
+/// Name of the attached launch file.
 pub(crate) const LAUNCH_ATTACHMENT: &str = "launch.toml";
+/// Name of the attached effective configuration.
 pub(crate) const CONFIG_ATTACHMENT: &str = "config.json";
+/// Name of the attached report of the run.
 pub(crate) const REPORT_ATTACHMENT: &str = "report.json";
 
 pub(crate) struct Writer {
@@ -45,7 +49,7 @@ struct Channel {
     topic: Topic,
     encoder: Encoder,
     messages: u64,
-    /// Number of messages in chunks that are in the file.
+    /// Number of messages in chunks that have been written to the file.
     flushed: u64,
 }
 
@@ -116,7 +120,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Completes the file with the reason of the end, the optional report and the MCAP summary.
+    /// Completes the file with the reason for ending, the optional report and the MCAP summary.
     pub(crate) fn finish(&mut self, reason: &str, report: Option<&str>) -> McapResult<()> {
         let entries = [("reason".to_owned(), reason.to_owned())];
         self.mcap.write_metadata(&Metadata { name: END_METADATA.into(), metadata: entries.into() })?;
@@ -129,8 +133,8 @@ impl Writer {
         Ok(())
     }
 
-    /// Returns the file with data that is not flushed, the duration of the flight, s, and the
-    /// flushed messages by topic.
+    /// Returns the file, which may contain unflushed data, the duration of the flight, s, and the
+    /// number of flushed messages by topic.
     pub(crate) fn into_parts(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
             topic: channel.topic.name(),
@@ -142,12 +146,12 @@ impl Writer {
     }
 }
 
-/// Returns the current CLOCK_REALTIME by the clock offset of the recording, ns.
+/// Returns the current time on CLOCK_REALTIME, from the clock offset of the recording, ns.
 pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
-/// Returns the write error with the cause of the operating system, without the text of the library.
+/// Converts a write error. For an operating system error, the text of the MCAP library is omitted.
 pub(crate) fn write_error(path: &Path, error: McapError) -> FlightError {
     let cause = match error {
         McapError::Io(cause) => cause.to_string(),

@@ -23,7 +23,7 @@ struct Slot {
 #[derive(Debug, Clone, Serialize)]
 struct StageEntry {
     name: &'static str,
-    /// Whether the stage runs if none is selected.
+    /// `true` for the stage that runs if none is selected.
     is_default: bool,
     /// Stages that this one combines; empty for a stage without parts.
     parts: &'static [&'static str],
@@ -110,7 +110,7 @@ impl fmt::Display for Catalogue {
     }
 }
 
-/// Range, unit, default and description of a parameter on one line.
+/// One-line summary of a parameter: range, unit, default and description.
 pub(crate) struct ParameterSummary<'a>(pub(crate) &'a Parameter);
 
 impl fmt::Display for ParameterSummary<'_> {

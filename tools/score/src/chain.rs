@@ -1,4 +1,4 @@
-//! The stages of the four slots of one chain.
+//! Stages of one chain, one for each of the four slots.
 
 use attitude::{
     accel::Accelerometer,

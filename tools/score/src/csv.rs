@@ -1,18 +1,18 @@
-//! Table with one line per tick: the estimates of a chain and the reference.
+//! Table with one line per tick, containing the estimates of a chain and the reference.
 //!
 //! Input: sample, attitude, fused state and reference of a tick.
 //!
 //! Output: a CSV file whose column names include the units.
 //!
-//! Time: that of the samples.
+//! Time: sample timestamps.
 //!
 //! Failure: an error if the file cannot be written. Unknown values are `nan`; an unknown chart is
 //! empty.
 //!
 //! The columns of the estimate are those of `plumb up --out FILE --columns
-//! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference, `gyro_` and `accel_` the
-//! estimates from one sensor alone. Each estimate has its own chart column, because its point can
-//! be in a different chart.
+//! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference; `gyro_` and `accel_` mark
+//! the estimates from a single sensor. Each estimate has its own chart column, because its point
+//! can be in a different chart.
 
 use std::{
     fmt::{Arguments, Write as _},
@@ -29,7 +29,7 @@ use runtime::{ServiceConfig, convert};
 use crate::{ScoreError, error_stats::Truth, sensors::SensorSlots};
 
 const COLUMNS: [Column; 5] = [Column::Uvz, Column::Angles, Column::Course, Column::Bias, Column::Sd];
-/// Columns of the fuser's heading. The course columns belong to the course stage.
+/// Columns for the fuser's heading. The course columns contain the output of the course stage.
 const HEADING_COLUMNS: &str = "heading_reference,heading_sd_rad";
 const SENSOR_COLUMNS: &str = "gyro_chart,gyro_u,gyro_v,gyro_z_rad,accel_chart,accel_u,accel_v";
 const TRUTH_COLUMNS: &str = "true_qw,true_qx,true_qy,true_qz,true_chart,true_u,true_v,true_z_rad,true_yaw_rad,true_pitch_rad,true_roll_rad,\
@@ -92,7 +92,7 @@ impl TickTable {
         self.file.flush().map_err(|cause| write_error(&self.path, cause))
     }
 
-    /// Appends to the current line, removing its line end first if present.
+    /// Appends to the current line after removing its line end, if any.
     fn append(&mut self, text: Arguments<'_>) {
         self.line.truncate(self.line.trim_end().len());
         // Writing to a `String` cannot fail.

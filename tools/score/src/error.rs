@@ -102,7 +102,7 @@ pub enum ScoreError {
         /// Common name of the trials.
         name: String,
     },
-    /// Malformed, empty or too long range of seeds.
+    /// The range of seeds is malformed, empty or too long.
     #[error(
         "invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds",
         crate::seeds::MAX_SEEDS

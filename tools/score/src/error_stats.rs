@@ -5,7 +5,7 @@
 //! Output: root mean square errors of the angles and the gyro bias, drift of an arbitrary heading,
 //! and normalised errors.
 //!
-//! Time: that of the samples.
+//! Time: sample timestamps.
 //!
 //! Failure: ticks without a reference are not counted.
 
@@ -26,7 +26,7 @@ use crate::{
 pub struct Truth {
     /// Attitude, body → reference, w x y z.
     pub quaternion: [f64; 4],
-    /// Whether the tick is scored.
+    /// `true` if the tick is scored.
     pub scored: bool,
     /// True gyro bias, rad/s, body axes; `None` if unknown.
     pub gyro_bias_rad_s: Option<[f64; 3]>,
@@ -37,13 +37,13 @@ pub struct Truth {
 pub struct TickErrors {
     /// Attitude error.
     pub attitude: AttitudeError,
-    /// Signed errors of the angles; `None` with the forward axis near the vertical.
+    /// Signed errors of the angles; `None` if the forward axis is near the vertical.
     pub angles: Option<AngleError>,
     /// Signed rotation about the vertical, degrees, counter-clockwise seen from above.
     pub heading_error_deg: f64,
-    /// Whether the heading, and therefore yaw, is referenced to north.
+    /// `true` if the heading, and therefore yaw, is referenced to north.
     pub heading_is_known: bool,
-    /// Whether the course is referenced to north.
+    /// `true` if the course is referenced to north.
     pub course_is_known: bool,
     /// Error of the estimated gyro bias, °/s, body axes; `None` if the true bias is unknown.
     pub gyro_bias_deg_s: Option<Vector3<f64>>,
@@ -80,12 +80,13 @@ pub struct ErrorStats {
     gyro_bias: SquareSum,
     drift: DriftFit,
     ratios: RatioHistograms,
-    /// Whether the heading was known at the last scored tick.
+    /// `true` if the heading was known at the last scored tick; `None` before the first one.
     heading_is_known: Option<bool>,
 }
 
 impl ErrorStats {
-    /// Returns whether the heading was known at the last scored tick; `None` if no tick was scored.
+    /// Returns `true` if the heading was known at the last scored tick; `None` if no tick was
+    /// scored.
     pub fn heading_is_known(&self) -> Option<bool> {
         self.heading_is_known
     }
@@ -118,10 +119,10 @@ impl ErrorStats {
         }
     }
 
-    /// Returns the errors over the trial, with the given root mean square attitude errors.
+    /// Returns the errors over the trial. `attitude` contains the root mean square attitude errors.
     ///
-    /// If the heading is known at the end, there is no drift. Otherwise heading, total and yaw are
-    /// `None`.
+    /// If the heading is known at the end, the drift is `None`. Otherwise, the heading, total and
+    /// yaw errors are `None`.
     pub fn errors(&self, attitude: ErrorsDeg) -> Errors {
         let is_known = self.heading_is_known == Some(true);
         let drift = self.drift.result().filter(|_| !is_known);
@@ -167,8 +168,8 @@ impl SquareSum {
     }
 }
 
-/// Least-squares line through an arbitrary heading over time, unwrapped and relative to its first
-/// value.
+/// Least-squares line through the error of an arbitrary heading over time. The error is unwrapped
+/// and relative to its first value.
 #[derive(Debug, Clone, Copy, Default)]
 struct DriftFit {
     first: Option<(i64, f64)>,
@@ -208,8 +209,8 @@ mod tests {
 
     use super::*;
 
-    /// Returns outputs with heading error `heading_error_deg`, course error twice that, and the
-    /// given heading and course reference.
+    /// Returns outputs with heading error `heading_error_deg`, twice that course error, and
+    /// `reference` as the reference of heading and course.
     fn outputs(t_s: i64, heading_error_deg: f64, reference: CourseReference) -> (AttitudeOutput, FusedState) {
         let (sin, cos) = (0.5 * heading_error_deg).to_radians().sin_cos();
         let mut output = AttitudeOutput {

@@ -1,14 +1,13 @@
-//! Scoring of stages: errors against the reference attitude of recordings, and the cost of an
-//! update.
+//! Scoring of stages: errors against the reference attitude of recordings, and cost of an update.
 //!
 //! Input: recordings or simulations, and the stages to compare on them.
 //!
 //! Output: errors per trial and their mean, time per update, attitudes as CSV, figures as SVG or
 //! PNG, an HTML report, and the best value of a setting.
 //!
-//! Time: that of the samples. Only the timing of the stages reads a clock.
+//! Time: sample timestamps. Only the timing of the stages reads a clock.
 //!
-//! Failure: unknown names, invalid settings, and files that cannot be read or written.
+//! Failure: unknown names, invalid settings, and files that cannot be read or written, are errors.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -17,11 +16,13 @@
 //! | [`catalogue`] | list of all stages and parameters |
 //! | [`trial`] | a recording or a simulation as a sequence of readings |
 //! | [`seeds`] | a simulation repeated with many seeds, and the spread of its errors |
-//! | [`mod@run`] | the run of all stages over all trials, through the slots of the running system |
+//! | [`mod@run`] | run of all stages over all trials, in the slots of the real system |
 //! | [`timing`] | CPU time per update of the bare stages |
-//! | [`error_stats`], [`normalised`] | error statistics of a chain over a trial; errors divided by their reported standard deviations |
+//! | [`error_stats`] | error statistics of a chain over a trial |
+//! | [`normalised`] | errors divided by their reported standard deviations |
 //! | [`table`], `text` | the scores as JSON and as text tables |
-//! | [`tune`], [`recommendation`] | errors over the range of a setting and its best value; the recommended stage and setting |
+//! | [`tune`] | errors over the range of a setting, and its best value |
+//! | [`recommendation`] | recommended stage and setting |
 //! | [`overlay`], `report` | attitudes of all stages in common charts; the HTML report |
 //! | [`plot`] | figures of a run |
 //! | `sensors` | attitude estimates from gyro and accelerometer alone |

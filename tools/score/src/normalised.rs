@@ -5,26 +5,27 @@
 //! Output: the ratios that 68 % and 95 % of the samples do not exceed, and these divided by their
 //! ideal values.
 //!
-//! Failure: a standard deviation that is negative or NaN is not counted; one of 0 counts as the
-//! largest ratio.
+//! Failure: samples with a negative or NaN standard deviation are not counted. A standard deviation
+//! of 0 counts as the largest ratio.
 //!
-//! For a correct standard deviation of a single axis, 68 % of the ratios are below 1 and 95 % below
-//! 2. The inclination error is the length of two such components: its ratios follow the Rayleigh
-//! distribution with the quantiles √(−2 ln(1 − p)), 1.51 and 2.45.
+//! If the standard deviation of a single axis is correct, 68 % of the ratios are below 1 and 95 %
+//! below 2. The inclination error is the length of a vector with two such components, so its ratios
+//! follow the Rayleigh distribution, whose quantiles √(−2 ln(1 − p)) are 1.51 and 2.45.
 
 use serde::Serialize;
 
 /// Fractions of the samples for which a ratio is reported.
 const COVERAGES: [f64; 2] = [0.68, 0.95];
-/// Ideal ratios of an error of one axis.
+/// Ideal ratios for the error of a single axis.
 const ONE_AXIS_IDEAL: [f64; 2] = [1.0, 2.0];
-/// Ideal ratios of the length of two components.
+/// Ideal ratios for the length of a vector with two components.
 const TWO_AXIS_IDEAL: [f64; 2] = [1.51, 2.45];
 
-/// Smallest ratio that is resolved, and the factor between consecutive bins of the histogram.
+/// Smallest ratio that the histogram resolves.
 const MIN_RATIO: f64 = 1e-3;
+/// Factor between the ratios of consecutive bins.
 const BIN_FACTOR: f64 = 1.01;
-/// Number of bins, which reach a ratio of about 1000.
+/// Number of bins. They cover ratios up to about 1000.
 const BINS: usize = 1390;
 
 /// Histogram of ratios with logarithmic bins.
@@ -58,8 +59,8 @@ impl RatioHistogram {
         self.count += other.count;
     }
 
-    /// Returns the ratio that the fraction `coverage` of the samples does not exceed, accurate to 1
-    /// %; `None` if the histogram is empty.
+    /// Returns the ratio that a fraction `coverage` of the samples does not exceed, or `None` if
+    /// the histogram is empty. The ratio is accurate to 1 %.
     fn quantile(&self, coverage: f64) -> Option<f64> {
         let rank = (coverage * self.count as f64).ceil().max(1.0) as u64;
         let mut below = 0;
@@ -119,7 +120,7 @@ pub struct NormalisedErrors {
     pub course: Option<RatioQuantiles>,
 }
 
-/// Quantiles of the ratio of error and reported standard deviation.
+/// Quantiles of the ratio of an error to its reported standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RatioQuantiles {
     /// Number of samples.
@@ -138,8 +139,8 @@ pub struct RatioQuantiles {
 mod tests {
     use super::*;
 
-    /// Standard normal pairs by the Box–Muller transform of a lattice (Weyl 1916, two irrational
-    /// steps).
+    /// Returns pairs of standard normal values from the Box–Muller transform of a lattice with two
+    /// irrational steps (Weyl 1916).
     fn normals(count: u32) -> impl Iterator<Item = [f64; 2]> {
         (1..=count).map(f64::from).map(|k| {
             let (a, b) = ((k * 0.754_877_666_246_69) % 1.0, (k * 0.569_840_290_998_05) % 1.0);

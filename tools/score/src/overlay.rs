@@ -5,7 +5,7 @@
 //! Output: curves of the angles and errors. Without a reference, curves of the difference between
 //! each chain and the first one.
 //!
-//! Time: that of the samples, from the first one.
+//! Time: sample timestamps, relative to the first one.
 //!
 //! Failure: a missing value breaks a curve.
 
@@ -19,20 +19,20 @@ use serde::Serialize;
 
 use crate::{plot::curve::Curve, table::ErrorsDeg};
 
-/// Bins of a curve, each with at most two points.
+/// Number of bins in a curve. Each bin yields at most two points.
 const BINS: u64 = 400;
 
 /// Curves of all chains over a trial.
 pub(crate) struct Overlay {
     /// Name of the trial.
     pub(crate) name: String,
-    /// Angles of the reference, empty if there is none.
+    /// Angles of the reference; empty without a reference.
     pub(crate) reference: AngleCurves,
     /// Angles of each chain.
     pub(crate) stages: Vec<AngleCurves>,
     /// Error of each chain against the reference.
     pub(crate) errors: Vec<ErrorCurves>,
-    /// Difference of each chain except the first from the first one.
+    /// Difference between the first chain and each of the others.
     pub(crate) differences: Vec<ErrorCurves>,
     first_ns: Option<i64>,
 }
@@ -77,7 +77,7 @@ impl Overlay {
         }
     }
 
-    /// Adds a tick: the reference, and the attitude of each chain that produced one.
+    /// Adds the reference and the attitude of each chain at one tick, as far as available.
     pub(crate) fn push(&mut self, t_ns: i64, truth: Option<Truth>, attitudes: &[Option<[f64; 4]>]) {
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
         let reference = truth.map(|truth| quaternion(truth.quaternion));

@@ -20,8 +20,8 @@ pub struct Recommendation {
 }
 
 impl Recommendation {
-    /// Ranks complete scores; `None` for a single chain without a search, because there is nothing
-    /// to choose from.
+    /// Ranks complete scores. Returns `None` for a single chain without a search, because there is
+    /// nothing to choose from.
     pub(crate) fn from_scores(scores: &Scores, heading_is_known: bool) -> Option<Self> {
         let Scores { stages, tuned, .. } = scores;
         if stages.len() < 2 && tuned.is_empty() {

@@ -1,10 +1,10 @@
-//! Run of the selected stages over all trials, through the slots of the running system.
+//! Runs the selected stages over all trials, in the slots of the real system.
 //!
 //! Input: a [`Request`].
 //!
 //! Output: the scores, and the requested files.
 //!
-//! Time: that of the samples.
+//! Time: sample timestamps.
 //!
 //! Failure: the first error ends the run. Every recording is validated before the first one is
 //! scored.
@@ -58,7 +58,7 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Folder for the tables with estimates and reference of each tick.
     pub csv: Option<PathBuf>,
-    /// Options of the figures; `None` for no figures.
+    /// Options for the figures; `None` if no figures are requested.
     pub plot: Option<PlotOptions>,
     /// File for the HTML report.
     pub report: Option<PathBuf>,
@@ -68,7 +68,7 @@ pub struct Request {
     pub sweeps: Vec<SettingRange>,
     /// Setting to optimise over a range.
     pub tune: Option<SettingRange>,
-    /// Whether the text output contains the tables of all errors.
+    /// `true` if the text output contains the tables of all errors.
     pub prints_all_errors: bool,
 }
 
@@ -157,7 +157,7 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
     Ok(scores)
 }
 
-/// An argument of the command line: a single trial, or a simulation with many seeds.
+/// Command-line argument: a single trial, or a simulation with many seeds.
 struct TrialGroup {
     name: String,
     /// Seed and name of each trial.
@@ -171,8 +171,9 @@ impl TrialGroup {
     }
 }
 
-/// Returns an error if the parent folder of `path` does not exist, so that a long run does not fail
-/// at its end.
+/// Returns an error if the parent folder of `path` does not exist.
+///
+/// This is checked first, so that a long run does not fail at its end.
 fn check_parent_folder(path: &Path) -> Result<(), ScoreError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::metadata(folder).map(drop).map_err(|cause| ScoreError::Write { path: path.into(), cause })
@@ -194,14 +195,14 @@ fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<StageDifference> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Evaluation {
     pub(crate) mean: Errors,
-    /// Whether the heading is known at the end of every trial.
+    /// `true` if the heading is known at the end of every trial.
     pub(crate) heading_is_known: bool,
 }
 
 /// Evaluates every launch configuration on all cores.
 ///
-/// Each trial is read once per share of the configurations. `report_progress` is called with the
-/// number of readings processed since its last call.
+/// The configurations are split into one part per core, and each trial is read once per part.
+/// `report_progress` is called with the number of readings processed since its last call.
 pub(crate) fn evaluate(
     trials: &[Trial],
     launches: &[Launch],
@@ -229,8 +230,8 @@ pub(crate) fn evaluate(
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Returns the errors of each launch configuration over a trial, and whether its heading is known
-/// at the end.
+/// Returns the errors of each launch configuration over a trial, and `false` if its heading is
+/// unknown at the end.
 fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
     let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
@@ -275,7 +276,7 @@ struct TrialOutcome {
     scores: Vec<TrialScore>,
     warnings: Vec<String>,
     overlay: Option<Overlay>,
-    /// Whether the heading of every chain is known at the end.
+    /// `true` if the heading of every chain is known at the end.
     heading_is_known: bool,
 }
 
@@ -379,7 +380,7 @@ fn draw(
     if records.len() > 1 { plotter.draw_comparison(&comparison_path, &trial.name, &launches, &records) } else { Ok(()) }
 }
 
-/// Reasons why a trial with a reference has no score.
+/// Warnings about a trial that has a reference but no score.
 const SIMULATION_TOO_SHORT: &str =
     "no sample is scored: the simulation ends before scoring starts; set a longer duration_s";
 const NO_SCORED_REFERENCE: &str = "no sample is scored: no sample with mov = 1 has a reference; check that --reference uses the clock of the recording";
@@ -400,7 +401,8 @@ fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
 
 /// Returns the true gyro bias, rad/s, body axes, as a function of time in ns.
 ///
-/// It is `None` for a recording, and if calibration or mounting changes the rate of a simulation.
+/// The result is `None` for a recording, or if calibration or mounting changes the rate of a
+/// simulation.
 fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
     let default = Launch::default().ingest;
     let is_default = |launch: &Launch| {
@@ -504,8 +506,8 @@ impl ChainRun {
         self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
     }
 
-    /// Returns whether the heading is known at the last scored tick, or at the last tick if none is
-    /// scored.
+    /// Returns `true` if the heading is known at the last scored tick, or at the last tick if none
+    /// is scored.
     fn heading_is_known(&self) -> bool {
         let known_at_end =
             || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);

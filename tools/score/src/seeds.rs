@@ -4,7 +4,7 @@
 //!
 //! Output: one name per seed, and mean, standard deviation and quantiles of the errors.
 //!
-//! Failure: an empty or too long range is rejected.
+//! Failure: a range that is empty or too long is rejected.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use crate::{
     table::{Errors, TrialScore},
 };
 
-/// Maximum number of seeds of one simulation.
+/// Maximum number of seeds for one simulation.
 pub const MAX_SEEDS: u64 = 10_000;
 /// Probabilities of the reported quantiles.
 pub const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
@@ -82,8 +82,8 @@ pub fn merge(name: &str, scores: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(scores: &[(u64, TrialScore)]) -> Option<Spread> {
-    // An error without a mean has no spread either, such as the heading if it is unknown for one
-    // seed.
+    // An error without a mean has no spread either. An example is the heading error if the heading
+    // is unknown for one seed.
     let has_mean =
         Errors::mean(&scores.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).values().map(|it| it.is_some());
     let (_, ranking) = ranking_error(scores.iter().all(|(_, score)| score.heading_is_known));

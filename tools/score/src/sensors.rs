@@ -2,10 +2,10 @@
 //!
 //! Input: checked samples.
 //!
-//! Output: the open-loop attitude of the gyro's stage, which starts at the first specific force,
-//! and the up point of the accelerometer's stage.
+//! Output: the open-loop attitude from the gyro stage, which starts with the up direction of the
+//! first specific force, and the up point from the accelerometer stage.
 //!
-//! Time: that of the samples.
+//! Time: sample timestamps.
 //!
 //! Failure: an error if a stage cannot be built; `None` for an unusable output.
 
@@ -15,7 +15,7 @@ use gyro::GyroProcessor;
 use messages::ImuSample;
 use runtime::{RuntimeError, ServiceConfig, SingleInputSlot, Slot, convert};
 
-/// Second instances of the gyro and accelerometer slots of a run.
+/// Separate instances of the gyro and accelerometer slots for a run.
 pub(crate) struct SensorSlots {
     gyro: SingleInputSlot<GyroProcessor>,
     accel: SingleInputSlot<AccelProcessor>,
@@ -26,8 +26,7 @@ impl SensorSlots {
         Ok(Self { gyro: gyro::slot(config)?, accel: accel::slot(config)? })
     }
 
-    /// Processes a sample and returns the attitude of the gyro and the up point of the
-    /// accelerometer.
+    /// Processes a sample and returns the gyro's attitude and the accelerometer's up point.
     pub(crate) fn update(&mut self, sample: &ImuSample) -> (Option<Attitude>, Option<Point>) {
         let (mut open_loop, mut up) = (None, None);
         self.gyro.offer(*sample, &mut |step| open_loop = convert::motion(&step, 0.0).map(|motion| motion.attitude));

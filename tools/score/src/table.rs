@@ -22,15 +22,15 @@ pub struct Scores {
     pub stages: Vec<StageScore>,
     /// Warnings about the input of the trials.
     pub warnings: Vec<TrialWarning>,
-    /// Errors over the ranges of settings. The scores use the value before.
+    /// Errors over the ranges of swept settings. The scores use the original values.
     pub swept: Vec<Sweep>,
-    /// Results of the search for the best value of a setting. The scores use that value.
+    /// Results of searches for the best value of a setting. The scores use the best value.
     pub tuned: Vec<Sweep>,
     /// Differences between the chains on trials without a reference.
     pub differences: Vec<StageDifference>,
     /// Recommended stage and setting; `None` if there is nothing to choose from.
     pub recommendation: Option<Recommendation>,
-    /// Whether the text output contains the tables of all errors.
+    /// `true` if the text output contains the tables of all errors.
     #[serde(skip)]
     pub prints_all_errors: bool,
 }
@@ -81,7 +81,8 @@ pub struct TrialScore {
     /// Root mean square errors over the scored samples.
     #[serde(flatten)]
     pub error: Errors,
-    /// Whether the heading is known at the end. If not, total, heading and yaw are `None`.
+    /// `true` if the heading is known at the end. Otherwise, the total, heading and yaw errors are
+    /// `None`.
     pub heading_is_known: bool,
     /// Normalised errors.
     pub normalised: NormalisedErrors,
@@ -111,7 +112,7 @@ pub struct Errors {
     pub pitch: Option<f64>,
     /// Yaw error, degrees; `None` if the heading is arbitrary.
     pub yaw: Option<f64>,
-    /// Error of the course stage's course, degrees; `None` if the course reference is arbitrary.
+    /// Error of the published course, degrees; `None` if the course reference is arbitrary.
     pub course: Option<f64>,
     /// Length of the gyro bias error, °/s; known in simulations only.
     pub gyro_bias_deg_s: Option<f64>,

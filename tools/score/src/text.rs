@@ -15,7 +15,7 @@ const TEXT_COLUMNS: usize = 2;
 /// Minimum width of a number column.
 const MIN_NUMBER_WIDTH: usize = 9;
 
-/// Returns the table of total, heading and inclination error and time per update.
+/// Returns the table of total, heading and inclination errors and the time per update.
 pub(crate) fn errors(scores: &Scores) -> String {
     let head = ["RMSE, degrees", "fuser", "total", "heading", "inclination", "ns/update"];
     let line = |name: &str, fuser: &str, errors: &Errors, is_known: bool, ns: Option<f64>| {
@@ -125,7 +125,8 @@ pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("—".into(), |value| format!("{value:.digits$}"))
 }
 
-/// Returns the lines of each trial for all chains, and the means if there are several trials.
+/// Returns the lines of each trial for all chains, followed by the means if there are several
+/// trials.
 fn rows(
     scores: &Scores,
     trial_lines: impl Fn(&str, &StageScore, &TrialScore) -> Vec<Vec<String>>,

@@ -2,7 +2,8 @@
 //!
 //! Input: checked samples in memory.
 //!
-//! Output: the time from a sample to the fused attitude: one step each of gyro, accel and fuser.
+//! Output: the time from a sample to the fused attitude, which is one step each of gyro, accel and
+//! fuser.
 //!
 //! Time: CPU time of the current thread over complete passes. Other load on the machine still
 //! affects the caches.
@@ -28,7 +29,7 @@ use crate::chain::StageChain;
 
 /// Maximum number of samples kept in memory for timing, counted from the start of a trial.
 pub const MAX_SAMPLES: usize = 30_000;
-/// Passes over the samples per chain.
+/// Number of passes over the samples per chain.
 const ROUNDS: usize = 7;
 
 /// Input of the stages at one tick.
@@ -61,8 +62,8 @@ impl StageInput {
 
 /// Returns the time per update of each chain in `compared`, ns.
 ///
-/// A time is `None` if there are no samples, or if a stage is an external program, because its time
-/// does not count to this thread.
+/// A time is `None` if there are no samples, or if a stage is an external program, because the
+/// thread's CPU time does not include it.
 pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Option<f64>> {
     let mut rounds_ns = vec![[f64::NAN; ROUNDS]; compared.len()];
     for round in 0..ROUNDS {

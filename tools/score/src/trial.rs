@@ -1,10 +1,10 @@
 //! A trial: a recording or a simulation as a sequence of readings.
 //!
-//! Input: the name of a file, or `sim:` and a scenario.
+//! Input: the name of a file, or `sim:` followed by a scenario.
 //!
 //! Output: the readings in order, each with the fix that arrived with it.
 //!
-//! Time: that of the trial. Readings are streamed and not kept.
+//! Time: timestamps of the readings, which are streamed and not kept in memory.
 //!
 //! Failure: an unreadable file is reported when the trial is opened, before the first reading.
 
@@ -21,7 +21,7 @@ use crate::ScoreError;
 /// Prefix of the name of a simulation.
 const SIM: &str = "sim:";
 
-/// Source of the satellite fixes of a trial.
+/// Source of a trial's GNSS fixes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Gnss {
     /// `NAME_gnss.csv` next to `NAME_imu.csv.gz`, if it exists.
@@ -33,7 +33,7 @@ pub enum Gnss {
     File(PathBuf),
 }
 
-/// Meaning of the rate samples of recordings: by default the mean over the sample interval.
+/// Meaning of the rate samples in recordings. The default is the mean over the sample interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecordedGyroSamples(pub GyroSamples);
 
@@ -48,9 +48,9 @@ impl Default for RecordedGyroSamples {
 pub struct TrialOptions {
     /// Source of the fixes.
     pub gnss: Gnss,
-    /// Ignore the magnetic field.
+    /// `true` to ignore the magnetic field.
     pub without_field: bool,
-    /// File with the reference attitude, which replaces that of the recording.
+    /// File with a reference attitude that replaces the one in the recording.
     pub reference: Option<PathBuf>,
     /// Meaning of a rate sample, for recordings and simulations.
     pub gyro_samples: Option<GyroSamples>,
@@ -67,7 +67,7 @@ pub struct Trial {
     pub rate_hz: f64,
     /// Number of readings.
     pub rows: u64,
-    /// Whether the attitude is known for at least some of the samples.
+    /// `true` if the attitude is known for at least some of the samples.
     pub has_reference: bool,
     /// Meaning of a rate sample: mean over the interval, or value at its end.
     pub gyro_samples: GyroSamples,
@@ -133,7 +133,7 @@ impl Trial {
         }
     }
 
-    /// Returns the file of a recording; `None` for a simulation.
+    /// Returns the path of a recording; `None` for a simulation.
     pub fn file(&self) -> Option<&Path> {
         match &self.source {
             Source::Recording { file, .. } => Some(file),

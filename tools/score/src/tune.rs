@@ -3,9 +3,9 @@
 //! Input: a setting and a range.
 //!
 //! Output: for every chain with that setting, the errors over the range and the best value. A sweep
-//! evaluates the range once; a search refines it twice around the best value so far.
+//! evaluates the range once; a search then refines it twice around the best value found so far.
 //!
-//! Time: that of the samples.
+//! Time: sample timestamps.
 //!
 //! Failure: a setting that no stage has, values out of range, and trials without a reference are
 //! rejected.
@@ -31,7 +31,7 @@ const SWEEP_VALUES: [u32; 1] = [25];
 const SEARCH_VALUES: [u32; 3] = [13, 7, 7];
 /// Number of times a search reads the trials.
 pub(crate) const SEARCH_PASSES: u64 = SEARCH_VALUES.len() as u64;
-/// Ratio of the ends of a range from which its values are spaced logarithmically.
+/// Minimum ratio of the ends of a range for its values to be spaced logarithmically.
 const MIN_LOG_RATIO: f64 = 10.0;
 
 /// A setting and its range, written as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`.
@@ -71,7 +71,7 @@ pub struct Sweep {
     pub before: Point,
     /// Value with the smallest error.
     pub best: Point,
-    /// Whether the best value is at an end of the range, so that a better one may lie beyond it.
+    /// `true` if the best value is at an end of the range, so that a better one may lie beyond it.
     pub at_range_end: bool,
     /// Every value that was tried, in ascending order.
     pub curve: Vec<Point>,
@@ -99,7 +99,7 @@ pub(crate) fn sweep(
     Ok(scan(range, &SWEEP_VALUES, trials, launches, report_progress)?.into_iter().map(|(_, sweep)| sweep).collect())
 }
 
-/// Searches the best value and applies it to the chains that have the setting.
+/// Searches for the best value and applies it to the chains that have the setting.
 pub(crate) fn search(
     range: &SettingRange,
     trials: &[Trial],
@@ -113,8 +113,9 @@ pub(crate) fn search(
     Ok(found.into_iter().map(|(_, sweep)| sweep).collect())
 }
 
-/// Evaluates the range in one or more passes. Returns one result per chain that has the setting,
-/// with the index of the chain.
+/// Evaluates the range in one or more passes.
+///
+/// Returns the index and the result of each chain that has the setting.
 fn scan(
     range: &SettingRange,
     value_counts: &[u32],
@@ -224,12 +225,12 @@ impl TunedChain {
     }
 }
 
-/// Returns the error that ranks the tried values, with its name.
+/// Returns the error by which the tried values are ranked, with its name.
 fn ranking(tried: &[(f64, Evaluation)]) -> (&'static str, fn(&ErrorsDeg) -> Option<f64>) {
     ranking_error(tried.iter().all(|(_, evaluation)| evaluation.heading_is_known))
 }
 
-/// Returns the values on either side of the best one.
+/// Returns the tried values on either side of the best one.
 fn around_best(tried: &[(f64, Evaluation)]) -> (f64, f64) {
     let (_, ranked_by) = ranking(tried);
     let error = |i: usize| ranked_by(&tried[i].1.mean.attitude).unwrap_or(f64::INFINITY);

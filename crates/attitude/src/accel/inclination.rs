@@ -1,4 +1,4 @@
-//! Output of the accelerometer stages, with the trust in a force.
+//! Output of the accelerometer stages: the measured up direction and the trust in the force.
 
 use crate::{
     GRAVITY_M_S2, Vector3,
@@ -20,10 +20,10 @@ pub struct Inclination {
     pub force_m_s2: Vector3<f64>,
     /// Norm |f| of the force, m/s².
     pub norm_m_s2: f64,
-    /// Trust in the force: 1 at |f| = g, falling linearly to 0 at a difference of g.
+    /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 where |f| differs from g by g.
     ///
-    /// It is 0 if `up` is not from this force. The trust judges a single instant only: averaging
-    /// forces in motion is a better filter than rejecting them.
+    /// It is 0 if `up` was not computed from this force. The trust rates a single instant only. For
+    /// forces in motion, averaging is a better filter than rejection.
     pub trust: f64,
 }
 
@@ -47,7 +47,8 @@ impl Scalars for Inclination {
     }
 }
 
-/// Returns 1 at |f| = g, falling to 0 at a difference of g; 0 for an unused force.
+/// Returns the trust: 1 at |f| = g, decreasing to 0 where |f| differs from g by g. An unused force
+/// has trust 0.
 #[inline]
 pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let deviation = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();

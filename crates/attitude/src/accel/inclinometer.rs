@@ -66,8 +66,8 @@ impl Method {
 
 /// Returns the quaternion of pitch and roll.
 ///
-/// λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin ψ/2) about X, Y, Z, here
-/// about ξ = Y, η = X, ζ = −Z.
+/// λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin ψ/2) about X, Y, Z, which
+/// here are η, ξ and −ζ.
 fn tilt_quaternion(pitch_rad: f64, roll_rad: f64) -> Quaternion<f64> {
     let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(0.5 * pitch_rad), libm::sincos(0.5 * roll_rad));
     Quaternion::new(cos_pitch * cos_roll, sin_pitch * cos_roll, cos_pitch * sin_roll, sin_pitch * sin_roll)

@@ -1,4 +1,4 @@
-//! Accelerometer stages: from the specific force to the measured up direction.
+//! Accelerometer stages: compute the measured up direction from the specific force.
 //!
 //! Input: specific force in body axes.
 //!
@@ -9,11 +9,13 @@
 //!
 //! | stage | method |
 //! | --- | --- |
-//! | [`projector`](projector::Projector) | the direction of the force, projected |
-//! | [`inclinometer-matrix`](inclinometer::Inclinometer) | pitch and roll by arctangents, then the point of these angles |
-//! | `inclinometer-quaternion` | the quaternion of pitch and roll, then the point of its up vector |
+//! | [`projector`](projector::Projector) | projects the direction of the force |
+//! | [`inclinometer-matrix`] | pitch and roll by arctangents, then the point of these angles |
+//! | `inclinometer-quaternion` | quaternion of pitch and roll, then the point of its up vector |
 //!
 //! All three yield the same point at different computational cost.
+//!
+//! [`inclinometer-matrix`]: inclinometer::Inclinometer
 
 mod inclination;
 pub mod inclinometer;

@@ -9,11 +9,11 @@ use super::{
 };
 use crate::{Quaternion, angles::Angles, scalars::Scalars, stage::RestoreError};
 
-/// |pitch| beyond which yaw and roll are not separated, rad: 89°.
+/// |pitch| above which yaw and roll cannot be separated, rad: 89°.
 pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 
-/// Returns the gyroscopic course HΓ = −ψ of the fuser. The declination converts a magnetic course
-/// to a true one.
+/// Returns the gyroscopic course HΓ = −ψ, where ψ is the fuser's yaw. The declination converts a
+/// magnetic course to a true one.
 pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> CourseEstimate {
     let (correction_rad, reference) = match input.reference {
         CourseReference::Magnetic if declination_deg != 0.0 => (declination_deg.to_radians(), CourseReference::True),
@@ -30,7 +30,7 @@ pub(super) fn wrap_course_rad(angle_rad: f64) -> f64 {
     if positive < TAU { positive + 0.0 } else { 0.0 }
 }
 
-/// State that the next reading needs from the previous one.
+/// State kept from the previous reading for the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Continuity {
     quaternion: Quaternion<f64>,
@@ -46,7 +46,7 @@ impl Default for Continuity {
 }
 
 impl Continuity {
-    /// Returns the reading of an attitude with this course and stores it.
+    /// Returns the reading with the given angles and course, and keeps it for the next reading.
     pub(super) fn next_reading(
         &mut self,
         input: &CourseInput,

@@ -12,7 +12,7 @@ pub struct CourseInput {
     pub reference: CourseReference,
     /// Standard deviation of the heading, rad.
     pub heading_sd_rad: f64,
-    /// Fix of the satellite receiver, at the tick at which it arrived.
+    /// Fix from the satellite receiver, present only at the tick at which it arrived.
     pub fix: Option<Fix>,
     /// Length of the tick's interval, s.
     pub dt_s: f64,

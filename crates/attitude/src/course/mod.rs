@@ -1,23 +1,23 @@
-//! Course stages: from the attitude to angles, course and quaternion.
+//! Course stages: compute angles, course and quaternion from the attitude.
 //!
-//! Input: an attitude and the reference of its heading; a track over ground if a receiver provides
-//! one.
+//! Input: an attitude and the reference of its heading, and a track over ground if a receiver
+//! provides one.
 //!
 //! Output: yaw, pitch, roll — Matveev 2025, (23)–(25) — the course with its reference and standard
 //! deviation, and the quaternion.
 //!
-//! Time: the interval of the tick.
+//! Time: each step receives the length of the tick's interval.
 //!
-//! Failure: near the vertical yaw and roll lose their meaning, and the output is flagged.
+//! Failure: near the vertical, yaw and roll lose their meaning and the output is flagged.
 //!
-//! | stage | course | reference |
-//! | --- | --- | --- |
-//! | [`angles`](AnglesCourse) | H = −ψ, plus the declination if the heading is magnetic | that of the fuser's heading; true north with a declination |
-//! | [`track`](TrackCourse) | gyroscopic course, corrected towards the track over ground | true north from the first track on; before it as `angles` |
+//! - [`angles`](AnglesCourse): H = −ψ, plus the declination if the heading is magnetic. The course
+//!   has the reference of the fuser's heading, or true north if a declination is set.
+//! - [`track`](TrackCourse): gyroscopic course, corrected towards the track over ground. The course
+//!   refers to true north from the first track on; before that it equals the course of `angles`.
 //!
-//! Yaw, the angles and the quaternion stay in the fuser's frame regardless of the course reference.
-//! The quaternion changes with the body alone, so an autopilot that uses it sees no step when a
-//! track sets the course.
+//! The angles and the quaternion stay in the fuser's frame, regardless of the course reference. The
+//! quaternion changes only with the rotation of the body, so an autopilot that uses it sees no step
+//! when a track sets the course.
 //!
 //! | sensors | fuser's heading | `angles` | `track` |
 //! | --- | --- | --- | --- |
@@ -26,9 +26,9 @@
 //! | plus receiver, moving | arbitrary, or true in a stage that uses tracks | as the fuser | true |
 //! | plus both | magnetic or true | as the fuser; true with a declination | true |
 //!
-//! `track` reports the direction of travel, which without wind and side slip is the direction of
-//! the nose. After a fuser that finds true north by accelerations, `angles` reports the direction
-//! of the nose in wind, too.
+//! `track` reports the direction of travel, which is the direction of the nose if there is no wind
+//! and no side slip. With a fuser that finds true north from accelerations, `angles` reports the
+//! direction of the nose even in wind.
 
 mod angles;
 mod continuity;

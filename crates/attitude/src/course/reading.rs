@@ -1,4 +1,4 @@
-//! Output of a course stage, and the part of it that is handed over.
+//! Output of a course stage, and the part of it that is handed over to the next stage.
 
 use core::f64::consts::TAU;
 
@@ -23,12 +23,12 @@ pub struct CourseReading {
     pub course_sd_rad: f64,
     /// Declination that was added to a magnetic heading, rad, east positive; 0 if none was added.
     pub declination_rad: f64,
-    /// Quaternion body → the fuser's reference frame. Its sign is continuous with the previous
-    /// reading.
+    /// Quaternion from body axes to the fuser's reference frame. Its sign is continuous with that
+    /// of the previous reading.
     pub quaternion: Quaternion<f64>,
     /// Set if yaw and roll cannot be separated because the nose is near the vertical.
     pub near_gimbal: bool,
-    /// Set if the course was realigned: it jumps although the body does not.
+    /// Set if the course was realigned, so that it jumps without a rotation of the body.
     pub aligned: bool,
 }
 
@@ -55,7 +55,7 @@ pub struct CourseEstimate {
     pub sd_rad: f64,
 }
 
-/// Last reading, which every course stage can hand over to every other.
+/// Last reading, which any course stage can hand over to any other.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LastReading {
     /// Quaternion body → the fuser's reference frame.

@@ -1,20 +1,21 @@
 //! Course stage `track`: the gyroscopic course, corrected towards the track over ground.
 //!
-//! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T,  T = 50 s                         S4, (5)
+//! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T,  T = 50 s — S4, (5)
 //!
 //! ("S4": *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8
 //! helicopter*.)
 //!
-//! The gyro determines short turns, the receiver the long-term course. A gyro bias b about the
-//! vertical leaves an error of T b: 2.5° for 0.05 °/s. The state is the difference H − HΓ, for
-//! which the equation above is equivalent and which a loop over the top does not disturb.
+//! The gyro determines short turns, and the receiver determines the long-term course. A gyro bias b
+//! about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The state is the
+//! difference H − HΓ. The equation above can be written in terms of this difference, which a loop
+//! over the top does not disturb.
 //!
-//! A track is used once, at the tick of its fix, with a weight for the interval since the previous
+//! Each track is used once, at the tick of its fix, and weighted by the interval since the previous
 //! track. It is compared with the course at the time at which the velocity was valid. In a gap, and
-//! below a ground speed at which a track is meaningless, the course is the gyroscopic one.
+//! at ground speeds too low for a meaningful track, the course follows the gyroscopic course.
 //!
-//! The first track sets the course; so does a fuser whose heading becomes true. Both are jumps and
-//! flagged as such.
+//! The first track sets the course, and so does a change of the fuser's heading reference to true
+//! north. In both cases the course jumps, and the jump is flagged.
 
 use super::{
     continuity::{Continuity, GIMBAL_RAD, gyroscopic_course, wrap_course_rad},
@@ -37,25 +38,26 @@ settings! {
         /// Magnetic declination, east positive. It converts a magnetic gyroscopic course to a true
         /// one; yaw and quaternion stay magnetic. 0 leaves the course magnetic.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
-        /// Time constant at which the course follows the track.
+        /// Time constant with which the course follows the track.
         time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
         /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// Maximum interval that one track is weighted for; a longer one is a gap.
+        /// Maximum interval by which one track is weighted; a longer interval is a gap.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
         /// Age of a velocity on arrival if the receiver does not report it.
         latency_s: 0.2 in 0.0 .. 2.0, "s";
-        /// Drift rate of the gyroscopic course, for the standard deviation.
+        /// Drift rate of the gyroscopic course, used for the standard deviation.
         drift_deg_s: 0.05 in 0.0 .. 10.0, "°/s";
-        /// RMS angle between a vehicle's nose and its track, from wind and slip, for the standard
-        /// deviation.
+        /// RMS angle between a vehicle's nose and its track, caused by wind and slip; used for the
+        /// standard deviation.
         crab_deg: 3.0 in 0.0 .. 90.0, "°";
     }
 }
 
 /// Averaging time of the turn rate, s.
 const TURN_RATE_AVERAGING_S: f64 = 0.5;
-/// Limit of the turn rate, rad/s. A faster change is a flip of the course over the top.
+/// Limit of the turn rate, rad/s. Faster changes occur only when the course flips over the top of a
+/// loop.
 const MAX_TURN_RATE_RAD_S: f64 = 10.0;
 /// Standard deviation of a velocity if the receiver does not report it, m/s.
 const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
@@ -64,9 +66,10 @@ const MAX_SPEED_M_S: f64 = 3000.0;
 
 /// Course stage `track`.
 ///
-/// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows by the gyro's drift d as long as
-/// there is no track and decays by σ_d/T with one, so that it settles at T d, the error of S4's
-/// equation. The part σ_t comes from the crab angle and the noise of the track. If the fuser itself
+/// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d of the gyro,
+/// and tracks reduce it with time constant T. With continuous tracks it therefore settles at T d,
+/// the error of S4's equation. The part σ_t comes from the crab angle and the velocity noise of the
+/// track. If the fuser itself
 /// corrects its heading, σ_d is limited to the standard deviation of that heading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackCourse {
@@ -105,8 +108,8 @@ impl Default for TrackCourse {
 }
 
 impl TrackCourse {
-    /// Handles a new reference of the gyroscopic course. Returns `true` if the course jumps with
-    /// it.
+    /// Handles the first reference of the gyroscopic course, or a change of it. Returns `true` if
+    /// the course jumps.
     fn change_reference(&mut self, gyroscopic_rad: f64, reference: CourseReference) -> bool {
         let jumps = core::mem::replace(&mut self.has_previous, true);
         self.reference = reference;
@@ -224,7 +227,7 @@ impl Stage for TrackCourse {
         self.continuity.last()
     }
 
-    /// Continues a true course. Any other course is set by the next track.
+    /// Continues a course that refers to true north. Otherwise the next track sets the course.
     fn adopt(&mut self, last: &LastReading) -> Result<(), RestoreError> {
         let continuity = Continuity::from_last(last)?;
         *self = Self { settings: self.settings, continuity, ..Self::default() };

@@ -7,19 +7,21 @@
 //! φ = Δθ + ½ ∫ α × ω dt, α the integral of ω from the interval's start
 //!
 //! — Bortz, A new mathematical formulation for strapdown inertial navigation, *IEEE Transactions
-//! AES* 7, 1971. With the rate as a polynomial of time the integral is a sum of cross products of
+//! AES* 7, 1971. If the rate is a polynomial in time, the integral is a sum of cross products of
 //! samples:
 //!
-//! - for means, linear through this interval's and the previous one's: φ = Δθ + h³/(6 (h₀ + h)) ω₀
+//! - for means, with a rate that is linear through this interval's mean and the previous one: φ =
+//!   Δθ + h³/(6 (h₀ + h)) ω₀
 //!   × ω, which for equal intervals is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k — Savage, Strapdown inertial
 //!   navigation integration algorithm design, *Journal of Guidance, Control, and Dynamics* 21,
 //!   1998; the two-sample algorithm of Miller, *ibid.* 6, 1983, at every sample instead of every
 //!   other;
-//! - for instants, quadratic through the last three: ω₀ + b t + c t². This also gives Δθ = h ω₀ +
-//!   h²/2 b + h³/3 c, because the mean of both ends attenuates every vibration, and an error of the
-//!   size of Δθ is an error of the cone's area.
+//! - for instants, with a rate that is quadratic through the last three: ω₀ + b t + c t². Δθ = h ω₀
+//!   + h²/2 b + h³/3 c also comes from the quadratic, because the mean of both ends would attenuate
+//!   every vibration, and any error in the amplitude of Δθ is an error in the area of the cone.
 //!
-//! The residual drift is of the relative order (Ω h)², with Ω the frequency of the coning.
+//! The residual drift, relative to that without correction, is of the order (Ω h)², with Ω the
+//! frequency of the coning.
 
 use super::motion::{RateKind, RateSample};
 use crate::{Vector3, scalars::Scalars};
@@ -32,8 +34,8 @@ const MAX_INTERVAL_RATIO: f64 = 2.0;
 pub(super) struct Coning {
     /// Latest two rates, newest first, rad/s.
     rates_rad_s: [Vector3<f64>; 2],
-    /// Interval between the two rates, or the interval of the newest mean, s; 0 before the second
-    /// sample.
+    /// Interval between the two rates, or averaging interval of the newest mean, s. 0 before the
+    /// second sample.
     interval_s: f64,
     started: bool,
 }
@@ -85,7 +87,7 @@ impl Coning {
             let mean = if self.started { latest * 0.5 + rate * 0.5 } else { rate };
             return IntervalRotation { vector_rad: mean * h, mean_rate_rad_s: mean };
         }
-        // b h and c h² instead of b and c, because h may be 0.
+        // Uses b h and c h² instead of b and c, because h may be 0.
         let difference = rate - latest;
         let curvature = if comparable {
             (difference - (latest - earlier) * (h / self.interval_s)) * (h / (h + self.interval_s))

@@ -1,4 +1,4 @@
-//! Gyro stages: from the rate to an open-loop attitude and the exact rotation of each step.
+//! Gyro stages: compute an open-loop attitude and the exact rotation of each step from the rate.
 //!
 //! Input: the body rate and the length of the interval.
 //!
@@ -23,7 +23,7 @@ use crate::{
 };
 use coning::Coning;
 
-/// Limit that rates are clamped to, rad/s, above the range of any gyro.
+/// Maximum rate, rad/s, above the range of any gyro. Larger rates are clamped.
 const MAX_RATE_RAD_S: f64 = 1000.0;
 
 /// Integration method of a gyro stage.
@@ -40,9 +40,9 @@ enum Method {
 /// - `mobius` is exact for a constant rate.
 /// - `mobius-coning` also compensates the motion of the rotation axis, estimated from the previous
 ///   samples, for bodies that vibrate.
-/// - `rk4` is the method of the simulation S1 of Matveev 2025. In a rotation of 4 rad/s sampled at
-///   286 Hz it drifts by some 2e-6° a minute.
-/// - `euler` drifts by tens of degrees a minute at 4 rad/s. It is included because the article
+/// - `rk4` is the method of simulation S1 of Matveev 2025. In a rotation of 4 rad/s sampled at 286
+///   Hz it drifts by about 2e-6° per minute.
+/// - `euler` drifts by tens of degrees per minute at 4 rad/s. It is included because the article
 ///   counts operations for this method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {
@@ -83,7 +83,7 @@ impl Gyro {
 
 /// Stage that can fill the slot `gyro`.
 pub trait GyroStage: Stage<Input = RateSample, Output = Motion, Common = Attitude> + Clone {
-    /// Sets the attitude to integrate from.
+    /// Sets the attitude from which integration continues.
     fn align(&mut self, attitude: Attitude);
 }
 

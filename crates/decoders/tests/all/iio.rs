@@ -200,7 +200,7 @@ fn device_pair_interpolates_force_at_rate_time() {
         wanted.iter().flat_map(|(t_ms, ..)| record_of_one_quantity(*t_ms as i16, *t_ms as i64)).collect();
     let accel: Vec<u8> =
         [0i16, 8, 16, 24, 32].iter().flat_map(|t_ms| record_of_one_quantity(10 * t_ms, (*t_ms).into())).collect();
-    // As a whole, byte by byte, and in chunks of 17 bytes.
+    // All bytes in one chunk, byte by byte, and in chunks of 17 bytes.
     for size in [gyro.len(), 1, 17] {
         for gyro_is_first in [true, false] {
             let (mut pair, mut found) = (pair(), Vec::new());

@@ -14,8 +14,8 @@ use decoders::{
 
 use crate::{python::python, streams::decoded};
 
-/// Returns the bytes of `kind` and the expected measurements, or `None` without Python. An expected
-/// `None` is not compared.
+/// Returns the bytes of `kind` and the expected measurements, or `None` if Python is unavailable.
+/// An expected measurement that is `None` is not compared.
 fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Option<Measurement>>)> {
     let python = python()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/third_party.py");

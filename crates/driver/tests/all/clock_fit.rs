@@ -5,7 +5,7 @@ use proptest::prelude::*;
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
 
-/// Simulated device that sends a sample every `interval_ns` of its own clock, with a delay.
+/// Simulated device that sends a sample every `interval_ns` on the device's clock, with a delay.
 #[derive(Debug, Clone)]
 struct Device {
     interval_ns: i64,

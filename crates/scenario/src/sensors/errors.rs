@@ -12,10 +12,10 @@ pub struct SensorErrors {
     pub gyro_bias_rad_s: f64,
     /// White noise of the accelerometer on each axis and sample, standard deviation, m/s².
     pub accel_noise_m_s2: f64,
-    /// If `true`, the seed draws the sign of every constant error on each axis.
+    /// If `true`, the sign of every constant error is random on each axis, determined by the seed.
     pub random_signs: bool,
-    /// If `true`, forces and fields have no noise in the first reading, so that a filter initialised
-    /// from it starts at the true attitude.
+    /// If `true`, forces and fields have no noise in the first reading, so that a filter
+    /// initialised from it starts at the true attitude.
     pub exact_start: bool,
     /// White noise of the gyro on each axis and sample, standard deviation, rad/s.
     pub gyro_noise_rad_s: f64,
@@ -23,8 +23,8 @@ pub struct SensorErrors {
     pub gyro_bias_ramp_rad_s2: f64,
     /// Scale error of the gyro on each axis, dimensionless.
     pub gyro_scale: f64,
-    /// Latitude for the earth's rotation measured by the gyro, rad; `None` for a non-rotating
-    /// earth. The attitude is relative to the earth.
+    /// Latitude of the body, rad. The gyro then also measures the earth's rotation, but the
+    /// attitude remains relative to the earth. `None` for a non-rotating earth.
     pub earth_latitude_rad: Option<f64>,
     /// Constant accelerometer bias on each axis, m/s².
     pub accel_bias_m_s2: f64,
@@ -55,7 +55,7 @@ pub struct Receiver {
     /// Position of the antenna relative to the sensors, m, body axes. The fixes report the velocity
     /// of the antenna.
     pub antenna_m: Vector3<f64>,
-    /// Times at which there are fixes.
+    /// Times at which the receiver has fixes.
     pub coverage: Coverage,
     /// Latitude reported in the fixes, rad; `None` if they have no position.
     pub latitude_rad: Option<f64>,
@@ -67,7 +67,7 @@ pub enum Coverage {
     /// At all times.
     #[default]
     Always,
-    /// Except for 60 s from 300 s on, repeated every 240 s.
+    /// Always except for gaps of 60 s, the first at 300 s and then one every 240 s.
     Gaps,
     /// During the first ten minutes only.
     Start,
@@ -112,7 +112,8 @@ impl SensorErrors {
         receiver: None,
     };
 
-    /// Returns the errors of S3: gyro noise 1 °/s; noise of 0.03 of gravity and field on each axis.
+    /// Returns the errors of S3. On each axis, the gyro noise is 1 °/s and the noise of force and
+    /// field is 0.03 times gravity and field strength.
     pub fn s3() -> Self {
         let reference_ut = Vector3::from(crate::s3::FIELD_UT);
         Self {

@@ -25,7 +25,7 @@ impl SimulatedReceiver {
     pub(super) fn poll(&mut self, body: &mut Body, t_s: f64) -> Option<Fix> {
         let Receiver { interval_s, latency_s, noise_m_s, antenna_m, coverage, latitude_rad } = self.receiver;
         let mut fix = None;
-        // The tolerance lets a fix due exactly at a sample arrive with it in spite of rounding.
+        // The tolerance allows for rounding, so that a fix due exactly at a sample arrives with it.
         while self.count as f64 * interval_s + latency_s <= t_s + 1e-9 {
             let measured_s = self.count as f64 * interval_s;
             let noise = self.noise.normals() * noise_m_s;

@@ -1,4 +1,4 @@
-//! BROAD recordings with added errors: after calibration they score as well as the originals.
+//! BROAD recordings with added errors. After calibration, they score as well as the originals.
 use std::path::{Path, PathBuf};
 
 use attitude::{Vector3, gyro::RateKind};
@@ -15,7 +15,7 @@ use crate::{
     unit::{Errors, Noise},
 };
 
-/// Errors beyond those of an uncalibrated sensor: 3 °/s, 0.05 g, 3 %, 30 µT, 10 %.
+/// Errors larger than those of an uncalibrated sensor: 3 °/s, 0.05 g, 3 %, 30 µT, 10 %.
 fn errors() -> Errors {
     let mut noise = Noise::new(20);
     let soft_iron = noise.symmetric(0.1, 0.05);
@@ -29,7 +29,7 @@ fn errors() -> Errors {
     }
 }
 
-/// Opens the recording whose name starts with `prefix`; `None` without the data set.
+/// Opens the recording whose name starts with `prefix`; `None` if the data set is not installed.
 fn trial(prefix: &str) -> Option<Trial> {
     let data = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
@@ -67,8 +67,8 @@ fn distorted(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
     readings.iter().map(distort).collect()
 }
 
-/// Returns the root mean square total error of the default fuser, degrees, with `block` as launch
-/// file.
+/// Returns the root mean square total error of the default fuser with `block` as launch file,
+/// degrees.
 fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
     let mut launch = Launch::parse("launch.toml", block).unwrap_or_else(|error| panic!("{block}\n{error}"));
     launch.ingest.source = Source::Replay;
@@ -102,10 +102,11 @@ fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
 
 #[test]
 fn calibration_restores_score_after_added_errors() {
-    /// Maximum increase of the error over that of the original recording, degrees.
+    /// Maximum increase of the error compared with the original recording, degrees.
     const MARGIN_DEG: f64 = 0.15;
     let errors = errors();
-    // In BROAD the unit rests on one side only. In this recording it rotates slowly.
+    // In BROAD, the unit rests on one side only. It rotates slowly in this recording, so that the
+    // accelerometer can be calibrated in motion.
     let Some(slow) = trial("02") else { return };
     let slow_samples = samples(&distorted(&readings(&slow), &errors));
     for (scored, mag_source) in [("02", "02"), ("04", "04"), ("24", "24"), ("07", "02")] {

@@ -139,7 +139,8 @@ fn accel_slow_motion_without_rest_matches_truth() {
         matrix_errors.push(&report.values[2].value, &report.values[2].sd, &cross);
         assert!(report.residual.after < report.residual.before, "{report}");
     }
-    // Successive windows are anticorrelated, so the means are better than their residuals suggest.
+    // Successive windows are anticorrelated, so the means are more accurate than their residuals
+    // suggest.
     bias_errors.assert_rms_above("accelerometer's bias, in motion", 0.5);
     matrix_errors.assert_rms_above("accelerometer's matrix, in motion", 0.5);
 }
@@ -199,7 +200,7 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         let poses = [level * mounting, nose_down * mounting];
         let report = calibrate_raw(Kind::Mounting, &Unit::new(Errors::NONE, seed).readings_in_poses(&poses, 4.0, 1.5));
         let [w, x, y, z] = report.values[0].value.clone().try_into().unwrap();
-        // Small rotations about the body axes between estimate and truth.
+        // Small rotations about the body axes that separate the estimate from the truth.
         let deviation = Quaternion::new(w, x, y, z) * mounting.conjugate();
         let deviation = Vector3::new(deviation.i, deviation.j, deviation.k) * (2.0 * deviation.w.signum()).to_degrees();
         errors.push(deviation.as_slice(), &report.values[1].sd, &[0.0; 3]);
@@ -249,8 +250,8 @@ fn clock_rate_kind_shifts_delay_by_half_interval() {
     let instants = Prior { rate_kind: RateKind::Instant, ..Prior::default() };
     let delay_ms = |prior: &Prior| run_calibration(Kind::Clock, prior, &samples).unwrap().values[0].value[0];
     let (as_means, as_instants) = (delay_ms(&Prior::default()), delay_ms(&instants));
-    // With an interval of 10 ms, means treated as instants are 5 ms late, and the delay is 5 ms
-    // smaller.
+    // At an interval of 10 ms, means that are treated as instants are 5 ms late, which reduces the
+    // delay by 5 ms.
     assert!((as_means - 12.0).abs() < 1.0 && (as_means - as_instants - 5.0).abs() < 0.5, "{as_means} {as_instants}");
 }
 

@@ -13,12 +13,14 @@ impl NormalisedErrors {
         }
     }
 
-    /// Checks an RMS of about 1, at most 2 % beyond three standard deviations and none beyond five.
+    /// Checks that the RMS is about 1, that at most 2 % exceed three standard deviations, and that
+    /// none exceeds five.
     pub(crate) fn assert_consistent(&self, label: &str) {
         self.assert_rms_above(label, 0.7);
     }
 
-    /// Checks the same for conservative standard deviations, with an RMS of at least `min_rms`.
+    /// Checks the same, but allows conservative standard deviations, with an RMS of at least
+    /// `min_rms`.
     pub(crate) fn assert_rms_above(&self, label: &str, min_rms: f64) {
         let count = self.0.len() as f64;
         let rms = (self.0.iter().map(|x| x * x).sum::<f64>() / count).sqrt();

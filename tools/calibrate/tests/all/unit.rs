@@ -1,4 +1,4 @@
-//! Simulated sensor unit: a body turned by hand, and sensors with errors and noise from a seed.
+//! Simulated sensor unit: a body turned by hand, and sensors with seeded random errors and noise.
 use attitude::{GRAVITY_M_S2, Matrix3, Quaternion, Vector3, calibration::Calibration};
 use calibrate::Sample;
 use rand_chacha::{
@@ -73,7 +73,7 @@ impl Errors {
         delay_s: 0.0,
     };
 
-    /// Returns the raw reading for an exact one.
+    /// Returns the raw reading that corresponds to an exact one.
     pub(crate) fn distort(&self, sample: &Sample) -> Sample {
         let raw = |matrix: &Matrix3<f64>, exact: Vector3<f64>, bias: Vector3<f64>| {
             matrix.try_inverse().unwrap() * exact + bias
@@ -115,8 +115,8 @@ impl Unit {
         Self { rate_hz: 100.0, errors, noise: MEMS, seed }
     }
 
-    /// Returns readings while the body passes through poses (body → earth): `rest_s` in each,
-    /// `move_s` between them.
+    /// Returns readings while the body goes through poses (body → earth). It spends `rest_s` in
+    /// each pose and `move_s` between poses.
     pub(crate) fn readings_in_poses(&self, poses: &[Quaternion<f64>], rest_s: f64, move_s: f64) -> Vec<Sample> {
         let period_s = rest_s + move_s;
         let rotations: Vec<_> = poses.windows(2).map(|pair| scaled_axis(pair[0].conjugate() * pair[1])).collect();
@@ -159,7 +159,7 @@ impl Unit {
     }
 }
 
-/// Returns the rotation about `rotation` by its norm, rad.
+/// Returns the rotation about the axis of `rotation` by its norm, rad.
 pub(crate) fn exp(rotation: Vector3<f64>) -> Quaternion<f64> {
     let half = 0.5 * rotation.norm();
     let along = if half > 1e-12 { rotation * (half.sin() / (2.0 * half)) } else { rotation * 0.5 };

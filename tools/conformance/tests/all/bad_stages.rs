@@ -1,4 +1,4 @@
-//! Tests that each defect of a stage fails the check for it, and that a stage without defect
+//! Tests that a stage with a defect fails the corresponding check, and that one without defects
 //! passes.
 
 use attitude::{
@@ -12,9 +12,9 @@ use attitude::{
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Defect {
     None,
-    /// Division by the interval.
+    /// An output number is divided by the interval.
     Interval,
-    /// A number is missing from the state.
+    /// A number is missing from the visited state.
     MissingState,
     /// The state has a number that is not validated.
     UncheckedState,
@@ -24,9 +24,9 @@ enum Defect {
     AcceptsAnyState,
     /// The motion is ignored.
     IgnoresMotion,
-    /// Division by a parameter with the minimum 0.
+    /// An output number is divided by a parameter whose minimum is 0.
     Parameter,
-    /// Outputs become NaN long after an interval of zero.
+    /// An output number becomes NaN long after an interval of zero.
     DelayedNan,
 }
 
@@ -36,7 +36,7 @@ struct DefectiveStage {
     inner: WzClosed,
     count: f64,
     divisor: f64,
-    /// Step with an interval of zero; infinite if there was none.
+    /// Step at which the interval was zero; infinite if there was none.
     zero_interval_step: f64,
 }
 

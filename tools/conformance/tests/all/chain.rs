@@ -1,4 +1,5 @@
-//! Raw sensor readings with faults that ingest's conditioner removes, through the complete chain.
+//! Runs faulty sensor readings, which ingest's conditioner must clean up, through the complete
+//! chain.
 use attitude::Quaternion;
 use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
@@ -10,8 +11,8 @@ const RATE_HZ: f64 = 100.0;
 const INTERVAL_NS: i64 = 10_000_000;
 const FAULT_START: usize = 2000;
 
-/// Name, number of readings and effect of a fault. The effect gets the reading, the last one before
-/// the fault and the index in the fault.
+/// Name, number of readings and effect of a fault. The effect receives the reading, the last
+/// reading before the fault and the index within the fault.
 type Fault = (&'static str, usize, fn(&mut Reading, &Reading, i64));
 
 const FAULTS: [Fault; 12] = [
@@ -35,7 +36,7 @@ const FAULTS: [Fault; 12] = [
     ("sensors all zero", 200, |reading, _, _| (reading.rate_rad_s, reading.force_m_s2) = ([0.0; 3], [0.0; 3])),
 ];
 
-/// Returns readings of S1 with sensor errors and one fault, each with the true attitude.
+/// Returns readings from a motion with sensor errors and one fault, each with the true attitude.
 fn readings(motion: Motion, fault: &Fault) -> Vec<(Reading, Quaternion<f64>)> {
     let mut sensors = Sensors::new(motion, SensorErrors::S1, 11);
     let mut readings: Vec<_> = (0..8000)
@@ -60,7 +61,7 @@ fn readings(motion: Motion, fault: &Fault) -> Vec<(Reading, Quaternion<f64>)> {
     readings
 }
 
-/// Runs the chain and returns the last attitude with the true one.
+/// Runs the chain and returns the last attitude together with the true one.
 fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput, Quaternion<f64>) {
     let (name, ..) = fault;
     let mut launch = Launch::default();

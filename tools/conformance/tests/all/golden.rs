@@ -1,6 +1,6 @@
-//! Comparison of every stage's outputs with its golden trace.
+//! Compares the outputs of every stage with its golden trace.
 //!
-//! After an intended change, the failing test shows the command that accepts it; review the diff of
+//! After an intended change, run the command that the failing test shows, and review the diff of
 //! `golden/SLOT/STAGE.csv`.
 use std::{collections::BTreeSet, fs, path::Path};
 

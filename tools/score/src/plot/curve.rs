@@ -1,6 +1,6 @@
 //! Curve of bounded size: each bin of samples keeps its smallest and largest value, in time order.
 
-/// Bins of a curve, each with at most two points.
+/// Default number of bins in a curve. Each bin yields at most two points.
 pub(crate) const BINS: u64 = 1000;
 
 /// Values over time, decimated as they arrive.
@@ -10,7 +10,7 @@ pub(crate) struct Curve {
     count: u64,
     min: Option<(f64, f64)>,
     max: Option<(f64, f64)>,
-    /// Whether a value of the bin is not finite.
+    /// `true` if a value in the bin is not finite.
     has_gap: bool,
     points: Vec<(f64, f64)>,
 }
@@ -58,8 +58,8 @@ impl Curve {
         self.points.iter().all(|(_, value)| value.is_nan())
     }
 
-    /// Returns the connected segments. A gap or a step of more than `max_step` separates two of
-    /// them.
+    /// Returns the connected segments. They are separated by gaps and by steps of more than
+    /// `max_step`.
     pub(crate) fn segments(&self, max_step: f64) -> impl Iterator<Item = &[(f64, f64)]> {
         let is_connected = move |a: &(f64, f64), b: &(f64, f64)| (a.1 - b.1).abs() <= max_step;
         self.points.chunk_by(is_connected).filter(|line| line.iter().all(|point| !point.1.is_nan()))

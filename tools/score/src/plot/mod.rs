@@ -1,11 +1,11 @@
-//! Figures of a run in the manner of Matveev 2025: the point w and the angle z over time, the
-//! angles, the sphere, the errors.
+//! Figures of a run in the style of Matveev 2025: the point w and the angle z over time, the
+//! angles, the sphere and the errors.
 //!
 //! Input: the inputs and outputs of the slots at each tick.
 //!
 //! Output: SVG or PNG files with at most about 2000 points per curve.
 //!
-//! Time: that of the samples, from the first one.
+//! Time: sample timestamps, relative to the first one.
 //!
 //! Failure: an error if a file cannot be written, or if no typeface for PNG is installed.
 //!
@@ -16,7 +16,7 @@
 //! | `NAME.angles` | yaw, pitch, roll and course |
 //! | `NAME.bias` | gyro bias: estimated, and true if known |
 //! | `NAME.error` | inclination error, with heading and total error if the heading is known |
-//! | `NAME.signed` | signed errors of roll, pitch, yaw and course; for an arbitrary heading the drift of yaw |
+//! | `NAME.signed` | signed roll, pitch, yaw and course errors; yaw drift if the heading is arbitrary |
 //! | `NAME.bias-error` | error of the gyro bias, if the true bias is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |
 //! | `sweep.SETTING` | error over the range of a setting |
@@ -42,13 +42,14 @@ pub(crate) use record::PlotRecord;
 use record::{Curves, Quantity, Source};
 use sphere::Sphere;
 
-/// Width of a figure over time, height of each of several panels, and height of a single panel,
-/// pixels.
+/// Width of a figure over time, pixels.
 const WIDTH: u32 = 1200;
+/// Height of each panel if there are several, pixels.
 const PANEL_HEIGHT: u32 = 300;
+/// Height of a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
-/// Step of an angle, degrees, above which it is a wrap instead of a movement.
+/// Angle step above which a curve wraps around instead of moving, degrees.
 const WRAP_DEG: f64 = 180.0;
 
 /// Options of the figures.
@@ -83,7 +84,7 @@ impl PlotOptions {
     }
 }
 
-/// A figure over time: its panels, each with the label of its vertical axis and the quantity.
+/// A figure over time. Each panel is given by the label of its vertical axis and its quantity.
 struct Figure {
     name: &'static str,
     title: &'static str,
@@ -173,8 +174,9 @@ impl<'a> Plotter<'a> {
         Ok(Self { plots, typeface })
     }
 
-    /// Draws one chain on a trial, with gyro and accelerometer alone. File names start with
-    /// `base_path`.
+    /// Draws one chain's results for a trial, next to those from gyro and accelerometer alone.
+    ///
+    /// File names start with `base_path`.
     pub(crate) fn draw_chain(
         &self,
         base_path: &Path,
@@ -199,7 +201,8 @@ impl<'a> Plotter<'a> {
         self.write(base_path, "sphere", SPHERE_SIZE, &sphere)
     }
 
-    /// Draws several chains on a trial in common figures, with the reference.
+    /// Draws the results of several chains for a trial in common figures, together with the
+    /// reference.
     pub(crate) fn draw_comparison(
         &self,
         base_path: &Path,

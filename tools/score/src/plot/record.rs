@@ -80,7 +80,7 @@ pub(crate) struct PlotRecord {
     sensors: SensorSlots,
     first_ns: Option<i64>,
     end_s: f64,
-    /// First error of an arbitrary heading, the zero of its drift.
+    /// First error of an arbitrary heading. Its drift is relative to this error.
     first_heading_error_deg: Option<f64>,
     ticks: u64,
     ticks_per_point: u64,
@@ -90,8 +90,7 @@ pub(crate) struct PlotRecord {
 }
 
 impl PlotRecord {
-    /// Creates an empty record for about `rows` samples. It runs its own gyro and accelerometer
-    /// slots.
+    /// Creates an empty record for about `rows` samples, with its own gyro and accelerometer slots.
     pub(crate) fn new(plots: &PlotOptions, config: &ServiceConfig, rows: u64) -> Result<Self, RuntimeError> {
         let span_s = plots.to_s.map_or(f64::INFINITY, |to_s| to_s - plots.from_s);
         let shown = rows.min((span_s * config.rate_hz) as u64 + 1);
@@ -214,8 +213,7 @@ impl Curves {
     }
 }
 
-/// Returns z of the upright chart, independent of the chart of the attitude: 2 arg α, α = q0 + j
-/// q3.
+/// Returns z in the upright chart, whichever chart the attitude uses: 2 arg α with α = q0 + j q3.
 fn z_rad(attitude: Attitude) -> f64 {
     let q = attitude.quaternion();
     wrapped_rad(2.0 * q.k.atan2(q.w))

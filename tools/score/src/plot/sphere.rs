@@ -18,8 +18,9 @@ use plotters::{
 const PLANE_HALF_SIDE: f64 = 1.6;
 /// Number of rays drawn from the pole.
 const RAY_COUNT: usize = 6;
-/// Viewing direction: azimuth about the vertical, and elevation above the plane.
+/// Azimuth of the viewing direction about the vertical.
 const AZIMUTH_DEG: f64 = -65.0;
+/// Elevation of the viewing direction above the plane.
 const ELEVATION_DEG: f64 = 22.0;
 
 const POLE: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
@@ -123,7 +124,7 @@ where
     Ok(())
 }
 
-/// Returns the runs of consecutive points that are visible.
+/// Returns the runs of consecutive visible points.
 fn visible_runs(
     ups: &[Vector3<f64>],
     project_up: impl Fn(&Vector3<f64>) -> Option<(f64, f64)>,
@@ -133,13 +134,13 @@ fn visible_runs(
     runs.map(|run| run.iter().copied().flatten().collect()).collect()
 }
 
-/// Returns w of an up vector as a point of the plane; `None` outside the drawn part.
+/// Returns w of an up vector as a point in the plane; `None` outside the drawn part.
 fn plane_point(up: &Vector3<f64>) -> Option<Vector3<f64>> {
     let w = Vector3::new(up.x, up.y, 0.0) / (1.0 + up.z);
     (w.amax() <= PLANE_HALF_SIDE).then_some(w)
 }
 
-/// Projects a point of space to the drawing.
+/// Projects a point in space onto the drawing.
 fn project(point: &Vector3<f64>) -> (f64, f64) {
     let (sin_azimuth, cos_azimuth) = AZIMUTH_DEG.to_radians().sin_cos();
     let (sin_elevation, cos_elevation) = ELEVATION_DEG.to_radians().sin_cos();
@@ -147,7 +148,7 @@ fn project(point: &Vector3<f64>) -> (f64, f64) {
     (cos_azimuth * point.y - sin_azimuth * point.x, point.z * cos_elevation - horizontal_depth * sin_elevation)
 }
 
-/// Returns the distance of a point in front of the centre, towards the viewer.
+/// Returns the signed distance of a point from the centre, in the direction of the viewer.
 fn depth(point: &Vector3<f64>) -> f64 {
     let (sin_azimuth, cos_azimuth) = AZIMUTH_DEG.to_radians().sin_cos();
     let (sin_elevation, cos_elevation) = ELEVATION_DEG.to_radians().sin_cos();

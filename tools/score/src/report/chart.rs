@@ -2,20 +2,21 @@
 //!
 //! Input: lines of points.
 //!
-//! Output: a self-contained `svg` element. The vertical axis excludes the outermost points at
-//! either end; if they exceed it, a note states the largest value.
+//! Output: a self-contained `svg` element. The range of the vertical axis ignores the outermost
+//! points at either end. If points are above the axis, a note states the largest value.
 
 use std::fmt::Write;
 
 use super::escape;
 use crate::plot::curve::Curve;
 
-/// Step of an angle, degrees, above which it is a wrap instead of a movement.
+/// Angle step above which a curve wraps around instead of moving, degrees.
 const WRAP_DEG: f64 = 180.0;
-/// Percentage of the points at either end that the vertical axis ignores.
+/// Percentage of points at either end that the range of the vertical axis ignores.
 const OUTLIER_PERCENT: f64 = 0.5;
-/// Size of a chart, and its margins for labels, pixels.
+/// Width and height of a chart, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];
+/// Margins of a chart for labels, pixels.
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 12.0;
@@ -29,9 +30,9 @@ pub(super) struct Chart<'a> {
     pub(super) x_label: &'a str,
     /// Ends of the horizontal axis.
     pub(super) x_range: (f64, f64),
-    /// Whether the horizontal axis is logarithmic.
+    /// `true` if the horizontal axis is logarithmic.
     pub(super) is_log_x: bool,
-    /// Whether the vertical axis starts at 0.
+    /// `true` if the vertical axis starts at 0.
     pub(super) starts_at_zero: bool,
     pub(super) lines: Vec<Line>,
 }
@@ -43,7 +44,7 @@ pub(super) struct Line {
     pub(super) segments: Vec<Vec<(f64, f64)>>,
     /// Range of the values without outliers.
     pub(super) y_range: Option<(f64, f64)>,
-    /// Whether each point has a marker.
+    /// `true` if each point has a marker.
     pub(super) has_markers: bool,
 }
 
@@ -90,8 +91,8 @@ impl Axis {
 }
 
 impl Chart<'_> {
-    /// Returns the SVG element, and a note if a line exceeds the axis. `number` must be unique
-    /// within the page.
+    /// Returns the SVG element, and a note if a line exceeds the axis. `number` must be unique on
+    /// the page.
     pub(super) fn svg(&self, number: usize) -> (String, Option<String>) {
         let Some(largest) = self.lines.iter().flat_map(Line::points).map(|point| point.1).reduce(f64::max) else {
             return (String::new(), None);
