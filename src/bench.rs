@@ -43,7 +43,7 @@ pub(crate) struct Campaign {
     /// Number of kills or swaps
     #[arg(long, default_value_t = 50)]
     count: u32,
-    /// Seed of the random targets and times
+    /// Seed for the random targets and times
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Sample rate of the simulated source, Hz
@@ -78,7 +78,7 @@ fn print_report<R: Display + Serialize>(
     holds: impl FnOnce(&R) -> bool,
 ) -> ExitCode {
     match report {
-        // Numbers, strings and lists always serialise.
+        // Serialising numbers, strings and lists cannot fail.
         Ok(report) => {
             let printed =
                 if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&report) };

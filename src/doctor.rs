@@ -61,7 +61,7 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
         }
     });
     let diagnosis = DoctorReport { system: name, checks };
-    // Strings and lists always serialise.
+    // Serialising strings and lists cannot fail.
     let printed =
         if system.json { print(&serde_json::to_string(&diagnosis).unwrap_or_default()) } else { print(&diagnosis) };
     if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed }

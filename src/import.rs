@@ -93,8 +93,8 @@ pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
     }
 }
 
-/// Imports the files and writes MCAP. A native recording is written without an import. Returns the
-/// summary.
+/// Imports the files and writes them as MCAP. A native recording is converted without importing it
+/// first. Returns the summary.
 fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, ImportError> {
     if let [file] = files
         && options.mapping.is_none()

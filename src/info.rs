@@ -77,7 +77,7 @@ pub(crate) fn run(Info { file, json }: &Info) -> ExitCode {
 }
 
 fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {
-    // Numbers, strings and maps with names always serialise.
+    // Serialising numbers, strings and maps with string keys cannot fail.
     if json { print(&serde_json::to_string(info).unwrap_or_default()) } else { print(info) }
 }
 

@@ -84,7 +84,7 @@ pub(crate) fn run(record: &Record) -> ExitCode {
         Err(error) => return fail(&error, error.exit_code()),
     };
     let printed = match record.system.json {
-        // Numbers, strings and lists always serialise.
+        // Serialising numbers, strings and lists cannot fail.
         true => print(&serde_json::to_string(&summary).unwrap_or_default()),
         false => print(&summary),
     };

@@ -21,7 +21,7 @@ use wire::{
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout for the reply to a request that is answered immediately.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Deadline of a swap after the request.
+/// Time from a swap request to its deadline.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
 /// Default endpoint, at which a gateway on this machine listens.
 const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -49,7 +49,7 @@ pub(crate) enum RemoteError {
     ReadOnly { vehicle: String },
     /// Commands need a certificate, which a plain endpoint does not have.
     #[error(
-        "vehicle {vehicle:?} takes no command over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/security.md)"
+        "vehicle {vehicle:?} takes no command over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/how-to/secure.md)"
     )]
     PlainReadOnly { vehicle: String, endpoint: String, slot: String, stage: String },
 }
@@ -106,7 +106,8 @@ impl RemoteEndpoint {
         Ok(Endpoints { tls, ..Endpoints::with_connect(connect) })
     }
 
-    /// Connects as a Zenoh client. A router forwards to a client everything that it subscribes to.
+    /// Connects as a Zenoh client. A router forwards to a client everything that the client
+    /// subscribes to.
     pub(crate) fn open_as_client(&self) -> Result<Link, RemoteError> {
         let endpoints = Endpoints { client: true, ..self.link_endpoints()? };
         endpoints.check_certificates()?;

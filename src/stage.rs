@@ -166,7 +166,7 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
         slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
     };
     let mut selected_stages: Vec<(&str, &str)> = conformance::stages().collect();
-    // Without names only the built-in stages are tested.
+    // If no names are given, only the built-in stages are tested.
     let external = launch.stages.iter().filter(|_| !names.is_empty());
     selected_stages.extend(external.map(|(name, program)| (program.slot.name(), name.as_str())));
     selected_stages.retain(selected);

@@ -183,7 +183,7 @@ fn print_differences(
                 let difference = bytemuck::try_pod_read_unaligned(bytes).ok();
                 newest = difference.filter(|it: &Difference| it.service == service as u32).or(newest);
             })?),
-            // The topic is opened with the first candidate.
+            // The topic does not exist until the first candidate starts, so opening it is retried.
             None => match observer.tap(Topic::Difference) {
                 Ok(tap) => differences = Some(tap),
                 Err(BusError::TopicNotOpen { .. }) => {}

@@ -178,7 +178,7 @@ fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Result<
     if let ControlFlow::Break(code) = printed {
         return Ok(code);
     }
-    // Numbers and strings always serialise.
+    // Serialising numbers and strings cannot fail.
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }
 

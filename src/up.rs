@@ -24,7 +24,7 @@ Examples:
   plumb up --replay flight.ulg --speed max --out attitude.csv
 
 SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
-and the keys of the kind's section in the launch file (docs/sensors.md).
+and the keys of the kind's section in the launch file (docs/how-to/sensors.md).
 RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
 A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP or a ROS 2 bag. A flight of --record is
 replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]
@@ -40,7 +40,7 @@ pub(crate) struct Up {
     /// Recording, log or flight to use instead of the launch file's source
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
-    /// Source seconds per second, 0.001 to 1000000 or max [default: 1]
+    /// Speed relative to real time, 0.001 to 1000000 or max [default: 1]
     #[arg(long, value_name = "X|max", value_parser = pace)]
     speed: Option<Pace>,
     /// Source time to run, such as 500ms, 10s, 2m or 1h [default: all]
@@ -92,7 +92,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
     let mut recorder =
         record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
-    // A recorded flight can be replayed only from its readings.
+    // A recorded flight can be replayed only from its readings, so recording always includes them.
     let readings = readings || recorder.is_some();
     let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
     let columns = columns.fold(Vec::new(), |mut all, column| {

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Soak test: kills, freezes, swaps, shadows and frozen observers of a running system.
+"""Soak test: disturbs a running system by kills, freezes, swaps, shadows and frozen observers.
 
     tests/soak.py [--seconds 1200] [--seed 1] [--pause 1.0] [--plumb target/release/plumb]
 
-The exit code is 0 if no tick was lost or duplicated, no file was left behind and nothing grew.
-Two checks detect growth. The first compares the medians of resident memory, descriptors, shared
-memory and files in the second and in the last quarter of the time. The second fits a line to the
-resident memory of each process, private and mapped from the bus, over the second half of the time.
-It prints the slope with its standard error and one of three verdicts: it grows by more than the
-bound, it does not grow, or the time is too short to decide. In its first minutes a process
-allocates memory that it keeps, so that slopes are judged from 20 minutes on.
+The exit code is 0 if no tick was lost or duplicated, no file was left behind and no resource use
+grew. Two checks detect growth. The first compares the medians of resident memory, descriptors,
+shared memory and files in the second quarter of the run with those in the last quarter. The second
+fits a line to the resident memory of each process, private and mapped from the bus, over the second
+half of the run. It prints the slope with its standard error and one of three verdicts: the memory
+grows by more than the bound, it does not grow, or the run is too short to decide. Slopes are judged
+only in runs of at least 20 minutes, because in its first minutes a process allocates memory that it
+keeps.
 """
 
 import argparse
@@ -30,12 +31,12 @@ STAGES = {
     "fuser": ["multiple-model", "wz", "wz-open", "wz-closed", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "vqf"],
     "course": ["angles", "track"],
 }
-# Figures measured for each process.
+# Quantities measured for each process.
 PROCESS = ("private_kib", "mapped_kib", "mappings", "descriptors")
-# Maximum time for a service to restart, s.
+# Time allowed for a service to restart, s.
 RESTART_TIMEOUT_S = 30
 MAX_OBSERVERS = 3
-# Growth that counts as noise: a fraction of the value plus a constant.
+# Largest growth that still counts as noise: a fraction of the value plus a constant.
 NOISE = {
     "private_kib": (0.10, 2048),
     "mapped_kib": (0.10, 8192),
@@ -44,10 +45,12 @@ NOISE = {
     "shared_kib": (0.10, 1024),
     "files": (0.10, 20),
 }
-# Maximum growth of a process, KiB/h. For private memory this is about 100 bytes for each of 5,000
-# disturbances. Memory mapped from the bus is bounded by the topics and varies with their contents.
+# Maximum growth of a process, KiB/h. For private memory, this corresponds to about 100 bytes for
+# each of 5,000 disturbances. Memory mapped from the bus has a larger bound, because it varies with
+# the contents of the topics. The topics also limit its total size.
 MAX_GROWTH_KIB_H = {"private_kib": 512, "mapped_kib": 4096}
-# Minimum duration for slopes, s. A shorter run shows only the initial allocations.
+# Minimum duration of a run in which slopes are judged, s. A shorter run shows only the initial
+# allocations.
 MIN_SLOPE_S = 1200
 
 
@@ -131,7 +134,7 @@ class Soak:
         shadow.wait()
 
     def freeze_observer(self):
-        """Starts an observer and freezes it. Kills the oldest one if there are too many."""
+        """Starts an observer and freezes it. Kills the oldest observer if there are too many."""
         command = [self.plumb, "topic", "echo", "attitude", "--json", "--system", self.name]
         observer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.observers.append(observer)
@@ -177,7 +180,7 @@ class Soak:
         return 0 if passed and not grew and not left else 1
 
     def evaluate_slopes(self, seconds):
-        """Returns True if the memory of a process grew over the second half of the time."""
+        """Returns True if the memory of a process grew over the second half of the run."""
         half = self.samples[len(self.samples) // 2 :]
         grew = False
         for name in self.samples[-1]["processes"]:
@@ -236,8 +239,8 @@ def judge_slope(slope, error, bound):
 def fit_line(points):
     """Returns the slope of the least-squares line and its standard error.
 
-    Successive samples of a process are correlated. The standard error uses the number of
-    independent samples that follows from the correlation of neighbours.
+    Successive samples of a process are correlated. The standard error is therefore based on an
+    effective number of independent samples, computed from the correlation of neighbours.
 
     >>> fit_line([(0, 1), (1, 3), (2, 5), (3, 7)])
     (2.0, 0.0)
@@ -264,7 +267,7 @@ def fit_line(points):
 
 
 def process_figures(pid):
-    """Returns the figures of a process, or None if it has exited."""
+    """Returns the measured quantities of a process, or None if it has exited."""
     try:
         status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
         mappings = len(Path(f"/proc/{pid}/maps").read_text().splitlines())

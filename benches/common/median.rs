@@ -1,6 +1,6 @@
 //! Median of measured values.
 
-/// Returns the median, or NaN without values.
+/// Returns the median, or NaN if there are no values.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);

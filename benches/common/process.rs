@@ -1,4 +1,4 @@
-//! Child process of a benchmark: started, read line by line, terminated.
+//! Child process of a benchmark, with output that is read line by line.
 
 use std::{
     ffi::OsStr,
@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::Failure;
 
-/// Time from the termination signal until the process is killed.
+/// Time allowed after the termination signal, before the process is killed.
 const TERMINATION_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Child process, terminated on drop.
@@ -66,13 +66,13 @@ impl Drop for Process {
     fn drop(&mut self) {
         let deadline = Instant::now() + TERMINATION_TIMEOUT;
         if let (Ok(None), Some(pid)) = (self.child.try_wait(), Pid::from_raw(self.child.id() as i32)) {
-            // A process that has just ended needs no signal.
+            // If the process has just ended, the signal is not needed.
             let _ = kill_process(pid, Signal::TERM);
         }
         while matches!(self.child.try_wait(), Ok(None)) && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
         }
-        // Reaps an ended process. A killed one needs no time limit.
+        // `kill` does nothing if the process has ended. After it, `wait` needs no time limit.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! Entry point of a benchmark that starts itself as the processes it measures.
+//! Entry point of a benchmark that starts copies of itself as the processes to be measured.
 
 use std::process::ExitCode;
 

@@ -1,9 +1,9 @@
-//! Message for benchmarks in which its encoded length matters.
+//! Example message for benchmarks that depend on its encoded length.
 
 use bytemuck::Zeroable as _;
 use messages::{AttitudeOutput, Header};
 
-/// Returns an attitude with the encoded length of one from a vehicle in motion.
+/// Returns an attitude that is as long, when encoded, as one from a vehicle in motion.
 pub(crate) fn attitude(header: Header) -> AttitudeOutput {
     AttitudeOutput {
         header,

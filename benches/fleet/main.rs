@@ -1,19 +1,19 @@
-//! Cost of a fleet for its router.
+//! Load that a fleet of vehicles puts on its router.
 //!
 //! Command: `cargo bench --bench fleet`.
 //!
-//! Input: numbers of vehicles, duration.
+//! Input: fleet sizes and duration.
 //!
-//! Output: a table of CPU time, memory and bytes at the router, and of the messages received by a
-//! station.
+//! Output: a table of the CPU time, memory and traffic of the router, and of the messages received
+//! by a station.
 //!
 //! Time: every wait has a timeout, and no process outlives the run.
 //!
-//! Failure: a fleet that does not connect ends the run with its error.
+//! Failure: if a fleet does not connect, the run ends with its error.
 //!
-//! Router and station are one process each, and up to 250 vehicles share a process. Each vehicle
-//! has its own session with the settings of `link` over tcp/127.0.0.1 and publishes `attitude` at
-//! 50 Hz in messages like those of the gateway. The station decodes all messages.
+//! The router and the station are one process each, and up to 250 vehicles share a process. Each
+//! vehicle has its own session with the settings of `link` over tcp/127.0.0.1 and publishes
+//! `attitude` at 50 Hz, in messages like those of the gateway. The station decodes all messages.
 
 #[path = "../common/process.rs"]
 mod process;
@@ -66,13 +66,13 @@ struct Cli {
     process: Option<String>,
 }
 
-/// Cost of a fleet.
+/// Measured cost of a fleet.
 struct Cost {
     router_cpu: f64,
     router_mib: f64,
     station_cpu: f64,
     vehicles_cpu: f64,
-    /// Traffic over the loopback interface, to and from the router, bytes per second.
+    /// Loopback traffic to and from the router, bytes per second.
     bytes_s: f64,
     report: StationReport,
     seconds: f64,
@@ -87,7 +87,7 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
     if !(1.0..=600.0).contains(&cli.seconds) || !cli.vehicles.iter().all(|count| (1..=2000).contains(count)) {
         return Err("expected 1 to 600 seconds and 1 to 2000 vehicles".into());
     }
-    // Each session opens several files.
+    // Each session opens several files, so the open-file limit is raised.
     let files = getrlimit(Resource::Nofile);
     setrlimit(Resource::Nofile, Rlimit { current: files.maximum, ..files })?;
     println!(
@@ -159,7 +159,7 @@ fn resident_mib(pid: u32) -> Result<f64, Failure> {
     Ok(line.split_whitespace().next().ok_or("VmRSS is empty")?.parse::<f64>()? / 1024.0)
 }
 
-/// Returns the bytes received on the loopback interface so far, by all processes.
+/// Returns the number of bytes received so far over the loopback interface, by all processes.
 fn loopback_bytes() -> Result<f64, Failure> {
     let text = fs::read_to_string("/proc/net/dev")?;
     let line = text.lines().find_map(|line| line.trim().strip_prefix("lo:")).ok_or("there is no loopback interface")?;

@@ -1,4 +1,4 @@
-//! Processes of a fleet: router, groups of vehicles, station.
+//! Processes of a fleet: the router, groups of vehicles and the station.
 
 use std::{
     collections::BTreeMap,
@@ -18,18 +18,18 @@ use zenoh::{Config, Wait};
 
 use crate::{Failure, sample::attitude};
 
-/// Default rate at which a vehicle publishes its attitude, Hz.
+/// Rate at which each vehicle publishes its attitude, Hz, which is the default of the gateway.
 const RATE_HZ: u64 = 50;
 /// Time allowed for all sessions to connect.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(100);
-/// Sessions that one thread opens in sequence.
+/// Number of sessions that one thread opens in sequence.
 const LINKS_PER_THREAD: usize = 10;
 /// Longest wait for a message.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Maximum number of sessions of the router, above the size of any fleet measured here.
 const MAX_SESSIONS: &str = "4096";
 
-/// Settings of a process.
+/// Settings for one process of the fleet.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum ProcessSettings {
     /// Zenoh session in router mode.
@@ -40,12 +40,12 @@ pub(crate) enum ProcessSettings {
     Station { endpoint: String, vehicles: usize },
 }
 
-/// Messages counted by the station.
+/// Message counts of the station.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct StationReport {
-    /// Received messages that were attitudes.
+    /// Number of attitude messages received.
     pub(crate) arrived: u64,
-    /// Messages missing from the sequence numbers.
+    /// Number of messages missing according to the sequence numbers.
     pub(crate) lost: u64,
 }
 
@@ -82,7 +82,7 @@ fn router(endpoint: &str) -> Result<(), Failure> {
 fn vehicles(endpoint: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
     minimise_timer_slack();
     let numbers: Vec<_> = numbers.collect();
-    // Opening a peer takes half a second.
+    // Sessions are opened in parallel, because opening one takes half a second.
     let links = thread::scope(|scope| {
         let chunks = numbers.chunks(LINKS_PER_THREAD);
         let opening: Vec<_> =
@@ -105,7 +105,7 @@ fn vehicles(endpoint: &str, numbers: std::ops::Range<usize>) -> Result<(), Failu
     let start_ns = monotonic_ns();
     for sequence in 0.. {
         for (index, publisher) in publishers.iter().enumerate() {
-            // The vehicles publish in turn, evenly spread over the period.
+            // The vehicles publish one after another, evenly spread over the period.
             let due = sequence * publishers.len() as u64 + index as u64;
             let due_ns = start_ns + due * 1_000_000_000 / (RATE_HZ * publishers.len() as u64);
             while monotonic_ns() < due_ns {

@@ -1,4 +1,5 @@
-//! Example messages of a vehicle in motion. Fields are not 0, because protobuf omits zeros.
+//! Example messages from a vehicle in motion. Most fields are non-zero, because protobuf omits
+//! zeros.
 
 use attitude::frames::{Frame, QuaternionOrder};
 use bytemuck::Zeroable as _;
@@ -20,7 +21,7 @@ fn header(tick: u64) -> Header {
     }
 }
 
-/// Message with an example value.
+/// Message type with an example value.
 pub(crate) trait Example {
     fn example(tick: u64) -> Self;
 }

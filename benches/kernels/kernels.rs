@@ -1,22 +1,25 @@
-//! Instruction counts of the stages and of widely used filters, counted by callgrind.
+//! Instruction counts of the stages and of widely used filters, measured with callgrind.
 //!
 //! Command: `cargo bench -p kernels`.
 //!
-//! Input: 1000 samples of scenario S1 at 100 Hz, made before the count starts.
+//! Input: 1000 samples of scenario S1 at 100 Hz, generated before counting starts.
 //!
-//! Output: instructions (`Ir`) of 1000 calls, including loop and stores. There is no allocation.
+//! Output: the number of instructions (`Ir`) for 1000 calls, including the loop and the stores.
+//! There is no allocation.
 //!
-//! Time: a count does not depend on the load of the machine.
+//! Time: the counts do not depend on the load of the machine.
 //!
-//! Failure: the count needs valgrind and gungraun-runner 0.20.
+//! Failure: valgrind and gungraun-runner 0.20 are required.
 //!
 //! | group | one call |
 //! | --- | --- |
 //! | `gyros` | step of an integrator |
-//! | `fusers` | step of a fuser on precomputed motions of `mobius` and inclinations of `projector` |
-//! | `filters` | rate and force to attitude: `mobius`, `projector` and the fuser, or the update of another library |
+//! | `fusers` | step of a fuser, with precomputed outputs of `mobius` and `projector` |
+//! | `filters` | from rate and force to attitude |
 //!
-//! All run with their own defaults in f64, except imu-fusion, which supports f32 only.
+//! A call in `filters` is either one step each of `mobius`, `projector` and a fuser, or one update
+//! of another library. All filters run with their own defaults and in f64, except imu-fusion, which
+//! supports only f32.
 #![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
 
 use std::hint::black_box;
@@ -38,7 +41,8 @@ use vqf_rs::VQF;
 
 const CALLS: usize = 1000;
 const DT_S: f64 = 0.01;
-/// Default gains of ahrs. The default sampling rate of ahrs differs from [`DT_S`].
+/// Default gains of ahrs. They are given explicitly, because the default sampling rate of ahrs is
+/// not the one of these samples, [`DT_S`].
 const MADGWICK_BETA: f64 = 0.1;
 const MAHONY_KP: f64 = 0.5;
 const MAHONY_KI: f64 = 0.0;

@@ -2,16 +2,16 @@
 //!
 //! Command: `cargo bench -p kernels --bench time [-- ROUNDS]`.
 //!
-//! Input: scenario S1 at 100 Hz, and a trial of BROAD at 286 Hz if the recordings exist in
+//! Input: scenario S1 at 100 Hz, and a BROAD trial at 286 Hz if the recordings exist in
 //! `$PLUMBLINE_DATA` or `../shared/data`.
 //!
-//! Output: nanoseconds per update of `mobius`, `projector` and `wz` together, and of vqf-rs without
-//! magnetometer; their ratio.
+//! Output: nanoseconds per update, for `mobius`, `projector` and `wz` together and for vqf-rs
+//! without magnetometer, and the ratio of the two.
 //!
-//! Time: CPU time of interleaved rounds over the same samples, as medians. Load from other
-//! processes therefore affects both alike.
+//! Time: CPU time, as medians over interleaved rounds with the same samples. Load from other
+//! processes therefore affects both equally.
 //!
-//! Failure: without the recordings only S1 is timed.
+//! Failure: without the recordings, only S1 is timed.
 
 #[path = "../common/median.rs"]
 mod median;

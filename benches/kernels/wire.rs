@@ -1,13 +1,13 @@
-//! Instruction counts of encoding and decoding messages, counted by callgrind.
+//! Instruction counts for encoding and decoding messages, measured with callgrind.
 //!
 //! Command: `cargo bench -p kernels --bench wire`.
 //!
-//! Input: 1000 messages in their bus layout, made before the count starts.
+//! Input: 1000 messages in their bus layout, generated before counting starts.
 //!
-//! Output: instructions (`Ir`) of 1000 messages, from payload to bytes (with envelope and
-//! allocation) and from bytes to validated payloads.
+//! Output: the number of instructions (`Ir`) for 1000 messages, from payload to bytes (including
+//! envelope and allocation) and from bytes to validated payloads.
 //!
-//! Failure: the count needs valgrind and gungraun-runner 0.20.
+//! Failure: valgrind and gungraun-runner 0.20 are required.
 #![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
 
 mod examples;

@@ -7,7 +7,7 @@
 //! Output: encoded bytes, and nanoseconds from payload to bytes and from bytes to validated
 //! payloads.
 //!
-//! Time: CPU time of this thread, as medians of interleaved rounds.
+//! Time: CPU time of this thread, as medians over interleaved rounds.
 
 mod examples;
 #[path = "../common/median.rs"]
@@ -25,10 +25,10 @@ use median::median;
 use thread_time::thread_cpu_ns;
 
 const ROUNDS: usize = 31;
-/// Messages per measurement.
+/// Number of messages per measurement.
 const MESSAGES: u64 = 2000;
 
-/// Row of the table, with its measurements.
+/// Row of the output table, with its measurements.
 struct Row {
     name: &'static str,
     round: fn(u64) -> Ns,

@@ -1,5 +1,5 @@
-//! Variant `bus`: processes that forward the header of each message over the topics `imu`, `gyro`,
-//! `accel` and `fused` of the bus.
+//! Variant `bus`: processes that forward the header of each message over the bus topics `imu`,
+//! `gyro`, `accel` and `fused`.
 
 use bus::{Bus, Publisher, Subscriber, SystemName};
 use messages::{AccelPoint, FusedState, GyroStep, ImuSample, Message, Ticked};
@@ -68,7 +68,7 @@ fn output<M: Message>(bus: &Bus) -> Result<BusOutput<M>, Failure> {
     Ok(BusOutput(bus.publisher(TOPIC_SAMPLES)?))
 }
 
-/// Returns a message with the header of another.
+/// Returns a message with the header of the given message.
 fn forward<A: Ticked, B: Ticked>(sample: &A) -> B {
     let mut passed = B::zeroed();
     *passed.header_mut() = *sample.header();

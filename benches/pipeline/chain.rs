@@ -1,14 +1,14 @@
 //! Five processes connected like the pipeline: a source, two relays, a relay that joins their
-//! outputs, and a sink. The variant provides the topics.
+//! outputs, and a sink. Each variant provides its own kind of topic.
 //!
 //! Input: one or two topics per process.
 //!
-//! Output: a report of each process, and their sum.
+//! Output: a report from each process, and the combined result.
 //!
 //! Time: the source follows an absolute schedule.
 //!
-//! Failure: a process without input for [`IDLE_TIMEOUT`] reports what it has. The sink counts
-//! missing samples as lost.
+//! Failure: a process that receives no input for [`IDLE_TIMEOUT`] stops and reports its results so
+//! far. The sink counts missing samples as lost.
 
 use std::{
     cmp::Ordering,
@@ -26,28 +26,28 @@ use crate::{Cost, Failure, LatencyUs, Variant, WARM_UP_S, process::Process};
 
 /// Capacity of a topic, samples.
 pub(crate) const TOPIC_SAMPLES: usize = 1024;
-/// Longest wait before the input is polled again.
+/// Longest wait before a process polls its input again.
 pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Time without a sample after which a process stops waiting.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time allowed for a process to become ready, and to report after the end.
+/// Time allowed for a process to become ready, and again for its report after the last sample.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
 /// Largest recorded latency, ns. Higher values are counted as this one.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
-/// Settings of a process.
+/// Settings for one process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct ProcessSettings {
     pub(crate) variant: Variant,
     pub(crate) role: ChainRole,
-    /// Name of the shared resource: system or file.
+    /// Name of the system or path of the shared file, depending on the variant.
     pub(crate) shared_name: String,
     rate_hz: u32,
-    /// Samples before the first measured one.
+    /// Number of samples before the first measured one.
     warm_up_ticks: u64,
-    /// All samples, including those of the warm-up.
+    /// Total number of samples, including the warm-up.
     ticks: u64,
 }
 
@@ -61,14 +61,14 @@ pub(crate) enum ChainRole {
     Sink,
 }
 
-/// Report of a process at its end.
+/// Report that a process prints when it ends.
 #[derive(Debug, Serialize, Deserialize)]
 struct ProcessReport {
     cpu_s_per_s: f64,
     sink: Option<SinkReport>,
 }
 
-/// Report of the sink about the samples it received.
+/// Report of the sink on the samples it received.
 #[derive(Debug, Serialize, Deserialize)]
 struct SinkReport {
     latency_us: LatencyUs,
@@ -80,11 +80,11 @@ pub(crate) trait Input {
     type Sample: Ticked;
 
     fn receive(&mut self) -> Result<Option<Self::Sample>, Failure>;
-    /// Waits for samples, at most for [`MAX_WAIT`].
+    /// Waits for samples, for at most [`MAX_WAIT`].
     fn wait(&mut self);
 }
 
-/// Join of two inputs by tick, which returns the sample of the first input.
+/// Join of two inputs by tick. It yields the sample of the first input.
 pub(crate) struct Join<A: Input, B: Input> {
     first: A,
     second: B,
@@ -127,11 +127,11 @@ pub(crate) trait Output {
     type Sample: Ticked;
 
     fn send(&mut self, sample: &Self::Sample) -> Result<(), Failure>;
-    /// Wakes the subscribers. Called once after all sent samples.
+    /// Wakes the subscribers. Called once after each batch of sent samples.
     fn wake(&mut self);
 }
 
-/// Runs the processes and adds up their reports.
+/// Runs the processes and combines their reports.
 pub(crate) fn run(variant: Variant, shared_name: &str, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let ticks = |seconds: f64| (seconds * f64::from(rate_hz)).ceil() as u64;
     let warm_up_ticks = ticks(WARM_UP_S);
@@ -187,7 +187,7 @@ pub(crate) fn source<O: Output>(settings: &ProcessSettings, mut output: O) -> Re
     meter.report(None)
 }
 
-/// Runs an intermediate process, which publishes `forward` of each sample.
+/// Runs an intermediate process, which publishes the result of `forward` for each sample.
 pub(crate) fn relay<I: Input, O: Output>(
     settings: &ProcessSettings,
     input: I,
@@ -225,7 +225,8 @@ pub(crate) fn sink<I: Input>(settings: &ProcessSettings, input: I) -> Result<(),
     meter.report(Some(SinkReport { latency_us, lost: settings.ticks - settings.warm_up_ticks - latency_ns.len() }))
 }
 
-/// Passes all available samples to `handle` until the last one has arrived.
+/// Passes available samples to `handle` until the last sample of the run has arrived or no sample
+/// has arrived for [`IDLE_TIMEOUT`].
 fn drain<I: Input>(
     settings: &ProcessSettings,
     mut input: I,
@@ -264,7 +265,7 @@ fn report_ready() {
     println!("ready");
 }
 
-/// CPU meter of this process for the measured samples.
+/// Meter for the CPU time that this process uses after the warm-up.
 struct CpuMeter {
     warm_up_ticks: u64,
     start: Option<(u64, f64)>,

@@ -12,15 +12,19 @@
 //!
 //! | variant | description | latency up to | CPU time |
 //! | --- | --- | --- | --- |
-//! | `raw` | 5 processes with one fan-out and one join; each topic a ring in shared memory with a futex: the lower bound | receipt by the last process | 5 processes |
-//! | `bus` | the same processes over `crates/bus`, forwarding headers | receipt by the last process | 5 processes |
-//! | `real` | `plumb up` with the fuser `wz` | publication by the last service | 5 services, supervisor |
-//! | `other` | another `plumb` executable, with `--other` | publication by the last service | 5 services, supervisor |
+//! | `raw` | 5 processes over shared-memory rings, the lower bound | receipt | 5 processes |
+//! | `bus` | the same processes over `crates/bus` | receipt | 5 processes |
+//! | `real` | `plumb up` with the fuser `wz` | publication | 5 services, supervisor |
+//! | `other` | another `plumb` executable, with `--other` | publication | 5 services, supervisor |
 //!
-//! Latency starts with the timestamp before a sample is first sent. `raw` and `bus` omit the first
-//! [`WARM_UP_S`]; `real` omits only the time before its first sample. Ratios to `raw` (or to
-//! `other`) are taken within a round, then the median over the rounds. On a shared machine only
-//! values of the same run can be compared.
+//! The 5 processes have one fan-out and one join. In `raw`, each topic is a ring in shared memory
+//! with a futex. In `bus`, the processes forward the message headers.
+//!
+//! Latency is measured from the timestamp taken before a sample is first sent, up to receipt by the
+//! last process or publication by the last service. `raw` and `bus` omit the first [`WARM_UP_S`];
+//! `real` omits only the time before its first sample. Ratios to `raw` (or to `other`) are computed
+//! within each round, and the table shows their medians over the rounds. On a shared machine, only
+//! values from the same run are comparable.
 
 mod bus;
 mod chain;
@@ -90,7 +94,7 @@ enum Mode {
     One,
 }
 
-/// Result of a run, read from the report of `plumb up` for `real` and `other`.
+/// Result of a run. For `real` and `other` it is read from the report of `plumb up`.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,

@@ -1,7 +1,7 @@
-//! Variant `raw`, the lower bound: a ring in shared memory per topic, with one producer, one or two
-//! consumers, and a futex that wakes waiting consumers.
+//! Variant `raw`, the lower bound: each topic is a ring in shared memory, with one producer, one or
+//! two consumers, and a futex that wakes waiting consumers.
 //!
-//! A full ring drops the sample. Nothing is validated.
+//! If a ring is full, the sample is dropped. Nothing is validated.
 
 use std::{
     fs::{File, OpenOptions},
@@ -26,7 +26,7 @@ use crate::{
     chain::{self, ChainRole, Input, Join, MAX_WAIT, Output, ProcessSettings, TOPIC_SAMPLES},
 };
 
-/// Payload of 128 bytes.
+/// Sample with a size of 128 bytes.
 type Sample = AccelPoint;
 const SAMPLE_WORDS: usize = 16;
 const _: () = assert!(size_of::<Sample>() == 8 * SAMPLE_WORDS);
@@ -60,7 +60,7 @@ struct Wake {
 
 type Rings = [Ring; FUSED + 1];
 
-/// Mapped rings of a chain.
+/// Memory mapping that contains the rings of a chain.
 struct Mapping(NonNull<Rings>);
 
 impl Mapping {
@@ -70,15 +70,16 @@ impl Mapping {
         }
         let (bytes, access) = (size_of::<Rings>(), ProtFlags::READ | ProtFlags::WRITE);
         #[allow(unsafe_code)]
-        // SAFETY: a new shared mapping of a file that is long enough. It holds only atomics, for
-        // which every bit pattern is valid.
+        // SAFETY: this creates a new shared mapping of a file that is long enough. The mapping
+        // contains only atomics, for which every bit pattern is valid.
         let address = unsafe { mmap(std::ptr::null_mut(), bytes, access, MapFlags::SHARED, file, 0)? };
         NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mmap returned a null address"))
     }
 
     fn rings(&self) -> &Rings {
         #[allow(unsafe_code)]
-        // SAFETY: mapped in `from_file` with this layout, and unmapped only in `drop`.
+        // SAFETY: the address was mapped in `from_file` with this layout and is unmapped only in
+        // `drop`.
         unsafe {
             self.0.as_ref()
         }
@@ -126,7 +127,7 @@ impl Output for RingOutput<'_> {
         let Wake { wakes, waiting } = &self.ring.wake.0;
         wakes.fetch_add(1, SeqCst);
         if waiting.load(SeqCst) != 0 {
-            // A failure means that no consumer waits any more.
+            // A failure means that no consumer is waiting any more.
             let _ = futex::wake(wakes, futex::Flags::empty(), MAX_READERS as u32);
         }
     }
@@ -154,7 +155,8 @@ impl Input for RingInput<'_> {
         waiting.fetch_add(1, SeqCst);
         if received[self.reader].0.load(SeqCst) == sent.0.load(SeqCst) {
             let timeout = Timespec { tv_sec: 0, tv_nsec: MAX_WAIT.as_nanos() as i64 };
-            // After a wake-up, a timeout or a changed counter the caller polls for samples.
+            // The result is not needed: the caller polls for samples after a wake-up, a timeout or
+            // a changed counter.
             let _ = futex::wait(wakes, futex::Flags::empty(), wakes_before, Some(&timeout));
         }
         waiting.fetch_sub(1, SeqCst);

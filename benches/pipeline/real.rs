@@ -1,4 +1,5 @@
-//! Variants `real` and `other`: `plumb up` with scenario S1, measured by its own report.
+//! Variants `real` and `other`: `plumb up` with scenario S1. The results are taken from its own
+//! report.
 
 use std::{
     ffi::OsStr,
@@ -8,7 +9,7 @@ use std::{
 
 use crate::{Cost, Failure, process::Process};
 
-/// Time that `plumb` may take in addition to the run.
+/// Time allowed for `plumb` in addition to the duration of the run.
 const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 
 /// Path of this build's executable.

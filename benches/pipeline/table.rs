@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::{Cost, Failure, LatencyUs, Mode, RATES_HZ, Variant, median::median};
 
-/// Runs of all rounds.
+/// Results of the runs in all rounds.
 #[derive(Serialize)]
 pub(crate) struct Table {
     rounds: usize,
@@ -31,17 +31,18 @@ struct Condition {
     variant: Variant,
 }
 
-/// Medians over the rounds; for `max` the largest value, for `lost` the sum.
+/// Row of the table. Each value is the median over the rounds, except for the largest `max` and the
+/// sum of `lost`.
 #[derive(Serialize)]
 struct Row {
     #[serde(flatten)]
     condition: Condition,
     #[serde(flatten)]
     cost: Cost,
-    /// Ratio to `raw` in the same round.
+    /// Ratio of the median latency to that of `raw` in the same round.
     ratio_p50: f64,
     ratio_cpu: f64,
-    /// Ratios of `real` to `other` in the same round: latency, CPU time.
+    /// Ratios of `real` to `other` in the same round: median latency and CPU time.
     #[serde(skip_serializing_if = "Option::is_none")]
     to_other: Option<[f64; 2]>,
 }
@@ -105,7 +106,7 @@ impl Table {
         }
     }
 
-    /// Returns the results in the order of the rounds.
+    /// Returns the results in order of rounds.
     fn costs(&self, condition: Condition) -> Vec<Cost> {
         self.runs.iter().filter(|run| run.condition == condition).map(|run| run.cost).collect()
     }

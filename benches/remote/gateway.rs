@@ -20,7 +20,7 @@ use crate::{
 
 /// Time allowed for the far end to connect.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Message rate above every sample rate, so that each sample has its own message.
+/// Message rate above every sample rate, so that each sample is sent in its own message.
 const UNBATCHED_HZ: f64 = 10_000.0;
 
 /// Measures the variant.
@@ -66,7 +66,7 @@ pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     }
 }
 
-/// Returns the encoded length of a message with one attitude.
+/// Returns the encoded length of a message that contains one attitude, bytes.
 pub(crate) fn message_bytes() -> usize {
     let now_ns = runtime::clock::monotonic_ns();
     let envelope = wire::v1::Envelope {
@@ -79,7 +79,7 @@ pub(crate) fn message_bytes() -> usize {
     wire::encode_batch(&envelope, &wire::encode_samples([&attitude(header(1000, now_ns))])).len()
 }
 
-/// Returns the header of a tick with the current time.
+/// Returns the header of a tick for the given current time.
 pub(crate) fn header(tick: u64, now_ns: u64) -> Header {
     let t_end_ns = now_ns.cast_signed();
     Header {

@@ -1,4 +1,4 @@
-//! Processes of a hop, and their CPU time while samples are measured.
+//! Starts the processes of a hop and measures their CPU time while samples are sent.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use crate::{
     usage::cpu_s,
 };
 
-/// Time allowed for a process to become ready, and to report after the end.
+/// Time allowed for a process to become ready, and again for the report after the last sample.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// Starts a process of this benchmark and waits until it is ready.
@@ -20,7 +20,7 @@ pub(crate) fn start(settings: &ProcessSettings) -> Result<Process, Failure> {
     Ok(process)
 }
 
-/// Starts the near end and returns latency and loss at the far end, and the CPU time of all
+/// Starts the near end. Returns the latency and the loss at the far end, and the CPU time of all
 /// processes.
 pub(crate) fn measure(
     settings: &ProcessSettings,

@@ -1,5 +1,5 @@
-//! One end of a hop as a process: the near end sends at an absolute rate, the far end records
-//! latencies.
+//! One end of a hop, run as a process. The near end sends on an absolute schedule, and the far end
+//! records latencies.
 
 use std::{
     io::{self, Read},
@@ -16,7 +16,7 @@ use crate::{Failure, Variant, WARM_UP_S};
 
 /// Longest wait for a sample.
 pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Time without a sample after which the far end stops, also before the first one, ns.
+/// Time without a sample after which the far end stops, ns. Also applies before the first sample.
 const IDLE_TIMEOUT_NS: u64 = 5_000_000_000;
 /// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
@@ -30,7 +30,7 @@ pub(crate) enum End {
     Far,
 }
 
-/// Settings of a process of the hop.
+/// Settings for one process of the hop.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct ProcessSettings {
     pub(crate) variant: Variant,
@@ -63,8 +63,8 @@ pub(crate) fn die_with_parent() -> Result<(), Failure> {
     Ok(set_parent_process_death_signal(Some(Signal::KILL))?)
 }
 
-/// Runs the near end: after the start command, calls `send` with tick and time (ns) whenever a
-/// sample is due.
+/// Runs the near end. After the start command, calls `send` with the tick and the current time (ns)
+/// whenever a sample is due.
 pub(crate) fn send(
     settings: &ProcessSettings,
     mut send: impl FnMut(u64, u64) -> Result<(), Failure>,
@@ -85,8 +85,8 @@ pub(crate) fn send(
 
 /// Runs the far end.
 ///
-/// `receive` waits at most [`MAX_WAIT`] and passes tick and sending time (ns) of each sample to its
-/// argument.
+/// `receive` waits for at most [`MAX_WAIT`] and passes the tick and the sending time (ns) of each
+/// sample to its argument.
 pub(crate) fn receive(
     settings: &ProcessSettings,
     mut receive: impl FnMut(&mut dyn FnMut(u64, u64)) -> Result<(), Failure>,

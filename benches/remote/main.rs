@@ -10,19 +10,22 @@
 //!
 //! Failure: a variant that fails ends the run with its error.
 //!
-//! | variant | from | over | to |
+//! | variant | near end | path | far end |
 //! | --- | --- | --- | --- |
-//! | `zenoh` | process that puts as many bytes as a message with one attitude has | Zenoh | process that receives them |
-//! | `each` | process that publishes `attitude` on the bus | gateway, one message per sample | process that decodes it |
-//! | `batches` | process that publishes `attitude` on the bus | gateway, 200 messages per second | process that decodes it |
-//! | `carried` | process that publishes `imu` on the bus of one system | gateways of a split system | process that reads the bus of another system |
-//! | `tunnel` | process that publishes as many bytes over iceoryx2 | iceoryx2 tunnels over Zenoh | process that reads them |
+//! | `zenoh` | puts bytes | Zenoh | receives the bytes |
+//! | `each` | publishes `attitude` on the bus | gateway, one message per sample | decodes it |
+//! | `batches` | publishes `attitude` on the bus | gateway, 200 messages per second | decodes it |
+//! | `carried` | publishes `imu` on the bus | gateways of a split system | reads another bus |
+//! | `tunnel` | publishes samples over iceoryx2 | iceoryx2 tunnels over Zenoh | reads the samples |
 //!
-//! Latency is measured from the timestamp before a sample is sent until the far end has decoded it.
-//! All sessions have the settings of `link` and use tcp/127.0.0.1. CPU time is that of all threads
-//! of all processes of the hop, including the source, in µs per sample. The first [`WARM_UP_S`] is
-//! omitted. Ratios are taken within a round, then the median over the rounds. On a shared machine
-//! only values of the same run can be compared.
+//! Each end is a process. In `zenoh`, it puts as many bytes as a message with one attitude has. In
+//! `tunnel`, a sample has the size of an IMU sample.
+//!
+//! Latency is measured from the timestamp taken before a sample is sent until the far end has
+//! decoded the sample. All sessions have the settings of `link` and use tcp/127.0.0.1. CPU time is
+//! that of all threads in all processes of the hop, including the source, in µs per sample. The
+//! first [`WARM_UP_S`] is omitted. Ratios are computed within each round, and the table shows their
+//! medians over the rounds. On a shared machine, only values from the same run are comparable.
 
 mod bare;
 mod carried;
@@ -91,7 +94,7 @@ enum Variant {
     Tunnel,
 }
 
-/// Cost of a hop.
+/// Measured cost of a hop.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     p50_us: f64,

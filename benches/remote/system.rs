@@ -1,5 +1,5 @@
-//! Minimal system for a gateway: name, a control socket that accepts every request, and the gateway
-//! itself, started as by the supervisor.
+//! Minimal system for a gateway. It has a name, a control socket that accepts every request, and
+//! the gateway itself, which is started as by the supervisor.
 
 use std::{
     ffi::OsStr,
@@ -23,7 +23,7 @@ use crate::{Failure, process::Process};
 /// Time allowed for a gateway to start and listen.
 const START_TIMEOUT: Duration = Duration::from_secs(15);
 
-/// System without services.
+/// System without any service except the gateway.
 pub(crate) struct System {
     config: ServiceConfig,
     system_name: SystemName,
@@ -32,7 +32,7 @@ pub(crate) struct System {
 }
 
 impl System {
-    /// Creates a system with this name and these gateway settings.
+    /// Creates a system with the given name and gateway settings.
     pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
         let system_name = SystemName::new(name)?;
         let claim = system_name.claim()?;
@@ -75,7 +75,7 @@ impl System {
     }
 }
 
-/// Returns the capacity of a topic on the path, messages.
+/// Returns the capacity of a topic on the path, in messages.
 pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
     config(Launch::default(), rate_hz).buffer_ticks()
 }

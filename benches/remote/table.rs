@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::{Cost, Failure, RATES_HZ, Variant, median::median};
 
-/// Runs of all rounds.
+/// Results of the runs in all rounds.
 #[derive(Serialize)]
 pub(crate) struct Table {
     rounds: usize,
@@ -23,14 +23,14 @@ struct Run {
     cost: Cost,
 }
 
-/// Medians over the rounds; for `lost` the sum.
+/// Row of the table. Each value is the median over the rounds, except for the sum of `lost`.
 #[derive(Serialize)]
 struct Row {
     rate_hz: u32,
     variant: Variant,
     #[serde(flatten)]
     cost: Cost,
-    /// Ratio to `zenoh` in the same round.
+    /// Ratio of the median latency to that of `zenoh` in the same round.
     ratio_p50: f64,
     ratio_cpu: f64,
 }
@@ -77,7 +77,7 @@ impl Table {
         (!costs.is_empty()).then_some(Row { rate_hz, variant, cost, ratio_p50, ratio_cpu })
     }
 
-    /// Returns the results in the order of the rounds.
+    /// Returns the results in order of rounds.
     fn costs(&self, rate_hz: u32, variant: Variant) -> Vec<Cost> {
         self.runs.iter().filter(|run| (run.rate_hz, run.variant) == (rate_hz, variant)).map(|run| run.cost).collect()
     }

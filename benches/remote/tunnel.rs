@@ -1,9 +1,9 @@
-//! Variant `tunnel`, iceoryx2's own tunnel over Zenoh: one process publishes in one domain, another
-//! reads in the other, with a tunnel at each end.
+//! Variant `tunnel`, iceoryx2's own tunnel over Zenoh: one process publishes in one domain and
+//! another process reads in a second domain, with a tunnel at each end.
 //!
 //! The tunnels use their options for low latency. The near tunnel is woken by the event that
-//! accompanies each sample, the far tunnel by the network. The far end waits for the forwarded
-//! event.
+//! accompanies each sample, and the far tunnel is woken by the network. The far end waits for the
+//! forwarded event.
 
 use std::{ffi::OsStr, fs, path::Path, thread, time::Duration};
 
@@ -16,15 +16,16 @@ use crate::{
     process::Process,
 };
 
-/// Sample with the size of an IMU sample. The first two words are tick and time.
+/// Sample with the size of an IMU sample. The first two words contain the tick and the time.
 type Sample = [u64; 14];
 const SERVICE: &str = "bench";
 const BUFFER_SAMPLES: usize = 1024;
 const SHARED_MEMORY: &str = "/dev/shm";
-/// Time for both tunnels to discover the service.
+/// Time allowed for both tunnels to discover the service.
 const DISCOVERY_TIME: Duration = Duration::from_secs(3);
 
-/// Folder of both hosts. On drop, also removes the shared memory files of killed processes.
+/// Folder that contains the folders of both hosts. On drop, the shared-memory files of killed
+/// processes are also removed.
 struct Folder(TempDir);
 
 impl Drop for Folder {
@@ -68,7 +69,7 @@ pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<
             ),
         )?;
         let zenoh = zenoh.to_str().ok_or("the path of a file is not valid UTF-8")?;
-        // Without polling the tunnel does not discover the service.
+        // Without polling, the tunnel would not discover the service.
         let arguments = ["-C", name, program, "--zenoh-config", zenoh, "--allow", SERVICE, "--poll", "100"];
         tunnels.push((arguments.map(str::to_owned), wake));
     }

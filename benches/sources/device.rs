@@ -1,4 +1,4 @@
-//! Simulated device in this process: it lies level, rotates by 10 °/s and timestamps its readings.
+//! Simulated device in this process. It lies level, rotates at 10 °/s and timestamps its readings.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -45,28 +45,27 @@ pub(crate) enum SourceKind {
     Iio,
 }
 
-/// Device that has not started.
+/// Device that has not been started yet.
 pub(crate) struct Device {
     /// Argument of `--source`.
     pub(crate) source: String,
     /// Additional sections of the launch file.
     pub(crate) launch_sections: String,
-    /// File for the standard input of `plumb up`.
+    /// FIFO to be used as the standard input of `plumb up`.
     pub(crate) stdin: Option<PathBuf>,
     factory: SenderFactory,
     interval: Duration,
 }
 
-/// Device that sends until it is dropped.
+/// Device that sends readings until it is dropped.
 pub(crate) struct RunningDevice {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Factory that the sending thread calls.
+/// Factory for the function that sends readings. The sending thread calls the factory.
 ///
-/// The returned function sends a reading with the given time, ns. A reading without a receiver is
-/// lost.
+/// The function sends a reading with the given time, ns. A reading is lost if there is no receiver.
 type SenderFactory = Box<dyn FnOnce() -> Box<dyn FnMut(i64)> + Send>;
 
 impl SourceKind {
@@ -98,7 +97,7 @@ impl SourceKind {
 }
 
 impl Device {
-    /// Creates a device for the system `name`, with its files in `folder`.
+    /// Creates a device for the system `name` and puts its files into `folder`.
     pub(crate) fn new(kind: SourceKind, name: &str, folder: &Path, rate_hz: u32) -> Result<Self, Failure> {
         let keys = format!("rate_hz={rate_hz}&clock=device");
         let fifo = folder.join("fifo");
@@ -114,7 +113,7 @@ impl Device {
                             sensor = driver::Sensor::open(&name).ok();
                         }
                         let Some(sensor) = &mut sensor else { return };
-                        // Fails before the system has started and after it has ended.
+                        // Sending fails before the system has started and after it has ended.
                         let _ = sensor.send(t_ns, [0.0, 0.0, RATE_RAD_S], [0.0, 0.0, FORCE_M_S2], None);
                     })
                 };
@@ -166,7 +165,7 @@ impl Device {
         Ok(Self { source, launch_sections, stdin, factory, interval: Duration::from_secs(1) / rate_hz })
     }
 
-    /// Starts to send at its interval.
+    /// Starts sending readings at the device's interval.
     pub(crate) fn start(self) -> RunningDevice {
         let Self { factory, interval, .. } = self;
         let stop = Arc::new(AtomicBool::new(false));
@@ -177,7 +176,7 @@ impl Device {
             while !stop_requested.load(Ordering::Relaxed) {
                 let now = clock_gettime(ClockId::Monotonic);
                 send(now.tv_sec * 1_000_000_000 + now.tv_nsec);
-                // Missed readings are not made up for.
+                // Missed readings are skipped.
                 next = (next + interval).max(Instant::now());
                 thread::sleep(next - Instant::now());
             }
@@ -193,7 +192,7 @@ impl Drop for RunningDevice {
     }
 }
 
-/// Encoder of a reading with the given time, ns.
+/// Function that encodes a reading with the given time, ns.
 type Encoder = fn(i64) -> Vec<u8>;
 
 fn to_file(mut file: File, encode: Encoder) -> SenderFactory {
@@ -212,7 +211,7 @@ fn protobuf(t_ns: i64) -> Vec<u8> {
         .encode_length_delimited_to_vec()
 }
 
-/// Encodes the time in steps of 1 µs and the vectors in the axes forward, right, down.
+/// Encodes a reading with a time resolution of 1 µs and the axes forward, right, down.
 fn highres_imu(t_ns: i64) -> Vec<u8> {
     let message = MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
         time_usec: t_ns as u64 / 1000,
@@ -233,12 +232,12 @@ fn iio_record(t_ns: i64) -> Vec<u8> {
 
 fn pipe(path: &Path) -> Result<File, Failure> {
     mkfifoat(CWD, path, Mode::RUSR | Mode::WUSR)?;
-    // With both ends open in this process, opening the FIFO does not block.
+    // Both ends of the FIFO are opened, because opening only one would block.
     let mut options = OpenOptions::new();
     Ok(options.read(true).write(true).custom_flags(OFlags::NONBLOCK.bits() as i32).open(path)?)
 }
 
-/// Creates a sysfs tree of an IIO device, and returns the file of its records.
+/// Creates the sysfs tree of an IIO device and returns the file for its records.
 fn create_iio_device(root: &Path) -> Result<File, Failure> {
     let device = root.join("iio:device0");
     let write = |name: &str, text: &str| fs::write(device.join(name), format!("{text}\n"));

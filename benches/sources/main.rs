@@ -10,11 +10,12 @@
 //!
 //! Failure: a source that fails ends the run with its error.
 //!
-//! Each source is a device in this process that sends readings at a fixed interval, timestamped
-//! with CLOCK_MONOTONIC. Two latencies end at the publication of the attitude: **from ingest**, as
-//! reported by `plumb up`, and **from the device**, which starts with the timestamp before the
-//! bytes are written. CPU time is that of all services and the supervisor, without the device.
-//! Ratios to the simulation are taken within a round, then the median over the rounds.
+//! Each source other than the simulation is a device in this process. It sends readings at a fixed
+//! interval, timestamped with CLOCK_MONOTONIC. Two latencies are measured up to the publication of
+//! the attitude: **from ingest**, as reported by `plumb up`, and **from the device**, which starts
+//! with the timestamp taken before the bytes are written. CPU time is that of all services and the
+//! supervisor, without the device. Ratios to the simulation are computed within each round, and the
+//! table shows their medians over the rounds.
 
 mod device;
 #[path = "../common/median.rs"]
@@ -37,7 +38,7 @@ use serde::{Deserialize, Serialize};
 use device::{Device, SourceKind};
 use median::median;
 
-/// Time that a system may take in addition to the run.
+/// Time allowed for a system in addition to the duration of the run.
 const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 /// Interval at which the attitudes are polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -65,7 +66,7 @@ struct Cli {
     bench: bool,
 }
 
-/// Report of `plumb up`, as far as it is used here.
+/// The fields of the `plumb up` report that are used here.
 #[derive(Deserialize)]
 struct Report {
     latency_us: LatencyUs,
@@ -79,7 +80,7 @@ struct LatencyUs {
     p99: f64,
 }
 
-/// Result of a source in a round, or the medians over rounds with the sum of `lost`.
+/// Result of a source in one round, or the medians over all rounds and the sum of `lost`.
 #[derive(Clone, Copy, Serialize)]
 struct Cost {
     source: &'static str,
@@ -129,7 +130,7 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs a system with a source of this kind.
+/// Runs a system with a source of the given kind.
 fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
     let name = format!("bench-{}-{}", kind.name(), std::process::id());
@@ -139,7 +140,7 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     let mut command = Command::new(PLUMB);
     command.arg("up").arg(&launch).args(["--source", &device.source, "--for", &format!("{}s", cli.seconds), "--json"]);
     if let Some(pipe) = &device.stdin {
-        // With both ends open, opening the FIFO does not block.
+        // Both ends of the FIFO are opened, because opening only one would block.
         command.stdin(File::options().read(true).write(true).open(pipe)?);
     }
     let plumb = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
@@ -150,7 +151,7 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
         let output = scope.spawn(|| plumb.wait_with_output());
         let latencies = from_device(&name, kind, || output.is_finished() || Instant::now() > deadline);
         if let (false, Some(pid)) = (output.is_finished(), pid) {
-            // A process that has just ended needs no signal.
+            // If the process has just ended, the signal is not needed.
             let _ = kill_process(pid, Signal::KILL);
         }
         (output.join(), latencies)
@@ -166,7 +167,7 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     if kind != SourceKind::Sim && latencies.is_empty() {
         return Err(format!("{}: no attitude was received", kind.name()).into());
     }
-    // The first second is omitted while the system settles.
+    // The first second is omitted, because the system is still settling.
     latencies.drain(..latencies.len().min(cli.rate_hz as usize));
     latencies.sort_by(f64::total_cmp);
     let quantile = |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(f64::NAN);
@@ -183,19 +184,19 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     })
 }
 
-/// Returns the latencies from the device's timestamp to the publication of the attitude, µs, until
-/// `has_ended`.
+/// Measures the latencies from the device's timestamp to the publication of the attitude, µs, until
+/// `has_ended` returns `true`.
 fn from_device(name: &str, kind: SourceKind, has_ended: impl Fn() -> bool) -> Result<Vec<f64>, Failure> {
     let mut latencies = Vec::new();
     let mut tap = None;
     while !has_ended() {
         thread::sleep(POLL_INTERVAL);
-        // The time of a simulation is not CLOCK_MONOTONIC.
+        // Timestamps of a simulation are not from CLOCK_MONOTONIC, so the latency is unknown.
         if kind == SourceKind::Sim {
             continue;
         }
         if tap.is_none() {
-            // The system can be observed once it has started.
+            // The system can be observed only after it has started.
             let observer = Observer::attach(&SystemName::new(name)?, "bench").ok();
             tap = observer.and_then(|observer| Some((observer.tap(Topic::Attitude).ok()?, observer)));
         }

@@ -29,7 +29,7 @@ Examples:
   plumb bridge mavlink --system-id 7 --component-id 191 --for 10s
 
 Sends HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE. Component 1 is shown as a vehicle; next to
-an autopilot use the autopilot's system id and component 191 (docs/bridges.md).")]
+an autopilot use the autopilot's system id and component 191 (docs/how-to/bridges.md).")]
 pub(crate) struct Mavlink {
     #[command(flatten)]
     pub(super) args: BridgeArgs,
@@ -42,7 +42,7 @@ pub(crate) struct Mavlink {
     /// MAVLink system id
     #[arg(long, value_name = "1…255", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     system_id: u8,
-    /// MAVLink component id: 1 for a vehicle, 191 next to an autopilot
+    /// MAVLink component id: 1 for a vehicle, 191 for an onboard computer
     #[arg(long, value_name = "1…255", default_value_t = AUTOPILOT_COMPONENT_ID, value_parser = clap::value_parser!(u8).range(1..))]
     component_id: u8,
 }

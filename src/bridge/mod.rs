@@ -1,4 +1,4 @@
-//! `plumb bridge`: forwards attitudes to other protocols, and readings of ROS 2 to a system.
+//! `plumb bridge`: forwards attitudes to other protocols, and readings from ROS 2 to a system.
 
 mod mavlink;
 mod ros;
@@ -93,7 +93,7 @@ trait AttitudeSender {
     fn poll(&mut self);
 }
 
-/// Numbers of attitudes sent and withheld, and of messages dropped.
+/// Counts of attitudes sent and withheld, and of messages dropped.
 #[derive(Debug, Default, Serialize)]
 struct SendCounts {
     /// Attitudes sent.
@@ -132,7 +132,7 @@ pub(crate) fn run(bridge: &Bridge) -> ExitCode {
 /// Prints the counts or the error.
 fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
     match counts {
-        // Numbers always serialise.
+        // Serialising numbers cannot fail.
         Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
         Ok(counts) => print(&counts),
         Err(error) => fail(&error, error.exit_code()),
@@ -173,7 +173,7 @@ impl BridgeArgs {
                     }
                     let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
                     // The samples of the first attitudes may have been published before their topic
-                    // was opened.
+                    // was opened, so attitudes are sent only from the first one that has a sample.
                     is_joined |= sample.is_some();
                     if is_joined {
                         sender.send(&output, sample);

@@ -27,7 +27,7 @@ Examples:
   plumb bridge ros --domain 7 --topic imu/data --frame-id imu_link --rate-hz 50
   plumb bridge ros --connect tcp/192.168.1.5:7447 --for 10s
 
-See docs/bridges.md.")]
+See docs/how-to/bridges.md.")]
 pub(crate) struct Ros {
     #[command(flatten)]
     pub(super) args: BridgeArgs,

@@ -1,4 +1,4 @@
-//! `plumb bridge ros-sensor`: feeds readings of ROS 2 topics to a running system.
+//! `plumb bridge ros-sensor`: feeds readings from ROS 2 topics to a running system.
 
 use std::{fmt, time::Duration};
 
@@ -21,7 +21,7 @@ Examples:
   plumb bridge ros-sensor
   plumb bridge ros-sensor --topic imu/data_raw --mag imu/mag --for 1h
 
-The launch file of the system needs source = \"bus\" in [ingest] (docs/bridges.md).")]
+The launch file of the system needs source = \"bus\" in [ingest] (docs/how-to/bridges.md).")]
 pub(crate) struct RosSensor {
     #[command(flatten)]
     pub(super) args: BridgeArgs,

@@ -142,7 +142,7 @@ impl CalibrateError {
 pub(crate) fn run(args: Calibrate) -> ExitCode {
     let json = args.system.json;
     match calibrate(args) {
-        // Numbers, strings and lists always serialise.
+        // Serialising numbers, strings and lists cannot fail.
         Ok(report) if json => print(&serde_json::to_string(&report).unwrap_or_default()),
         Ok(report) => print(&report),
         Err(error) => fail(&error, error.exit_code()),

@@ -127,7 +127,7 @@ fn print_lines(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
 
 fn print_snapshot(snapshot: &SystemSnapshot, json: bool) -> ControlFlow<ExitCode> {
     if json {
-        // Numbers, strings and lists always serialise.
+        // Serialising numbers, strings and lists cannot fail.
         return stdout::print_item(&serde_json::to_string(snapshot).unwrap_or_default());
     }
     stdout::print_truncated(&snapshot.table(stdout::terminal_columns()))

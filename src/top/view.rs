@@ -104,7 +104,7 @@ impl StatusPoller {
         let (reply, replies) = sync_channel(1);
         let name = name.to_owned();
         thread::spawn(move || {
-            // Ends when the poller is dropped.
+            // The loop ends when the poller is dropped.
             while received.recv().is_ok() && reply.send(send_request(&name, &ControlRequest::Status)).is_ok() {}
         });
         Self { requests, replies }
@@ -185,7 +185,7 @@ fn services(snapshot: Option<&SystemSnapshot>, columns: usize, is_silent: bool) 
     };
     let Some(snapshot) = snapshot else { return Panel { title: title.into(), rows: Vec::new() } };
     let table = snapshot.table(Some(columns));
-    // The display already has a title.
+    // The table's own title is skipped, because the display already has one.
     let mut lines = table.lines().skip(1);
     let head = lines.next().map(|text| Row::new(RowStyle::Header, text));
     let marks =

@@ -138,8 +138,9 @@ impl RemoteTopic {
         }
     }
 
-    /// Updates the counts of samples that the gateway has not sent since the first batch. The
-    /// counts in the envelope begin when the gateway starts.
+    /// Updates the counts of samples that the gateway has omitted or dropped since the first
+    /// received batch. Differences are added, because the counts in the envelope begin when the
+    /// gateway starts.
     fn count(&mut self, envelope: &Envelope) {
         let before = match &self.last {
             None => envelope,

@@ -189,7 +189,8 @@ fn receive_messages(
         }
         for stream in streams {
             if let Some(message) = stream.next(RECEIVE_TIMEOUT) {
-                // Recording a message cannot fail without tables.
+                // Recording a message fails only if a table cannot be written, and no tables are
+                // written here.
                 let _ = fleet::record_message(&mut vehicles, &message, None);
             }
         }
@@ -216,7 +217,7 @@ fn line(name: &str, vehicle: &mut Vehicle, services: Option<&Services>) -> Vehic
     }
 }
 
-/// Source without a selected vehicle.
+/// Source used while no vehicle is selected.
 struct NoSource;
 
 impl Source for NoSource {
@@ -229,7 +230,7 @@ impl Source for NoSource {
     }
 }
 
-/// Command target without a selected vehicle. It only lists the reachable vehicles.
+/// Command target used while no vehicle is selected. It only lists the reachable vehicles.
 struct NoTarget(VehicleLines);
 
 impl CommandTarget for NoTarget {

@@ -1,4 +1,5 @@
-//! `plumb calibrate`: its launch-file blocks improve the input, and insufficient data are rejected.
+//! `plumb calibrate`: its launch-file blocks reduce the sensor errors, and insufficient data are
+//! rejected.
 use std::{
     fmt::Write as _,
     fs::{self, File},
@@ -26,15 +27,15 @@ fn with_sensor_errors(exact: [f64; 3], scale: [f64; 3], bias: [f64; 3]) -> [f64;
     std::array::from_fn(|i| exact[i] / scale[i] + bias[i])
 }
 
-/// Returns a recording, at 100 Hz, of a unit with sensor errors.
+/// Returns a recording at 100 Hz of a unit with sensor errors.
 ///
-/// The unit rests for three seconds with each of the up directions in `ups`. It is moved in
-/// between.
+/// The unit rests for three seconds in each of the positions given by the up directions `ups`. It
+/// is moved between these rests.
 fn resting(ups: &[[f64; 3]]) -> String {
     let mut text = String::from(HEADER);
     for row in 0..400 * ups.len() {
         let (up, within, t_s) = (ups[row / 400], row % 400, row as f64 * 0.01);
-        // Sensor noise at rest, and a hand-held motion between the rests.
+        // The unit has sensor noise at rest, and is moved by hand between the rests.
         let noise = |rad_s: f64| 0.01 * (rad_s * t_s).sin();
         let motion = if within < 300 { 0.0 } else { 3.0 * (9.0 * t_s).sin() };
         let rate = std::array::from_fn(|i| 0.1 * noise(31.0 + 7.0 * i as f64) + motion);
@@ -125,7 +126,7 @@ fn pasted_calibration_restores_accuracy() {
     assert!((delay_ms - 13.0).abs() < 2.0, "{delay_ms} ms");
 }
 
-/// Returns the report on the magnetometer's delay, measured with the given calibrations.
+/// Returns the magnetometer delay report, measured with the given calibrations.
 fn calibrated_clock(system: &System, blocks: &str, file: &str) -> Value {
     let launch = write_file(system, "calibrated.toml", blocks);
     let clock = calibrated(&["clock", file, "--launch", &launch]);
@@ -158,7 +159,7 @@ fn mounting_replaces_existing_one() {
     let system = System::new("");
     let (sin, cos) = 0.7f64.sin_cos();
     // The body axes are forward, left, up. The unit is first level, then nose down, so that x
-    // points down.
+    // points partly down.
     let poses = write_file(&system, "poses.csv", &resting(&[[0.0, 0.0, 1.0], [-sin, 0.0, cos]]));
     let accel = write_file(&system, "six.csv", &resting(&SIX));
     let accel = write_file(&system, "accel.toml", &block(&["accel", &accel]));
@@ -245,7 +246,7 @@ fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) 
                     return;
                 }
                 t_ms += 100;
-                // Advances 0.1 s of sensor time in 0.02 s.
+                // Real time advances by 0.02 s per 0.1 s of sensor time.
                 std::thread::sleep(Duration::from_millis(20));
             }
         });
@@ -265,7 +266,8 @@ fn running_system_is_calibrated_with_progress_bar() {
         system.wait_until_running();
         let arguments = ["gyro", "--live", "--system", &system.name];
         let found = vector(&calibrated(&arguments), "/values/0/value");
-        // The result is the bias of the unit itself, without the calibration in the launch file.
+        // The result is the bias of the unit itself, before the calibration in the launch file is
+        // applied.
         assert!(found.iter().zip(GYRO_BIAS_RAD_S).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}");
         let shown = run_on_terminal(&[&["calibrate"], &arguments[..]].concat());
         assert!(shown.contains(" % ") && shown.contains("s of rest"), "{shown}");
@@ -274,7 +276,7 @@ fn running_system_is_calibrated_with_progress_bar() {
         assert_fails(&[&arguments[..], &["--for", "200ms"]].concat(), 1, &["missing: "]);
         let mut ended = plumb(&["calibrate", "accel", "--live", "--system", &system.name]);
         let ended = ended.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        // The observer handles signals before it subscribes to the topic.
+        // The observer installs its signal handlers before it subscribes to the topic.
         wait_for("the observer", || {
             let about = ["topic", "info", "sensor", "--seconds", "0.05", "--json", "--system", &system.name];
             let info = String::from_utf8(plumb(&about).output().unwrap().stdout).unwrap();

@@ -1,4 +1,4 @@
-//! Help texts of the whole command tree.
+//! Help texts of all commands.
 use clap::{Arg, Command};
 
 /// Maximum length of a description, characters.
@@ -12,7 +12,7 @@ fn visit_commands(command: &Command, path: &str, visit: &mut dyn FnMut(&str, &Co
     }
 }
 
-/// Returns what is wrong with a description, or `None` if it follows the conventions.
+/// Returns the convention that a description violates, if any.
 fn description_fault(text: &str) -> Option<&'static str> {
     let first = text.chars().next();
     if text.chars().count() > MAX_DESCRIPTION {
@@ -35,7 +35,7 @@ fn examples(command: &Command) -> Vec<String> {
     lines.take_while(|line| !line.is_empty()).map(str::to_owned).collect()
 }
 
-/// Splits a line into words like a shell: with quotes, up to a comment.
+/// Splits a line into words like a shell: quotes group words, and a comment ends the line.
 fn shell_words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
     for c in line.chars() {

@@ -1,4 +1,4 @@
-//! Observation of a running system: commands show its state and cannot disturb it.
+//! Observation of a running system: commands show its state and do not disturb it.
 use std::{
     fs,
     io::{BufRead, BufReader, Read},
@@ -13,7 +13,7 @@ use messages::{Layout, Message};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Timeout for a state that a busy machine reaches late. It is reached only in a failed test.
+/// Timeout for a state that may be reached late on a busy machine. It elapses only if a test fails.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns a `plumb` command for a system, with JSON output.
@@ -43,7 +43,8 @@ fn query(system: &System, arguments: &[&str]) -> Value {
 
 /// Repeats a command until its value satisfies `holds`.
 ///
-/// A single snapshot of rates and states may be distorted by a busy machine.
+/// A busy machine may distort the rates and states in a single snapshot, so the command is
+/// repeated.
 fn query_until(system: &System, arguments: &[&str], holds: impl Fn(&Value) -> bool) -> Value {
     lines_until(system, arguments, |lines| holds(&lines[0])).remove(0)
 }
@@ -250,7 +251,7 @@ fn killed_or_frozen_observer_costs_no_tick() {
         (0..bus::MAX_OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
     frozen_observers.iter().for_each(|observer| observer.wait_until_reading(&system, "imu"));
     frozen_observers.iter().for_each(|observer| signal(observer.pid(), Signal::STOP));
-    // Waits longer than `buffer_s`.
+    // The wait is longer than `buffer_s`.
     std::thread::sleep(Duration::from_millis(6000));
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
@@ -377,7 +378,7 @@ fn missing_system_is_reported_and_doctor_still_runs() {
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
-/// Returns the doctor's check of leftovers.
+/// Returns the doctor's `leftovers` check.
 fn leftovers(output: &Output) -> Value {
     let [doctor] = lines(output).try_into().unwrap();
     let checks = doctor["checks"].as_array().unwrap();
@@ -388,7 +389,8 @@ fn leftovers(output: &Output) -> Value {
 fn doctor_removes_leftovers_of_killed_system() {
     let (dead, living) = (System::new(""), System::new(""));
     let (killed, running) = (start_system(&dead, &[]), start_system(&living, &[]));
-    // This test holds the lock that every process of a system holds.
+    // This test takes the lock that every process of a system holds, so it counts as a process that
+    // has not ended.
     let member = fs::File::open(format!("/dev/shm/plumbline.{}.members", dead.name)).unwrap();
     rustix::fs::flock(&member, rustix::fs::FlockOperation::LockShared).unwrap();
     // The supervisor must not restart the killed services.
@@ -418,7 +420,8 @@ fn doctor_removes_leftovers_of_killed_system() {
     assert_eq!(dead.leftovers(), Vec::<String>::new());
     assert_eq!(leftovers(&run_json(&dead, &["doctor"]))["found"], "none");
 
-    // The supervisor removes such leftovers periodically, possibly before doctor finds them.
+    // The supervisor removes such leftovers periodically, possibly before `plumb doctor` finds
+    // them.
     let after_an_observer = |arguments: &[&str]| {
         let observer = Observer::start(&living, &["topic", "hz", "imu"]);
         observer.wait_until_reading(&living, "imu");

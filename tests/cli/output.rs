@@ -1,4 +1,4 @@
-//! Standard output: a closed pipe is not an error, an unwritable file is.
+//! Standard output: a closed pipe is not an error, but an unwritable file is.
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},

@@ -13,7 +13,7 @@ use crate::common::{Run, Running, System, copy_program, plumb, signal, wait_for}
 /// User id of `nobody`.
 const OTHER_USER: &str = "65534";
 
-/// Returns a command that runs shell commands before `command`.
+/// Returns a command that runs the shell commands in `shell` and then `command`.
 fn after_shell(shell: &str, command: &Command) -> Command {
     let mut wrapped = Command::new("sh");
     wrapped.args(["-c", &format!("{shell} && exec \"$@\""), "sh"]);
@@ -23,7 +23,7 @@ fn after_shell(shell: &str, command: &Command) -> Command {
 
 /// Returns the command with a private `/dev/shm` of this size.
 ///
-/// If mount namespaces are unavailable, prints that the test is skipped and returns `None`.
+/// If mount namespaces are unavailable, prints that the test is skipped, and returns `None`.
 fn with_shared_memory(size: &str, command: &Command) -> Option<Command> {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let isolated = |command: &Command| {

@@ -1,4 +1,4 @@
-//! `plumb top` on a terminal.
+//! `plumb top` in a terminal.
 use rustix::process::Signal;
 
 use crate::common::{Running, System, is_alive, plumb, signal, terminal::TerminalProgram, wait_for};
@@ -77,7 +77,7 @@ fn top_marks_data_as_stale_until_they_resume() {
     let running = start_system(&system);
     let mut terminal = top(&system, &[], (24, 80));
     terminal.wait_for_text(&["  live  "]);
-    // The supervisor is stopped as well, because it would replace the frozen service.
+    // The supervisor is frozen as well, because it would otherwise replace the frozen service.
     let frozen = Frozen::freeze([running.pid(), running.service("course")]);
     terminal.wait_for_screen("stale data", |text| text.lines().next().is_some_and(|bar| bar.contains("  stale ")));
     terminal.wait_for_text(&["the supervisor does not respond"]);

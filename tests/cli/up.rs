@@ -31,16 +31,16 @@ const REPORT: [&str; 11] = [
     "warnings",
 ];
 const RECORDING: &str = "t_s,gx,gy,gz,ax,ay,az\n0.00,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n0.02,0,0,0,0,0,9.8\n";
-/// Maximum time for a shutdown. It is reached only in a failed test.
+/// Maximum time for a shutdown. It elapses only if a test fails.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// Checks the exit code, the texts on standard error and the output.
+/// Checks the exit code, that standard error contains `texts`, and the output.
 ///
-/// With `--json`, standard output must contain the same message as a report. Without it, standard
+/// With `--json`, standard output must contain the same message in its report; otherwise, standard
 /// output must be empty. Returns standard error.
 fn assert_exits_with(mut command: Command, code: i32, texts: &[&str]) -> String {
     let output = command.output().unwrap();
@@ -65,8 +65,8 @@ fn gzip(text: &str) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Checks that a recording of these bytes is rejected with its name and these texts, with and
-/// without `--in-process`.
+/// Checks that a recording with these contents is rejected, with and without `--in-process`, and
+/// that the message has its name and these texts.
 fn assert_recording_rejected(name: &str, contents: &[u8], texts: &[&str]) {
     let system = System::new("");
     let file = system.path(name);
@@ -357,7 +357,7 @@ fn stdout_is_empty_without_json() {
     }
 }
 
-/// Runs with the default name, in process only, so that it cannot collide with another system.
+/// Uses the default name, so it runs in process only and cannot collide with another system.
 #[test]
 fn default_launch_file_is_built_in() {
     let empty = tempfile::tempdir().unwrap();
@@ -382,7 +382,7 @@ fn plumb_without_arguments_runs_local_launch_file() {
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }
 
-/// Stops a running system. Checks its report, and that no process or file remains.
+/// Stops a running system. Checks its report, and that no process or file is left behind.
 fn assert_stops_cleanly(label: &str, stop: impl Fn(&Running)) {
     let system = System::new("");
     let running = system.start_in_process_group(&[]);
@@ -513,7 +513,7 @@ fn unwritable_stderr_does_not_stop_the_run() {
     Run::from_output(output).assert_complete();
 }
 
-/// Returns both ends of a pipe with a full buffer.
+/// Returns both ends of a pipe that has a full buffer.
 fn full_pipe() -> (OwnedFd, OwnedFd) {
     let (reader, writer) = pipe().unwrap();
     fcntl_setfl(&writer, OFlags::NONBLOCK).unwrap();

@@ -1,4 +1,5 @@
-//! Input warnings: implausible input is reported with a launch-file remedy, and the remedy works.
+//! Input warnings: implausible input is reported with a launch-file remedy, and applying the remedy
+//! removes the warning.
 use std::{fmt::Write as _, fs};
 
 use crate::common::{Run, System, plumb, wait_for};
@@ -6,7 +7,7 @@ use serde_json::Value;
 
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Row of a recording, in the recording's units.
+/// Row of a recording, in the units of the recording format.
 #[derive(Clone, Copy)]
 struct Row {
     t_s: f64,
@@ -26,7 +27,7 @@ fn with_rate_in_degrees(row: Row) -> Row {
     Row { rate: row.rate.map(f64::to_degrees), ..row }
 }
 
-/// Returns samples at 100 Hz of a body that is rocked about its x axis.
+/// Returns samples at 100 Hz from a body that rocks about its x axis.
 fn rows(seconds: u32) -> impl Iterator<Item = Row> {
     (0..100 * seconds).map(|row| {
         let t_s = f64::from(row) * 0.01;
@@ -60,7 +61,7 @@ fn warnings(run: &Run) -> Vec<String> {
     run.json["warnings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect()
 }
 
-/// Returns the warnings of a replay of these rows with this launch file.
+/// Returns the warnings from a replay of these rows with this launch file.
 fn warnings_for(launch: &str, rows: impl Iterator<Item = Row>, arguments: &[&str]) -> Vec<String> {
     let system = System::new(launch);
     let file = recording(&system, rows);
@@ -141,7 +142,7 @@ fn plausible_input_yields_no_warning() {
     assert_eq!(warnings(&run), Vec::<String>::new(), "{}", run.stderr);
 }
 
-/// Returns the doctor's input checks of a running system.
+/// Returns the doctor's input checks for a running system.
 fn doctor_input_checks(system: &System, seconds: &str) -> Vec<Value> {
     let output = plumb(&["doctor", "--json", "--seconds", seconds, "--system", &system.name]).output().unwrap();
     let doctor: Value = serde_json::from_slice(&output.stdout).unwrap();

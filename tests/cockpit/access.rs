@@ -10,8 +10,8 @@ use std::{
 use super::page::{address, with_cockpit};
 use crate::common::wait_for;
 
-/// Sends a request and returns the connection with the response's status line and headers, in lower
-/// case.
+/// Sends a request. Returns the connection, and the status line and headers of the response in
+/// lower case.
 pub(crate) fn connect(port: u16, request: &str) -> (TcpStream, String) {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
@@ -61,7 +61,7 @@ fn foreign_origins_and_host_names_are_rejected() {
             assert!(rejected.starts_with("http/1.1 403"), "{path}, {evil}: {rejected}");
         }
     }
-    // An attacker's host name that resolves to the loopback interface.
+    // Simulates an attacker's host name that resolves to the loopback interface.
     for path in ["/", "/socket", "/schema.json", "/metrics"] {
         let rejected = get(port, path, &format!("Host: evil.example:{port}\r\n{UPGRADE}"));
         assert!(rejected.starts_with("http/1.1 421"), "{path}: {rejected}");
@@ -93,7 +93,7 @@ fn many_viewers_with_one_frozen_cost_no_tick() {
         })
         .collect();
     let idle: Vec<_> = (0..150).filter_map(|_| TcpStream::connect(("127.0.0.1", port)).ok()).collect();
-    // Nine viewers read a second of snapshots, the tenth reads nothing.
+    // Nine viewers read snapshots for a second; the tenth reads nothing.
     let mut taken = [0; 9];
     for (viewer, taken) in viewers.iter().zip(&mut taken) {
         let mut bytes = vec![0; 4096];

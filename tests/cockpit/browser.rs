@@ -17,7 +17,8 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Folder with the npm packages, installed once. `None` after a message if unavailable.
+/// Folder with the npm packages, which are installed once. If they are unavailable, prints the
+/// cause and is `None`.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
@@ -44,8 +45,8 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
-/// Number of tests with open pages. It is limited to the number of processors, because pages are
-/// rendered in software.
+/// Number of tests that have pages open. It is limited to the number of processors, because pages
+/// are rendered in software.
 static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 /// Permission to open pages. It is released when the test's thread ends.
@@ -74,8 +75,8 @@ pub(crate) fn wait_for_browser_slot() {
     SLOT.with(|slot| _ = slot.get_or_init(BrowserSlot::acquire));
 }
 
-/// Runs a program to completion and returns its output. If the program fails, its output is the
-/// error.
+/// Runs a program to completion and returns its output. If the program fails, returns its output as
+/// the error.
 pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -85,7 +86,7 @@ pub(crate) fn run(command: &mut Command) -> Result<String, String> {
 /// Browser shared by all tests, because starting one takes as long as running many tests.
 struct Browser {
     input: Mutex<ChildStdin>,
-    /// Channels for outstanding replies, by request number.
+    /// Channels for replies not yet received, by request number.
     pending: Arc<Mutex<HashMap<u64, SyncSender<Value>>>>,
     next: AtomicU64,
 }
@@ -93,7 +94,7 @@ struct Browser {
 /// The browser. It ends together with the tests, when its standard input is closed.
 static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
 
-/// Time limit for a reply. It exceeds the time limits of the driver.
+/// Time limit for a reply. It is longer than the driver's own time limits.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(200);
 
 impl Browser {
@@ -149,7 +150,7 @@ impl Page {
         Some(page)
     }
 
-    /// Opens a URL with the full frame rate.
+    /// Opens a URL at the full frame rate.
     pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
         let mut page = Self::new()?;
         page.show(url, (1280, 720), "light", true, false);
@@ -163,7 +164,7 @@ impl Page {
         Some(Self { browser, number: browser.number() })
     }
 
-    /// Opens a URL with about six frames per second and returns the response headers.
+    /// Opens a URL at about six frames per second and returns the response headers.
     pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
         self.show(url, size, scheme, webgl, true)
     }
@@ -200,11 +201,13 @@ impl Page {
         self.request(&json!({ "do": "click", "at": at }));
     }
 
-    /// Saves a screenshot below the target folder, for visual inspection.
-    pub(crate) fn shot(&mut self, name: &str) {
+    /// Saves a screenshot below the target folder, for visual inspection, and returns its path.
+    pub(crate) fn shot(&mut self, name: &str) -> PathBuf {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit-screens");
         std::fs::create_dir_all(&folder).unwrap();
-        self.request(&json!({ "do": "shot", "file": folder.join(name) }));
+        let file = folder.join(name);
+        self.request(&json!({ "do": "shot", "file": file }));
+        file
     }
 
     /// Waits until all content has been redrawn.
@@ -220,12 +223,12 @@ impl Page {
         assert_eq!(result["found"], json!([]), "{view}: below a contrast ratio of 4.5");
     }
 
-    /// Returns a performance metric of the page as counted by Chromium.
+    /// Returns one of Chromium's performance metrics for the page.
     pub(crate) fn metric(&mut self, name: &str) -> f64 {
         self.request(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
     }
 
-    /// Returns the text copied last, by any page.
+    /// Returns the text that was last copied, by any page.
     pub(crate) fn clipboard(&mut self) -> String {
         self.text("navigator.clipboard.readText()")
     }
@@ -235,7 +238,7 @@ impl Page {
         self.request(&json!({ "do": "heap" })).as_f64().unwrap()
     }
 
-    /// Asserts that there were no errors and no requests to other hosts.
+    /// Asserts that the page had no errors and sent no requests to other hosts.
     pub(crate) fn assert_clean(&mut self) {
         assert_eq!(self.errors(), Vec::<String>::new());
     }

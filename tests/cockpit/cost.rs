@@ -1,5 +1,5 @@
-//! Cost of the page for the browser and the board. The figures are printed and quoted in
-//! docs/cockpit.md.
+//! Cost of the page for the browser and the board. The measured figures are printed;
+//! docs/how-to/cockpit.md quotes them.
 use std::{
     fs,
     io::{Read as _, Write as _},
@@ -17,12 +17,12 @@ use super::{
 use crate::common::wait_for;
 use rustix::net::sockopt::set_socket_recv_buffer_size;
 
-/// Number of bytes that exceeds the capacity of a connection's buffers at both ends.
+/// Number of bytes that is larger than the buffers at both ends of a connection.
 const MAX_BUFFERED_BYTES: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Returns the duration of each measurement, s. It is short unless figures for quoting are
-/// measured.
+/// Returns the duration of each measurement, s. It is short by default; set `PLUMBLINE_MEASURE_S`
+/// to measure figures that are to be quoted.
 fn measurement_s() -> u32 {
     std::env::var("PLUMBLINE_MEASURE_S").map_or(1, |text| text.parse().unwrap())
 }
@@ -70,7 +70,7 @@ fn viewer_traffic_is_small() {
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
-    // The strips must be full when figures for quoting are measured.
+    // The page's history must be full when figures that are to be quoted are measured.
     let filled_s = if measurement_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"
@@ -122,7 +122,7 @@ fn ten_viewers_with_one_frozen_cost_no_tick() {
             stream
         })
         .collect();
-    // The tenth viewer reads nothing.
+    // The tenth viewer never reads.
     set_socket_recv_buffer_size(&viewers[9], 4096).unwrap();
     let (is_done, received) = (AtomicBool::new(false), [const { AtomicUsize::new(0) }; 9]);
     let with_us = thread::scope(|scope| {
@@ -159,7 +159,8 @@ fn session_memory_does_not_grow() {
     system.wait_until_running();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
-    // A short session uses a shorter history, which is also full when the measurement starts.
+    // A short session uses a shorter history, so that its history is also full when the measurement
+    // starts.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
     page.eval(&format!("plumb.data.kept_s = {kept_s}"));
     let t_s = |page: &mut Page| page.number("plumb.data.frames.at(-1).t");
@@ -182,7 +183,7 @@ fn session_memory_does_not_grow() {
     let first = measure(kept_s + 5.0);
     measure((kept_s + 5.0 + session_s) / 2.0);
     let last = measure(session_s);
-    // A page that kept everything would grow by 3 KiB 30 times a second.
+    // A page that kept every snapshot would grow by 3 KiB 30 times a second.
     let sent = 90.0 * (session_s - kept_s - 5.0);
     assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
     assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");

@@ -1,4 +1,4 @@
-//! Clients of the Foxglove WebSocket protocol: received values, access control and limits.
+//! Clients that use the Foxglove WebSocket protocol: received values, access control and limits.
 use std::{
     collections::BTreeMap,
     fs,
@@ -30,8 +30,7 @@ fn wait_for_port(port: u16) {
     wait_for("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
 }
 
-/// Returns the quaternion x, y, z, w in the frames of the viewers: q times a quarter rotation about
-/// up.
+/// Returns the quaternion x, y, z, w in the viewers' frames: q times a quarter rotation about up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
@@ -101,7 +100,7 @@ fn python_client_receives_60_attitudes_per_second() {
         "{max_per_second:?}"
     );
 
-    // Events must be complete, because they are not limited to 60 per second.
+    // The events must be complete, because they are not subject to the limit of 60 per second.
     let events: Vec<u64> = serde_json::from_value(summary["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 
@@ -210,7 +209,7 @@ fn pages_from_listed_origins_only_are_accepted() {
     }
 }
 
-/// Encodes a text frame of a client, with a zero mask.
+/// Encodes a client's text frame, with a zero mask.
 fn text(content: &str) -> Vec<u8> {
     let length = u16::try_from(content.len()).unwrap();
     let head = if length < 126 { vec![0x81, 0x80 | length as u8] } else { vec![0x81, 0x80 | 126] };
@@ -238,7 +237,7 @@ fn clients_cost_no_tick_and_excess_is_rejected() {
         .collect();
     let (_, ninth) = connect(port, &request);
     assert!(ninth.starts_with("http/1.1 503"), "{ninth}");
-    // Seven clients read several seconds of all channels, the eighth reads nothing.
+    // Seven clients read all channels for several seconds; the eighth reads nothing.
     thread::scope(|scope| {
         for mut client in clients.iter().take(7) {
             scope.spawn(move || {

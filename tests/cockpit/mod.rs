@@ -8,6 +8,7 @@ mod fleet;
 mod foxglove;
 mod metrics;
 mod page;
+mod readme;
 mod recorded;
 mod sensors;
 mod tls;

@@ -14,8 +14,8 @@ use serde_json::Value;
 
 const PAGE: &str = "services/cockpit/page";
 
-/// Restart settings for tests with browsers. Software rendering may delay a service, which must not
-/// be killed for that.
+/// Restart settings for tests with browsers. Software rendering may delay a service, and the
+/// service must not be killed for this delay.
 const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
 /// Returns a system with a cockpit and the port of its page.
@@ -78,7 +78,7 @@ fn start_all(system: &System, arguments: &[&str]) -> Running {
     running
 }
 
-/// Returns the row of a tick in a file of attitudes.
+/// Returns the row of a tick in an attitude file.
 pub(crate) fn row(file: &Path, tick: u64) -> Vec<f64> {
     let text = fs::read_to_string(file).unwrap();
     let line = text.lines().nth(1 + tick as usize).unwrap();
@@ -102,7 +102,7 @@ fn every_view_shows_published_values() {
             page.wait_for_redraw();
             page.assert_readable(view);
             page.shot(&format!("{view}-{}-{scheme}.png", size.0));
-            // Switches to the theme that the browser does not prefer.
+            // The key switches to the theme that the browser does not prefer.
             page.key("t");
             page.wait_for_redraw();
             page.assert_readable(&format!("{view}, in the other theme than {scheme}"));
@@ -239,7 +239,7 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.until("plumb.data.events.some((event) => event.kind === 'EVENT_KIND_SWAPPED' && event.service === 'fuser' && event.stage === 'vqf')");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
-    // Starts another shadow and cancels it. The page must know the new owner first.
+    // Starts another shadow and cancels it. Before that, the page must have received the new owner.
     page.key("4");
     page.until("plumb.drawn()?.services?.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");
@@ -277,11 +277,11 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     page.until("document.querySelector('[data-service=gyro]') && !document.querySelector('[data-service=gyro]').classList.contains('down')");
     page.until("plumb.drawn().services.some(([service, , , restarts]) => service === 'gyro' && restarts === 1)");
 
-    // The page turns stale between 200 and 500 ms without an attitude.
+    // Without a new attitude, the page turns stale after 200 to 500 ms.
     page.until("plumb.data.state(plumb.data.received_ms + 200).kind === 'live'");
     assert_eq!(page.eval("plumb.data.state(plumb.data.received_ms + 500).kind"), "stale");
     // Stale content is grey and the state shows its age. The supervisor is stopped as well, because
-    // it would restart a stopped source.
+    // it would otherwise restart a stopped source.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
@@ -303,7 +303,7 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     page.until("plumb.state().kind === 'live'");
     second_run.interrupt();
     second_run.wait().assert_complete();
-    // The browser itself logs the connection attempts that failed in the meantime.
+    // The browser itself logs the failed connection attempts.
     let others: Vec<_> = page.errors().into_iter().filter(|error| !error.contains("ERR_CONNECTION")).collect();
     assert_eq!(others, Vec::<String>::new());
 }
@@ -316,7 +316,8 @@ fn all_views_share_time_line_and_cursor() {
     let view = View::of_system(&system, &format!("127.0.0.1:{}", free_port()));
     let Some(mut page) = Page::open(&view.address) else { return };
     let running = start_all(&system, &[]);
-    // Flag events cover the first to the last snapshot with the flag, including missed ones.
+    // A flag event extends from the first to the last snapshot with the flag, including snapshots
+    // missed in between.
     page.until("plumb.data.events.some(({ label, until }) => label === 'fault-injected' && until > 5.5)");
     page.until("plumb.data.events.some(({ label }) => label === 'force-stuck')");
     let code = "(events => [Math.min(...events.map(({ t }) => t)), Math.max(...events.map(({ until }) => until))])(plumb.data.events.filter(({ label }) => label === 'fault-injected'))";
@@ -332,8 +333,8 @@ fn all_views_share_time_line_and_cursor() {
         page.key(view);
         page.until("plumb.timeline().some((event) => event.label === 'accel ended' && event.t === plumb.ended_s)");
     }
-    // Moves the cursor to the event with the keyboard. Strips, scene and description show that
-    // time.
+    // Moves the cursor to the event with the keyboard. The strips, the scene and the description
+    // must show that time.
     let mut steps = 0;
     while page.eval("plumb.data.cursor === plumb.ended_s") != true {
         steps += 1;
@@ -425,8 +426,8 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
     page.until("document.getElementById('state').textContent === 'paused' && plumb.data.cursor !== null");
     page.key("l");
     page.until("document.getElementById('state').textContent === 'live' && plumb.data.cursor === null");
-    // The last output of a stopped service must not be shown as current. A single call is used,
-    // because further snapshots would otherwise arrive in between.
+    // The last output of a stopped service must not be shown as current. Everything is done in a
+    // single call, because further snapshots could otherwise arrive in between.
     let hidden = page.eval(
         "(() => {
             const { data } = plumb, { picture, number } = data.frames.at(-1), gyro = data.newest.gyro;
@@ -451,7 +452,7 @@ fn paused_view_is_kept_and_page_does_not_grow() {
     page.until("plumb.data.frames.length > 100");
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
-    // Pushes ten minutes of snapshots in one call, before further ones arrive.
+    // Pushes ten minutes of snapshots in one call, so that no others arrive in between.
     let result = page.eval(
         "(() => {
             const { data } = plumb, { number, picture } = data.frames.at(-1);

@@ -1,4 +1,4 @@
-//! Calibration and mounting check in the page, with a unit that is level and then nose down.
+//! Calibration and mounting check on the page, with a unit that is first level and then nose down.
 use std::{
     io::Write as _,
     process::Stdio,
@@ -19,7 +19,7 @@ use crate::common::{Running, wait_for};
 const RATE_RAD_S: f64 = 0.5;
 const NOSE_DOWN_RAD: f64 = 0.7;
 
-/// Feeds samples of a unit at rest through standard input until the system ends.
+/// Feeds samples from a unit at rest through standard input until the system ends.
 ///
 /// The unit is rotated nose down once the returned flag is set.
 fn feed(running: &mut Running) -> Arc<AtomicBool> {
@@ -102,8 +102,8 @@ fn calibration_reports_missing_data_and_finds_mounting() {
 
 #[test]
 fn mounting_check_detects_unit_on_its_side() {
-    // The launch file declares the unit's x axis to be forward, so nose down looks like a raised
-    // right side.
+    // The launch file declares the unit's x axis to be forward. Therefore, nose down looks like a
+    // raised right side.
     let mounting =
         "[ingest]\nsource = \"stdin\"\nstdin.rate_hz = 100\n[ingest.mounting]\naxes = \"x-forward-y-left\"\n";
     let (system, port) = with_cockpit_for_browser(mounting);

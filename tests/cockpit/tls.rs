@@ -1,4 +1,4 @@
-//! Page over TLS: access without a token, as a viewer and as an operator.
+//! Page over TLS: access with no token, as a viewer and as an operator.
 use std::{
     fs,
     path::Path,
@@ -113,7 +113,8 @@ fn non_loopback_address_requires_valid_certificate() {
 
     let nothing = view(&["--tls", &folder("nowhere")]);
     assert!(stderr(&nothing).contains("nowhere/cert.pem"), "{}", stderr(&nothing));
-    // A key that belongs to another certificate, and a key that others can read.
+    // A key that belongs to another certificate is rejected, and so is a key that other users can
+    // read.
     let mixed = site.holder_folder("mixed");
     fs::create_dir(&mixed).unwrap();
     copy(&site.holder_folder("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));

@@ -1,4 +1,4 @@
-//! Test systems: real processes under unique names, so that tests can run in parallel.
+//! Test systems: real processes with unique system names, so that tests can run in parallel.
 
 pub(crate) mod python;
 pub(crate) mod remote;
@@ -27,7 +27,7 @@ use tempfile::TempDir;
 pub(crate) struct System {
     pub(crate) name: String,
     pub(crate) folder: TempDir,
-    /// `plumb`, or the executable with the faulty course service.
+    /// `plumb`, or the executable that contains the faulty course service.
     pub(crate) executable: PathBuf,
 }
 
@@ -76,7 +76,7 @@ impl System {
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(&self.executable);
         command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
-        // The state kept for the next start belongs to the test.
+        // The state kept for the next start must not leave the test's folder.
         command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
     }
@@ -105,7 +105,7 @@ impl System {
         self.wait_for_states(&["running"]);
     }
 
-    /// Waits until every service is ready to receive. Messages that a device sends before that are
+    /// Waits until every service is ready to receive. Messages sent by a device before that are
     /// lost.
     pub(crate) fn wait_until_ready(&self) {
         self.wait_for_states(&["ready", "running"]);
@@ -131,7 +131,7 @@ impl System {
         serde_json::from_slice(&output.stdout).unwrap_or_else(|_| fail())
     }
 
-    /// Requests a swap and retries it if the report asks for a retry, for example after a machine
+    /// Requests a swap and repeats it if the report asks for a retry, for example after a machine
     /// stall.
     pub(crate) fn swap(&self, arguments: &[&str]) -> Value {
         let asks_for_retry = |report: &Value| {
@@ -182,8 +182,8 @@ impl System {
 
 /// Copies a program in a separate process.
 ///
-/// If this process wrote the copy itself, a child started meanwhile by another test thread would
-/// inherit the open file, and the copy could not be executed.
+/// If this process wrote the copy itself, a child started at the same time by another test thread
+/// would inherit the open file, and the copy could not be executed.
 pub(crate) fn copy_program(program: &Path, to: &Path) {
     assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
 }
@@ -200,7 +200,7 @@ impl Running {
         Self::spawn_with_stderr(command, Stdio::piped())
     }
 
-    /// Starts the command with the given standard error.
+    /// Starts the command with the given standard error stream.
     pub(crate) fn spawn_with_stderr(mut command: Command, stderr: impl Into<Stdio>) -> Self {
         let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
         Self { child: Some(child), known_services: RefCell::default() }
@@ -275,7 +275,7 @@ impl Drop for Running {
             signal(child.id(), Signal::TERM);
             // A failed test may have left the process frozen.
             signal(child.id(), Signal::CONT);
-            // The output is read, because a full pipe would block the process forever.
+            // The output must be read, because a full pipe would block the process forever.
             child.wait_with_output().unwrap();
         }
     }
@@ -325,7 +325,7 @@ pub(crate) fn plumb(arguments: &[&str]) -> Command {
     command
 }
 
-/// Returns the output of `plumb` on a terminal of 24 lines and 80 columns.
+/// Returns the output of `plumb` in a terminal of 24 lines and 80 columns.
 pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
     let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
     let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
@@ -334,7 +334,7 @@ pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
     text
 }
 
-/// Returns the executable with the faulty course service.
+/// Returns the executable that contains the faulty course service.
 pub(crate) fn faulty_executable() -> PathBuf {
     example("faulty")
 }
@@ -363,7 +363,7 @@ pub(crate) fn children_of(pid: u32) -> Vec<u32> {
     text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
 }
 
-/// Waits for a condition that must become true. The timeout is reached only in a failed test.
+/// Waits for a condition that must become true. The timeout elapses only if a test fails.
 pub(crate) fn wait_for(what: &str, done: impl FnMut() -> bool) {
     wait_for_within(Duration::from_secs(60), what, done);
 }
@@ -377,7 +377,8 @@ pub(crate) fn wait_for_within(limit: Duration, what: &str, mut done: impl FnMut(
     }
 }
 
-/// Returns the folder with the recordings. Returns `None` after printing that the test is skipped.
+/// Returns the folder with the recordings. If it is missing, prints that the test is skipped and
+/// returns `None`.
 pub(crate) fn data() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../shared/data"), PathBuf::from);
@@ -402,7 +403,7 @@ pub(crate) fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
         .collect()
 }
 
-/// Checks that the attitudes are finite, of unit length and increasing in time.
+/// Checks that the attitudes are finite and of unit length, and that their times increase.
 pub(crate) fn assert_valid_attitudes(attitudes: &[(f64, [f64; 4])]) {
     for pair in attitudes.windows(2) {
         assert!(pair[1].0 > pair[0].0, "time does not increase: {pair:?}");

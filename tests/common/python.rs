@@ -19,7 +19,7 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     [PACKAGES, READERS, &version].hash(&mut hasher);
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{:016x}", hasher.finish()));
     if !folder.exists() {
-        // Only a complete environment gets the final name.
+        // The folder gets its final name only once the environment is complete.
         let part = folder.with_extension(process::id().to_string());
         run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&part))?;
         for (list, name, dependencies) in
@@ -30,7 +30,7 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
             run(Command::new(part.join("bin/python")).args(INSTALL).args(dependencies).arg("-r").arg(file))?;
         }
         match fs::rename(&part, &folder) {
-            // Another process has created the same environment in the meantime.
+            // Another process has created the environment in the meantime.
             Err(_) if folder.exists() => _ = fs::remove_dir_all(part),
             renamed => renamed.map_err(|cause| cause.to_string())?,
         }
@@ -38,8 +38,8 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     Ok(folder.join("bin/python"))
 });
 
-/// Returns the Python executable. If it is not available, prints the reason and returns `None`, or
-/// panics if `CI` is set.
+/// Returns the Python executable. If it is not available, prints the reason and returns `None`; if
+/// `CI` is set, panics instead.
 pub(crate) fn python() -> Option<&'static Path> {
     match &*PYTHON {
         Ok(python) => Some(python),

@@ -30,7 +30,7 @@ pub(crate) fn ps(system: &System) -> Vec<Value> {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// Returns the gateway's entry of `plumb ps`.
+/// Returns the gateway's entry in the output of `plumb ps`.
 pub(crate) fn gateway(system: &System) -> Option<Value> {
     ps(system).into_iter().find(|one| one["service"] == "gateway")
 }

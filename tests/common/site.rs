@@ -12,7 +12,7 @@ pub(crate) struct Site(TempDir);
 impl Site {
     /// Creates an authority and the keys of these holders.
     ///
-    /// Each holder is given as arguments of `plumb keys`.
+    /// Each holder is given by the arguments for `plumb keys`.
     pub(crate) fn new(holders: &[&[&str]]) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.keys(&["init"]);
@@ -44,7 +44,7 @@ pub(crate) fn system_with_gateway(gateway: &str) -> System {
     ))
 }
 
-/// Creates a system with a gateway that listens at `port` with the keys of vehicle `alpha`.
+/// Creates a system with a gateway that listens at `port` and uses the keys of vehicle `alpha`.
 pub(crate) fn listening_vehicle(site: &Site, port: u16) -> System {
     let access = site.holder_folder("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");

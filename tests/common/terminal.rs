@@ -18,11 +18,11 @@ use rustix::{
 };
 use vt100::Parser;
 
-/// Escape sequence that sets the terminal's title. It marks the end of the output without changing
-/// the screen.
+/// Escape sequence that sets the terminal's title. It marks the end of the output and does not
+/// change the screen.
 const END: &[u8] = b"\x1b]0;end\x07";
 
-/// Program on a terminal. It is killed when dropped.
+/// Program running in a terminal. It is killed when dropped.
 pub(crate) struct TerminalProgram {
     pub(crate) child: Child,
     keys: File,
@@ -30,19 +30,19 @@ pub(crate) struct TerminalProgram {
     program_side: File,
     screen: Arc<Mutex<Parser>>,
     was_full_screen: Arc<AtomicBool>,
-    /// Set once [`END`] has been read.
+    /// `true` once [`END`] has been read.
     has_read_end: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
 
 impl TerminalProgram {
-    /// Starts a command on a terminal of this size, in lines and columns.
+    /// Starts a command in a terminal of this size, in lines and columns.
     pub(crate) fn start(mut command: Command, size: (u16, u16)) -> Self {
         command.env("TERM", "xterm-256color").env_remove("NO_COLOR");
         Self::start_unmodified(command, size)
     }
 
-    /// Starts a command without changes to its environment.
+    /// Starts a command with its environment unchanged.
     pub(crate) fn start_unmodified(mut command: Command, (lines, columns): (u16, u16)) -> Self {
         let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&controller).unwrap();
@@ -82,7 +82,7 @@ impl TerminalProgram {
         self.wait_for_screen(&format!("{words:?}"), |text| words.iter().all(|word| text.contains(word)))
     }
 
-    /// Waits until the text on the screen satisfies `holds` and returns it.
+    /// Waits until the text on the screen satisfies `holds`, and returns the text.
     pub(crate) fn wait_for_screen(&self, what: &str, holds: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + Duration::from_secs(60);
         loop {
@@ -114,7 +114,7 @@ impl TerminalProgram {
         self.was_full_screen.load(Ordering::SeqCst)
     }
 
-    /// Returns `true` if the terminal is in the state a shell needs.
+    /// Returns `true` if the terminal is in the state that a shell needs.
     ///
     /// This means the main screen, a visible cursor, echo and line mode.
     pub(crate) fn is_restored(&self) -> bool {

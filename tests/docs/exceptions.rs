@@ -16,6 +16,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
     ("systemctl ", "needs systemd; tested by deploy/trial"),
     ("scp ", "needs another machine"),
+    ("export PATH=", "sets the path of the built program"),
     // Other hosts.
     ("plumb station --connect quic/192.168.1.5", "needs a router; tested by `certificates`"),
     ("plumb topic hz attitude --remote alpha", "needs a router and a vehicle; tested by `certificates`"),
@@ -52,12 +53,9 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
 ///
 /// A new drawing or output is better fenced as `text`, which needs no line here.
 pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
-    ("┌── gyro", "drawing"),
-    ("plumbline: simulation s1", "output"),
-    ("launch.toml        what runs", "file tree"),
+    ("launch.toml        everything that runs", "file tree"),
     ("sensor, receiver ─►", "drawing"),
     ("topics ─► gateway", "drawing"),
-    ("flight.ulg: ULog", "output"),
     ("RMSE, degrees", "output"),
     ("gyro: 1 rest", "output"),
     ("checkpoints of the fuser ─►", "drawing"),

@@ -27,12 +27,58 @@ const INVALID: &[(&str, &str)] = &[
     ("a number", "1e300"),
     ("an integer", "-9000000000000000000"),
     ("a string", "\"\\u0001\""),
+    ("a string", "\"\""),
     ("an array", "[\"\\u0001\"]"),
     ("an array of strings", "[\"\\u0001\"]"),
 ];
 
 /// Meanings of keys without a comment in `launch.toml`, by key or by section and key.
-const MEANINGS: &[(&str, &str)] = &[("access", "file with the access list")];
+const MEANINGS: &[(&str, &str)] = &[
+    ("restart.backoff_max_s", "longest pause"),
+    ("set", "parameters of the stage that differ from their defaults"),
+    ("cert", "file with the certificate, PEM"),
+    ("key", "file with the private key, PEM"),
+    ("gateway.tls.ca", "file with the certificate of the authority, PEM"),
+    ("gateway.export", "topics sent to the slots of other hosts, every tick"),
+    ("gateway.cache_s", "time for which exported ticks are kept for a disconnected host"),
+    ("gateway.import.vehicle", "vehicle name of the other host's gateway"),
+    ("gateway.import.topics", "topics received from the other host"),
+    ("ingest.sim.rate_hz", "samples a second"),
+    ("ingest.sim.seed", "seed of the noise; the same seed gives the same samples"),
+    ("ingest.replay.file", "recording; `--replay` overrides it"),
+    ("units", "units of CSV columns; without it SI units"),
+    ("frame", "axes of CSV columns: `rfu` (default), `flu`, `frd`"),
+    ("columns", "names of CSV columns in order, for lines without a header"),
+    ("time_bits", "width of the CSV time counter, bits; without it the time does not wrap"),
+    ("range_g", "format `witmotion`: measuring range of the accelerometer, g"),
+    ("range_deg_s", "format `witmotion`: measuring range of the gyro, °/s"),
+    ("field_unit_ut", "formats `witmotion` and `xsens`: µT per unit of the magnetometer"),
+    ("ingest.iio.root", "folder of the devices in sysfs"),
+    ("ingest.iio.dev", "folder of the character devices"),
+    ("ingest.limits.force_max_g", "specific forces at or beyond it are flagged as clipped"),
+    ("ingest.calibration.gyro.bias", "rad/s"),
+    ("ingest.calibration.mag.bias", "µT"),
+    ("misalignment", "matrix that is multiplied with the scale"),
+    ("ingest.mounting.matrix", "rotation from sensor axes to body axes, instead of `axes`"),
+    ("matrix", "calibration matrix, instead of `scale` and `misalignment`"),
+    ("ingest.mounting.quaternion", "rotation from sensor axes to body axes, w x y z, instead of `axes`"),
+    ("ingest.mounting.yaw_deg", "attitude of the sensor in the body, instead of `axes`: yaw"),
+    ("ingest.mounting.pitch_deg", "pitch"),
+    ("ingest.mounting.roll_deg", "roll"),
+    ("ingest.fault.until_s", "end of the fault, exclusive"),
+    ("ingest.fault.seed", "kinds `garbage` and `intermittent`: seed of the random values"),
+    ("ingest.fault.factor", "kind `miscalibrated`: factor"),
+    ("ingest.fault.offset", "kind `miscalibrated`: offset in the sensor's units"),
+    ("ingest.fault.every", "kind `slow`: only each n-th value is output"),
+    ("ingest.fault.delay_s", "kind `delayed`: delay"),
+    ("ingest.fault.share", "kind `intermittent`: share of the values that are output"),
+    ("watch.slot", "slot of the shadow stage; at most one rule per slot"),
+    ("watch.stage", "shadow stage"),
+    ("course.position.latitude_deg", "geodetic latitude, north positive"),
+    ("course.position.longitude_deg", "longitude, east positive"),
+    ("course.position.altitude_m", "altitude"),
+    ("stages.my-fuser.slot", "slot of the stage"),
+];
 
 /// Section of the launch file.
 struct Section {
@@ -74,7 +120,7 @@ pub(super) fn chapter() -> String {
             (_, false) => format!("\n## [{title}]\n"),
         };
         for paragraph in introduction {
-            text += &format!("\n{}\n", wrap(&with_links(&plain(paragraph))));
+            text += &format!("\n{}\n", wrap(&with_links(&plain(&sentence(paragraph)))));
         }
         let rows = keys.iter().map(|key| row(section, key));
         text += &format!("\n{}", table(["key", "default", "allowed", "meaning"], rows));
@@ -83,8 +129,12 @@ pub(super) fn chapter() -> String {
 }
 
 fn row(section: &Section, key: &Key) -> [String; 4] {
-    let examples: Vec<_> = key.examples.iter().map(|example| code(example)).collect();
-    let mut meaning = vec![with_links(&plain(&key.comment))];
+    let examples: Vec<_> =
+        key.examples.iter().filter(|example| *example != "\"\"").map(|example| code(example)).collect();
+    let allowed = allowed_values(section, &key.name);
+    // Some comments only list the allowed values.
+    let is_list = key.comment.split(", ").all(|part| allowed.contains(&code(part)));
+    let mut meaning = vec![if is_list { String::new() } else { with_links(&plain(&key.comment)) }];
     if !examples.is_empty() {
         meaning.push(format!("example: {}", examples.join(", ")));
     }
@@ -94,7 +144,7 @@ fn row(section: &Section, key: &Key) -> [String; 4] {
         None if section.path == "gateway.rates" => code("\"off\""),
         None => "not set".into(),
     };
-    [code(&key.name), default, allowed_values(section, &key.name), meaning.join("; ")]
+    [code(&key.name), default, allowed, meaning.join("; ")]
 }
 
 /// Reads the sections and keys of a launch file, including those in comments.
@@ -206,8 +256,8 @@ impl Section {
                 let (_, names) = problem.split_once("allowed: ")?;
                 return Some(names.lines().next()?.split(", ").map(code).collect::<Vec<_>>().join(", "));
             }
-            let (expected, _) = line.strip_prefix("expected ")?.rsplit_once(", found ")?;
-            Some(plain(expected))
+            let expected = line.strip_prefix("expected ")?;
+            Some(plain(expected.rsplit_once(", found ").map_or(expected, |(expected, _)| expected)))
         };
         self.problems(&format!("{key} = {value}")).find_map(found)
     }
@@ -215,13 +265,15 @@ impl Section {
 
 /// Returns the values that are allowed for a key.
 fn allowed_values(section: &Section, key: &str) -> String {
-    if key == "set" {
-        return "table of [parameters](stages.md)".into();
+    match (section.path.as_str(), key) {
+        (_, "set") => return "table of [parameters](stages.md)".into(),
+        ("watch", "stage") => return "[stage](stages.md) of the slot".into(),
+        _ => {}
     }
     // No key has a date with a time.
     let kind = section.expected(key, "1979-05-27T07:32:00").unwrap_or_default();
-    let invalid = INVALID.iter().find(|(name, _)| *name == kind);
-    let values = invalid.and_then(|(_, value)| section.expected(key, value));
+    let invalid = INVALID.iter().filter(|(name, _)| *name == kind);
+    let values = invalid.filter_map(|(_, value)| section.expected(key, value)).next();
     match (kind.as_str(), values) {
         ("an integer", Some(range)) => range.replace(&format!("to {}", i64::MAX), "or more"),
         ("an array", Some(values)) => format!("array of {values}"),
@@ -244,7 +296,9 @@ fn add_schema(sections: &mut Vec<Section>, path: &str, is_array: bool) {
             let is_within = |section: &Section| {
                 section.path == parent || section.path.strip_prefix(parent).is_some_and(|rest| rest.starts_with('.'))
             };
-            let index = sections.iter().rposition(is_within).map_or(sections.len(), |index| index + 1);
+            let first_child = sections.iter().position(|section| section.path.starts_with(&format!("{path}.")));
+            let after_parent = || sections.iter().rposition(is_within).map_or(sections.len(), |index| index + 1);
+            let index = first_child.unwrap_or_else(after_parent);
             sections.insert(index, Section { path: path.into(), is_array, introduction: Vec::new(), keys: Vec::new() });
             index
         }
@@ -275,14 +329,14 @@ fn describe(sections: &mut [Section]) {
     for Section { path, keys, .. } in sections.iter_mut().filter(|section| section.path != "gateway.rates") {
         for key in keys {
             let full_key = if path.is_empty() { key.name.clone() } else { format!("{path}.{}", key.name) };
-            if key.comment.is_empty() {
+            let parameter = scenario::PARAMETERS.iter().find(|parameter| parameter.name == key.name);
+            if let Some(parameter) = parameter.filter(|_| path == "ingest.sim") {
+                key.comment = format!("{}; replaces that of the scenario", parameter.description);
+            } else if key.comment.is_empty() {
                 let listed =
                     [&full_key, &key.name].into_iter().find_map(|name| MEANINGS.iter().find(|(key, _)| key == name));
-                let parameter =
-                    scenario::PARAMETERS.iter().find(|parameter| path == "ingest.sim" && parameter.name == key.name);
-                let same = described.iter().find(|other| other.name == key.name);
-                let meaning = listed.map(|(_, meaning)| *meaning).or(parameter.map(|parameter| parameter.description));
-                key.comment = meaning.or(same.map(|key| key.comment.as_str())).unwrap_or_default().to_owned();
+                let same = described.iter().find(|other| other.name == key.name).map(|key| key.comment.as_str());
+                key.comment = listed.map(|(_, meaning)| *meaning).or(same).unwrap_or_default().to_owned();
             }
             if key.comment.is_empty() {
                 missing.push(full_key);
@@ -292,6 +346,13 @@ fn describe(sections: &mut [Section]) {
         }
     }
     assert!(missing.is_empty(), "describe in launch.toml or in MEANINGS: {missing:#?}");
+}
+
+/// Returns a remark as a sentence.
+fn sentence(remark: &str) -> String {
+    let mut letters = remark.chars();
+    let first: String = letters.next().into_iter().flat_map(char::to_uppercase).collect();
+    format!("{first}{}{}", letters.as_str(), if remark.ends_with('.') { "" } else { "." })
 }
 
 /// Returns the path of a section, with a placeholder for the name of a user-defined stage.

@@ -1,8 +1,9 @@
 """Third-party client of a vehicle: ENDPOINT VEHICLE [FOLDER].
 
-It uses eclipse-zenoh and protobuf only; the message types come from the vehicle itself. FOLDER
-holds the keys of an operator, written by `plumb keys`, for a quic endpoint. Each step prints one
-line of JSON. The last step waits for a line on standard input; the vehicle must then be stopped.
+The client uses only eclipse-zenoh and protobuf, and gets the message types from the vehicle. For a
+quic endpoint, FOLDER contains the keys of an operator, written by `plumb keys`. Each step prints
+one line of JSON. Before the last step, which waits for the vehicle to disappear, the client reads a
+line from standard input. The vehicle must then be stopped.
 """
 
 import json

@@ -1,7 +1,8 @@
-"""Simulated devices, encoded by third-party packages. They end when the receiver disconnects.
+"""Simulated devices with messages encoded by third-party packages.
 
 `mavlink PORT`: an autopilot over UDP, level and moving north-east at 5 m/s.
-`ubx PORT`, `nmea PORT`: a GNSS receiver with the same motion, as a TCP server.
+`ubx PORT`, `nmea PORT`: a GNSS receiver with the same motion, as a TCP server. It ends when its
+client disconnects.
 """
 
 import math

@@ -2,8 +2,9 @@
 
     python flight.py FLIGHT.mcap [ATTITUDES.csv]
 
-A file without a summary section is read from the start, up to its first damaged record. If the
-file written by `plumb up --out` is given, `/attitude` and `/tf` are compared with it row by row.
+A file without a summary section is read from the start, up to its first damaged record. If
+ATTITUDES.csv, a file written by `plumb up --out`, is given, `/attitude` and `/tf` are compared with
+it row by row.
 """
 
 import json
@@ -34,7 +35,7 @@ def has_complete_records(path):
 
 
 def indexed_messages(path):
-    """Yields every message, decoded, by the index of the summary section."""
+    """Yields every message, decoded, using the index in the summary section."""
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
@@ -62,7 +63,7 @@ def linear_messages(path):
 
 
 def to_ros(w, x, y, z):
-    """Returns an attitude in the frames of ROS, x y z w: q times a quarter rotation about up."""
+    """Returns an attitude in ROS frames as x y z w: q times a quarter turn about the up axis."""
     s = math.sqrt(0.5)
     return (s * (x + y), s * (y - x), s * (z + w), s * (w - z))
 

@@ -1,11 +1,11 @@
-"""Client of the Foxglove WebSocket protocol with the packages websockets and protobuf.
+"""Foxglove WebSocket client, based on the packages websockets and protobuf.
 
     python foxglove.py URL PROTOCOL SECONDS
     python foxglove.py URL PROTOCOL another-session
 
-Subscribes to every channel for the given time, or until the server has started another session
-and sent messages in it. A second client subscribes to /tf only, and unsubscribes after half the
-time. Prints what was received as JSON.
+Subscribes to every channel for the given time, or until the server has started another session and
+sent messages in it. When a time is given, a second client subscribes only to /tf and unsubscribes
+after half the time. A summary of the received messages is printed as JSON.
 """
 
 import base64
@@ -31,7 +31,7 @@ def decoder(channel):
 
 
 class Client:
-    """Connection with the server's info and channels."""
+    """Connection to the server, with the server's info and channels."""
 
     def __init__(self, url, protocol):
         self.socket = connect(url, subprotocols=[protocol], max_size=1 << 20)
@@ -53,7 +53,10 @@ class Client:
         self.request("unsubscribe", subscriptionIds=[id for id, channel in self.subscribed.items() if self.topics[channel] in topics])
 
     def read(self, timeout):
-        """Returns a text as a dict, a message as topic, time and content, or None on timeout."""
+        """Returns a text frame as a dict, or a message as its topic, time and content.
+
+        Returns None on timeout.
+        """
         try:
             frame = self.socket.recv(timeout=timeout)
         except TimeoutError:
@@ -105,7 +108,7 @@ def watch(client, narrow, seconds):
                 late += half is None
         if half is not None and time.monotonic() > half:
             narrow.unsubscribe(["/tf"])
-            # The reply proves that the server has processed the cancellation.
+            # The reply proves that the server has processed the unsubscribe request.
             narrow.request("getParameters", parameterNames=[])
             while not isinstance(other := narrow.read(TIMEOUT_S), dict):
                 narrowed.append(other[0])

@@ -1,8 +1,8 @@
-"""Ground station with pymavlink: PORT COUNT.
+"""Ground station based on pymavlink: PORT COUNT.
 
-Prints `ready`, receives COUNT attitudes and prints `received`. Then it reads the path of a file of
-attitudes (`plumb up --out`: east-north-up, right-forward-up) from standard input and prints the
-differences as one line of JSON.
+Prints `ready`, receives COUNT attitudes and prints `received`. Then it reads the path of an
+attitude file (written by `plumb up --out`: east-north-up, right-forward-up) from standard input and
+prints the differences as one line of JSON.
 """
 
 import json
@@ -42,12 +42,13 @@ def rotation(w, x, y, z):
     )
 
 
-# Converts both frames: east-north-up to north-east-down, right-forward-up to forward-right-down.
+# Converts between east-north-up and north-east-down, and between right-forward-up and
+# forward-right-down.
 SWAP = Matrix3(Vector3(0, 1, 0), Vector3(1, 0, 0), Vector3(0, 0, -1))
 
 
 def rotation_vector(a, b):
-    """Returns the rotation vector from a to b in the axes of a, rad. Valid for small rotations."""
+    """Returns the rotation vector from a to b, rad, in the axes of a, for small rotations."""
     d = a.transposed() * b
     return Vector3(d.c.y - d.b.z, d.a.z - d.c.x, d.b.x - d.a.y) * 0.5
 

@@ -2,8 +2,8 @@
 
     python tests/foreign/notebook.py docs/reference/s1.ipynb
 
-The results are compared with those of `plumb score`. Prints the executed cells and the pictures as
-one line of JSON.
+The results are compared with those of `plumb score`. The names of the executed cells and of those
+with a picture are printed as one line of JSON.
 """
 
 import ast
@@ -17,7 +17,7 @@ import numpy as np
 
 
 def code_cells(path):
-    """Returns the names and code of the code cells. Checks that no outputs are stored."""
+    """Returns the name and code of each code cell. Checks that no outputs are stored."""
     notebook = json.loads(path.read_text("utf-8"))
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
     assert set(notebook) == {"cells", "metadata", "nbformat", "nbformat_minor"}
@@ -31,7 +31,7 @@ def code_cells(path):
 
 
 def run_cell(source, name, space):
-    """Runs a cell and returns the value of its last expression, which a notebook displays."""
+    """Runs a cell and returns the value that a notebook would display: its last expression."""
     tree = ast.parse(source, name)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, name, "exec"), space)

@@ -1,11 +1,11 @@
-"""ROS 2 node of an IMU with its rmw_zenoh router: PORT.
+"""ROS 2 node that publishes IMU readings, with its own rmw_zenoh router: PORT.
 
-Prints `ready` and publishes from the first line of standard input to the second. Then it prints
-the number of messages and the liveliness tokens it has received as one line of JSON.
+Prints `ready`. Publishes from the first line on standard input until the second. Then it prints the
+number of published messages and the received liveliness tokens as one line of JSON.
 
-The body leans to the right by 20° and rotates at 10 °/s about the vertical. The rate is 200 Hz;
-every fourth message comes with a magnetic field. Every tenth Imu is damaged, and every fiftieth is
-marked as having no rate; these are not counted.
+The body leans to the right by 20° and rotates at 10 °/s about the vertical. Readings are published
+at 200 Hz, every fourth one with a magnetic field. Every tenth Imu message is damaged, and every
+fiftieth is marked as having no rate; these are not counted as sent.
 """
 
 import json
@@ -54,7 +54,7 @@ while not stop.is_set():
     stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
     header = types["std_msgs/msg/Header"](stamp, "body")
     is_damaged, lacks_rate = n % 10 == 9, n % 50 == 25
-    # Body axes forward, left, up: with a lean to the right, the left side points upwards.
+    # The body axes are forward, left, up. If the body leans to the right, its left side points up.
     up = (0.0, math.sin(lean), math.cos(lean))
     imu = types["sensor_msgs/msg/Imu"](
         header, types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0), unavailable, vector(*(rate * part for part in up)),
@@ -73,5 +73,5 @@ while not stop.is_set():
     time.sleep(max(0.0, (start_ns + n * 5_000_000 - time.time_ns()) / 1e9))
 print(json.dumps(sent | {"messages": n, "tokens": tokens}), flush=True)
 sys.stdin.readline()
-# Zenoh's threads delay a normal exit of the interpreter.
+# Exits directly, because Zenoh's threads delay a normal exit of the interpreter.
 os._exit(0)

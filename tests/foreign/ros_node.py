@@ -1,8 +1,8 @@
-"""ROS 2 node that receives attitudes, with its rmw_zenoh router: PORT COUNT.
+"""ROS 2 node that receives attitudes, with its own rmw_zenoh router: PORT COUNT.
 
-Prints `ready`, receives COUNT messages and prints `received`. Then it reads the path of a file of
-attitudes (`plumb up --out`: east-north-up, right-forward-up) from standard input and prints the
-comparison as one line of JSON.
+Prints `ready`, receives COUNT messages and prints `received`. Then it reads the path of an attitude
+file (written by `plumb up --out`: east-north-up, right-forward-up) from standard input and prints
+the comparison as one line of JSON.
 """
 
 import json
@@ -46,7 +46,7 @@ def product(a, b):
     )
 
 
-# The body frame of ROS is forward, left, up: ours rotated by 90° about up.
+# The body frame of ROS is forward, left, up: Plumbline's frame rotated by 90° about the up axis.
 QUARTER = (math.cos(math.pi / 4), 0, 0, math.sin(math.pi / 4))
 with open(out) as lines:
     next(lines)
@@ -86,5 +86,5 @@ print(json.dumps({
     "late_s": max(n[1] - s for n, s in zip(numbers, stamps)) / 1e9, "early_s": min(n[1] - s for n, s in zip(numbers, stamps)) / 1e9,
     "step_ms": (stamps[-1] - stamps[0]) / (len(stamps) - 1) / 1e6,
 }), flush=True)
-# Zenoh's threads delay a normal exit of the interpreter.
+# Exits directly, because Zenoh's threads delay a normal exit of the interpreter.
 os._exit(0)

@@ -1,6 +1,6 @@
-"""Publishes readings to a system until standard input ends, and prints each as one JSON line.
+"""Publishes readings to a system until standard input ends: SYSTEM.
 
-The name of the system is the argument. Numbers are printed as their bits.
+Each reading is printed as one line of JSON. Floating-point numbers are printed as their bits.
 """
 
 import json
@@ -43,7 +43,7 @@ while not ended.is_set():
         print(json.dumps({"t": t_ns, "rate": bits(rate_rad_s), "force": bits(force_m_s2), "field": field, "velocity": velocity}), flush=True)
     except FeedError as error:
         failed += 1
-        # Both connections belong to the same system.
+        # Both connections are closed, because they belong to the same run of the system.
         sensor.close()
         receiver.close()
         print(json.dumps({"gone": str(error)}), flush=True)

@@ -1,5 +1,5 @@
-//! Attitude and readings in MAVLink and ROS 2, checked with independent implementations. A stalled
-//! receiver does not affect the system.
+//! Attitude and readings over MAVLink and ROS 2, checked with independent implementations. A
+//! stalled receiver must not affect the system.
 use std::{
     io::{BufRead, BufReader, Write},
     net::UdpSocket,
@@ -71,8 +71,8 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     assert!(beats.contains(&companion(ACTIVE)), "{report}");
     let number = |name: &str| report[name].as_f64().unwrap();
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "beyond single precision: {report}");
-    // Between two attitudes the fuser also applies corrections: usually small ones, larger ones
-    // during the initial levelling.
+    // Between two attitudes, the fuser applies corrections in addition to the rotation. They are
+    // usually small, but larger during the initial levelling.
     assert!(number("fastest_rad_s") > 0.5, "{report}");
     assert!(number("usual_rate_rad_s") < 0.006 && number("rate_rad_s") < 0.06, "{report}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
@@ -160,7 +160,7 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.stderr);
 
-    // All valid readings sent after the bridge joined were delivered, and damaged ones were
+    // All valid readings sent after the bridge joined must have been delivered, and damaged ones
     // counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
     let [readings, rejected, undelivered, fields] =
@@ -219,7 +219,7 @@ fn stalled_bridge_drops_old_attitudes_without_affecting_system() {
         let mut bytes = [0; 300];
         wait_for("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
     }
-    // One socket stays open but is not read. The other one is closed.
+    // One socket stays open but is never read; the other one is closed.
     let [_stalled, closed] = sockets;
     drop(closed);
     let frozen = &bridges[1];
@@ -260,7 +260,7 @@ fn mavlink_heartbeat_reports_boot_active_and_critical_states() {
         }
     };
     assert_eq!(heartbeat(), (BOOT, 0));
-    // Sends some readings. Then the source stalls without closing.
+    // Sends some readings. Then the source stalls and keeps its connection open.
     for row in 0..500 {
         writeln!(input, "{},0,0,0,0,0,9.81", f64::from(row) * 0.01).unwrap();
     }

@@ -1,7 +1,7 @@
 //! Gateway with the certificates and access lists that `plumb keys` creates.
 //!
-//! One vehicle listens for clients itself, others connect to a router. The tests cover what viewers
-//! and operators may do, and which clients are rejected.
+//! One vehicle listens for clients itself; others connect to a router. The tests cover the
+//! permissions of viewers and operators, and the clients that are rejected.
 use std::{fs, path::Path, process::Output};
 
 use crate::common::{
@@ -13,7 +13,7 @@ use crate::common::{
 use serde_json::Value;
 use zenoh::{Config, Session, Wait};
 
-/// Opens a router with the configuration of its key folder, except for paths and port.
+/// Opens a router with the configuration in its key folder, except for paths and port.
 fn router(site: &Site, port: u16) -> Session {
     let folder = site.holder_folder("router");
     let text = fs::read_to_string(folder.join("router.json5")).unwrap();
@@ -175,7 +175,7 @@ fn router_keeps_vehicles_from_impersonating_each_other() {
     for vehicle in &reported {
         let attitude = topic(vehicle, "attitude");
         assert!(number(attitude, "samples") > 50 && vehicle["alive"] == true, "{vehicle}");
-        // Two vehicles under one name would be counted as restarts and repetitions.
+        // If two vehicles used one name, this would be counted as restarts and repetitions.
         let counts = ["lost_samples", "repeated", "restarts"].map(|count| number(attitude, count));
         assert_eq!(counts, [0; 3], "{vehicle}");
     }

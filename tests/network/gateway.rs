@@ -1,5 +1,5 @@
-//! Telemetry and commands through the gateway, and the isolation of the system on board from
-//! off-board faults.
+//! Telemetry and commands through the gateway. Off-board faults must not affect the system on
+//! board.
 use std::{
     fs,
     process::{Child, Stdio},
@@ -141,7 +141,7 @@ fn repeated_remote_swap_takes_effect_once() {
     let swap = |request: &SwapRequest| -> SwapAnswer {
         link.query_one(&keys::key("alpha", keys::SWAP), request.to_bytes(), QUERY_TIMEOUT).unwrap()
     };
-    // Simulates a network that duplicates a request.
+    // Simulates a network that duplicates requests.
     let answers: Vec<SwapAnswer> = thread::scope(|scope| {
         let threads: Vec<_> = (0..4).map(|_| scope.spawn(|| swap(&request("one", "wz")))).collect();
         threads.into_iter().map(|thread| thread.join().unwrap()).collect()
@@ -150,7 +150,8 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
-    // A request that was overtaken by that decision is refused, as is one after its deadline.
+    // A request that is outdated by that decision is refused, and so is a request after its
+    // deadline.
     let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
@@ -205,7 +206,8 @@ fn frozen_supervisor_is_reported_to_clients() {
     signal(running.pid(), Signal::CONT);
     wait_for("the supervisor to respond", || ps(&system).len() == 6);
     running.interrupt();
-    // The supervisor was frozen for longer than the attitude topic can buffer.
+    // The supervisor was frozen for longer than the attitude topic can buffer, so some attitudes
+    // were not recorded.
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(1), 0.0), "{}", run.stderr);
     assert!(run.number("/not_recorded") > 0.0, "{}", run.stderr);
@@ -300,7 +302,7 @@ fn stalled_station_and_dead_endpoint_do_not_affect_output() {
     let run = running.wait();
     run.assert_complete();
     assert!(fs::read(out).unwrap() == undisturbed("14s"), "the bytes differ: {}", run.stderr);
-    // The counts of the stopped station match the ticks missing from its tables.
+    // The counts reported by the stopped station match the ticks missing from its tables.
     let report = stalled.stop();
     println!("{report}");
     for name in ["imu", "attitude"] {

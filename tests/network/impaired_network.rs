@@ -1,4 +1,4 @@
-//! Network with delay, packet loss and an outage, and a station that stops reading.
+//! Network with delay, packet loss and an outage; and a station that stops reading.
 //!
 //! The system on board is not affected, and the station counts exactly the samples that it missed.
 use std::{
@@ -28,8 +28,8 @@ const OUTAGE: Duration = Duration::from_secs(12);
 const SAMPLE_TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout for a reconnection.
 ///
-/// A handshake needs a dozen packets in sequence. With a delay of 300 ms and 20 % packet loss, it
-/// may fail several times, after 10 s each.
+/// A handshake needs a dozen packets in sequence. With a delay of 300 ms and 20 % packet loss it
+/// may fail several times, each time after 10 s.
 const RECONNECT_TIMEOUT: Duration = Duration::from_secs(240);
 
 /// Two network namespaces joined by a link; removed on drop.
@@ -100,7 +100,7 @@ fn run(program: &str, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(format!("{program} {}: {stderr}", arguments.join(" "))) }
 }
 
-/// Creates the keys of a listening vehicle and of a viewer.
+/// Creates the keys for a listening vehicle and a viewer.
 fn keys(folder: &Path) {
     for arguments in [&["init"][..], &["vehicle", "boat", "--host", BOARD], &["viewer", "wall"]] {
         let output = plumb(&["keys"]).args(arguments).arg("--dir").arg(folder).output().unwrap();
@@ -143,7 +143,7 @@ impl Station {
         fs::metadata(self.tables.join("boat/attitude.csv")).map_or(0, |file| file.len())
     }
 
-    /// Waits until more attitudes are written.
+    /// Waits until more attitudes have been written.
     fn wait_for_more(&self, limit: Duration, what: &str) {
         let before = self.table_bytes();
         wait_for_within(limit, what, || self.table_bytes() > before);

@@ -1,4 +1,4 @@
-//! `plumb topic --remote` shows the same as `plumb topic` on board, and counts network losses.
+//! `plumb topic --remote` shows the same as `plumb topic` on board, and also counts network losses.
 //! Values unknown to a remote observer are null.
 use std::{
     io::{BufRead, BufReader, Read},
@@ -34,7 +34,7 @@ impl Vehicle {
         plumb(arguments).args(["--remote", "boat", "--connect", &self.endpoint]).output().unwrap()
     }
 
-    /// Returns the JSON lines that a command prints.
+    /// Returns the JSON values that a command prints, one per line.
     fn run_json_lines(&self, arguments: &[&str]) -> Vec<Value> {
         let output = self.run(&[arguments, &["--json"]].concat());
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
@@ -85,7 +85,7 @@ fn output_frame_is_same_on_board_and_remotely() {
         let quaternion_yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
         let angle_difference = |a: f64, b: f64| (a - b).sin().abs().max(1.0 - (a - b).cos());
         assert!(angle_difference(yaw, quaternion_yaw) < 1e-9, "yaw about down: {message}");
-        // Like the course, yaw is clockwise seen from above.
+        // Yaw is clockwise seen from above, like the course.
         assert!(angle_difference(yaw, number(message, "/course_rad")) < 1e-9, "{message}");
     }
     let fused = vehicle.run_json(&["topic", "echo", "fused", "--count", "1"]);

@@ -1,4 +1,4 @@
-//! Split system on two hosts: its output equals that of a single host through outages and crashes,
+//! Split system on two hosts: through outages and crashes, its output equals that of a single host,
 //! and unrecoverable ticks are listed exactly.
 use std::{
     collections::HashSet,
@@ -48,7 +48,7 @@ fn undisturbed(launch: &str, arguments: &[&str]) -> Vec<u8> {
     fs::read(out).unwrap()
 }
 
-/// Both hosts of a split system. The board runs until the base has received all its ticks.
+/// The two hosts of a split system. The board runs until the base has received all its ticks.
 struct Hosts {
     board: System,
     base: System,
@@ -68,7 +68,7 @@ impl Hosts {
         Self { board, base, board_running, base_running }
     }
 
-    /// Waits for the base and returns its run and its output file.
+    /// Waits for the base to exit and returns its run and its output file.
     fn stop(self) -> (Run, Vec<u8>) {
         let Self { board, base, board_running, base_running } = self;
         let run = base_running.wait();
@@ -190,7 +190,7 @@ fn base_imports_only_from_hosts_it_connects_to() {
     let base_running = base.start(&[]);
     let address = || Some(service_status(&base, "gateway")?["address"].as_str()?.to_owned());
     wait_for("the base to listen", || address().is_some());
-    // The forger is a second system with the name of the board.
+    // The forger is a second system that uses the board's name.
     let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, address().unwrap());
     let forger = board(&format!("tcp/127.0.0.1:{}", free_port()), &more);
     let forger_running = forger.start(&[]);
@@ -255,7 +255,7 @@ fn split_system_runs_user_defined_stage() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
-    // The folder outlives the system, because a later run uses the stage again.
+    // The folder must outlive the system, because a later run uses the stage again.
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("mine");
     let output = plumb(&["stage", "new", "mine", "--lang", "python", "--dir"]).arg(&folder).output().unwrap();

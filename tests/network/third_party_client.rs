@@ -1,4 +1,4 @@
-//! Third-party client in another language, without any of our code. It reads telemetry and sends
+//! Third-party client in another language that uses none of our code. It reads telemetry and sends
 //! queries and commands.
 use std::{
     fs,

@@ -1,5 +1,5 @@
-//! Clients without a certificate: they may read, but not impersonate or command the vehicle,
-//! exhaust its memory or block other clients.
+//! Clients that have no certificate: they may read, but must not impersonate or command the
+//! vehicle, exhaust its memory or block other clients.
 use std::{
     fs,
     net::TcpStream,
@@ -195,8 +195,8 @@ fn excessive_declarations_restart_gateway_with_message() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    // Several sessions are used, because the more declarations a session has made, the longer the
-    // next one takes.
+    // Several sessions are used, because each declaration takes longer the more its session has
+    // made.
     let sessions: Vec<_> = (0..32).map(|_| uncertified_session(&endpoint, "client")).collect();
     // The keys are close to the maximum length. Each one is compared with all keys declared before
     // it.
@@ -224,8 +224,8 @@ fn idle_connections_do_not_block_clients() {
     let endpoint = endpoint(&system);
     let address = endpoint.strip_prefix("tcp/").unwrap();
     let idle: Vec<_> = (0..IDLE_CONNECTIONS).map(|_| TcpStream::connect(address).unwrap()).collect();
-    // Idle connections are closed at a limited rate, so on a slow machine the first attempts may be
-    // rejected.
+    // Idle connections are closed at a limited rate, so the first attempts may be rejected on a
+    // slow machine.
     wait_for("a client to connect", || {
         let output = plumb(&["ps", "--remote", &system.name, "--connect", &endpoint]).output().unwrap();
         println!("{}", String::from_utf8_lossy(&output.stderr));

@@ -52,7 +52,8 @@ impl Recording {
         Self { rows: rows.collect(), fault_ends_s: FAULT_S }
     }
 
-    /// Applies `change` to each row during a fault. It also receives the last row before the fault.
+    /// Applies `change` to each row during a fault. `change` also receives the last row before the
+    /// fault.
     fn during(duration_s: f64, change: impl Fn(&mut Row, &Row)) -> Self {
         let mut recording = Self::clean();
         recording.fault_ends_s = FAULT_S + duration_s;
@@ -107,8 +108,8 @@ impl Recording {
         (run, errors.collect())
     }
 
-    /// Runs the system, and asserts its flags and a normal error within `max_recovery_s` after the
-    /// fault.
+    /// Runs the system. Asserts its flags, and that the error is normal again within
+    /// `max_recovery_s` after the fault.
     fn assert_recovers(&self, what: &str, flags: &str, max_recovery_s: f64) {
         let (run, errors) = self.run(&[]);
         let bound_deg = 2.0 * clean_rmse_deg() + 0.05;
@@ -129,7 +130,7 @@ impl Recording {
 /// Index of the first row during a fault.
 const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
 
-/// Returns the inclination RMSE in a clean recording from `FAULT_S` on, degrees.
+/// Returns the inclination RMSE from `FAULT_S` to the end of a fault-free recording, degrees.
 fn clean_rmse_deg() -> f64 {
     static RMSE_DEG: OnceLock<f64> = OnceLock::new();
     *RMSE_DEG.get_or_init(|| {
@@ -257,7 +258,7 @@ fn stuck_accelerometer_for_3_s_recovers() {
     bad.assert_recovers("the accelerometer stuck for 3 s", "force-stuck", 15.0);
 }
 
-/// The resolution is 0.01 g and the noise is lower, so at rest the force can stay constant
+/// The noise is lower than the resolution of 0.01 g, so at rest the force can stay constant
 /// indefinitely.
 #[test]
 fn coarse_accelerometer_at_rest_is_accepted() {

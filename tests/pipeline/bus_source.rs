@@ -19,7 +19,7 @@ pub(crate) const BUFFER_MESSAGES: usize = 15_000;
 pub(crate) const BUS_LAUNCH: &str =
     "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
 
-/// System that reads its sensors from the bus, with the ports of the test on that bus.
+/// System that reads its sensors from the bus, with the bus ports of the test.
 pub(crate) struct Bench {
     pub(crate) system: System,
     pub(crate) running: Option<crate::common::Running>,
@@ -35,7 +35,7 @@ impl Bench {
 
     pub(crate) fn start_system(system: System, arguments: &[&str]) -> Self {
         let running = system.start(arguments);
-        // Otherwise the test could join the remains of a killed system of the same name.
+        // Without this wait, the test could join the leftovers of a killed system of the same name.
         wait_for("the system to respond", || !system.ps().is_empty());
         let system_name = SystemName::new(&system.name).unwrap();
         let mut joined = None;
@@ -75,7 +75,7 @@ impl Bench {
         self.send_at(RATE_HZ, readings, before);
     }
 
-    /// Sends readings at another than the nominal rate, with unchanged timestamps.
+    /// Sends readings at a rate other than the nominal one, with unchanged timestamps.
     pub(crate) fn send_at(&self, rate_hz: f64, readings: &[SensorReading], mut before: impl FnMut(usize)) {
         let start_ns = monotonic_ns();
         for (count, reading) in readings.iter().enumerate() {
@@ -86,7 +86,7 @@ impl Bench {
         }
     }
 
-    /// Kills the supervisor, as a power cut does, and waits until its services have exited.
+    /// Kills the supervisor, as a power cut would, and waits until its services have exited.
     pub(crate) fn kill(mut self) -> System {
         let running = self.running.take().unwrap();
         let pids: Vec<u32> = running.services().into_iter().map(|(_, pid)| pid).collect();

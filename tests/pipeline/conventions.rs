@@ -1,4 +1,4 @@
-//! Conversions and outputs compared with `docs/reference/conventions.json`, which is computed from
+//! Conversions and outputs, compared with `docs/reference/conventions.json`, which is computed with
 //! matrices.
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ struct Vector {
     force_at_rest_m_s2: [f64; 3],
 }
 
-/// Attitude of a vector in another frame.
+/// Attitude of a test vector in another frame.
 #[derive(Deserialize)]
 struct FrameVector {
     quaternion_wxyz: [f64; 4],
@@ -66,7 +66,7 @@ fn vectors() -> Vec<Vector> {
     serde_json::from_str(include_str!("../../docs/reference/conventions.json")).unwrap()
 }
 
-/// Asserts that two quaternions are equal, except possibly for their common sign.
+/// Asserts that two quaternions describe the same rotation, so that only their sign may differ.
 fn assert_rotation(name: &str, actual: [f64; 4], expected: [f64; 4]) {
     let difference = |sign: f64| {
         actual.iter().zip(expected).map(|(actual, expected)| (actual - sign * expected).abs()).fold(0.0, f64::max)
@@ -102,7 +102,7 @@ fn point_and_z_give_matrix_quaternion_and_angles() {
         let angles = attitude.angles();
         assert_angle(name, angles.pitch_rad, vector.pitch_rad);
         if vector.near_gimbal {
-            // Yaw and roll are ambiguous, but together they determine the attitude.
+            // Yaw and roll are ambiguous at this attitude, but together they determine it.
             assert!(
                 (Attitude::from_angles(angles).matrix() - vector.matrix()).amax() < TOLERANCE,
                 "{name}: {angles:?}"
@@ -196,7 +196,7 @@ fn fused(vector: &Vector) -> FusedState {
     }
 }
 
-/// Returns the output of the course slot for an attitude.
+/// Returns the course slot's output for an attitude.
 fn published(vector: &Vector) -> AttitudeOutput {
     let config = ServiceConfig {
         launch: Launch::default(),

@@ -5,7 +5,7 @@ use std::{fs, time::Duration};
 use crate::common::{System, signal};
 use rustix::process::Signal;
 
-/// Pseudo-random choices in a test, from a seed.
+/// Pseudo-random choices in a test, derived from a seed.
 struct Choices(u64);
 
 impl Choices {
@@ -22,7 +22,7 @@ impl Choices {
     }
 }
 
-/// Returns a launch file with buffers that are large enough for any stall of a loaded machine.
+/// Returns a launch file with buffers large enough for any stall of a loaded machine.
 fn launch(order: [&str; 5], source: &str) -> String {
     format!("services = {order:?}\nbuffer_s = 20.0\nlateness_s = 10.0\n{source}")
 }

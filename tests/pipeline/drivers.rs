@@ -1,5 +1,5 @@
-//! Live sources: standard input, datagrams, serial ports and user-defined programs provide readings
-//! that become attitudes.
+//! Live sources: attitudes are computed from readings provided by standard input, datagrams, serial
+//! ports and user-defined programs.
 use std::{
     fs::{self, File},
     io::{self, Read, Write},
@@ -49,7 +49,7 @@ fn status(system: &System, service: &str) -> Option<Value> {
     system.ps().into_iter().find(|entry| entry["service"] == service)
 }
 
-/// Running system whose standard error goes to a file, so that it can be read during the run.
+/// Running system. Its standard error is written to a file, so that it can be read during the run.
 struct LoggedSystem {
     running: Running,
     stderr: PathBuf,
@@ -137,7 +137,7 @@ fn killed_or_frozen_drivers_restart_and_resume() {
     let out = system.path("out.csv");
     let mut running = start_with_stdin(&system, &["--source", "stdin", "--out", out.to_str().unwrap()], Stdio::piped());
     let mut input = running.stdin();
-    // A restarted process has to know the columns, so the header is sent first.
+    // A restarted process must read the column names again, so the header is sent first.
     writeln!(input, "gx,gy,gz,ax,ay,az,t_s").unwrap();
     let mut t = 0;
     let mut feed = |until_ticks: f64| {
@@ -214,7 +214,7 @@ fn occupied_port_is_reported_and_opened_when_free() {
     logged.stop();
 }
 
-/// Serial device with a path in the folder of the test.
+/// Serial device that has its path in the test's folder.
 ///
 /// The path is removed before the device is closed, because the kernel may reuse `/dev/pts/N` for
 /// another test.
@@ -257,7 +257,8 @@ pub(crate) fn open_serial_device(port: &Path) -> SerialDevice {
 
 #[test]
 fn serial_port_is_reopened_when_device_returns() {
-    // Other tests run in parallel and can make a service slow. It must not be restarted for that.
+    // Other tests run in parallel and can delay a service, which must not be restarted for this
+    // delay.
     let system = System::new("restart.silence_s = 3.0");
     let port = system.path("imu");
     let line = format!("serial:{}?rate_hz=100&baud=230400", port.display());
@@ -329,7 +330,7 @@ fn user_defined_sensor_does_not_block_next_system() {
     let mut feed_until_ticks = || {
         wait_for("ticks", || {
             t += 1;
-            // Sending fails between two systems.
+            // Sending fails while neither the first nor the next system is running.
             let _ = sensor.send(t * 5_000_000, [0.0, 0.0, 0.1], [0.0, 0.0, 9.8], None);
             sleep(Duration::from_millis(5));
             status(&system, "course").is_some_and(|course| course["ticks"].as_u64() >= Some(50))

@@ -1,4 +1,4 @@
-//! Recordings of other systems, imported or read directly like our own.
+//! Recordings from other systems, imported or read directly like our own.
 use std::{fs, io::Read, path::Path};
 
 use crate::common::{System, data, plumb};
@@ -118,7 +118,7 @@ fn px4_log_survives_mcap_round_trip() {
     let [(names, original), (same_names, returned)] = [&direct, &through].map(|file| table(Path::new(file)));
     assert_eq!((&names, original.len(), returned.len()), (&same_names, 17070, 17070));
     for (original, returned) in original.iter().zip(&returned) {
-        // The reference has single precision, so its length is 1 only to that precision.
+        // The reference has single precision, so its length equals 1 only to that precision.
         let is_equal = |(column, (original, returned)): (usize, (&f64, &f64))| {
             is_same(*original, *returned) || (10..14).contains(&column) && (original - returned).abs() < 1e-6
         };

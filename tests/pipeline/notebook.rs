@@ -37,7 +37,7 @@ fn notebook_reproduces_scores() {
 #[test]
 fn chapter_example_prints_equal_errors() {
     let Some(python) = python() else { return };
-    let chapter = fs::read_to_string(root().join("docs/scoring.md")).unwrap();
+    let chapter = fs::read_to_string(root().join("docs/how-to/score.md")).unwrap();
     let lines = chapter.lines().skip_while(|line| !line.starts_with("    from plumbscore"));
     let example = lines.map_while(|line| line.strip_prefix("    ").or(line.is_empty().then_some("")));
     let example = example.collect::<Vec<_>>().join("\n");

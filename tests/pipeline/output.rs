@@ -24,7 +24,7 @@ fn run_output(system: &System, arguments: &[&str]) -> String {
     fs::read_to_string(out).unwrap()
 }
 
-/// Returns the number in a named column of a line.
+/// Returns the number in the named column of a line.
 fn number(header: &str, line: &str, name: &str) -> f64 {
     let index = header.split(',').position(|column| column == name).unwrap_or_else(|| panic!("no {name} in {header}"));
     line.split(',').nth(index).unwrap().parse().unwrap()
@@ -42,7 +42,7 @@ fn all_columns_are_equal_in_one_process_and_five() {
     for (short, long) in plain.lines().zip(in_one.lines()).skip(1) {
         assert!(long.starts_with(&format!("{short},")) && !long.contains("nan"), "{short}\n{long}");
     }
-    // All columns in a line describe the same attitude.
+    // All columns in a line must describe the same attitude.
     for line in in_one.lines().skip(1).step_by(97) {
         let value = |name: &str| number(HEADER, line, name);
         let (q, chart) = ([value("qw"), value("qx"), value("qy"), value("qz")], line.split(',').nth(5).unwrap());
@@ -104,7 +104,8 @@ fn replayed_flight_writes_same_columns_and_records_frame() {
     let replayed = run_output(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
     assert!(recorded == replayed, "the bytes differ");
     assert!(recorded.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
-    // The topics in a flight stay in native axes, so an import does not need the output frame.
+    // The topics in a flight stay in native axes, so importing the flight does not require the
+    // output frame.
     let info = plumb(&["info", flight.to_str().unwrap(), "--json"]).output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
     let text = info.to_string();

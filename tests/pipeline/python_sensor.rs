@@ -1,4 +1,4 @@
-//! User-defined sensors in Python, whose readings must reach ingest bit for bit.
+//! User-defined sensors in Python. Their readings must reach ingest bit for bit.
 use std::{
     fs,
     io::{BufRead, BufReader},
@@ -16,8 +16,8 @@ use serde_json::Value;
 
 const FROM_THE_BUS: &str = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n";
 
-/// Program that publishes to a system until its standard input is closed. A thread reads the output
-/// of the program, so that a full pipe does not block it.
+/// Program that publishes to a system until its standard input is closed. A thread reads the
+/// program's output, so that a full pipe does not block the program.
 struct Feeder {
     child: Child,
     lines: mpsc::Receiver<String>,
@@ -154,7 +154,7 @@ fn assert_feeds_system(mut program: Command) {
     program.arg(&system.name).stderr(Stdio::null());
     let mut child = program.spawn().unwrap();
     wait_for("attitudes", || {
-        // The program exits if ingest has not opened the topic yet.
+        // The program exits if ingest has not yet opened the topic.
         if child.try_wait().unwrap().is_some() {
             child = program.spawn().unwrap();
         }

@@ -5,15 +5,15 @@ use crate::common::{System, plumb};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Maximum mean error over the ten BROAD trials without magnetometer, degrees. VQF: 0.665°
-/// (benches/README.md).
+/// Maximum mean error over the ten BROAD trials without magnetometer data, degrees. VQF achieves
+/// 0.665° (benches/README.md).
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 
-/// Returns a recording of a level body at rest with a reference rotated by `heading_deg` about
-/// up and then by `tilt_deg` about east.
+/// Returns a recording of a level body at rest. Its reference is rotated by `heading_deg` about up
+/// and then by `tilt_deg` about east.
 ///
-/// Rows that must not be scored have references that would spoil any score.
+/// Rows that must not be scored have references that would spoil every score.
 pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     let (sin, cos) = (0.5 * heading_deg).to_radians().sin_cos();
     let (tilt_sin, tilt_cos) = (0.5 * tilt_deg).to_radians().sin_cos();
@@ -31,7 +31,7 @@ pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     text
 }
 
-/// Adds magnetometer values with north along the forward axis, so that the heading is known.
+/// Adds a magnetic field with north along the forward axis, so that the heading is known.
 fn with_field(text: &str) -> String {
     let with_columns =
         |(index, line): (usize, &str)| format!("{line},{}\n", if index == 0 { "mx,my,mz" } else { "0,20,-40" });
@@ -59,8 +59,8 @@ pub(crate) fn number(scores: &Value, pointer: &str) -> f64 {
     scores.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer} in {scores}"))
 }
 
-/// Asserts that `plumb score` exits with `code`, prints `messages` to standard error and nothing to
-/// standard output.
+/// Asserts that `plumb score` exits with `code`, prints `messages` to standard error, and prints
+/// nothing to standard output.
 pub(crate) fn assert_rejected(folder: &Path, arguments: &[&str], code: i32, messages: &[&str]) {
     let output = score(folder, arguments);
     let stderr = String::from_utf8(output.stderr).unwrap();

@@ -6,7 +6,8 @@ use serde_json::Value;
 
 use super::score::{folder_with, number, score, scores};
 
-/// Returns a recording at rest with a rotating reference, as if the gyro had an unobservable bias.
+/// Returns a recording at rest with a reference that rotates, as if the gyro had an unobservable
+/// bias.
 fn rotating_reference(deg_s: f64) -> String {
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
     for row in 0..3000 {

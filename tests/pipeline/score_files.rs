@@ -83,7 +83,7 @@ fn stages_and_reference_share_one_figure() {
         let svg = text(&format!("sim_s1_duration_s_20.{name}.svg"));
         labels.iter().for_each(|words| assert!(svg.contains(words), "no {words:?} in {name}"));
         assert!(svg.len() < 500_000, "{name}: {} bytes", svg.len());
-        // The first line is solid. The second one is dashed, so it consists of many pieces of one
+        // The first line is solid. The second one is dashed, so it consists of many pieces in one
         // colour.
         let pieces = |color: &str| svg.matches(&format!("stroke=\"{color}\"")).count();
         assert!(pieces("#CC79A7") > 3 * pieces("#0072B2"), "{name}: {} {}", pieces("#CC79A7"), pieces("#0072B2"));

@@ -12,7 +12,8 @@ use serde_json::Value;
 use super::score::{assert_rejected, at_rest, folder_with, number, score, scores};
 use crate::common::{attitudes, data};
 
-/// Returns a recording without a reference, with a gyro bias that the stages estimate differently.
+/// Returns a recording with no reference, and with a gyro bias that the stages estimate
+/// differently.
 fn without_reference() -> String {
     let row = |i: i32| {
         let t_s = f64::from(i) * 0.01;
@@ -32,7 +33,7 @@ fn parsed(page: &str) -> Document<'_> {
     Document::parse_with_options(page, ParsingOptions { allow_dtd: true, ..ParsingOptions::default() }).unwrap()
 }
 
-/// Asserts that the page is self-contained, without external resources, scripts or forms.
+/// Asserts that the page is self-contained: no external resources, scripts or forms.
 fn assert_self_contained(page: &str) {
     let document = parsed(page);
     for node in document.descendants() {

@@ -1,5 +1,4 @@
-//! Steps of the tutorial. A bare IMU on a serial port is calibrated, and its recorded flight is
-//! scored.
+//! Steps of the serial-port tutorial: a bare IMU is calibrated, and its recorded flight is scored.
 use std::{
     fs,
     io::{BufRead, BufReader, Read},
@@ -31,7 +30,7 @@ impl Drop for TerminatedProcess {
     }
 }
 
-/// Simulated unit that moves in a given way.
+/// Simulated unit that moves as specified.
 struct MovingUnit(TerminatedProcess);
 
 impl MovingUnit {
@@ -46,7 +45,7 @@ impl MovingUnit {
 
 /// Returns a system with additional launch settings.
 ///
-/// The unit sends even without a reader, so the drivers process must not be restarted merely
+/// The unit also sends while no process reads, so the drivers process must not be restarted merely
 /// because it is late.
 fn system_with(settings: &str) -> System {
     System::new(&format!("restart.silence_s = 3.0\n{settings}"))
@@ -59,8 +58,8 @@ fn source(port: &Path) -> String {
 
 /// Runs `plumb calibrate` while the unit moves and returns the block for the launch file.
 ///
-/// The motion starts when the calibration has begun to read, so that the first pose is observed in
-/// full.
+/// The motion starts once the calibration has begun to read, so that the first pose is observed
+/// completely.
 fn calibrate(system: &System, port: &Path, kind: &str, motion: &str) -> String {
     let arguments = ["calibrate", kind, "--live", "--for", "40s", "--json", "--system", &system.name];
     let mut command = plumb(&arguments);

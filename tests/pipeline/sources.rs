@@ -1,5 +1,5 @@
-//! Live sources end to end. Bytes in device formats, encoded by other projects if available, become
-//! attitudes, and `plumb doctor` reports device faults.
+//! Live sources end to end. Attitudes are computed from bytes in device formats, which are encoded
+//! by other projects if available. `plumb doctor` reports device faults.
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
@@ -69,8 +69,8 @@ impl Drop for BackgroundTask {
 struct Device(Child);
 
 impl Device {
-    /// Starts the device. Waits until it is ready if it is a server. Returns `None` without a
-    /// suitable Python.
+    /// Starts the device. If the device is a server, waits until it is ready. Returns `None` if no
+    /// suitable Python is available.
     fn start(kind: &str, port: u16, serves: bool) -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/devices.py");
         let mut command = Command::new(python()?);
@@ -114,7 +114,7 @@ fn wait_for_ticks(system: &System, count: u64) {
     wait_for("attitudes", || ticks(system, "course") >= count);
 }
 
-/// Stops the run and asserts that its attitudes are level.
+/// Stops the system and asserts that its attitudes are level.
 fn stop_and_assert_level(running: Running, out: &Path) -> Run {
     running.interrupt();
     let run = running.wait();
@@ -214,7 +214,7 @@ fn xsens_message(n: u64) -> Vec<u8> {
 }
 
 fn rvc_frame(n: u64) -> Vec<u8> {
-    // 0.1° per 10 ms.
+    // The yaw angle advances by 0.1° every 10 ms.
     let yaw = ((10 * n as i64 + 18_000).rem_euclid(36_000) - 18_000) as i16;
     let numbers = [yaw, 0, 0, 0, 0, 1000].map(i16::to_le_bytes).concat();
     let covered = [&[n as u8][..], &numbers, &[0; 3]].concat();
@@ -245,8 +245,8 @@ fn serial_sensors_are_read_with_one_command() {
         drop(task);
         let run = stop_and_assert_level(running, &out);
         assert_eq!(run.number("/lost"), 0.0, "{format}");
-        // Formats without timestamps are paced by sample count, so samples that arrive together are
-        // evenly spaced.
+        // Samples in formats without timestamps are timed by their count, so samples that arrive
+        // together are evenly spaced.
         let attitudes = attitudes(&out);
         let half = &attitudes[attitudes.len() / 2..];
         let longest = half.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
@@ -398,7 +398,7 @@ fn iio_device(root: &Path) -> File {
         ("sampling_frequency", "25"),
         ("in_anglvel_scale", "0.001"),
         ("in_accel_scale", "0.01"),
-        // Mounted upside down.
+        // The device is mounted upside down.
         ("in_mount_matrix", "1, 0, 0; 0, -1, 0; 0, 0, -1"),
     ] {
         write(name, text);

@@ -66,7 +66,8 @@ fn declination_follows_newest_fix_and_survives_restart() {
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");
     let arguments = ["--replay", file.to_str().unwrap(), "--for", "200s", "--speed"];
     let (_magnetic, magnetic) = run_output("", &[&arguments[..], &["max", "--in-process"]].concat());
-    // The position in the launch file is on the other side of the earth, but fixes take precedence.
+    // The position in the launch file is on the other side of the earth, but fixes take precedence
+    // over it.
     let north = launch(&format!("north = \"true\"\ndate = 2026-06-01\n{POSITION}"));
     let (_alone, alone) = run_output(&north, &[&arguments[..], &["max", "--in-process"]].concat());
     let system = System::new(&north);
@@ -86,7 +87,8 @@ fn declination_follows_newest_fix_and_survives_restart() {
     let (magnetic, true_) = (courses(&magnetic), courses(&alone));
     let last = magnetic.iter().zip(&true_).rev().find(|((_, reference), _)| reference == "magnetic").unwrap();
     let rotation_deg = (last.1.0 - last.0.0).to_degrees().rem_euclid(360.0);
-    // 37.96° S, 144.76° E: 11.91° east according to another implementation of the model.
+    // At 37.96° S, 144.76° E, the declination is 11.91° east according to another implementation of
+    // the model.
     assert!((rotation_deg - 11.91).abs() < 0.01 && last.1.1 == "true", "{rotation_deg}");
 }
 
@@ -177,7 +179,7 @@ fn receiver_provides_position_for_declination() {
     });
     echo.kill().unwrap();
     echo.wait().unwrap();
-    // 4.30° east according to another implementation of the model.
+    // The declination is 4.30° east according to another implementation of the model.
     let declination_deg = last["declination_rad"].as_f64().unwrap().to_degrees();
     assert!((declination_deg - 4.30).abs() < 0.01, "{declination_deg}");
     running.interrupt();

@@ -7,12 +7,12 @@ use messages::{FusedState, HASH_START, SensorReading, hash};
 use scenario::{Motion, SensorErrors};
 use serde_json::{Value, json};
 
-/// Rate at which readings are sent, Hz. Their timestamps keep the nominal rate.
+/// Rate at which readings are sent, Hz. Their timestamps correspond to the nominal rate.
 const SEND_RATE_HZ: f64 = 2000.0;
 /// Number of readings in 2 s.
 const START_READINGS: usize = 2 * RATE_HZ as usize;
-/// Standard deviation of a known bias, rad/s. S1 is slow, so the bias is hard to separate from the
-/// scale error.
+/// Standard deviation of a known bias, rad/s. S1 rotates slowly, so the bias is hard to separate
+/// from the scale error.
 const KNOWN_BIAS_SD_RAD_S: f64 = 7e-4;
 /// Gyro bias on each axis, °/s.
 const BIAS_DEG_S: f64 = 0.1;
@@ -49,7 +49,8 @@ fn error_deg_s(bias_rad_s: [f64; 3]) -> f64 {
     bias_rad_s.map(|x| (x.to_degrees() - BIAS_DEG_S).abs()).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns a system fed over the bus. `top` precedes its tables, `below` follows them.
+/// Returns a system fed over the bus. In the launch file, `top` precedes the tables and `below`
+/// follows them.
 fn system(top: &str, below: &str) -> System {
     System::new(&format!("{top}{BUS_LAUNCH}gyro_samples = \"instants\"\n{below}"))
 }
@@ -69,7 +70,7 @@ fn rewrite(file: &PathBuf, body: &Value) {
     fs::write(file, format!("plumbline state 2 {:016x}\n{body}", hash(HASH_START, body.as_bytes()))).unwrap();
 }
 
-/// Returns the largest and the last bias error over the first two seconds in motion, °/s.
+/// Returns the largest and the last bias error during the first two seconds in motion, °/s.
 fn start_errors_deg_s(bench: &Bench) -> (f64, f64) {
     let fused = bench.bus.subscriber::<FusedState>(BUFFER_MESSAGES).unwrap();
     bench.send_at(SEND_RATE_HZ, &readings_in_motion(2), |_| {});
@@ -95,7 +96,7 @@ fn gyro_bias_survives_killed_supervisor_but_not_cold_start() {
     assert!(largest < MAX_WARM_ERROR_DEG_S, "{largest} °/s");
     let (system, run) = bench.stop_in_order();
     assert!(run.line("warm start: gyro bias within ").ends_with(file.to_str().unwrap()), "{}", run.stderr);
-    // The state written on the orderly stop is newer than the state read at the start.
+    // The state written during the orderly stop is newer than the state read at the start.
     assert!(
         error_deg_s(serde_json::from_value(body(&file).unwrap()["prior"]["bias_rad_s"]["mean"].clone()).unwrap())
             < MAX_WARM_ERROR_DEG_S

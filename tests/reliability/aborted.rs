@@ -1,11 +1,11 @@
-//! Failing swaps: the old stage stays in the slot and the output is unchanged.
+//! Failing swaps: the old stage stays in its slot and the output is unchanged.
 use std::{process::Stdio, time::Duration};
 
 use crate::common::{Running, System, children_of, faulty_executable, is_alive, plumb, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Creates a system with a faulty stage in its launch file.
+/// Creates a system that has a faulty stage in its launch file.
 fn system(fault: &str) -> System {
     let stage = format!("[stages.{fault}]\nslot = \"course\"\ncommand = [{:?}, \"{fault}\"]\n", faulty_executable());
     System::with_faults(&format!("[restart]\nsilence_s = 2\n{stage}"))
@@ -29,7 +29,7 @@ fn start_system(system: &System, arguments: &[&str]) -> Running {
     running
 }
 
-/// Requests the swap to a faulty stage and checks that it aborts for this reason.
+/// Requests the swap to a faulty stage and checks that the swap is aborted for this reason.
 ///
 /// The output of the whole run must equal that of an undisturbed run.
 fn assert_aborted(fault: &str, reason: &str) {
@@ -41,7 +41,7 @@ fn assert_aborted(fault: &str, reason: &str) {
     assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
     assert_eq!(stage_in(&system, "course"), "angles");
     wait_for("the candidate to exit", || children_of(running.pid()).len() == 5);
-    // The slot accepts another swap.
+    // The slot still accepts another swap.
     assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     system.stop_and_assert_undisturbed(running, &out, "");
 }
@@ -139,8 +139,8 @@ fn replaced_stage_ignoring_sigterm_is_killed() {
 #[test]
 fn supervisor_killed_during_swap_leaves_nothing() {
     let system = System::new("");
-    // Phases: starting, catching up, shadowing, committing and retiring. The exact phase varies,
-    // and the test must pass in each.
+    // The delays cover the phases starting, catching up, shadowing, committing and retiring. The
+    // exact phase varies, and the test must pass in each.
     for delay_ms in [2, 20, 60, 120, 170, 210, 240, 280, 400] {
         let running = start_system(&system, &[]);
         let mut client = plumb(&["swap", "fuser", "vqf", "--system", &system.name]);
@@ -163,7 +163,7 @@ fn hanging_stage_ends_with_its_supervisor() {
     let mut client = plumb(&["swap", "course", "hangs-when-ready", "--system", &system.name]);
     let mut client = client.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     wait_for("the candidate to start", || children_of(running.pid()).len() == 6);
-    // By then the candidate hangs, but it has not yet been killed for its silence.
+    // After this time the candidate hangs, but it has not yet been killed for its silence.
     std::thread::sleep(Duration::from_millis(250));
     let children = children_of(running.pid());
     assert_eq!(children.len(), 6);

@@ -1,6 +1,6 @@
-//! Permissions: only its own user can access the files of a system.
+//! Permissions: the files of a system are accessible only to the user that runs it.
 //!
-//! Foreign files under the system's name are reported and left alone.
+//! Files that other users create under the system's name are reported and left unchanged.
 use std::{
     fs,
     os::unix::{
@@ -14,10 +14,10 @@ use std::{
 use crate::common::{System, plumb, signal, wait_for};
 use rustix::process::Signal;
 
-/// User id that owns no file of a system.
+/// User id that owns no file of any system.
 const OTHER_USER: u32 = 65534;
 
-/// File or folder that carries the system's name.
+/// File or folder with the system's name in its own name.
 #[derive(Debug)]
 struct FileEntry {
     path: PathBuf,
@@ -69,10 +69,10 @@ fn run_as_other_user(line: &str) -> Option<Output> {
     Some(Command::new("sh").args(["-c", line]).current_dir("/").uid(OTHER_USER).gid(OTHER_USER).output().unwrap())
 }
 
-/// Returns how another user can access the files: read, write, lock, truncate or remove. Empty if
-/// that user has no access.
+/// Returns the kinds of access that another user has to the files: read, write, lock, truncate or
+/// remove. The result is empty if that user has no access.
 ///
-/// The attempts create no file, so that a file just removed by its owner does not count.
+/// The attempts create no file, so a file that its owner has just removed does not count.
 fn access_by_other_user(system: &System) -> String {
     let files: Vec<_> = file_entries(system).iter().map(|one| format!("'{}'", one.path.display())).collect();
     let tries = "test -r $f && echo reads $f; test -w $f && echo writes $f; (flock -n 9) 9< $f && echo locks $f; \
@@ -117,7 +117,7 @@ fn other_user_cannot_prevent_restart() {
         .into_iter()
         .map(|one| one.path)
         .find(|path| path.extension().is_some_and(|it| it == "global_mgmt"));
-    // Writes a version number that iceoryx2 does not know.
+    // The other user writes a version number that iceoryx2 does not know.
     run_as_other_user(&format!(
         "printf '\\377\\377\\377\\377\\377\\377' | dd of={} conv=notrunc",
         segment.unwrap().display()

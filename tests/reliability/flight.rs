@@ -169,7 +169,7 @@ fn killed_recorder_leaves_readable_file() {
         info_report["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "/attitude").unwrap();
     assert_eq!(attitudes["messages"], found["topics"]["/attitude"]["messages"]);
     assert_eq!(info_report["metadata"]["plumbline"]["system"].as_str(), Some(&*system.name));
-    // The system is unaffected.
+    // The system must be unaffected.
     running.interrupt();
     running.wait().assert_complete();
     assert_eq!(system.leftovers(), Vec::<String>::new());
@@ -188,7 +188,7 @@ fn full_disk_ends_recording_with_complete_chunk() {
     fs::create_dir(&disk).unwrap();
     let up = system.command(&["--record", disk.to_str().unwrap(), "--for", "4s"]);
     let up: Vec<_> = [up.get_program()].into_iter().chain(up.get_args()).map(|word| word.to_str().unwrap()).collect();
-    // The mount is visible to these processes only.
+    // The mount is visible only to the processes of this command.
     let script = "mount -t tmpfs -o size=1m full \"$1\" && disk=$1 && shift && result=$1 && shift && \"$@\"; code=$?; cp \"$disk\"/*.mcap \"$result\"; exit $code";
     let mut command = Command::new("unshare");
     command.args(namespace).args(["sh", "-c", script, "sh"]).args([&disk, &result]).args(up);

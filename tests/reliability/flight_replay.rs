@@ -1,4 +1,4 @@
-//! Replays of recorded flights, which yield the same bytes as the flights.
+//! Replays of recorded flights yield the same bytes as the flights.
 //!
 //! The recording contains the readings, the swaps and the initial state.
 use std::{
@@ -43,7 +43,7 @@ impl RecordedFlight {
 
     /// Returns `true` if nothing was lost and the replay does not warn that it may differ.
     ///
-    /// On a machine that stalls for seconds the recorder misses messages and swaps are aborted.
+    /// On a machine that stalls for seconds, the recorder misses messages and swaps are aborted.
     fn is_exact(&self) -> bool {
         let replay = self.replay(&[]);
         let is_inexact = replay.stderr.contains("may differ from the flight");
@@ -62,7 +62,7 @@ impl RecordedFlight {
         Run::from_output(command.output().unwrap())
     }
 
-    /// Replays the flight without its launch file and compares the outputs.
+    /// Replays the flight with no launch file given and compares the outputs.
     fn assert_replay_is_identical(&self) -> Run {
         let folder = tempfile::tempdir().unwrap();
         let replay = folder.path().join("replay.csv");

@@ -15,14 +15,14 @@ use runtime::clock::{monotonic_ns, sleep_until_ns};
 use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 500.0;
-/// Buffer of the topic `sensor`: two seconds, the default of the launch file.
+/// Buffer capacity of the topic `sensor`: two seconds, the launch file's default.
 const BUFFER: usize = 1000;
 const BUS: &str = "[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\ngyro_samples = \"instants\"\n";
-/// Timeout of the watchdog, µs. The watchdog is fed four times per timeout.
+/// Watchdog timeout, µs. The watchdog is fed four times per timeout.
 const WATCHDOG: (&str, &str) = ("WATCHDOG_USEC", "400000");
-/// Time to wait for a message that must not arrive: five times the watchdog's timeout.
+/// Time to wait for a message that must not arrive: five times the watchdog timeout.
 const SILENCE: Duration = Duration::from_secs(2);
-/// Maximum time to wait for a message. It is reached only in a failed test.
+/// Maximum time to wait for a message. It elapses only if a test fails.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Returns the next datagram received by the manager's socket, or `None` after `limit`.
@@ -50,7 +50,8 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, 3);
     let mut count = 0.0;
     for _ in 0..2 {
-        // The watchdog is fed while the sensor publishes, regardless of the speed of the machine.
+        // The watchdog must be fed while the sensor publishes, regardless of the speed of the
+        // machine.
         let mut feeds = 0;
         wait_for("three feeds", || {
             let start_ns = monotonic_ns();
@@ -68,7 +69,7 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
                 .count();
             feeds >= 3
         });
-        // Ticks still in transit may feed the watchdog once.
+        // Ticks that are still in transit may feed the watchdog once more.
         let late = receive(&manager, SILENCE);
         assert!(late.is_none() || receive(&manager, SILENCE).is_none(), "fed without ticks");
         assert_eq!(running.services().len(), 5, "all services are running");

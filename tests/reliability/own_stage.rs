@@ -1,4 +1,4 @@
-//! User-defined stages, as `plumb stage new` writes them: swapped in and out, killed, frozen and
+//! User-defined stages as written by `plumb stage new`: swapped in and out, killed, frozen and
 //! tested.
 use std::{
     fs,
@@ -23,7 +23,7 @@ fn write_stage(name: &str, language: &str, folder: &Path, arguments: &[&str]) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Writes a stage and compiles it if necessary. Returns its command for the launch file.
+/// Writes a stage and compiles it if necessary. Returns its command as written in the launch file.
 fn build_stage(system: &System, name: &str, compiler: &str, slot: &str) -> String {
     let folder = system.path(name);
     let module = name.replace('-', "_");
@@ -59,8 +59,8 @@ fn query(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Swaps the stage of a slot. Retries a swap that was aborted because the machine was too slow,
-/// since such a swap loses nothing.
+/// Swaps the stage of a slot. Repeats a swap that was aborted because the machine was too slow;
+/// such an aborted swap loses nothing.
 fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
         let report = query(system, &["swap", slot, to]);
@@ -129,7 +129,7 @@ fn stage_in_any_language_swaps_without_loss() {
     }
 }
 
-/// Returns the output of 4800 ticks with the stage, and the messages on standard error.
+/// Returns the output of the stage over 4800 ticks, and the messages on standard error.
 fn output_bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (Vec<u8>, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");
@@ -208,12 +208,12 @@ fn external_stage_reports_difference_as_shadow() {
         let text = String::from_utf8(output.stdout).unwrap();
         let last: Value = text.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default();
         println!("{last}");
-        // A shadow that aborts reports the reason and loses no tick.
+        // A shadow that is aborted must report the reason and lose no tick.
         let ended = (&last["outcome"], &last["lost"], &last["duplicated"]) == (&"aborted".into(), &0.into(), &0.into());
         assert!(output.status.success() || ended, "{text}{}", String::from_utf8_lossy(&output.stderr));
         last
     };
-    // Starting a program takes longer on a busy machine.
+    // On a busy machine, the program takes longer to start, so longer shadows are tried in turn.
     let mut shadows = ["3", "10", "30"].into_iter().map(shadowed);
     let difference = shadows.find(|difference| difference["ticks"].as_u64() > Some(50)).unwrap();
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
@@ -258,7 +258,7 @@ fn templates_in_all_languages_score_equally() {
     assert!(list.contains("  my-fuser\n    time_constant_s: 0.01 to 1000 s, default 1. Time constant"), "{list}");
 }
 
-/// Runs `plumb stage test`. Returns whether the stage passed, and the names of the failed checks.
+/// Runs `plumb stage test`. Returns `true` if the stage passed, and the names of the failed checks.
 fn test_stage(name: &str, launch: &Path) -> (bool, Vec<String>) {
     let output = plumb(&["stage", "test", name, "--json", "--launch"]).arg(launch).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
@@ -342,7 +342,7 @@ fn endless_output_is_drained_and_its_end_shown() {
     let out = system.path("out.csv");
     let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let course = || service(&system, "course");
-    // The stage writes more than a pipe holds: 1 MiB at one step and 4 KiB at every other step.
+    // The stage writes more than a pipe can hold: 1 MiB at one step and 4 KiB at every other step.
     wait_for("400 ticks", || course()["ticks"].as_u64() > Some(400));
     let first = course();
     assert_eq!(first["restarts"], 0, "{first}");
@@ -405,8 +405,8 @@ fn program_errors_are_reported() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// Build options. The mathematics is fully optimised, the checks slightly and everything else not
-/// at all.
+/// Build options. The mathematics is fully optimised, the checks are slightly optimised, and
+/// everything else is not optimised.
 const BUILD_OPTIONS: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",

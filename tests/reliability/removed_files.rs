@@ -6,9 +6,9 @@ use std::{fs, path::PathBuf, time::Duration};
 use crate::common::{Running, System, plumb, signal, wait_for};
 use rustix::process::Signal;
 
-/// Returns the files of the system in `/dev/shm` with names ending in `kind`.
+/// Returns the files of the system in `/dev/shm` that have names ending in `kind`.
 ///
-/// An empty `kind` selects all files. The name of the system selects its folder.
+/// An empty `kind` selects all files. The system name as `kind` selects its folder.
 pub(crate) fn files(system: &System, kind: &str) -> Vec<PathBuf> {
     let all = system.leftovers().into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
     all.filter(|path| path.to_str().unwrap().ends_with(kind)).collect()
@@ -125,7 +125,7 @@ fn file_removal_is_reported_and_spares_successor() {
     system.wait_until_running();
     remove(&files(&system, ""));
     std::thread::sleep(Duration::from_millis(2500));
-    // The system is no longer visible, so a user may start it a second time.
+    // The running system is no longer visible, so a user may start it a second time.
     let next = system.start(&[]);
     system.wait_until_running();
     running.interrupt();

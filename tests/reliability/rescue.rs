@@ -9,7 +9,7 @@ use messages::SensorReading;
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Creates a system with a course stage that fails in this way in every incarnation.
+/// Creates a system with a course stage that has this fault in every incarnation.
 fn system_with_failing_stage(buffer: &str, fault: &str, rule: &str) -> System {
     let stage =
         |name: &str| format!("[stages.{name}]\nslot = \"course\"\ncommand = [{:?}, \"{name}\"]\n", faulty_executable());
@@ -64,7 +64,7 @@ fn swap_replaces_retrying_stage_without_loss() {
     println!("{report}");
     assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
     assert_publishes(&system, "course", "angles");
-    // The slot can be swapped as usual afterwards.
+    // The slot can then be swapped as usual.
     assert_eq!(system.swap(&["course", "track"])["outcome"], "committed");
     assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     let run = system.stop_and_assert_undisturbed(running, &out, "");
@@ -78,7 +78,7 @@ fn swap_replaces_failed_stage_and_counts_loss() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     wait_for("the slot to fail", || service_status(&system, "course")["state"] == "failed");
-    // Waits longer than the topic buffers last.
+    // The wait is longer than the topic buffers last.
     std::thread::sleep(Duration::from_secs(4));
     let report = system.swap(&["course", "angles"]);
     println!("{report}");
@@ -145,7 +145,7 @@ fn swap_before_first_tick_waits_for_it() {
     system.wait_until_running();
     system.stop_and_assert_undisturbed(running, &out, "");
 
-    // The source is silent for longer than any timeout of a swap.
+    // The source stays silent for longer than every timeout of a swap.
     let system = System::new("[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 200");
     let running = system.start(&[]);
     wait_for("every service", || system.ps().iter().filter(|one| one["state"] == "ready").count() == 5);

@@ -1,4 +1,4 @@
-//! Services that are killed, freeze or cannot start.
+//! Services that are killed, that freeze or that cannot start.
 //!
 //! Every tick is published once, in order, with the bytes of an undisturbed run.
 use std::{
@@ -10,8 +10,8 @@ use std::{
 use crate::common::{Run, Running, System, copy_program, signal, wait_for};
 use rustix::process::Signal;
 
-/// Runs `launch`, disturbs it, and compares the output with an undisturbed run of the same number
-/// of ticks.
+/// Runs `launch`, disturbs the run, and compares its output with that of an undisturbed run with
+/// the same number of ticks.
 fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
     let system = System::new(launch);
     let out = system.path("out.csv");
@@ -69,8 +69,8 @@ fn service_terminated_from_outside_is_restarted() {
     let services = ["ingest", "gyro", "accel", "fuser", "course"];
     let run = assert_undisturbed("", &[], |running| {
         for service in services {
-            // Does not read /proc during the pause, because reading the entry of a dying process
-            // delays its parent.
+            // Waits without reading /proc, because reading the entry of a dying process delays its
+            // parent.
             pause(600);
             signal(running.service(service), Signal::TERM);
         }
@@ -189,7 +189,7 @@ fn kill_and_freeze_successor(running: &Running, service: &str) -> u32 {
     let killed = running.service(service);
     signal(killed, Signal::KILL);
     let deadline = Instant::now() + Duration::from_secs(60);
-    // Polls without a pause, because the first health message follows within milliseconds.
+    // Polls without pausing, because the first health message follows within milliseconds.
     while Instant::now() < deadline {
         if let Some((_, pid)) = running.services().into_iter().find(|(name, pid)| name == service && *pid != killed) {
             signal(pid, Signal::STOP);
@@ -222,7 +222,7 @@ fn machine_stall_restarts_no_service() {
         for stall_ms in [900, 900, 3000] {
             pause(500);
             let services = running.all_services();
-            // The supervisor resumes first, as can happen after a suspend.
+            // The supervisor resumes first, as can happen when a machine wakes up.
             let pids: Vec<_> = [running.pid()].into_iter().chain(services.iter().map(|(_, pid)| *pid)).collect();
             pids.iter().rev().for_each(|pid| signal(*pid, Signal::STOP));
             pause(stall_ms);
@@ -246,7 +246,7 @@ fn stage_that_cannot_start_yet_is_retried() {
     let system = System::new(&format!("[course]\nstage = \"late\"\n[stages.late]\n{stage}\n[restart]\n{rule}"));
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
-    // The status is also requested during the start.
+    // The status must be available during the start as well.
     wait_for("the third attempt", || system.ps().iter().any(|one| one["restarts"].as_u64() >= Some(2)));
     std::fs::write(marker, "").unwrap();
     system.wait_until_running();

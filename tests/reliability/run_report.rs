@@ -1,4 +1,4 @@
-//! Gaps in the report and the output file are reported, counted and reflected in the exit code.
+//! Gaps in the report and the output file are reported and counted, and change the exit code.
 //!
 //! The attitude itself is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
@@ -23,7 +23,7 @@ fn json(arguments: &[&str], system: &System) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Returns the doctor's check of the report and the output file.
+/// Returns the doctor's check on the report and the output file.
 fn record(system: &System) -> Value {
     let doctor = json(&["doctor", "--seconds", "0.2"], system);
     doctor["checks"].as_array().unwrap().iter().find(|check| check["check"] == "record").unwrap().clone()
@@ -37,7 +37,7 @@ fn ticks_missed_by_frozen_supervisor_are_not_lost() {
     system.wait_until_running();
     assert_eq!(record(&system)["result"], "ok");
     signal(running.pid(), Signal::STOP);
-    // Measures for longer than `buffer_s`.
+    // The measurement is longer than `buffer_s`.
     let rates = json(&["topic", "hz", "attitude", "--seconds", "4"], &system);
     signal(running.pid(), Signal::CONT);
     assert!(rates["messages"].as_u64() > Some(3000), "{rates}");
@@ -111,7 +111,7 @@ fn file_filling_its_disk_ends_with_complete_line() {
     let out = disk.join("out.csv");
     let (up, result) = (system.command(&["--out", out.to_str().unwrap(), "--for", "4s"]), system.path("result.csv"));
     let up: Vec<_> = [up.get_program()].into_iter().chain(up.get_args()).map(|word| word.to_str().unwrap()).collect();
-    // The mount is visible to these processes only.
+    // The mount is visible only to the processes of this command.
     let script = "mount -t tmpfs -o size=100k full \"$1\" && shift && out=$1 && shift && result=$1 && shift && \"$@\"; code=$?; cp \"$out\" \"$result\"; exit $code";
     let mut command = Command::new("unshare");
     command.args(namespace).args(["sh", "-c", script, "sh"]);

@@ -12,7 +12,7 @@ fn ps(system: &System) -> Vec<Value> {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// Returns the stage in the slot.
+/// Returns the name of the stage in the slot.
 fn stage_in(system: &System, slot: &str) -> String {
     let mut stage = None;
     // After a stall the machine may not respond immediately.

@@ -38,7 +38,8 @@ fn watch_promotes_close_stage_only() {
 
 #[test]
 fn watch_rolls_back_diverging_stage() {
-    // A coarse integrator agrees at first and diverges from the exact one while the body tumbles.
+    // The coarse integrator agrees with the exact one at first and diverges from it while the body
+    // tumbles.
     let text = "[ingest.sim]\nscenario = \"tumble\"\n[[watch]]\nslot = \"gyro\"\nstage = \"euler\"\nmeasure = \"angle\"\n\
                 promote_below_deg = 1\npromote_after_s = 0.2\nrollback_above_deg = 1.01\nrollback_after_s = 0.1\n";
     let system = System::new(text);

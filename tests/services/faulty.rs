@@ -1,8 +1,8 @@
-//! `plumb` with a course service and an external course stage that have faults.
+//! `plumb` with a faulty course service and a faulty external course stage.
 //!
-//! If the course slot of a system has the stage `command = [FAULTY, FAULT]`, the service itself has
-//! that fault. With `command = [FAULTY, "hosted", FAULT]`, a correct service hosts a program with
-//! the fault.
+//! If the launch file sets `command = [FAULTY, FAULT]` for the stage of the course slot, the course
+//! service itself has that fault. With `command = [FAULTY, "hosted", FAULT]`, a correct service
+//! hosts a program that has the fault.
 #![allow(clippy::unwrap_used, reason = "a test executable may panic")]
 
 use std::{io::Write, process::ExitCode, rc::Rc, time::Duration};
@@ -27,7 +27,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Runs the external stage, which is correct until its hundredth step.
+/// Runs the external stage, which works correctly until its hundredth step.
 fn hosted(fault: &str) -> ExitCode {
     let stage = Course::from_name("angles").unwrap();
     sdk::course(Program { stage, fault: fault.into(), steps: 0 })
@@ -66,7 +66,7 @@ fn service() {
     }
 }
 
-/// Stage `angles` with a fault.
+/// Stage `angles` with a fault added.
 #[derive(Clone)]
 struct Program {
     stage: Course,
@@ -173,7 +173,7 @@ impl Slot for Faulty {
 }
 
 impl Faulty {
-    /// Sleeps when a decision names this incarnation as the owner.
+    /// Sleeps once a decision names this incarnation as the owner.
     fn sleep_when_decided(&mut self) {
         let (mut named, incarnation) = (false, self.incarnation);
         self.control.drain(64, |control| named |= control.owner == incarnation).unwrap();
@@ -183,7 +183,7 @@ impl Faulty {
     }
 }
 
-/// `FusedState` as a different version of the software could define it.
+/// `FusedState` as another version of the software might define it.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct OtherState {

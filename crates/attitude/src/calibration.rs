@@ -21,7 +21,8 @@ use crate::{Matrix3, Quaternion, Vector3, angles::Angles, state::Attitude};
 /// decimals.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
-/// Minimum volume spanned by the rows of a calibration matrix after normalisation.
+/// Minimum volume spanned by the normalised rows of a calibration matrix. Below it, the rows count
+/// as dependent.
 const MIN_VOLUME: f64 = 1e-3;
 
 /// Bias, scale and misalignment of one three-axis sensor: out = M (raw − bias).
@@ -184,7 +185,8 @@ impl Mounting {
     ///
     /// Both are unit quaternions that convert own axes to the reference frame.
     ///
-    /// v_ref = q v_sensor q* and v_body = M v_sensor, so q_body = q m*, with m the quaternion of M.
+    /// Because v_ref = q v_sensor q* and v_body = M v_sensor, q_body = q m*, with m the quaternion
+    /// of M.
     pub fn attitude(&self, sensor: Quaternion<f64>) -> Quaternion<f64> {
         if self.matrix == Matrix3::identity() {
             return sensor;

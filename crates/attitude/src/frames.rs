@@ -8,9 +8,9 @@
 //! test vectors.
 //!
 //! External axes are obtained from the native axes by one of three permutations, which are the same
-//! for body and reference: the identity; (second, −first, third); (second, first, −third). The
-//! first two differ by a
-//! quarter turn about the third axis, the first and the last by a half turn about (1, 1, 0).
+//! for body and reference: the identity; (second, −first, third); (second, first, −third). Relative
+//! to the identity, the middle one is a quarter turn about the third axis and the last one a half
+//! turn about (1, 1, 0).
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
@@ -165,7 +165,7 @@ impl Body {
         }
     }
 
-    /// Converts a native rotation of the body, w x y z, to these axes.
+    /// Converts a native body rotation, given as a quaternion w x y z, to these axes.
     pub fn rotation(self, native: [f64; 4]) -> [f64; 4] {
         let [w, x, y, z] = native;
         let [x, y, z] = self.vector([x, y, z]);
@@ -247,10 +247,10 @@ fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
     names.iter().find(|(_, other)| *other == one).map_or("", |(name, _)| name)
 }
 
-/// Rotation b with v_external = b v_native b* for forward, left, up: a quarter turn about the third
-/// axis.
+/// Quaternion b with v_external = b v_native b* for the axes forward, left, up: a quarter turn
+/// about the third axis.
 const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
-/// Rotation b for forward, right, down: a half turn about (1, 1, 0).
+/// Quaternion b for the axes forward, right, down: a half turn about (1, 1, 0).
 const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 

@@ -5,7 +5,7 @@
 //!
 //! Output: the attitude after the step.
 //!
-//! Failure: both integrators drift, which the comparison demonstrates.
+//! Failure: both integrators drift, which is what the comparison shows.
 
 use crate::{Complex, Vector3, point::Point, state::Attitude};
 
@@ -20,8 +20,8 @@ pub fn derivative(attitude: Attitude, rate_rad_s: Vector3<f64>) -> (Complex<f64>
     (Complex::new(u_dot, v_dot), rate.z + u * rate.x + v * rate.y)
 }
 
-/// Integrates one step by Euler's method. It is a first-order method: the error of the result is of
-/// the order of dt.
+/// Integrates one step by Euler's method, a first-order method: the global error is of the order of
+/// dt.
 pub fn euler(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> Attitude {
     advanced(attitude, derivative(attitude, rate_rad_s), dt_s).normalised()
 }

@@ -12,10 +12,10 @@
 //! # Conventions
 //!
 //! Reference frame (ξ0, η0, ζ0): right-handed, ζ0 up. Body frame (ξ, η, ζ): ξ right, η forward, ζ
-//! up. SI units, radians, seconds. Rates are those of the body relative to the reference frame, in
-//! body axes. An accelerometer measures specific force: at rest it points up with |f| = g. A
-//! quaternion q converts body to reference axes, v_ref = q v_body q*; the matrix A converts
-//! reference to body axes.
+//! up. Units are SI units, with angles in radians. Rates are those of the body relative to the
+//! reference frame, in body axes. An accelerometer measures specific force: at rest it points up
+//! with |f| = g. A quaternion q converts body to reference axes, v_ref = q v_body q*; the matrix A
+//! converts reference to body axes.
 //!
 //! Equation numbers (1)–(28) are those of Matveev et al., parameters (w, z) in strapdown attitude
 //! systems, *Devices and Methods of Measurements* 16(3), 2025, 202–211 ("Matveev 2025").

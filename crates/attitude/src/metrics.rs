@@ -69,9 +69,10 @@ pub struct AngleError {
 }
 
 impl AngleError {
-    /// Returns the error of an estimate, or `None` if either nose is within 1° of the vertical.
+    /// Returns the error of an estimate, or `None` if the nose is within 1° of the vertical in the
+    /// estimate or in the truth.
     ///
-    /// Yaw, roll and course are meaningless there.
+    /// Near the vertical, yaw, roll and course are meaningless.
     pub fn between(estimate: Angles, course_rad: f64, truth: Angles) -> Option<Self> {
         let wrapped_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
         let is_vertical = [estimate, truth].iter().any(|angles| libm::fabs(angles.pitch_rad) > GIMBAL_RAD);
@@ -152,10 +153,10 @@ mod tests {
             (Quaternion::new(s, 0.0, 0.0, s), [90.0, 90.0, 0.0]),
             (Quaternion::new(0.0, 1.0, 0.0, 0.0), [180.0, 0.0, 180.0]),
             (Quaternion::new(0.0, 0.0, 0.0, 1.0), [180.0, 180.0, 0.0]),
-            // acos ½ = 60°: a third of a revolution about the space diagonal; heading 2 atan 1,
-            // inclination 2 acos √½.
+            // acos ½ = 60°: a third of a revolution about the space diagonal. The heading error is
+            // 2 atan 1, the inclination error 2 acos √½.
             (Quaternion::new(0.5, 0.5, 0.5, 0.5), [120.0, 90.0, 90.0]),
-            // 3-4-5: total 2 acos 0.8, all of it about ξ0.
+            // A 3-4-5 triangle: the total error is 2 acos 0.8, all of it about ξ0.
             (
                 Quaternion::new(0.8, 0.6, 0.0, 0.0),
                 [2.0 * 0.8f64.acos().to_degrees(), 0.0, 2.0 * 0.6f64.asin().to_degrees()],

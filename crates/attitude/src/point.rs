@@ -83,9 +83,9 @@ impl Point {
 
     /// Returns the coordinate w of this direction in `chart`.
     ///
-    /// The pole of a chart is at infinity, but sums of points need a finite substitute in the same
-    /// direction. If the direction is stored in the other chart, |w| is therefore limited to
-    /// `max_modulus`.
+    /// The pole of a chart lies at infinity, but sums of points need a finite substitute in the
+    /// same direction. |w| is therefore limited to `max_modulus` if the direction is stored in the
+    /// other chart.
     pub fn w_in_chart(self, chart: Chart, max_modulus: f64) -> Complex<f64> {
         if self.chart == chart {
             return self.w;

@@ -49,10 +49,10 @@ impl Rotation {
         Self { p: self.p * next.p - self.s * next.s.conj(), s: self.p * next.s + self.s * next.p.conj() }
     }
 
-    /// Subtracts a small rotation that is spread over this one.
+    /// Subtracts a small rotation that is spread evenly over this one.
     ///
-    /// The small rotation is given as half its rotation vector h, rad, body axes. Computes δ − ½ (δ
-    /// h + h δ), which is exact to θ² |h|/3 in a rotation by 2θ. The result does not have unit
+    /// The small rotation is given as half its rotation vector h, rad, body axes. The result is δ −
+    /// ½ (δ h + h δ), which is exact to θ² |h|/3 if this rotation is by 2θ. It does not have unit
     /// length, which a Möbius map does not need.
     #[inline]
     pub(crate) fn minus_half_angle(self, half_rad: Vector3<f64>) -> Self {
@@ -64,7 +64,7 @@ impl Rotation {
     }
 
     /// Subtracts a small fraction of this rotation about each body axis. The result does not have
-    /// unit length.
+    /// unit length, which a Möbius map does not need.
     #[inline]
     pub(crate) fn minus_fraction(self, fraction: Vector3<f64>) -> Self {
         Self {
@@ -98,8 +98,8 @@ impl Scalars for Rotation {
     }
 }
 
-/// Returns cos x and sin x / x for x². Uses series as long as they are exact to the last bit. An
-/// infinite x yields no rotation.
+/// Returns cos x and sin x / x for a given x². Uses series as long as they are exact to the last
+/// bit. An infinite x yields the values of no rotation.
 #[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {

@@ -16,11 +16,10 @@ use crate::{
     scalars::Scalars,
 };
 
-/// Maximum |w|², above which the chart changes.
+/// Value of |w|² above which the chart changes.
 ///
-/// The modulus of 1.2 provides hysteresis, so that attitudes near the equator do not switch charts
-/// back and forth.
-/// forth.
+/// The corresponding modulus of 1.2, instead of 1, provides hysteresis, so that attitudes near the
+/// equator do not switch charts back and forth.
 const MAX_CHART_NORM_SQUARED: f64 = 1.44;
 
 /// Attitude of a body: a rotation z about the vertical, then the shortest rotation that tilts the
@@ -82,7 +81,7 @@ impl Attitude {
         }
     }
 
-    /// Returns the unit quaternion body → reference. Its sign carries no meaning.
+    /// Returns the unit quaternion body → reference. Its sign has no meaning.
     pub fn quaternion(self) -> Quaternion<f64> {
         let (sin, cos) = libm::sincos(0.5 * self.z_rad);
         let first = Complex::new(cos, sin) / libm::sqrt(1.0 + self.up.w.norm_sqr());
@@ -193,8 +192,8 @@ impl Attitude {
     pub fn realigned(self, up: Point) -> AttitudeUpdate {
         let direction = up.direction();
         let vertical = 1.0 + direction.dot(&self.up.direction());
-        // For an exactly inverted level the shortest rotation is not unique: any horizontal axis
-        // will do.
+        // For an exactly inverted level the shortest rotation is not unique, so the choice of the
+        // horizontal axis is arbitrary.
         let tilt = if vertical > 1e-9 { self.horizontal(direction) / vertical } else { Complex::new(1e9, 0.0) };
         self.tilted(tilt)
     }
@@ -282,7 +281,8 @@ fn double_arg(m: Complex<f64>) -> f64 {
     2.0 * arg(m)
 }
 
-/// Returns arg m, rad, (−π, π]. Small angles, as within one sample, use a series.
+/// Returns arg m, rad, (−π, π]. For small angles, such as those within one sample, a series is
+/// used.
 #[inline]
 pub(crate) fn arg(m: Complex<f64>) -> f64 {
     let t = m.im / m.re;

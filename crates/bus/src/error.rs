@@ -50,21 +50,21 @@ pub enum BusError {
         doing: &'static str,
         /// File or folder.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The system is not running.
     #[error("joining the system {name:?}: it is not running; start it with `plumb up`")]
     NotRunning {
-        /// Name of the system.
+        /// System name.
         name: String,
     },
-    /// The system is running, but its files were removed, so that no process can join.
+    /// The system is running, but its files were removed, so no process can join.
     #[error(
         "joining the system {name:?}: its files were removed while it is running (processes {pids:?}); it recovers by itself when a service ends or is swapped"
     )]
     FilesRemoved {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Processes of the system.
         pids: Vec<u32>,
@@ -85,19 +85,19 @@ pub enum BusError {
         SHARED_MEMORY_REMEDY
     )]
     SharedMemory {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Required memory.
         needed: Mib,
         /// Available memory.
         memory: SharedMemory,
     },
-    /// The iceoryx2 node could not be created or listed.
+    /// iceoryx2 could not create a node or list the existing ones.
     #[error("joining the bus of {name:?}: {cause}")]
     Node {
-        /// Name of the system.
+        /// System name.
         name: String,
-        /// Error of iceoryx2.
+        /// iceoryx2 error.
         cause: String,
     },
     /// The system has the maximum number of observers.
@@ -106,15 +106,15 @@ pub enum BusError {
         crate::MAX_OBSERVERS
     )]
     TooManyObservers {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Observing processes of this user.
         pids: Vec<u32>,
     },
-    /// A process was killed while it created a segment, so that the segment cannot be opened.
+    /// A process was killed while creating a segment, so the segment cannot be opened.
     #[error("observing the system {name:?}: {path} is incomplete because its creator was killed; restart the system")]
     IncompleteSegment {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Incomplete segment.
         path: PathBuf,
@@ -122,7 +122,7 @@ pub enum BusError {
     /// The topic has no publisher and no subscriber.
     #[error("opening the topic `{topic}`: no service of the system has opened it")]
     TopicNotOpen {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
     },
     /// The topic was created with another payload layout, by a different version of the program.
@@ -130,11 +130,11 @@ pub enum BusError {
         "opening the topic `{topic}`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     )]
     LayoutMismatch {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
-        /// Layout of this program.
+        /// Layout that this program expects.
         here: String,
-        /// Layout of the creator of the topic.
+        /// Layout with which the topic was created.
         there: String,
     },
     /// The topic was created with a smaller buffer.
@@ -142,7 +142,7 @@ pub enum BusError {
         "opening the topic `{topic}`: it was created with a buffer of {there} messages per subscriber, but {here} are requested; every publisher and subscriber of a path topic must request buffer_s x rate_hz of the launch file, rounded up, and at least 256"
     )]
     BufferMismatch {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
         /// Number of messages requested.
         here: usize,
@@ -152,25 +152,25 @@ pub enum BusError {
     /// The topic could not be opened.
     #[error("opening the topic `{topic}`: {cause}")]
     Topic {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
-        /// Error of iceoryx2.
+        /// iceoryx2 error.
         cause: String,
     },
     /// A message could not be sent.
     #[error("publishing on the topic `{topic}`: {cause}")]
     Send {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
-        /// Error of iceoryx2.
+        /// iceoryx2 error.
         cause: String,
     },
     /// A message could not be received.
     #[error("reading the topic `{topic}`: {cause}")]
     Receive {
-        /// Name of the topic.
+        /// Topic name.
         topic: &'static str,
-        /// Error of iceoryx2.
+        /// iceoryx2 error.
         cause: String,
     },
 }

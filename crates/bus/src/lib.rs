@@ -9,8 +9,8 @@
 //! Failure: a publisher never blocks on a subscriber. If a subscriber is too slow, its oldest
 //! messages are overwritten, which shows as a gap in the ticks.
 //!
-//! Data is transported by iceoryx2, which no other crate uses directly. The events of iceoryx2 cost
-//! as much as sending a message and can lose a wake-up, so each topic has a futex word in shared
+//! Data is transported by iceoryx2, which no other crate uses directly. An iceoryx2 event costs as
+//! much as sending a message and can be lost, so wake-ups use a futex word per topic in shared
 //! memory instead.
 
 mod bootstrap;

@@ -29,8 +29,8 @@ pub const OPEN_FILES_REMEDY: &str =
 /// Advice for freeing or adding shared memory.
 pub const SHARED_MEMORY_REMEDY: &str =
     "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
-/// Spare open files below which a failure is attributed to the open-file limit. By then, the failed
-/// operation has closed the files that it had opened.
+/// Spare open files below which a failure is attributed to the open-file limit. The threshold is
+/// above zero because the failed operation has closed the files that it had opened.
 const MIN_SPARE_FILES: u64 = 16;
 /// Free shared memory below which a failure is attributed to a lack of memory, bytes.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
@@ -110,7 +110,8 @@ pub fn report_memory_exhaustion() {
     drop(registered);
 }
 
-/// Describes an iceoryx2 error. If files or memory are short, this is given as the likely cause.
+/// Describes an iceoryx2 error. If open files or shared memory are running out, the description
+/// names that as the likely cause.
 pub(crate) fn describe_cause(cause: &dyn fmt::Debug) -> String {
     let open = fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count() as u64);
     let allowed = getrlimit(Resource::Nofile).current.filter(|allowed| open + MIN_SPARE_FILES > *allowed);

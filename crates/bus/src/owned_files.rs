@@ -28,7 +28,7 @@ const GROUP_AND_OTHERS: u32 = 0o077;
 /// Opens a file for reading and writing. With `create` it is created if missing.
 pub(crate) fn open_file(path: &Path, create: bool) -> Result<File, BusError> {
     let create = if create { OFlags::CREATE } else { OFlags::empty() };
-    // Does not block if the path is a named pipe.
+    // `NONBLOCK` prevents `open` from blocking if the path is a named pipe.
     let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC | create;
     match open(path, flags, Mode::RUSR | Mode::WUSR) {
         Ok(opened) => {
@@ -38,7 +38,8 @@ pub(crate) fn open_file(path: &Path, create: bool) -> Result<File, BusError> {
         }
         Err(Errno::NOENT) => Err(failed("opening", path, Errno::NOENT.into())),
         Err(cause) => {
-            // The kind and owner of the existing file explain more than the error of `open`.
+            // The kind and owner of the existing file explain the failure better than the error
+            // from `open`.
             let found = fs::symlink_metadata(path).map_err(|cause| failed("inspecting", path, cause))?;
             check_access(path, &found, "file", found.is_file())?;
             Err(failed("opening", path, cause.into()))

@@ -1,8 +1,8 @@
 //! Untyped ports of a topic, which send and receive bytes.
 //!
-//! Every payload passes through iceoryx2 as a byte slice of fixed length. Therefore the code of
-//! iceoryx2 is compiled once, in this crate, and not for every payload type in every service. The
-//! attributes of the topic describe the layout of the bytes.
+//! Every payload passes through iceoryx2 as a byte slice of fixed length. Therefore iceoryx2's
+//! generic code is compiled once, in this crate, instead of for every payload type in every
+//! service. The topic's attributes describe the layout of the bytes.
 
 use std::fmt;
 
@@ -144,7 +144,8 @@ impl BusTopic {
     }
 }
 
-/// Publishing port for bytes. As a trait object, it keeps iceoryx2's drop code in this crate.
+/// Publishing port for bytes. It is a trait object so that iceoryx2's drop code stays in this
+/// crate.
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
     fn send(&self, message: &[u8]) -> Result<(), BusError>;
@@ -152,7 +153,8 @@ pub(crate) trait OutPort: fmt::Debug {
     fn deliver_history(&self) -> Result<(), BusError>;
 }
 
-/// Subscribing port for bytes. As a trait object, it keeps iceoryx2's drop code in this crate.
+/// Subscribing port for bytes. It is a trait object so that iceoryx2's drop code stays in this
+/// crate.
 pub(crate) trait InPort: fmt::Debug {
     /// Passes the oldest unread message to `handle`. Returns `false` if there was no such message.
     fn receive(&self, handle: &mut dyn FnMut(&[u8])) -> Result<bool, BusError>;

@@ -11,8 +11,8 @@ use std::{
 
 use crate::{BusError, SystemName, shared_state::SharedState};
 
-/// Timeout for other services to exit before leftovers of a killed owner are removed. A hanging
-/// service is killed after one second.
+/// Timeout for other services to exit before leftovers of a killed owner are removed. It is longer
+/// than the one second after which a hanging service is killed.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Shared state of the system, and the lock that marks this process as a member.
@@ -22,7 +22,7 @@ pub(crate) struct ProcessLease {
     run: u64,
     members_lock: Option<File>,
     system_name: SystemName,
-    /// Process that owned the name when this process joined.
+    /// Process ID of the owner at the time when this process joined.
     owner_pid: u32,
     /// Set when this process is notified that the owner has died.
     pub(crate) owner_exited: Arc<AtomicBool>,
@@ -48,8 +48,8 @@ impl ProcessLease {
     fn is_orphaned(&self) -> bool {
         self.owner_exited.load(Ordering::SeqCst) || {
             let stat = fs::read_to_string(format!("/proc/{}/stat", self.owner_pid)).unwrap_or_default();
-            // In this file the state follows the process name in parentheses, which may contain any
-            // character.
+            // In this file the process state follows the process name, which is in parentheses and
+            // may contain any character.
             let state = stat.rsplit_once(')').and_then(|(_, after)| after.trim_start().chars().next());
             self.owner_pid != 0 && matches!(state, None | Some('Z'))
         }
@@ -62,7 +62,8 @@ impl Drop for ProcessLease {
     fn drop(&mut self) {
         self.members_lock = None;
         if self.is_orphaned() {
-            // An error means that another process is removing the files or has claimed the name.
+            // An error means that another process is already removing the files or has claimed the
+            // name.
             drop(self.system_name.claim_orphaned(MEMBERS_EXIT_TIMEOUT));
         }
     }

@@ -1,4 +1,4 @@
-//! Detects whether files of a running system were removed, so that new processes cannot join.
+//! Detects removed files of a running system. Once a file is missing, new processes cannot join.
 
 use std::{
     fs,
@@ -19,7 +19,8 @@ impl SystemName {
             let open = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
             open.filter_map(|fd| self.removed_target(&fd.path())).next()
         };
-        // A file that is just being cleaned up has been closed by the second check.
+        // A file that was open only because it is being cleaned up has been closed by the second
+        // check.
         pids.iter().find_map(find)?;
         std::thread::sleep(POLL_INTERVAL);
         pids.iter().find_map(find)
@@ -31,7 +32,7 @@ impl SystemName {
         let is_of_system = path.starts_with(self.root())
             || path.to_str()?.strip_prefix(self.root().to_str()?).is_some_and(|rest| rest.starts_with('.'));
         let is_permanent = match path.extension()?.to_str()? {
-            // A connection file is removed as soon as one of its two ports is closed.
+            // Normal: a connection file is removed as soon as one of its two ports is closed.
             "connection" => false,
             // The data file of a publisher is removed with the publisher, but subscribers keep it
             // open for a while.

@@ -1,9 +1,9 @@
 //! Session of a process that is not part of the system, bound to one run of it.
 //!
 //! Such a process creates no topic and holds locks only briefly, so that it delays neither the
-//! system nor the next run if it is killed or stopped. The names of its resources on the bus are
-//! specific to one run. Once another run has started, those names belong to the new run, and the
-//! process leaves the resources alone.
+//! system nor the next run if it is killed or stopped. Each run reuses the same resource names on
+//! the bus. Once another run has started, the names belong to that run, so the process leaves the
+//! resources alone.
 
 use std::{cell::RefCell, fs::File, mem, sync::Arc};
 

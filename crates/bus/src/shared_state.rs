@@ -27,7 +27,7 @@ pub(crate) struct WakeWord {
     pub(crate) next_tick: AtomicU64,
     /// Number of messages sent on a topic with flow control, which has a single subscriber.
     pub(crate) sent: AtomicU64,
-    /// Number of messages consumed by that subscriber.
+    /// Number of messages consumed by the single subscriber of a topic with flow control.
     pub(crate) consumed: AtomicU64,
 }
 

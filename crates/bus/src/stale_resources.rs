@@ -22,13 +22,13 @@ use crate::{
 /// Files of one system and their state.
 #[derive(Debug)]
 pub struct StaleResources {
-    /// Name of the system.
+    /// System name.
     pub system_name: SystemName,
     /// Liveness of the system.
     pub liveness: SystemLiveness,
     /// All files and folders of the system.
     pub files: Vec<PathBuf>,
-    /// Killed processes that are still registered on its bus.
+    /// Killed processes that are still registered on the system's bus.
     pub dead: Vec<Port>,
     /// Segment left incomplete by a killed process. Opening the segment's topic would block
     /// forever.
@@ -40,17 +40,17 @@ pub struct StaleResources {
 pub enum SystemLiveness {
     /// The system runs under a supervisor.
     Running {
-        /// Process of the supervisor; 0 if not recorded yet.
+        /// Process ID of the supervisor; 0 if not recorded yet.
         pid: u32,
     },
-    /// The system is running, but its files were removed, so that no process can join.
+    /// The system is running, but its files were removed, so no process can join.
     Unreachable {
-        /// Processes of the system.
+        /// Process IDs of the system.
         pids: Vec<u32>,
     },
     /// The supervisor has ended, but other processes of the system have not.
     Lingering {
-        /// Remaining processes.
+        /// Process IDs of the remaining processes.
         pids: Vec<u32>,
     },
     /// No process is left.
@@ -167,8 +167,8 @@ impl SystemName {
         own.map(|entry| entry.path()).chain(folder).collect()
     }
 
-    /// Returns a segment without a size, if any, because its creator was killed too early. Opening
-    /// such a segment would block forever.
+    /// Returns a segment that has no size because its creator was killed too early, if there is
+    /// one. Opening such a segment would block forever.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
         let is_empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
@@ -185,7 +185,7 @@ impl SystemName {
     }
 }
 
-/// Returns the processes of this user that have `file` open.
+/// Returns the IDs of this user's processes that have `file` open.
 fn pids_with_open(file: &Path) -> Vec<u32> {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());

@@ -19,7 +19,7 @@ use crate::{
 
 /// Folder that contains the segments and folders of all systems.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// Prefix of the names of these segments and folders. The name of the system follows.
+/// Prefix of the names of these segments and folders, followed by the system name.
 pub(crate) const NAME_PREFIX: &str = "plumbline.";
 /// Timeout for the services of a previous owner to exit.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -87,8 +87,8 @@ impl SystemName {
     fn acquire(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
         self.files().iter().try_for_each(|path| owned_files::check_owner(path))?;
         let deadline = Instant::now() + OWNER_EXIT_TIMEOUT;
-        // An owner removes this file when it ends. If the file was locked after that, it is stale,
-        // and the loop opens the new one.
+        // An owner removes this file when it ends. If that happened before the file was locked
+        // here, the locked file is stale, and the next iteration opens the new one.
         for _ in 0..1000 {
             let file = self.open_shared_state(create)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
@@ -108,8 +108,8 @@ impl SystemName {
             let is_new = file.metadata().is_ok_and(|metadata| metadata.len() == 0);
             let result = self.take_over(&file, members_limit);
             if result.is_err() && is_new {
-                // The file was created just now, so there are no files of an earlier run that need
-                // it.
+                // The file was created just now, so it does not belong to an earlier run and can be
+                // removed.
                 let _ = fs::remove_file(self.shared_state_path());
             }
             return result.map(|members_lock| (Claim { system_name: self.clone(), lock: file }, members_lock));
@@ -129,7 +129,7 @@ impl SystemName {
         Ok(members_lock)
     }
 
-    /// Returns the process that owns the name, if any; 0 if the owner has not recorded it yet.
+    /// Returns the process ID of the name's owner, if any; 0 if the owner has not recorded it yet.
     pub fn owner_pid(&self) -> Result<Option<u32>, BusError> {
         let file = match self.open_shared_state(false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -265,8 +265,8 @@ impl SystemName {
     fn remove_files(&self) {
         let kept = [self.shared_state_path(), self.members_path(), self.root()];
         for path in self.files().iter().filter(|path| !kept.contains(path)) {
-            // A file that cannot be removed belongs to another user. The error appears when it is
-            // created again.
+            // A file that cannot be removed belongs to another user. The error is reported when the
+            // file is created again.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());
@@ -289,7 +289,8 @@ impl Claim {
 
     /// Releases the name and claims it again after the files were removed.
     ///
-    /// Only the next tick of each topic is kept. No process may have a resource of the bus open.
+    /// Only the next tick of each topic is kept. The caller must ensure that no process has a bus
+    /// resource open.
     ///
     /// # Errors
     ///
@@ -324,7 +325,7 @@ impl Drop for Claim {
     }
 }
 
-/// Returns `true` if the open file is the one that exists at the path.
+/// Returns `true` if the open file is the one that now exists at `path`.
 fn is_same_file(file: &File, path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
 }

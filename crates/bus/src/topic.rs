@@ -69,10 +69,10 @@ impl Bus {
         self.lease.state.wake_all();
     }
 
-    /// Returns the flag to set when the owner of the name has died.
+    /// Returns the flag that this process sets when it is notified of the owner's death.
     ///
-    /// Children of the owner are notified before its death is visible in `/proc`. If the flag is
-    /// set, the last process to leave removes the system's files.
+    /// The flag is needed because children of the owner are notified before its death is visible in
+    /// `/proc`. If the flag is set, the last process to leave removes the system's files.
     pub fn owner_exited(&self) -> Arc<AtomicBool> {
         self.lease.owner_exited.clone()
     }
@@ -160,7 +160,8 @@ impl<M: Message> Publisher<M> {
         self.waker.unconsumed()
     }
 
-    /// Marks all messages sent by a dead predecessor as consumed, so that nothing waits for them.
+    /// Marks all messages sent by a dead predecessor as consumed, so that no publisher waits for
+    /// their consumption.
     pub fn mark_all_consumed(&self) {
         self.waker.mark_all_consumed();
     }
@@ -220,8 +221,8 @@ impl<M: Message> Subscriber<M> {
         self.waker.next_tick()
     }
 
-    /// Waits for a message, at most for `limit`. Returns immediately if one was published since the
-    /// last [`drain`](Self::drain) began or the last wait ended.
+    /// Waits up to `limit` for a message. Returns immediately if one was published since the last
+    /// [`drain`](Self::drain) began or the last wait ended.
     pub fn wait(&self, limit: Duration) -> WaitOutcome {
         let outcome = self.waker.wait(self.observed.get(), limit);
         self.observed.set(self.waker.current());

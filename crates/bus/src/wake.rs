@@ -85,7 +85,7 @@ impl TopicWaker {
         self.word().wake_count.load(SeqCst)
     }
 
-    /// Sleeps while the word equals `seen`, for `limit` at most.
+    /// Sleeps while the word equals `seen`, for at most `limit`.
     pub(crate) fn wait(&self, seen: u32, limit: Duration) -> WaitOutcome {
         let word = self.word();
         word.waiting.store(1, SeqCst);

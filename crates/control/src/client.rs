@@ -24,7 +24,7 @@ pub enum ControlError {
     Open {
         /// Path of the socket.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The system is not running.
@@ -32,9 +32,9 @@ pub enum ControlError {
         "contacting the system {name:?}: it is not running ({cause}); start it with `plumb up`, or select another one with --system"
     )]
     NotRunning {
-        /// Name of the system.
+        /// System name.
         name: String,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The supervisor did not respond in time.
@@ -42,7 +42,7 @@ pub enum ControlError {
         "contacting the system {name:?}: its supervisor has not responded for {timeout_s:.0} s; it may be frozen or the machine overloaded; check with `plumb doctor`"
     )]
     Timeout {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Elapsed timeout, s.
         timeout_s: f64,
@@ -50,7 +50,7 @@ pub enum ControlError {
     /// The request failed.
     #[error("contacting the system {name:?}: {cause}")]
     Failed {
-        /// Name of the system.
+        /// System name.
         name: String,
         /// Cause of the failure.
         cause: String,

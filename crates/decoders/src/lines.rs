@@ -17,11 +17,11 @@
 //! | `t` | time: UNIX time if later than 2001-09-09, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set |
 //! | others | ignored |
 //!
-//! If no names are given, lines of 7 or 10 numbers are `t,gx,gy,gz,ax,ay,az` and, with three more,
-//! `mx,my,mz`.
+//! If no names are given, lines of 7 numbers are read as `t,gx,gy,gz,ax,ay,az`, and lines of 10
+//! numbers have `mx,my,mz` in addition.
 //!
-//! The first line of a stream may lack its beginning. It is used only if it is a header or if
-//! [`LineSettings::starts_at_line_start`] is set, else it is skipped.
+//! The first line of a stream may be incomplete. It is used only if it is a header or if
+//! [`LineSettings::starts_at_line_start`] is set, otherwise it is skipped.
 //!
 //! Limits: there is no checksum. A line with a non-text byte, an invalid number or the wrong number
 //! of fields is rejected as a whole, but a corrupted digit remains undetected.
@@ -69,11 +69,11 @@ pub struct LineSettings {
     pub mapping: Mapping,
     /// Column names in order, or `None` if a line of the stream names them.
     pub columns: Option<Vec<String>>,
-    /// Number of bits of a time that is a wrapping counter, 1 to 63: 32 for `micros()` on an
-    /// Arduino.
+    /// Width of the time in bits, 1 to 63, if the time is a wrapping counter: 32 for `micros()` on
+    /// an Arduino. `None` if the time does not wrap.
     pub time_bits: Option<u8>,
-    /// `true` if the stream begins at the start of a line, like the output of a program or a
-    /// datagram. A serial port may be opened in the middle of a line.
+    /// `true` if the stream begins at the start of a line, as a datagram or a program's output
+    /// does. A serial port, in contrast, may be opened in the middle of a line.
     pub starts_at_line_start: bool,
 }
 
@@ -274,8 +274,8 @@ struct ColumnIndices {
 }
 
 impl ColumnIndices {
-    /// Finds the mapped columns among `names`. Returns the first mandatory target that is missing
-    /// as an error.
+    /// Finds the mapped columns among `names`. If a mandatory target is missing, returns the first
+    /// one as the error.
     fn find(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
         let index_of = |target: &'static str| -> Result<usize, &'static str> {
             let column = mapping.column(target).unwrap_or(target);

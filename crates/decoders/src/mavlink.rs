@@ -13,7 +13,8 @@
 //! system is decoded: the selected one, or the first that sends a usable message.
 //!
 //! Axes: forward, right, down is converted to right, forward, up, and north, east, down to east,
-//! north, up. No mounting is needed, because the autopilot has already compensated for its own.
+//! north, up. No mounting is needed, because the autopilot has already compensated for its own
+//! mounting.
 //!
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
@@ -65,13 +66,13 @@ pub struct Mavlink {
 /// Selection of system and messages. Unset parts are selected automatically.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MavlinkSettings {
-    /// System to decode, or `None` for the first that sends a usable message.
+    /// System to decode; `None` selects the first one that sends a usable message.
     pub system_id: Option<u8>,
-    /// Message with rate and force, or `None` for the first that arrives.
+    /// Message to take rate and force from; `None` selects whichever arrives first.
     pub imu: Option<ImuMessage>,
-    /// Message with the velocity.
+    /// Message to take the velocity from.
     pub fix: FixMessage,
-    /// Units of RAW_IMU, or `None` to ignore the message.
+    /// Units of RAW_IMU; `None` ignores the message.
     pub raw_scale: Option<RawScale>,
 }
 
@@ -98,7 +99,7 @@ pub enum FixMessage {
     GpsRawInt,
     /// GLOBAL_POSITION_INT: velocity estimated by the autopilot.
     GlobalPositionInt,
-    /// Velocities are not decoded.
+    /// No message: velocities are not decoded.
     Disabled,
 }
 
@@ -328,7 +329,7 @@ fn global_position(message: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
     Some(Measurement { time: Some(since_boot(message.time_boot_ms)), value })
 }
 
-/// Converts latitude and longitude in 1e-7° and altitude in mm.
+/// Creates a position from latitude and longitude in 1e-7° and altitude in mm.
 fn position(latitude: i32, longitude: i32, altitude_mm: i32) -> Position {
     let degrees = |angle: i32| f64::from(angle) / 1e7;
     Position::from_degrees(degrees(latitude), degrees(longitude), f64::from(altitude_mm) / 1000.0)
@@ -338,7 +339,8 @@ fn since_boot(ms: u32) -> DeviceTime {
     DeviceTime::SinceBoot { now_ns: u64::from(ms) * 1_000_000 }
 }
 
-/// Returns the timestamp of `time_usec`, or `None` for 0, which means that the device has no clock.
+/// Returns the timestamp given by `time_usec`, or `None` for 0, which means that the device has no
+/// clock.
 fn timestamp(us: u64) -> Option<DeviceTime> {
     let now_ns = us.checked_mul(1000).filter(|ns| *ns > 0)?;
     Some(if us >= MIN_UNIX_TIME_US { DeviceTime::Unix { now_ns } } else { DeviceTime::SinceBoot { now_ns } })

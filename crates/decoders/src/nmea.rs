@@ -124,7 +124,8 @@ impl<'a> Fields<'a> {
         )
     }
 
-    /// Returns the signed angle of `dddmm.mm` and the hemisphere letter in the next field, degrees.
+    /// Returns the signed angle in degrees, given as `dddmm.mm` and a hemisphere letter in the next
+    /// field.
     fn degrees(&self, index: usize, positive: &str, negative: &str) -> Option<f64> {
         let packed = decimal(self.nth(index))?;
         let degrees = (packed / 100.0).floor();
@@ -143,7 +144,7 @@ fn decimal(text: &str) -> Option<f64> {
     text.parse().ok().filter(|_| is_plain)
 }
 
-/// Returns the timestamp of `ddmmyy` and `hhmmss.sss`.
+/// Returns the timestamp given by a date `ddmmyy` and a time `hhmmss.sss`.
 fn unix_time(date: &str, time: &str) -> Option<DeviceTime> {
     let pair = |text: &str, at: usize| -> Option<u32> {
         let pair = text.get(at..at + 2).filter(|pair| pair.bytes().all(|byte| byte.is_ascii_digit()))?;

@@ -9,8 +9,8 @@
 //! - `lat`, `lon`, `hMSL` give the position unless marked invalid.
 //! - Date and time give the UNIX time if both are valid.
 //!
-//! There is no fix without `gnssFixOK`. Other frames are counted. NMEA and RTCM between the frames
-//! count as skipped bytes.
+//! A message yields a fix only if `gnssFixOK` is set. Other frames are counted. NMEA and RTCM
+//! between the frames count as skipped bytes.
 
 use ublox::{
     GnssFixType, UbxProtocol,
@@ -30,12 +30,14 @@ const SYNC_1: u8 = 0xb5;
 const SYNC_2: u8 = 0x62;
 const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 2;
-/// Maximum length of a payload. The longest regular ones are raw measurements of a hundred signals.
+/// Maximum length of a payload. It exceeds the longest regular payloads, raw measurements of a
+/// hundred signals.
 const MAX_PAYLOAD_BYTES: usize = 4096;
 const CLASS_NAV: u8 = 0x01;
 const ID_PVT: u8 = 0x07;
-/// Lengths of a NAV-PVT payload before and since u-blox 8. Any other length is a transmission
-/// error, and waiting for its end would delay the next fixes.
+/// Lengths of a NAV-PVT payload before and since u-blox 8. A frame with any other length is
+/// rejected immediately, because the length is corrupted and waiting for the end of the frame would
+/// delay the next fixes.
 const PVT_LENGTHS_BYTES: [usize; 2] = [84, 92];
 
 /// UBX format. It has no settings.
@@ -103,7 +105,8 @@ fn unix_time(pvt: &NavPvtRef<'_>) -> Option<DeviceTime> {
     }
     let date = chrono::NaiveDate::from_ymd_opt(pvt.year().into(), pvt.month().into(), pvt.day().into())?;
     let midnight_s = date.and_hms_opt(0, 0, 0)?.and_utc().timestamp();
-    // The seconds may be 60 in a leap second, and the nanoseconds may be negative.
+    // The time is computed arithmetically, because the seconds may be 60 in a leap second and the
+    // nanoseconds may be negative.
     let now_s = midnight_s + (i64::from(pvt.hour()) * 60 + i64::from(pvt.min())) * 60 + i64::from(pvt.sec());
     let now_ns = now_s.checked_mul(1_000_000_000)?.checked_add(pvt.nanosec().into())?;
     Some(DeviceTime::Unix { now_ns: u64::try_from(now_ns).ok()? })

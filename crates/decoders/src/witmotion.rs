@@ -121,8 +121,8 @@ impl Format for WitMotion {
     }
 }
 
-/// Returns the timestamp of the device's calendar, or `None` if date or time are invalid. The year
-/// counts from 2000.
+/// Returns the timestamp given by the device's calendar, or `None` if the date or the time is
+/// invalid. The year counts from 2000.
 fn unix_time(&[year, month, day, hour, minute, second, low, high]: &[u8; 8]) -> Option<DeviceTime> {
     let date = chrono::NaiveDate::from_ymd_opt(2000 + i32::from(year), month.into(), day.into())?;
     let milli = u32::from(u16::from_le_bytes([low, high]));

@@ -1,9 +1,9 @@
 //! Xsens MTi on a serial line: MTData2.
 //!
 //! A message consists of 0xFA, 0xFF, 0x36, the length (one byte, or 0xFF and two bytes), packets,
-//! and a checksum byte that makes the sum of all bytes but the first zero (MT Low Level
-//! Communication Protocol). The low bits of a packet identifier give the number format: float32,
-//! fixed point 12.20 or 16.32, double.
+//! and a checksum byte. The checksum is chosen so that the sum of all bytes except the first is 0
+//! modulo 256 (MT Low Level Communication Protocol). The low bits of a packet identifier give the
+//! number format: float32, fixed point 12.20 or 16.32, double.
 //!
 //! | packet | content | result |
 //! | --- | --- | --- |
@@ -19,7 +19,7 @@
 //!
 //! Limits: a message with only a rate or only a force yields no IMU measurement. Increments
 //! (0x8030, 0x4010) are not decoded. With its 8-bit checksum one of 256 corrupted messages is
-//! accepted if its packets still fit.
+//! accepted if its packets are still well-formed.
 
 use crate::{
     DeviceTime, Measurement, Value,
@@ -53,8 +53,8 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device with a magnetometer unit of `field_ut` µT. [`FIELD_UT`] is
-    /// the default.
+    /// Creates the format of a device with a magnetometer unit of `field_ut` µT, by default
+    /// [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

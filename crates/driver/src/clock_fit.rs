@@ -5,13 +5,13 @@
 //! wrapping counter, time since boot, or UNIX time). If a device has a known rate but no
 //! timestamps, its samples are counted instead.
 //!
-//! Output: the time of the measurement on the host's clock. Its distance from the previous one
+//! Output: the time of the measurement on the host's clock. The interval between two results
 //! differs from the device's interval by at most a tenth.
 //!
 //! Time: supplied by the caller.
 //!
-//! Failure: restarts of the device, and jumps and backward steps of its clock, are followed and
-//! counted.
+//! Failure: the conversion adapts to device restarts and to jumps and backward steps of the
+//! device's clock, and counts them.
 //!
 //! The host's time is modelled as a linear function of the device's time, fitted by least squares
 //! to the newest points (device, host). Samples arrive with a varying delay, so the result is late
@@ -22,9 +22,10 @@ use std::collections::VecDeque;
 
 /// Maximum number of points that the line is fitted to.
 const MAX_POINTS: usize = 512;
-/// Minimum interval between two points, ns. It makes the points span several seconds at any rate.
+/// Minimum interval between two points, ns. It ensures that the points span several seconds at any
+/// rate.
 const MIN_POINT_INTERVAL_NS: i64 = 10_000_000;
-/// Minimum span of the points for an estimate of the slope, ns.
+/// Minimum span of the points above which the slope is estimated, ns.
 pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 /// Maximum relative clock drift. No oscillator is worse.
 const MAX_CLOCK_DRIFT: f64 = 0.02;
@@ -109,8 +110,8 @@ impl ClockFit {
     /// Creates a fit for a device that sends samples, possibly without timestamps, at about
     /// `rate_hz`.
     ///
-    /// The number of such samples serves as the device's clock. The true rate may be 0.5 to 1.5
-    /// times `rate_hz`.
+    /// If the samples have no timestamps, their count serves as the device's clock. The true rate
+    /// may be 0.5 to 1.5 times `rate_hz`.
     pub fn with_rate(rate_hz: f64) -> Self {
         Self { interval_ns: Some((1e9 / rate_hz) as u64).filter(|interval_ns| *interval_ns > 0), ..Self::default() }
     }
@@ -158,7 +159,7 @@ impl ClockFit {
         self.record(LastSample { stamp, is_counted, point }, t_ns)
     }
 
-    /// Restarts the fit at the next sample, because samples before it may be missing.
+    /// Restarts the fit at the next sample, because samples may have been lost before it.
     pub fn mark_gap(&mut self) {
         self.last = None;
     }

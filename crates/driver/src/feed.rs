@@ -48,7 +48,8 @@ impl<M: Message> Feed<M> {
                 self.feeder = Some(feeder);
                 Ok(())
             }
-            // The running system continues with the files it has open, and so does this connection.
+            // The running system continues to use the files it has open, and so does this
+            // connection.
             Err(BusError::FilesRemoved { .. }) if self.feeder.is_some() => Ok(()),
             Err(error) => {
                 self.feeder = None;

@@ -68,8 +68,8 @@ impl Sensor {
         self.0.send(&SensorReading { t_sensor_ns: t_ns, rate_rad_s, force_m_s2, field_ut })
     }
 
-    /// Returns the number of readings that the topic buffers for ingest. When it is full, the
-    /// oldest reading is overwritten.
+    /// Returns the number of readings that the topic buffers for ingest. When the topic is full,
+    /// the oldest reading is overwritten.
     pub fn capacity(&self) -> usize {
         self.0.capacity()
     }

@@ -32,7 +32,7 @@ pub enum HostError {
     Start {
         /// Command line of the program.
         program: String,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The program exited.
@@ -65,7 +65,7 @@ pub enum HostError {
         /// Error in the response.
         cause: String,
     },
-    /// The stage could not be cloned, or the original had failed.
+    /// The stage could not be cloned, or the original had already failed.
     #[error("{0}")]
     CloneFailed(String),
 }
@@ -91,7 +91,8 @@ impl Child {
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
         let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
-        // Standard output is for the user. Standard input is the socket and carries only frames.
+        // Standard output goes to the user through the host's standard error. Standard input is the
+        // socket and carries only frames.
         let stdout = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
         command.stdin(child_socket).stdout(stdout).stderr(Stdio::inherit());
         // The program has its own process group, so that Ctrl-C reaches only the host.

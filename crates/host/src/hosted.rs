@@ -49,7 +49,8 @@ pub struct HostedStage<B> {
     settings: Vec<(usize, f64)>,
     /// Number of values in the program's state.
     state_len: usize,
-    /// `None` if the process could not be started or if this is a clone of a failed stage.
+    /// Process of the program; `None` if it could not be started or if this is a clone of a failed
+    /// stage.
     child: RefCell<Option<Child>>,
     failure: OnceCell<HostError>,
     slot: PhantomData<fn() -> B>,

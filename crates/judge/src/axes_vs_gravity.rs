@@ -1,20 +1,19 @@
 //! Check of the gyro's axes and unit against the rotation of gravity.
 //!
-//! Rotated back by the integrated rate, the force keeps its mean direction, because only gravity
-//! has a non-zero mean. Over windows in which the force rotates in body axes, the spread about that
-//! mean is compared between the unchanged rate and every other choice of axes and unit: all signed
-//! permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
-//! permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
+//! When the force is rotated back by the integrated rate, its mean keeps its direction, because
+//! only gravity has a non-zero mean. Over windows in which the force rotates in body axes, the
+//! spread about that mean is compared between the unchanged rate and every other choice of axes and
+//! unit: all signed permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
 
 use attitude::{Matrix3, Vector3};
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Length of an integration step, s. For two seconds, 250 Hz is as accurate as 8 kHz, at a
-/// thirtieth of the cost.
+/// Length of an integration step, s. Over a window of two seconds, 250 Hz is as accurate as 8 kHz,
+/// at a thirtieth of the cost.
 const STEP_S: f64 = 0.004;
-/// Longest sample interval that is integrated, s. The slowest sensors that can keep an attitude
-/// sample at 10 Hz.
+/// Longest sample interval that is integrated, s. It admits 10 Hz, the lowest rate at which an
+/// attitude can still be tracked.
 const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
@@ -25,17 +24,18 @@ const MIN_SPREAD: f64 = 0.04;
 /// their boundary.
 const MIN_WINDOWS: u32 = 3;
 /// Largest residual of the best hypothesis, as a share of the spread in body axes. A larger
-/// residual means that accelerations caused the spread, not rotation. With few windows the limit is
-/// lower, as if one of them carried no information.
+/// residual means that the spread was caused by accelerations, not by rotation. If there are few
+/// windows the limit is lower, as if one of them carried no information.
 const MAX_RESIDUAL: f64 = 0.5;
-/// Minimum ratio of the unchanged rate's residual to the best one. The best of 144 hypotheses is
-/// always slightly better than the true one.
+/// Minimum ratio of the unchanged rate's residual to the best one. It is above 1, because the best
+/// of 144 hypotheses always fits slightly better than the true one.
 const MIN_RESIDUAL_RATIO: f64 = 1.5;
-/// Minimum amount by which the unchanged rate's residual also exceeds the best one. If both
-/// residuals are near zero, neither hypothesis is wrong.
+/// Minimum amount by which the unchanged rate's residual must exceed [`MIN_RESIDUAL_RATIO`] times
+/// the best one. It prevents a diagnosis if both residuals are near zero, because then neither
+/// hypothesis is wrong.
 const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
 /// Factor in the limit `TIE_RATIO` · best residual + `TIE_DIFFERENCE`. Hypotheses with a residual
-/// below this limit count as equally good. Motion about few axes leaves several of them.
+/// below this limit count as equally good. Several remain if the body rotates about few axes.
 const TIE_RATIO: f64 = 1.15;
 /// Offset in the limit given at [`TIE_RATIO`].
 const TIE_DIFFERENCE: f64 = 0.01;

@@ -19,7 +19,7 @@ const MIN_RUNS: u32 = 3;
 pub(crate) struct AxisMonitor {
     quantity: &'static str,
     sensor: &'static str,
-    /// Lower bound of the measuring ranges of all such sensors.
+    /// Lower bound of the measuring ranges of all sensors of this kind.
     min_range: f64,
     last: Option<[f64; 3]>,
     samples: u64,

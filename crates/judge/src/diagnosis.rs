@@ -141,7 +141,7 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
             let remedy = "`--units ms` or `--units us` of `plumb import`; a driver on the bus sends t_sensor_ns in ns, increasing with each reading";
             vec![cause("constant timestamps, or timestamps in another unit", remedy)]
         }
-        // Intervals of sensors with 20 Hz to 1.7 kHz, in ms.
+        // Intervals in ms of sensors that sample at 20 Hz to 1.7 kHz.
         0.6..50.0 => vec![
             cause("times in ms, read as s", import("ms")),
             cause("times in µs, read as ms", import("us")),
@@ -181,16 +181,16 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
     );
     let in_g = cause("forces in g", unit_remedy("accel", GRAVITY_M_S2, "g"));
     let (issue, causes) = match (median, per_g) {
-        // A value near 1 at rest means g, with an allowance for scale errors. With motion the range
-        // is wider, but motion without gravity also reaches it.
+        // A value near 1 at rest means that the unit is g. The range allows for scale errors. In
+        // motion a wider range is needed, but a force without gravity can also fall into it.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
-        // Below the long-term force on any body near the Earth.
+        // Less than the long-term mean force on any body near the Earth.
         (_, ..0.5) => (
             InputIssue::GravityRemoved,
             vec![gravity_removed, cause("a wrong scale", scale_remedy("accel", per_g.recip()))],
         ),
-        // A factor of 9.8, with an allowance for scale errors.
+        // Too large by a factor of 9.8, with an allowance for scale errors.
         (_, 8.0..12.0) => {
             (InputIssue::ForceUnit, vec![cause("m/s² read as g", unit_remedy("accel", GRAVITY_M_S2.recip(), "m/s2"))])
         }

@@ -37,13 +37,13 @@ use magnitude::MagnitudeCheck;
 use orientation::OrientationCheck;
 use rate_unit::RateUnitCheck;
 
-/// Interval between two evaluations, s of the samples' time. Equal to the longest window.
+/// Interval between two evaluations, s of the samples' time. It equals the longest window.
 const EVALUATION_INTERVAL_S: f64 = 2.0;
 /// Minimum number of samples for an evaluation, in total and since the previous one. The 10 %
 /// quantile needs that many.
 const MIN_EVALUATION_SAMPLES: u64 = 100;
-/// Minimum number of samples before the first evaluation. With times in a wrong unit, a few samples
-/// appear to span seconds.
+/// Minimum number of samples before the first evaluation. It is needed because a few samples appear
+/// to span seconds if their times are in a wrong unit.
 const MIN_INITIAL_SAMPLES: u64 = 200;
 /// Amount of usable motion after which the check ends, s: thirty windows, ten times what a
 /// diagnosis needs.
@@ -52,13 +52,14 @@ const SUFFICIENT_MOTION_S: f64 = 60.0;
 const MAX_SPAN_S: f64 = 120.0;
 /// Number of samples after which the check ends, whatever their times: one minute at 8 kHz.
 const MAX_SAMPLES: u64 = 500_000;
-/// Largest component that is checked. Its square and products of squares stay finite.
+/// Largest component that is checked. Its square and the products of such squares stay finite.
 const SQUARE_SAFE_MAX: f64 = 1e9;
-/// Minimum number of clipped rates for a diagnosis. Throwing the body causes a few.
+/// Minimum number of clipped rates for a diagnosis. Throwing the body causes only a few.
 const MIN_CLIPPED_RATES: u64 = 50;
 /// Minimum number of invalid rates for a diagnosis. A spike on the wire causes only one.
 const MIN_IMPLAUSIBLE_RATES: u64 = 5;
-/// Minimum number of timestamp faults for a diagnosis. A start or restart of a device causes one.
+/// Minimum number of timestamp faults for a diagnosis. A start or restart of a device causes only
+/// one.
 const MIN_TIMESTAMP_FAULTS: u64 = 3;
 /// Lower bound of gyro measuring ranges, rad/s. The smallest usual range is 125 °/s.
 const MIN_RATE_RANGE_RAD_S: f64 = 2.0;

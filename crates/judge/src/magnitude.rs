@@ -9,17 +9,18 @@ use crate::{
 };
 
 /// Plausible median force, g. Steep turns reach 2 to 3 g for half a minute, and no crewed or winged
-/// vehicle sustains 5 g. Confusing g and m/s² gives a factor of 9.8.
+/// vehicle sustains 5 g. Confusing g and m/s² changes the force by a factor of 9.8, which takes it
+/// out of the range.
 const PLAUSIBLE_FORCE_G: std::ops::Range<f64> = 0.5..5.0;
 /// Plausible median field, µT. The Earth's field is 22 to 67 µT. Uncalibrated vehicle iron can
 /// remove two thirds of it or add three times as much.
 const PLAUSIBLE_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 /// Plausible median sample interval, s. Inertial sensors sample at 1.7 Hz to 50 kHz. If ms are read
-/// as s, the interval is out of range for any sensor below 1.7 kHz; if µs are read as s, for every
-/// sensor.
+/// as s, the interval is out of this range for any sensor below 1.7 kHz; if µs are read as s, it is
+/// out of range for every sensor.
 const PLAUSIBLE_INTERVAL_S: std::ops::Range<f64> = 20e-6..0.6;
 /// Ratio of the 90 % to the 10 % quantile of the force above which the body is shaken. At rest the
-/// two quantiles agree within a tenth.
+/// two quantiles differ by less than a tenth.
 const SHAKEN_RATIO: f64 = 3.0;
 /// Bounds of the 10 % and 90 % quantiles relative to the median for a steady force: a body at rest
 /// or carried, without strong motion.
@@ -29,11 +30,12 @@ const STEADY_RATIOS: [f64; 2] = [0.7, 1.5];
 const MIN_SHAKEN_SPAN_S: f64 = 5.0;
 /// Minimum number of values for a quantile: five of them are below the 10 % quantile.
 const MIN_COUNT: u64 = 50;
-/// Reciprocal of the share of clock leaps above which the unit of time is wrong. A smaller share
-/// indicates single faults.
+/// Factor that sets the share of clock leaps above which the unit of time is wrong: one in
+/// `LEAP_FACTOR` samples. A smaller share indicates single faults.
 const LEAP_FACTOR: u64 = 2;
 /// Minimum number of rejected field samples for a diagnosis, and also their minimum ratio to the
-/// accepted ones. In nT all samples exceed the limit, while a magnet affects only some.
+/// accepted ones. If the fields are in nT, all samples exceed the limit, while a magnet affects
+/// only some.
 const MIN_REJECTED_FIELDS: u64 = 10;
 
 /// Quantiles of interval, force and field.
@@ -95,7 +97,7 @@ impl MagnitudeCheck {
 const BINS_PER_DECADE: f64 = 50.0;
 /// Decimal exponent of the lowest bin: 0.1 ns.
 const MIN_EXPONENT: f64 = -10.0;
-/// Number of decades, up to [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX) and one more.
+/// Number of decades: up to [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX), plus one.
 const DECADES: usize = 20;
 
 /// Quantiles of positive numbers with a resolution of 5 %, from logarithmic bins.

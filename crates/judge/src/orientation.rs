@@ -5,8 +5,8 @@ use attitude::Vector3;
 
 use crate::diagnosis::{self, Diagnosis};
 
-/// Maximum rate at which the orientation is checked, rad/s. Above it, any vehicle may be upside
-/// down in a roll or a loop.
+/// Maximum rate at which the orientation is checked, rad/s. At higher rates, any vehicle may be
+/// upside down in a roll or a loop.
 const MAX_RATE_RAD_S: f64 = 1.0;
 /// Cosine of the angle between force and body up below which the body is upside down. It
 /// corresponds to 120°, beyond the tilt of a body on its side.
@@ -14,8 +14,8 @@ const UPSIDE_DOWN_COSINE: f64 = -0.5;
 /// Largest relative deviation of |f| from its mean for the force to count as gravity. It
 /// corresponds to a turn at 25° bank.
 const GRAVITY_TOLERANCE: f64 = 0.1;
-/// Weight of each sample in the running mean of |f|, for a time constant of 1 s at 100 Hz. It does
-/// not depend on the unit.
+/// Weight of each sample in the running mean of |f|, for a time constant of 1 s at 100 Hz. A weight
+/// per sample does not depend on the unit of time.
 const SMOOTHING: f64 = 0.01;
 /// Minimum observation time for a diagnosis, s. In aerobatics a vehicle is upside down for less
 /// time.

@@ -114,7 +114,8 @@ impl AccessList {
     pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
         let mut list = Self::deny_all();
         let mut rules = reader_rules(ANONYMOUS);
-        // Between peers, a query is sent only to peers that have declared a queryable.
+        // Without this rule no query would arrive, because between peers a query is sent only to
+        // peers that have declared a queryable.
         rules.push(allow(format!("{ANONYMOUS} see queryables"), "egress", &["declare_queryable"], QUERYABLE_KEYS));
         if exports {
             let carry = [format!("plumbline/v1/{vehicle}/@carry")];
@@ -148,7 +149,8 @@ impl AccessList {
     fn add_parties<'a>(&mut self, id: &str, parties: impl IntoIterator<Item = &'a Party>, rules: Vec<Rule>) {
         let cert_common_names: Vec<_> = parties.into_iter().map(Party::to_string).collect();
         if !cert_common_names.is_empty() {
-            // A common name is proven only on a TLS link, and every QUIC link uses TLS.
+            // The subjects are restricted to QUIC, because a common name is proven only on a TLS
+            // link, and every QUIC link uses TLS.
             self.add_subject(id, cert_common_names, "quic", rules);
         }
     }
@@ -162,13 +164,13 @@ impl AccessList {
 
     /// Returns the access list as JSON, which is also valid JSON5.
     pub fn to_json(&self) -> String {
-        // Strings and lists always serialise.
+        // Serialising strings and lists cannot fail.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 }
 
-/// Returns the rules of a vehicle. It publishes and replies below its own name, and receives
-/// commands and queries for its own data.
+/// Returns the rules of a vehicle. The vehicle publishes and replies below its own name, and
+/// receives commands and queries for its own data.
 fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     let own = format!("plumbline/v1/{}", vehicle.name());
     let id = |what: &str| format!("{vehicle} {what}");

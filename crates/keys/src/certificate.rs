@@ -72,8 +72,8 @@ impl Authority {
         &self.certificate
     }
 
-    /// Issues a client certificate to a party. With `hosts` it is also a server certificate for
-    /// these hosts.
+    /// Issues a client certificate to a party. If `hosts` is not empty, it is also a server
+    /// certificate for these hosts.
     ///
     /// # Errors
     ///

@@ -350,7 +350,7 @@ fn read(path: &Path) -> Result<String, KeysError> {
 fn write(path: &Path, text: &str, mode: u32) -> Result<(), KeysError> {
     let failed = |cause| KeysError::Io { action: "write", path: path.into(), cause };
     let temporary = path.with_extension("new");
-    // A file left by an interrupted write may have a different mode.
+    // A file left by an interrupted write may have a different mode, so it is removed first.
     remove(&temporary)?;
     let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(&temporary).map_err(failed)?;
     file.set_permissions(fs::Permissions::from_mode(mode)).map_err(failed)?;

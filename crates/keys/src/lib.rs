@@ -154,7 +154,7 @@ pub enum KeysError {
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
 }

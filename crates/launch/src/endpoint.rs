@@ -18,7 +18,7 @@ const MIN_PREFIX_BITS: u32 = 8;
 pub(crate) fn endpoints(section: &mut Section<'_, '_>, out: &mut Gateway) {
     let tunnels = tunnels(section);
     let security = |access| Security { tls: section.has("tls"), access, tunnels: &tunnels };
-    // Only the listening side enforces the access list.
+    // Only the listening side enforces the access list, so the connecting side does not need one.
     let [listen_security, connect_security] = [security(section.has("access")), security(true)];
     read(section, "listen", &listen_security, &mut out.listen);
     read(section, "connect", &connect_security, &mut out.connect);

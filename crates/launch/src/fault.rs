@@ -77,7 +77,7 @@ pub enum FaultKind {
         /// Delay, s.
         delay_s: f64,
     },
-    /// Randomly selected values are output.
+    /// Only randomly selected values are output.
     Intermittent {
         /// Share of values that are output, 0 to 1.
         share: f64,

@@ -63,9 +63,9 @@ pub struct WitMotion {
 pub struct Autopilot {
     /// MAVLink system ID. 0 selects the first system received.
     pub system: u64,
-    /// Message with rate and force. `None` selects the first one received.
+    /// Message to take rate and force from. `None` takes whichever arrives first.
     pub imu: Option<ImuMessage>,
-    /// Message with the velocity. `None` to ignore fixes.
+    /// Message to take the velocity from. `None` to ignore fixes.
     pub fix: Option<FixMessage>,
 }
 

@@ -18,7 +18,7 @@ pub struct Gateway {
     /// Maximum message rate of a topic, Hz. A faster topic is sent with several samples per
     /// message, and a slower one without delay.
     pub messages_hz: f64,
-    /// Rate at which each topic is sent, by its name. Topics without an entry are not sent.
+    /// Rate at which each topic is sent, by topic name. Topics without an entry are not sent.
     pub rates: BTreeMap<String, TopicRate>,
     /// Topics for slots on other hosts. Every tick is sent, and is sent again to hosts that missed
     /// it.
@@ -36,9 +36,9 @@ pub struct Gateway {
 /// Rate at which a topic is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum TopicRate {
-    /// Every sample.
+    /// Every sample is sent.
     All,
-    /// Samples per second in the source's time, Hz.
+    /// This many samples are sent per second of the source's time, Hz.
     Hz(f64),
 }
 

@@ -65,7 +65,7 @@ pub enum Port {
 pub struct PortSource {
     /// Port, or `None` if not set.
     pub port: Option<Port>,
-    /// Settings of the stream.
+    /// Port, or `None` if it is not set.
     pub stream: Stream,
 }
 
@@ -88,7 +88,7 @@ pub struct IioDevice {
 /// Satellite receiver used in addition to the source.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReceiverSource {
-    /// Port, or `None` without a receiver.
+    /// Port, or `None` if there is no receiver.
     pub port: Option<Port>,
     /// Format of the bytes.
     pub format: ReceiverFormat,

@@ -43,7 +43,7 @@ pub struct Date {
 }
 
 impl Date {
-    /// Creates a date, or returns `None` if it does not exist or is outside [`MODEL_YEARS`].
+    /// Creates a date. Returns `None` if there is no such date or it is outside [`MODEL_YEARS`].
     pub fn new(year: u16, month: u8, day: u8) -> Option<Self> {
         let is_leap_year = year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
         let days = match month {

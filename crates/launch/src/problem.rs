@@ -14,7 +14,7 @@ pub enum LaunchError {
     Unreadable {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The file contains invalid entries.

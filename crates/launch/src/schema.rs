@@ -164,7 +164,7 @@ fn require_complete_path(section: &mut Section<'_, '_>, services: &[Service]) {
 }
 
 /// Reports a `[gateway]` section that has no effect because the gateway service is not started. If
-/// `services` is set, a missing gateway is intended.
+/// `services` is set, the omission is intended and not reported.
 fn require_gateway_service(section: &mut Section<'_, '_>) {
     if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
         let started = Service::LISTED.map(Service::name);

@@ -11,12 +11,12 @@ use crate::{
     toml_reader::Section,
 };
 
-/// Maximum number of ticks kept for disconnected hosts, which take about 100 MB.
+/// Maximum number of ticks kept for disconnected hosts. This many ticks take about 100 MB.
 pub const MAX_CACHE_TICKS: usize = 262_144;
 
 impl Launch {
-    /// Returns `true` if the service runs here and processes every tick. When upstream services
-    /// restart, they must then resend the ticks that it needs.
+    /// Returns `true` if the service runs here and processes every tick. Upstream services that
+    /// restart must resend the ticks that such a service needs.
     pub fn consumes_ticks(&self, service: Service) -> bool {
         self.services.contains(&service)
             && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())

@@ -22,7 +22,7 @@ pub(crate) fn is_port_open(endpoints: &Endpoints) -> bool {
 }
 
 fn attempt(endpoints: &Endpoints, endpoint: &str) -> String {
-    // A peer session reports the reason, while a client session only reports that it failed.
+    // The attempt uses a peer session, because a client session reports that it failed but not why.
     let endpoints = Endpoints { connect: vec![endpoint.into()], client: false, ..endpoints.connect_only() };
     let settings = [
         ("connect/timeout_ms", "0"),

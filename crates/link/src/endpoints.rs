@@ -16,8 +16,8 @@ const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];
 /// Number of ports tried after the configured one.
 const MAX_EXTRA_PORTS: u16 = 64;
 
-/// Time without a sign of life after which a peer counts as disconnected, ms. QUIC does not report
-/// that a remote process has died.
+/// Time without a sign of life after which a peer counts as disconnected, ms. It is needed because
+/// QUIC does not report that a remote process has died.
 const LEASE_MS: &str = "3000";
 /// Prefix of endpoints with mutual TLS.
 const SECURED_PREFIX: &str = "quic/";

@@ -39,16 +39,17 @@ const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 /// Delay before a session is closed, so that messages in transit can arrive. QUIC discards them
 /// when the connection closes. The delay covers a few round trips of 100 ms.
 const DELIVERY_DELAY: Duration = Duration::from_millis(300);
-/// Time for which a client retries if it receives no answer. A listener accepts connections one
-/// after another and waits 30 s for a connection that stalls during the handshake
-/// (eclipse-zenoh/zenoh#2719).
+/// Time for which a client retries if it receives no answer. It exceeds 30 s, because a listener
+/// accepts connections one after another and waits that long for one that stalls during the
+/// handshake (eclipse-zenoh/zenoh#2719).
 const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(40);
 /// Time for which a client retries after rejections or local errors.
 const REJECTED_TIMEOUT: Duration = Duration::from_secs(3);
-/// Minimum duration of an attempt that counts as unanswered. Zenoh gives up after 10 s.
+/// Minimum duration of a failed attempt that counts as unanswered. If there is no answer, Zenoh
+/// gives up only after 10 s.
 const MIN_UNANSWERED_ATTEMPT: Duration = Duration::from_secs(5);
-/// Time to wait for a session at a port that is open but busy. Zenoh rejects about 250 connections
-/// per second.
+/// Time to wait for a session at a port that is open but busy. In this time Zenoh can reject about
+/// 2,500 stalled connections, at 250 per second.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Delay between two attempts.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
@@ -161,7 +162,7 @@ pub enum LinkError {
     Open {
         /// Endpoints of the session.
         endpoints: String,
-        /// Error of Zenoh.
+        /// Zenoh error.
         cause: String,
     },
     /// No endpoint could be reached.
@@ -206,10 +207,10 @@ pub enum LinkError {
         operation: &'static str,
         /// Key of the operation.
         key: String,
-        /// Error of Zenoh.
+        /// Zenoh error.
         cause: String,
     },
-    /// The query had no response.
+    /// The query received no response.
     #[error("querying {key}: no response within {limit_s:.0} s; `plumb station` lists the visible vehicles")]
     NoResponse {
         /// Key of the query.

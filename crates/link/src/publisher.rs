@@ -11,7 +11,7 @@ use zenoh::{
 
 use crate::{Link, LinkError, at_key};
 
-/// Encoding of the reason for a rejection. Zenoh's own errors have other encodings.
+/// Encoding of the reason for a rejection. It differs from the encodings of Zenoh's own errors.
 pub(crate) const REASON_ENCODING: Encoding = Encoding::TEXT_PLAIN;
 
 /// Returns the encoding for a protobuf message of the given type.

@@ -14,7 +14,8 @@ const DEFAULT_COLUMNS: [&str; 16] =
     ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "ve", "vn", "vu", "lat", "lon", "alt"];
 /// Targets that a file requires.
 const REQUIRED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
-/// Targets that a live stream requires. Its samples may be stamped on arrival.
+/// Targets that a live stream requires. Time is not required, because samples may be stamped on
+/// arrival.
 const REQUIRED_LIVE: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
 /// Targets of the body rate.
 pub const RATE: [&str; 3] = ["gx", "gy", "gz"];
@@ -324,7 +325,8 @@ fn parse_columns<S: AsRef<str>>(
         let mut continued = false;
         for part in map.as_ref().split(',') {
             let Some((found, column)) = part.split_once('=') else {
-                // The comma is part of a column's name.
+                // A part that is not a pair continues the previous column name, which contains a
+                // comma.
                 let Some((_, column)) = columns.last_mut().filter(|_| continued) else {
                     return Err(MappingError::InvalidPair { found: part.into() });
                 };

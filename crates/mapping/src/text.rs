@@ -36,7 +36,8 @@ pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
     }
     let decimals = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
     let sum = whole.bytes().chain(decimals).fold(0i128, |sum, byte| {
-        // The limit is already exceeded, and further digits could overflow.
+        // Further digits are ignored once the limit is exceeded, because they could overflow the
+        // sum.
         if sum > limit_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
     });
     let rounded = sum + i128::from(fraction.as_bytes().get(digits).is_some_and(|byte| *byte >= b'5'));

@@ -11,8 +11,8 @@ macro_rules! bind_payloads {
     };
 }
 
-/// Implements [`Message`](crate::Message) and, with ticks, [`Ticked`](crate::Ticked) for one
-/// payload.
+/// Implements [`Message`](crate::Message) for one payload and, if its topic has ticks, also
+/// [`Ticked`](crate::Ticked).
 macro_rules! bind_payload {
     ($entry:expr, $payload:ident, no_tick) => {
         impl $crate::Message for $payload {
@@ -109,8 +109,8 @@ pub(crate) use {bind_payload, bind_payloads};
 
 #[cfg(test)]
 mod tests {
-    //! An additional table line, with its payload, receives everything that is derived from the
-    //! table.
+    //! Tests that an additional table line and its payload receive everything that is derived from
+    //! the table.
     use crate::{Flags, Message, Ticked};
 
     macro_rules! added_lines {

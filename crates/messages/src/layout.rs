@@ -5,7 +5,7 @@ use core::fmt;
 /// Field of a payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
-    /// Field name, ending in the unit.
+    /// Field name, with the unit as its suffix.
     pub name: &'static str,
     /// Type as written in the source.
     pub kind: &'static str,
@@ -15,7 +15,7 @@ pub struct Field {
     pub description: &'static str,
 }
 
-/// Name endings and their units. Longer endings come before shorter ones.
+/// Name suffixes and their units. The first match applies, so longer suffixes come first.
 const UNITS: [(&str, &str); 8] = [
     ("_rad_s", "rad/s"),
     ("_m_s2", "m/s²"),
@@ -28,7 +28,7 @@ const UNITS: [(&str, &str); 8] = [
 ];
 
 impl Field {
-    /// Returns the unit given by the ending of the name, if any.
+    /// Returns the unit indicated by the name's suffix, if any.
     pub fn unit(&self) -> Option<&'static str> {
         UNITS.iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, unit)| *unit)
     }
@@ -43,7 +43,7 @@ pub struct Layout {
     pub size: usize,
     /// Fields in order of their offset. Those of the header come first.
     pub fields: Vec<Field>,
-    /// Topic that carries the payload; `None` for a struct that is only part of payloads.
+    /// Topic that carries the payload; `None` for a struct that is only a part of payloads.
     pub topic: Option<&'static str>,
     /// Description of the payload.
     pub description: &'static str,

@@ -529,8 +529,8 @@ macro_rules! event_kinds {
 }
 
 event_kinds! {
-    /// The first process of a service has started; `settings` are those of its stage. Without a
-    /// service, the run has started; `settings` are its rate and its source (0 simulation, 1
+    /// The first process of a service has started; `settings` are those of its stage. If no service
+    /// is given, the run has started; `settings` are its rate and its source (0 simulation, 1
     /// recording, 2 sensors on the bus).
     STARTED = 1 "started",
     /// The run started with the sensor errors in `settings`, which an earlier run estimated.

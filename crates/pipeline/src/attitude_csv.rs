@@ -27,8 +27,8 @@ use crate::CollectorError;
 const BATCH_BYTES: usize = 8192;
 /// Maximum number of queued batches: 32 MiB, some minutes at 1 kHz.
 const MAX_BATCHES: usize = 4096;
-/// Maximum time without disk progress while the run waits for the disk. The run waits if the queue
-/// is full, and at its end.
+/// Maximum time without disk progress while the run waits for the disk. The run waits when the
+/// queue is full and when the run ends.
 const STALL_TIMEOUT: Duration = Duration::from_secs(5);
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
@@ -141,8 +141,8 @@ impl CsvWriter {
 fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
     for batch in batches {
         file.write_all(batch.as_bytes()).inspect_err(|_| {
-            // Cuts off a partial line, because its last number would be wrong. A device cannot be
-            // truncated.
+            // A partial line is cut off, because its last number would be wrong. A failure is
+            // ignored, because a device cannot be truncated.
             let _ = file.set_len(written_bytes.load(Ordering::Relaxed));
         })?;
         written_bytes.fetch_add(batch.len() as u64, Ordering::Relaxed);

@@ -30,7 +30,7 @@ pub enum CollectorError {
     Create {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The file can no longer be written.
@@ -40,7 +40,7 @@ pub enum CollectorError {
     Write {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
 }

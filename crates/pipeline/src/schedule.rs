@@ -7,7 +7,7 @@
 //! Time: ticks.
 //!
 //! Failure: if the events leave something undetermined, the schedule has a [`ReplayWarning`]. From
-//! the tick of the warning on, the replayed attitude may differ from that of the flight.
+//! the tick of the warning onwards, the replayed attitude may differ from that of the flight.
 
 use std::collections::BTreeMap;
 

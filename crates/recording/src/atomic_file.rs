@@ -4,7 +4,7 @@
 //!
 //! Output: a file that only its owner may read, compressed with gzip if the name ends in `.gz`.
 //!
-//! Failure: the error of the operating system. The temporary file is removed.
+//! Failure: the operating system error is returned, and the temporary file is removed.
 
 use std::{
     fs::{self, File, OpenOptions},

@@ -10,7 +10,7 @@ pub enum RecordingError {
     Open {
         /// Path of the recording.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
         /// Suggested remedy.
         remedy: &'static str,
@@ -41,7 +41,7 @@ pub enum RecordingError {
     Write {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The row has a value that the file cannot represent.
@@ -168,7 +168,7 @@ impl ParseError {
     }
 }
 
-/// Returns at most the first 40 characters.
+/// Returns the first 40 characters of a text, or the whole text if it is shorter.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).chars().take(40).collect()
 }

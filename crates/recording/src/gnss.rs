@@ -23,9 +23,9 @@ const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
 const POSITION: [&str; 3] = ["lat_deg", "lon_deg", "alt_m"];
 const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", POSITION[0], POSITION[1], POSITION[2]];
 
-/// Suffixes of the file name of a recording that can have a fix file.
+/// File name suffixes of recordings that can have a fix file.
 const IMU_SUFFIXES: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
-/// Suffixes of a fix file's name, in order of preference.
+/// File name suffixes of fix files, in order of preference.
 const GNSS_SUFFIXES: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
 
 /// Satellite fix.

@@ -51,7 +51,8 @@ impl<C> Table<C> {
         }
     }
 
-    /// Parses the next line with `row`. Returns `None` at the end of the file or after an error.
+    /// Parses the next line with the function `row`. Returns `None` at the end of the file or after
+    /// an error.
     pub(crate) fn next<T>(
         &mut self,
         row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, ParseError)>,

@@ -21,7 +21,7 @@ pub fn realtime_offset_ns() -> i64 {
     realtime.tv_sec * 1_000_000_000 + realtime.tv_nsec - monotonic_ns().cast_signed()
 }
 
-/// Sleeps until CLOCK_MONOTONIC reaches `at_ns`, for `limit` at most. A signal also ends the sleep.
+/// Sleeps until CLOCK_MONOTONIC reaches `at_ns`, for at most `limit`. A signal also ends the sleep.
 pub fn sleep_until_ns(at_ns: u64, limit: Duration) {
     let latest = monotonic_ns() + limit.as_nanos() as u64;
     let at_ns = at_ns.min(latest);

@@ -5,7 +5,7 @@ use attitude::{
 };
 use messages::{AccelPoint, Chart, CourseReference, FusedState, GnssFix, GyroStep, MagSample};
 
-/// Returns the motion in a gyro step.
+/// Converts a gyro step to a motion.
 ///
 /// Returns `None` if a value is not finite, the chart is unknown, or the pair (p, s) is not a
 /// rotation.

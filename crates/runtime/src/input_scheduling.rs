@@ -4,7 +4,7 @@
 ///
 /// `poll` reads a few messages from an input and returns their number. The input that the next
 /// output waits for (`awaited_input`) is polled first. This way an input that is behind catches up
-/// before the others get further ahead, and it is not given up while it has messages.
+/// before the others get further ahead, and no input is given up while it still has messages.
 pub fn poll_fairly<T, E>(
     slot: &mut T,
     inputs: usize,
@@ -34,7 +34,7 @@ mod tests {
 
     use super::*;
 
-    /// Polls two inputs with `available` messages each. Returns the final positions, and the
+    /// Polls two inputs, which have `available` messages. Returns the final positions, and the
     /// largest lead of one input over the other.
     fn poll_two(available: [usize; 2], batch_size: usize, start: [usize; 2]) -> ([usize; 2], usize) {
         let (mut read, mut lead) = (start, 0);

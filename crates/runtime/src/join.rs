@@ -53,7 +53,7 @@ pub struct JoinInput<M> {
     next_tick: u64,
     /// Publisher of the newest message.
     publisher: u32,
-    /// First tick without a publisher; `u64::MAX` while the input has a publisher.
+    /// First tick for which the input has no publisher; `u64::MAX` while it has one.
     absent_from: u64,
 }
 
@@ -69,7 +69,7 @@ impl<M> JoinInput<M> {
         Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX }
     }
 
-    /// Sets the first tick without a publisher; `u64::MAX` if the input has a publisher.
+    /// Sets the first tick for which the input has no publisher; `u64::MAX` if it has one.
     pub fn set_absent_from(&mut self, tick: u64) {
         self.absent_from = tick;
     }
@@ -94,8 +94,8 @@ impl<M: TickStamped> JoinInput<M> {
         if tick < sequence.next_tick.max(self.next_tick) {
             return sequence.reject(publisher == self.publisher);
         }
-        // If a dense queue is full, the next tick is overdue, so that the queue is drained. A
-        // sparse queue is limited to the capacity of a topic.
+        // Only a sparse queue needs a limit, the capacity of a topic. If a dense queue is full, the
+        // next tick is overdue, so the queue is drained.
         if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }
@@ -154,7 +154,7 @@ macro_rules! join_inputs {
         #[derive(Debug, Clone, Default)]
         struct $inputs { $($input: $crate::JoinInput<$message>,)* }
 
-        /// Messages of one tick; `None` for an input without a message.
+        /// Messages of one tick; `None` for each input that has no message.
         #[derive(Debug, Clone, Copy)]
         struct $tick { $($input: Option<$message>,)* }
 
@@ -187,7 +187,7 @@ pub struct Join<I> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// Tick at which the backlog is given up, once an input has reached it.
+    /// Tick at which the backlog is given up as soon as any input reaches it.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
@@ -252,7 +252,7 @@ impl<I: JoinInputs> Join<I> {
     }
 
     /// Extends the backlog to the newest tick of the other inputs while an awaited input has
-    /// delivered nothing. The history of that input is then still in delivery.
+    /// delivered nothing, because the history of that input is then still in delivery.
     fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
         self.inputs.each(&mut |input| {
@@ -335,7 +335,8 @@ impl<I: JoinInputs> Join<I> {
         newest - tick >= self.lateness_ticks && !in_backlog
     }
 
-    /// Returns the index of the dense input with a publisher that is furthest behind.
+    /// Returns the index of the input that is furthest behind, of those that are dense and have a
+    /// publisher.
     fn slowest_input(&self) -> usize {
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {

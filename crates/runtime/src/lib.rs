@@ -8,7 +8,7 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`slot`] | processing in a slot, without clock or bus |
+//! | [`slot`] | processing in a slot, independent of clock and bus |
 //! | [`state_words`], [`checkpoint`] | state of a slot, and resuming from it in another process |
 //! | [`join`] | join of several inputs by tick |
 //! | [`prior`] | estimates of sensor errors from an earlier run |
@@ -18,7 +18,7 @@
 //! | [`stderr_tail`] | last standard-error output of a child process |
 //! | [`service_context`] | connection of a service to a running system |
 //! | [`ordered_subscriber`] | subscriber that delivers each tick once and in order |
-//! | [`slot_service`] | service of a slot, without bus or clock: stage, ownership, checkpoints |
+//! | [`slot_service`] | service of a slot, independent of bus and clock |
 //! | [`input_scheduling`] | choice of the input that is polled next |
 //! | [`service`] | main loop of a service on the bus |
 //! | [`comparable`] | attitude of an output, for comparison |

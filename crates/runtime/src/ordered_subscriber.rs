@@ -16,7 +16,7 @@ const MAX_PUBLISHERS: usize = 3;
 pub trait SlotInput<I> {
     /// Passes up to `limit` available messages to `take`.
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
-    /// Sleeps until a message is published, for `limit` at most.
+    /// Sleeps until a message is published, for at most `limit`.
     fn wait(&self, limit: Duration) -> WaitOutcome;
     /// Returns the tick after the highest one announced for publication.
     fn next_tick(&self) -> u64;

@@ -49,14 +49,16 @@ struct AgeingModel {
 
 /// Ageing of the gyro bias.
 ///
-/// Without a prior, the bias of a consumer MEMS gyro is assumed to be within 0.003 rad/s after its
-/// own calibration. The 0.001 rad/s (0.06 °/s) for a power cycle is an assumption, because data
-/// sheets of consumer gyros do not specify it.
+/// An estimate with a standard deviation of 0.003 rad/s is useless, because the bias of a consumer
+/// MEMS gyro is assumed to be within that limit after the gyro's own calibration. The 0.001 rad/s
+/// (0.06 °/s) for a power cycle is an assumption, because data sheets of consumer gyros do not
+/// specify it.
 const BIAS: AgeingModel = AgeingModel { random_walk: BIAS_WALK_RAD_S, power_cycle_sd: 1e-3, uninformative_sd: 0.003 };
 /// Ageing of the hard iron.
 ///
-/// The walk is 1 µT in three days, to allow for changes of load and cargo. In a horizontal field of
-/// 20 µT, an error of 5 µT causes a heading error of 14°.
+/// The walk is 1 µT in three days, to allow for changes of load and cargo. An uncertainty of 5 µT
+/// makes the estimate useless, because in a horizontal field of 20 µT it corresponds to a heading
+/// error of 14°.
 const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd: 0.0, uninformative_sd: 5.0 };
 
 /// Ageing of the gyro scale error.
@@ -101,7 +103,7 @@ impl Prior {
         (prior.has_estimate() && prior.is_valid()).then_some(prior)
     }
 
-    /// Returns the prior, with the scale error of `before` if it has no scale error itself.
+    /// Returns the prior. If it has no scale error, takes that of `before`.
     #[must_use]
     pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }
@@ -109,7 +111,7 @@ impl Prior {
 
     /// Returns the estimates that are still useful after `age_s`.
     ///
-    /// Pass `power_lost` if the sensors may have been without power.
+    /// Pass `power_lost` as `true` if the sensors may have been without power.
     pub fn aged(self, age_s: f64, power_lost: bool) -> Self {
         let aged = |estimate: Option<PriorEstimate>, ageing: AgeingModel| {
             let power_cycle_sd = if power_lost { ageing.power_cycle_sd } else { 0.0 };

@@ -102,7 +102,8 @@ where
                 (None, None) => Ok(count),
             }
         })?;
-        // A health report confirms the change of ownership.
+        // A health report confirms that the service gave up its ownership, so it is published at
+        // once.
         if owned_before && !service.owns_next_tick() {
             context.make_health_due();
         }

@@ -11,9 +11,9 @@ use crate::prior::Prior;
 /// Speed of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Pace {
-    /// Seconds of source time per second of real time.
+    /// Fixed speed, in seconds of source time per second of real time.
     Speed(f64),
-    /// The speed of the slowest subscriber.
+    /// Highest speed that the slowest subscriber can sustain.
     Max,
 }
 
@@ -111,7 +111,8 @@ impl ServiceConfig {
     ///
     /// Normally this is no more than the time that a subscriber waits for one of two publishers,
     /// and less than the capacity of a buffer. For an import only the second limit applies, because
-    /// the ticks of an import can be lost for good.
+    /// its ticks can be lost for good and a subscriber gives up a lost tick only once later ticks
+    /// are far enough ahead.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;
@@ -121,15 +122,15 @@ impl ServiceConfig {
 
     /// Returns the end of the range of ticks that a restarted source publishes without delay.
     ///
-    /// The source resumes at `first_tick`, and ticks before `published_tick` have been published
-    /// before. They are published again without delay if a topic is certain to hold all of them
+    /// The source resumes at `first_tick`, although all ticks before `published_tick` have already
+    /// been published. It republishes these without delay if a topic is certain to hold all of them
     /// until they are read.
     pub fn catch_up_end_tick(&self, first_tick: u64, published_tick: u64) -> u64 {
         let held_ticks = self.buffer_ticks() as u64 / if self.is_lockstep() { 1 } else { 2 };
         if published_tick.saturating_sub(first_tick) <= held_ticks { published_tick } else { first_tick }
     }
 
-    /// Returns the meaning of the source's rate samples.
+    /// Returns whether the source's rate samples are means or instantaneous values.
     pub fn gyro_samples(&self) -> GyroSamples {
         match self.launch.ingest.source {
             Source::Sim => self.launch.ingest.sim.gyro_samples(),
@@ -179,7 +180,7 @@ impl CheckpointRecord {
 /// Allowance for the data that iceoryx2 stores per message: headers, lists and subscriber buffers.
 const MESSAGE_OVERHEAD_BYTES: usize = 128;
 
-/// Number of checkpoints taken in the time in which the buffer of a topic fills once.
+/// Number of checkpoints taken while the buffer of a topic fills once.
 const CHECKPOINTS_PER_BUFFER: u64 = 32;
 
 /// Maximum number of messages read from one input before the others are polled.

@@ -32,7 +32,7 @@ use crate::{
 
 /// Maximum size of the configuration, bytes. It holds a launch file and a few numbers.
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
-/// Longest sleep. After it a service checks for input and stop requests, even without a wake-up.
+/// Longest sleep, after which a service checks for input and stop requests even without a wake-up.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Time after a stop request at which the process is terminated forcibly.
 const STOP_TIMEOUT: Duration = Duration::from_secs(1);
@@ -51,8 +51,8 @@ pub struct ServiceContext {
     /// Bus that the service has joined.
     pub bus: Bus,
     stop_flag: Arc<AtomicBool>,
-    /// `None` until the first health report. Until then a stop request ends the process
-    /// immediately, even if it is blocked.
+    /// Set by the first health report. While it is `None`, a stop request ends the process
+    /// immediately, even if the process is blocked.
     liveness: Option<Arc<()>>,
     health: Publisher<Health>,
     last_health: Health,

@@ -33,7 +33,7 @@ pub(crate) struct ShadowComparison<O: Ticked + Comparable> {
 
 #[derive(Default)]
 struct ErrorSums {
-    /// Sums of the total angle, the inclination and the heading, rad.
+    /// Sums of the differences in total angle, inclination and heading, rad.
     sum: [f64; 3],
     square: [f64; 3],
     max: [f64; 3],

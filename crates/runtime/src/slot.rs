@@ -1,4 +1,4 @@
-//! Processing in a slot, without clock or bus: messages in, messages out, in tick order.
+//! Processing in a slot, independent of clock and bus: messages in, messages out, in tick order.
 
 use attitude::stage::{Stage, Validate};
 use messages::{Header, Ticked};
@@ -40,7 +40,7 @@ pub trait Slot {
     /// Visits the slot's own persistent state, excluding the stage and queued messages.
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));
 
-    /// Returns the problem with a restored own state, or `None` if the state is valid.
+    /// Returns the problem with the slot's own restored state, or `None` if the state is valid.
     fn validation_error(&self) -> Option<&'static str> {
         None
     }
@@ -55,7 +55,7 @@ pub trait Slot {
     fn expect_backlog(&mut self, _tick: u64) {}
 }
 
-/// Processing in a slot with one input, with one output for each input message.
+/// Processing in a slot that has one input and produces one output per input message.
 pub trait TickProcessor {
     /// Message of the input.
     type Input: Ticked;

@@ -1,4 +1,4 @@
-//! Service of a slot, without bus or clock: its stage, ownership, checkpoints and health.
+//! Service of a slot, independent of bus and clock: its stage, ownership, checkpoints and health.
 //!
 //! - Input: messages and decisions, in the order in which they are handled.
 //! - Output: messages to publish, checkpoints and health.
@@ -84,7 +84,7 @@ impl<S: Slot> SlotService<S> {
                 Role::Candidate => OutputGate::candidate(incarnation, epoch, capacity),
             },
             swapped_at: match (role, resumed) {
-                // The predecessor exited before it published its first own output.
+                // The predecessor exited before it published any output as the owner.
                 (Role::Owner { from_tick }, Some(Resumed::Complete)) if swapped => Some(from_tick),
                 (_, Some(Resumed::Complete)) => None,
                 (Role::Candidate, _) => Some(0),

@@ -1,7 +1,7 @@
 //! Classical coning: a body axis describes a cone while the body does not turn about that axis.
 //!
-//! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), which exactly gives ω = (−Ω sin α sin Ωt, Ω
-//! sin α cos Ωt, −Ω (1 − cos α)).
+//! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), which exactly gives the body rate
+//! ω = (−Ω sin α sin Ωt, Ω sin α cos Ωt, −Ω (1 − cos α)).
 //!
 //! The axis of rotation changes continuously. An integrator that treats the mean rate over an
 //! interval of length h as the rate of a rotation vector therefore drifts about ζ at about ½ Ω α²
@@ -19,8 +19,8 @@ pub struct Coning {
 }
 
 impl Default for Coning {
-    /// Returns a cone of 5° at 5 Hz. Sampled at 100 Hz, it causes a drift of 0.11 °/s without
-    /// coning correction.
+    /// Returns a cone of 5° at 5 Hz. Sampled at 100 Hz and integrated without coning correction, it
+    /// causes a drift of 0.11 °/s.
     fn default() -> Self {
         Self { half_angle_rad: 5f64.to_radians(), frequency_hz: 5.0 }
     }

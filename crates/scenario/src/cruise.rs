@@ -25,7 +25,7 @@ const HALF_STEP_S: f64 = 1e-3;
 const WIND_M_S: f64 = 10.0;
 /// Gusts of the hard flight on each horizontal axis, m/s rms.
 const GUST_RMS_M_S: f64 = 1.5;
-/// Periods of the gusts, s. Each contributes the same power.
+/// Periods of the gusts, s. Each period contributes the same power.
 const GUST_PERIODS_S: [f64; 4] = [7.0, 17.0, 41.0, 97.0];
 /// Amplitude of the side slip in the hard flight, rad: 3°.
 const SLIP_RAD: f64 = 3.0 * core::f64::consts::PI / 180.0;
@@ -66,7 +66,7 @@ struct AirMotion {
     slip_phase: f64,
 }
 
-/// Flight with the turns generated so far.
+/// Flight and its turns, as far as they have been generated.
 #[derive(Debug, Clone)]
 pub(crate) struct FlightPlan {
     turns: Vec<Turn>,
@@ -183,9 +183,9 @@ impl AirMotion {
     }
 }
 
-/// Returns the logistic function and its integral, ln(1 + eˣ).
+/// Returns the logistic function at `x` and its integral, ln(1 + eˣ).
 fn logistic(x: f64) -> (f64, f64) {
-    // For larger x they equal 1 and x in double precision.
+    // For larger x the two equal 1 and x in double precision.
     if x > 40.0 {
         return (1.0, x);
     }

@@ -14,7 +14,7 @@ use crate::{
 pub enum Motion {
     /// Yaw at 1 °/s, with pitch and roll oscillating at 0.05 Hz.
     Swing(Swing),
-    /// Constant rate about a body-fixed axis, rad/s, from level.
+    /// Constant rate about a body-fixed axis, rad/s, starting from level.
     Tumble(Vector3<f64>),
     /// One full turn about each axis in sequence.
     S3,
@@ -79,7 +79,7 @@ impl Motion {
     }
 }
 
-/// Motion with the flight plan generated so far.
+/// Motion and, for a flight, its plan as far as it has been generated.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     motion: Motion,
@@ -118,7 +118,7 @@ impl Body {
             Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / interval_s,
             Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / interval_s,
             // Gauss-Legendre quadrature with three points, which is exact for polynomials up to
-            // degree 5. These motions are slow enough for it.
+            // degree 5 and accurate enough for motions as slow as these.
             Motion::Swing(_) | Motion::Cruise(_) => {
                 let middle_s = 0.5 * (from_s + to_s);
                 let offset_s = 0.5 * interval_s * libm::sqrt(0.6);

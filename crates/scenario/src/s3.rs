@@ -1,4 +1,4 @@
-//! Scenario S3: one full turn at 1 rad/s about x, then y, then z, from level; then at rest.
+//! Scenario S3: one full turn at 1 rad/s about x, then y, then z, starting from level; then rest.
 //!
 //! Each turn lasts 2π s. The motion is that of S3 (improved orientation of a UAV by the Madgwick
 //! filter). S3 does not specify the magnetic field; here it has an inclination typical of middle

@@ -34,7 +34,7 @@ pub struct Scenario {
     pub rate_kind: RateKind,
 }
 
-/// Keys of a query in addition to the [`PARAMETERS`].
+/// Keys that a query accepts in addition to the [`PARAMETERS`].
 const KEYS: [&str; 4] = ["seed", "rate_hz", "duration_s", "gnss"];
 
 /// Numeric parameter of a scenario.
@@ -52,7 +52,7 @@ pub struct Parameter {
     set: fn(&mut Scenario, f64) -> Result<(), &'static str>,
 }
 
-/// Numeric parameters of scenarios. Sensor errors apply at the sampling rate of the scenario.
+/// Numeric parameters of scenarios. Noise values apply at the sampling rate of the scenario.
 pub const PARAMETERS: [Parameter; 12] = [
     Parameter {
         name: "gyro_bias_deg_s",

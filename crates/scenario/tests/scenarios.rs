@@ -1,4 +1,5 @@
-//! Checks that rates match attitudes, forces match velocities and readings match their seeds.
+//! Checks that rates match attitudes, that forces match velocities and that readings are determined
+//! by their seeds.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, rotation::Rotation, state::Attitude};
@@ -128,7 +129,8 @@ fn noise_has_specified_standard_deviation() {
         let matrix = reading.truth.attitude.matrix();
         force2 += (reading.force_m_s2 - reading.truth.force_m_s2).norm_squared() / 3.0;
         field2 += (reading.field_ut.unwrap() - matrix * reference_ut).norm_squared() / 3.0;
-        // The axis of rotation changes at two samples. The large difference there is capped.
+        // At two samples the axis of rotation changes, which causes a large difference there. It is
+        // capped.
         rate2 += (reading.rate_rad_s - reading.truth.rate_rad_s).norm_squared().min(0.01) / 3.0;
         count += 1.0;
     }
@@ -193,7 +195,7 @@ fn parameters_change_only_what_they_name() {
                 ..parse("tumble")
             },
         ),
-        // Noise parameters apply at the final sampling rate, regardless of the order of the keys.
+        // Noise parameters apply at the final sampling rate, whatever the order of the keys.
         ("cruise?gyro_noise_deg_s=1&rate_hz=400&accel_noise_g=0.1", {
             let cruise = parse("cruise?rate_hz=400");
             let errors = SensorErrors {
@@ -223,8 +225,8 @@ fn parameters_change_only_what_they_name() {
         let max = |max: f64, (one, other): (Fix, Fix)| max.max((one.velocity_m_s - other.velocity_m_s).norm());
         pairs.fold(0.0, max)
     };
-    // 10 m above the sensors, a roll of 1° at 1/7.3 Hz contributes 0.15 m/s and the pitch at most
-    // 0.21 m/s.
+    // With the antenna 10 m above the sensors, a roll of 1° at 1/7.3 Hz contributes 0.15 m/s and
+    // the pitch at most 0.21 m/s.
     assert!((0.15..0.26).contains(&max_difference("cruise?antenna_up_m=10&duration_s=20")));
     assert_eq!(max_difference("cruise?antenna_up_m=0&duration_s=20"), 0.0);
 }

@@ -1,12 +1,12 @@
 /*
- * Library for a Plumbline stage in C or C++, which is one file that includes this header.
+ * Library for Plumbline stages in C or C++. A stage is a single file that includes this header.
  *
- * A stage consists of a state of numbers and a few functions. Its main function returns
- * plumbline_run_fuser(&stage), or the same function of another slot. Plumbline starts the program
- * and sends requests on standard input. Printed output is shown to the user.
+ * A stage consists of the numbers that form its state and of a few functions. Its main function
+ * returns plumbline_run_fuser(&stage), or the corresponding function of another slot. Plumbline
+ * starts the program and sends requests to its standard input. Printed output is shown to the user.
  *
- * The structures of inputs, outputs and states consist of double only, in the order of
- * transmission. A boolean is 0 or 1. Numbers in the input of a stage are finite.
+ * The structures for inputs, outputs and states contain only doubles, in the order in which they
+ * are transmitted. A boolean is 0 or 1. All numbers in the input of a stage are finite.
  *
  * Requires C99 or C++11, Linux and -lm.
  */
@@ -33,11 +33,12 @@
 /* Reference directions of a heading or course: initial direction, magnetic north, true north. */
 enum { PLUMBLINE_ARBITRARY = 0, PLUMBLINE_MAGNETIC = 1, PLUMBLINE_TRUE = 2 };
 
-/* ---- Quantities of Matveev 2025. Body axes are right, forward, up. ---- */
+/* ---- Quantities as defined in Matveev 2025. Body axes are right, forward, up. ---- */
 
 /* Unit vector in body axes: w = u + j v is projected from -zeta or, if inverted, from +zeta. */
 typedef struct { double inverted, u, v; } plumbline_point;
-/* Attitude: a rotation z about the vertical, then the shortest rotation that tilts it to w. */
+/* Attitude: a rotation z about the vertical, followed by the shortest rotation that tilts the body
+   to w. */
 typedef struct { plumbline_point up; double z_rad; } plumbline_attitude;
 /* Rotation of the body in its own axes: the unit quaternion d0 + d1 i + d2 j + d3 k with
    p = d0 + j d3 and s = d1 + j d2. */
@@ -45,21 +46,23 @@ typedef struct { double p_re, p_im, s_re, s_im; } plumbline_rotation;
 
 /* ---- Inputs, outputs and common states of the slots. ---- */
 
-/* Input of gyro. `instant`: the rate is the value at the end of the interval, not the mean. */
+/* Input of gyro. `instant`: 1 if the rate is the value at the end of the interval, 0 if it is the
+   mean over the interval. */
 typedef struct { double rate_rad_s[3], dt_s, instant; } plumbline_rate_sample;
 /* Output of gyro: the open-loop attitude, the rotation and the mean rate over the interval. */
 typedef struct { plumbline_attitude attitude; plumbline_rotation rotation; double rate_rad_s[3], dt_s; } plumbline_motion;
 /* Input of accel: the specific force, m/s^2. */
 typedef struct { double m_s2[3]; } plumbline_force;
-/* Output of accel. `trust`: 1 at |f| = g, 0 if `up` is not from this force. */
+/* Output of accel. `trust`: 1 at |f| = g, 0 if `up` was not computed from this force. */
 typedef struct { plumbline_point up; double force_m_s2[3], norm_m_s2, trust; } plumbline_inclination;
-/* Fix of a satellite receiver. The velocity is over ground, east, north, up. A value is valid if
-   its `has_` is 1. */
+/* Fix from a satellite receiver. The velocity over ground has the components east, north and up. An
+   optional value is valid if its `has_` flag is 1. */
 typedef struct {
     double velocity_m_s[3], has_sd, sd_m_s, has_age, age_s, has_latitude, latitude_rad;
 } plumbline_fix;
-/* Input of fuser. A part is valid if its `has_` is 1. `rest_credible`: the sensors are working, so
-   constant readings mean rest. `rate_credible`: the motion is that of the body. */
+/* Input of fuser. A part is valid if its `has_` flag is 1. `rest_credible`: the sensors are
+   working, so constant readings mean rest. `rate_credible`: the measured motion is that of the
+   body. */
 typedef struct {
     double has_motion; plumbline_motion motion;
     double has_inclination; plumbline_inclination inclination;
@@ -81,8 +84,9 @@ typedef struct {
     /* Relative scale error of the rate about each axis. */
     double gyro_scale[3], gyro_scale_sd[3];
     double hard_iron_ut[3], hard_iron_sd_ut;
-    /* V of a levelling loop, east and north of the attitude's reference frame: V' = h - V/T, with
-       the horizontal specific force h and T = 1.5 to 3 s. If unknown: 0, infinite deviation. */
+    /* V of a levelling loop, east and north in the attitude's reference frame: V' = h - V/T, with
+       the horizontal specific force h and T = 1.5 to 3 s. If V is unknown, it is 0 and its standard
+       deviation is infinite. */
     double leaky_velocity_m_s[2], leaky_velocity_sd_m_s;
 } plumbline_estimate;
 /* Input of course. */
@@ -91,8 +95,9 @@ typedef struct {
     double reference, heading_sd_rad, has_fix; plumbline_fix fix;
     double dt_s;
 } plumbline_course_input;
-/* Output of course. The course is clockwise from above, [0, 2 pi). The declination is that added to
-   a magnetic heading. The quaternion is body to reference, in the order i, j, k, w. */
+/* Output of course. The course is measured clockwise from above, in [0, 2 pi). The declination is
+   the one that was added to a magnetic heading. The quaternion rotates from the body to the
+   reference frame, and its components are in the order i, j, k, w. */
 typedef struct {
     double yaw_rad, pitch_rad, roll_rad, course_rad, reference, course_sd_rad, declination_rad, quaternion_xyzw[4];
     double near_gimbal, aligned;
@@ -102,12 +107,12 @@ typedef struct { double quaternion_xyzw[4], has_course, course_rad, reference, s
 
 /* ---- Stages. ---- */
 
-/* Adjustable parameter. The unit is the suffix of its name. */
+/* Adjustable parameter. Its name ends with the unit, as in time_constant_s. */
 typedef struct { const char *name, *unit; double min, max, default_value; const char *description; } plumbline_parameter;
 
-/* Members of a stage of any slot. `settings` holds the values of the parameters, in their order,
-   and `state` all numbers that the next output depends on. `validation_error` returns why a state
-   is invalid, or NULL. */
+/* Members that stages of all slots have. `settings` contains the values of the parameters, in the
+   same order, and `state` contains all numbers on which the next output depends. `validation_error`
+   returns why a state is invalid, or NULL if it is valid. */
 typedef struct {
     const plumbline_parameter *parameters;
     int parameter_count;
@@ -126,10 +131,11 @@ enum {
 };
 
 typedef struct { uint16_t version, kind; uint32_t rejected; uint64_t number; } plumbline_frame_header;
-/* Handles a request that depends on the slot. Returns the bytes of the response; -1 rejects. */
+/* Handles a request that depends on the slot. Returns the length of the response in bytes, or -1 to
+   reject the request. */
 typedef int (*plumbline_slot_handler)(const void *stage, int kind, const double *payload, int count, double *response);
 
-/* Writes slot and parameters of a stage as tab-separated lines. Returns the length. */
+/* Writes the slot and the parameters of a stage as tab-separated lines. Returns the length. */
 static inline int plumbline_describe(const plumbline_stage *stage, const char *slot, char *text, size_t room)
 {
     int length = snprintf(text, room, "slot\t%s\n", slot);
@@ -141,7 +147,7 @@ static inline int plumbline_describe(const plumbline_stage *stage, const char *s
     return length;
 }
 
-/* Handles a request. Returns the bytes of the response; -1 rejects. */
+/* Handles a request. Returns the length of the response in bytes, or -1 to reject the request. */
 static inline int plumbline_handle(const plumbline_stage *stage, const char *slot, plumbline_slot_handler handle_slot_request,
                                    const void *slot_stage, int kind, const double *payload, int count, double *response)
 {
@@ -177,7 +183,7 @@ static inline int plumbline_run(const plumbline_stage *stage, const char *slot, 
         plumbline_frame_header header;
         double numbers[(PLUMBLINE_MAX_FRAME_BYTES - sizeof(plumbline_frame_header)) / sizeof(double)];
     } in, out;
-    /* The program ends with the service, even during an endless step. */
+    /* The kernel kills the program when the service ends, even during an endless step. */
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     for (int i = 0; i < stage->parameter_count; i++) stage->settings[i] = stage->parameters[i].default_value;
     if (stage->state_count > PLUMBLINE_MAX_STATE_VALUES) {
@@ -201,9 +207,9 @@ static inline int plumbline_run(const plumbline_stage *stage, const char *slot, 
     }
 }
 
-/* Declares the stage of a slot and its run function. `step` processes one tick, `common` writes the
-   state that another stage can adopt. `adopt` continues from such a state and returns 0, or another
-   value to reject it. */
+/* Declares the stage type of a slot and its run function. `step` processes one tick. `common`
+   writes the state that another stage can adopt. `adopt` continues from such a state and returns 0,
+   or rejects the state and returns another value. */
 #define PLUMBLINE_SLOT(NAME, INPUT, OUTPUT, COMMON, FIELD, CASE)                                                                           \
     typedef struct {                                                                                                                       \
         plumbline_stage stage;                                                                                                             \
@@ -236,8 +242,8 @@ static inline int plumbline_run(const plumbline_stage *stage, const char *slot, 
         return plumbline_run(&stage->stage, #NAME, plumbline_handle_##NAME, stage);                                                        \
     }
 
-/* Functions of single slots: `align` sets the attitude that a gyro integrates from; `realign` makes
-   a fuser re-initialise the level from the next inclination. */
+/* Functions that only one slot has: `align` sets the attitude from which a gyro stage integrates,
+   and `realign` makes a fuser re-initialise the level from the next inclination. */
 PLUMBLINE_SLOT(gyro, plumbline_rate_sample, plumbline_motion, plumbline_attitude, void (*align)(const plumbline_attitude *attitude);,
                case PLUMBLINE_ALIGN:
                    if (count != PLUMBLINE_COUNT(plumbline_attitude)) return -1;
@@ -258,7 +264,7 @@ static inline double plumbline_wrapped_rad(double angle_rad)
     return wrapped <= -PLUMBLINE_PI ? PLUMBLINE_PI : wrapped;
 }
 
-/* Writes the unit vector of a point, body axes. */
+/* Writes the unit vector of a point in body axes. */
 static inline void plumbline_direction(const plumbline_point *up, double direction[3])
 {
     const double rho = up->u * up->u + up->v * up->v, scale = 1.0 / (1.0 + rho), sign = plumbline_sign(up);
@@ -267,7 +273,8 @@ static inline void plumbline_direction(const plumbline_point *up, double directi
     direction[2] = sign * (1.0 - rho) * scale;
 }
 
-/* Projects a vector into the chart where |w| <= 1. Returns 0 if it is zero or not finite. */
+/* Projects a vector into the chart in which |w| <= 1. Returns 1, or 0 if the vector is zero or not
+   finite. */
 static inline int plumbline_point_from_direction(const double v[3], plumbline_point *up)
 {
     const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), sign = v[2] >= 0.0 ? 1.0 : -1.0;
@@ -279,7 +286,7 @@ static inline int plumbline_point_from_direction(const double v[3], plumbline_po
     return 1;
 }
 
-/* Creates the rotation exp(phi / 2) from a rotation vector phi, rad, body axes. */
+/* Creates the rotation exp(phi / 2) from a rotation vector phi (rad, body axes). */
 static inline plumbline_rotation plumbline_rotation_from_vector(double x, double y, double z)
 {
     const double angle = sqrt(x * x + y * y + z * z), half = angle > 1e-12 ? sin(0.5 * angle) / angle : 0.5;
@@ -287,7 +294,8 @@ static inline plumbline_rotation plumbline_rotation_from_vector(double x, double
     return rotation;
 }
 
-/* Returns the image numerator / m of a Moebius map, in the chart where it is far from the pole. */
+/* Returns the image numerator / m under a Moebius map, in the chart in which the image is far from
+   the pole. */
 static inline plumbline_attitude plumbline_mapped(const plumbline_attitude *from, double n_re, double n_im, double m_re, double m_im)
 {
     const double n2 = n_re * n_re + n_im * n_im, m2 = m_re * m_re + m_im * m_im;
@@ -313,7 +321,7 @@ static inline plumbline_attitude plumbline_rotated(const plumbline_attitude *fro
     return plumbline_mapped(from, a * u + b * v - d, a * v - b * u + c, a + d * u - c * v, b + c * u + d * v);
 }
 
-/* Returns the attitude after a tilt of its level frame, a rotation about a horizontal axis:
+/* Returns the attitude after its level frame has been tilted about a horizontal axis:
    (w + l) / (1 - conj(w) l). */
 static inline plumbline_attitude plumbline_tilted(const plumbline_attitude *from, double l_re, double l_im)
 {
@@ -330,7 +338,8 @@ static inline void plumbline_horizontal(const plumbline_attitude *attitude, cons
     *im = y - v * along;
 }
 
-/* Returns the attitude after the shortest tilt that makes `up` the up vector. Keeps the heading. */
+/* Returns the attitude after the shortest tilt that makes `up` the up vector. The heading is
+   kept. */
 static inline plumbline_attitude plumbline_realigned(const plumbline_attitude *from, const plumbline_point *up)
 {
     double direction[3], own[3], re, im;
@@ -342,7 +351,7 @@ static inline plumbline_attitude plumbline_realigned(const plumbline_attitude *f
     return plumbline_tilted(from, re / vertical, im / vertical);
 }
 
-/* Writes the unit quaternion i, j, k, w, body to reference. */
+/* Writes the unit quaternion from body to reference, in the order i, j, k, w. */
 static inline void plumbline_quaternion(const plumbline_attitude *attitude, double xyzw[4])
 {
     const double u = attitude->up.u, v = attitude->up.v, scale = 1.0 / sqrt(1.0 + u * u + v * v);
@@ -362,7 +371,7 @@ static inline void plumbline_angles(const plumbline_attitude *attitude, double *
     const double sine = sin(attitude->z_rad), cosine = cos(attitude->z_rad), level = hypot(2.0 * u, 1.0 - rho);
     *pitch_rad = atan2(sign * 2.0 * v, level);
     if (level < 1e-8 * (1.0 + rho)) {
-        /* Only the sum or difference of yaw and roll is defined. All of it is yaw. */
+        /* Only the sum or difference of yaw and roll is defined. It is assigned to yaw alone. */
         const double across = 1.0 - u * u + v * v, north = 2.0 * u * v;
         *yaw_rad = atan2(across * sine - north * cosine, across * cosine + north * sine);
         *roll_rad = 0.0;
@@ -373,14 +382,15 @@ static inline void plumbline_angles(const plumbline_attitude *attitude, double *
     *roll_rad = atan2(-2.0 * u, sign * (1.0 - rho));
 }
 
-/* Returns why an attitude is invalid (outside its chart or not a number), or NULL. */
+/* Returns why an attitude is invalid (outside its chart or not a number), or NULL if it is
+   valid. */
 static inline const char *plumbline_attitude_validation_error(const plumbline_attitude *attitude)
 {
     const double rho = attitude->up.u * attitude->up.u + attitude->up.v * attitude->up.v;
     return rho <= 2.0 && fabs(attitude->z_rad) <= 4.0 ? NULL : "an attitude outside its chart";
 }
 
-/* Returns why an estimate is invalid, or NULL. */
+/* Returns why an estimate is invalid, or NULL if it is valid. */
 static inline const char *plumbline_estimate_validation_error(const plumbline_estimate *estimate)
 {
     for (int i = 0; i < 3; i++) {

@@ -17,8 +17,8 @@ const MAX_PARAMETERS: usize = 64;
 pub struct Description {
     /// Name of the slot that the stage fills.
     pub slot: String,
-    /// Adjustable parameters, in the order in which
-    /// [`RequestKind::Set`](crate::frame::RequestKind::Set) counts them.
+    /// Adjustable parameters. Their order defines the index in
+    /// [`RequestKind::Set`](crate::frame::RequestKind::Set).
     pub parameters: Vec<ParameterDescription>,
 }
 
@@ -39,7 +39,7 @@ pub struct ParameterDescription {
     pub description: String,
 }
 
-/// Invalid line of a description, at most 80 characters of it.
+/// Error in a description, with at most 80 characters of the invalid line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("invalid line in the stage description: {0:?}")]
 pub struct DescriptionError(String);

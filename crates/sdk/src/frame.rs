@@ -1,7 +1,7 @@
 //! Frames exchanged between the service of a slot and an external stage.
 //!
-//! Input, output: one request or response per packet of a `SOCK_SEQPACKET` socket pair. The
-//! program's end is its standard input.
+//! Input, output: one request or response per packet of a `SOCK_SEQPACKET` socket pair. The program
+//! uses its standard input as its end of the pair.
 //!
 //! Time: a program responds to each request before it reads the next one.
 //!
@@ -12,10 +12,10 @@
 //! | bytes | contents |
 //! | --- | --- |
 //! | 0–1 | [`VERSION`] |
-//! | 2–3 | [`RequestKind`]; a response repeats that of its request |
-//! | 4–7 | 0; 1 in a response that rejects the request |
-//! | 8–15 | number of the request; a response repeats that of its request |
-//! | 16– | payload: numbers as `f64` in the order of [`Scalars`]; text in a response to `Describe` |
+//! | 2–3 | [`RequestKind`], repeated in the response |
+//! | 4–7 | 1 in a response that rejects the request, otherwise 0 |
+//! | 8–15 | number of the request, repeated in the response |
+//! | 16– | payload: `f64` numbers in [`Scalars`] order, or text in a response to `Describe` |
 
 use attitude::scalars::Scalars;
 
@@ -28,14 +28,14 @@ pub const MAX_FRAME_BYTES: usize = 16_384;
 /// Status of a response that rejects the request.
 const REJECTED: u32 = 1;
 
-/// Kind of a request. Each variant lists the payloads of request → response.
+/// Kind of a request. Each variant also states the payloads, as request → response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum RequestKind {
     /// Requests the [`Description`](crate::Description). Empty → text.
     Describe = 1,
-    /// Sets a parameter: its index in the description and the value. Two numbers → empty, or
-    /// rejected.
+    /// Sets the parameter with the given index in the description to a value. Two numbers → empty,
+    /// or rejected.
     Set = 2,
     /// Processes one tick. Input of the slot → output of the slot.
     Step = 3,
@@ -47,7 +47,7 @@ pub enum RequestKind {
     Common = 6,
     /// Adopts the common state of another stage. Common state of the slot → empty, or rejected.
     Adopt = 7,
-    /// Sets the attitude to integrate from (gyro only). Attitude → empty.
+    /// Sets the attitude from which to integrate (gyro only). Attitude → empty.
     Align = 8,
     /// Re-initialises the level from the next inclination (fuser only). Empty → empty.
     Realign = 9,
@@ -73,7 +73,7 @@ pub enum FrameError {
     /// The frame is shorter than a header.
     #[error("the frame has {0} bytes, expected at least {HEADER_BYTES}")]
     TooShort(usize),
-    /// The frame has another version.
+    /// The frame has an unsupported version.
     #[error(
         "the frame has version {0}, expected {VERSION}; update the stage's package or header with `plumb stage new`"
     )]
@@ -81,7 +81,7 @@ pub enum FrameError {
     /// The request kind is unknown.
     #[error("unknown request kind {0}")]
     UnknownKind(u16),
-    /// The response belongs to another request.
+    /// The response is for a different request.
     #[error("the response is to request {found} ({kind:?}), expected {expected}")]
     RequestMismatch {
         /// Number of the request in the response.
@@ -96,7 +96,7 @@ pub enum FrameError {
     PayloadLength {
         /// Length of the payload, bytes.
         found: usize,
-        /// Length for this kind of frame, bytes.
+        /// Expected length, bytes.
         expected: usize,
     },
 }
@@ -106,7 +106,7 @@ pub enum FrameError {
 pub struct FrameHeader {
     /// Kind of the request.
     pub kind: RequestKind,
-    /// Whether the response rejects the request.
+    /// `true` if the response rejects the request.
     pub rejected: bool,
     /// Number of the request.
     pub request_number: u64,
@@ -117,8 +117,8 @@ impl FrameHeader {
     ///
     /// # Errors
     ///
-    /// Returns a [`FrameError`] for a frame that is too short, has another version or an unknown
-    /// kind.
+    /// Returns a [`FrameError`] if the frame is too short, has an unsupported version or has an
+    /// unknown kind.
     pub fn parse(frame: &[u8]) -> Result<(Self, &[u8]), FrameError> {
         let Some((&[v0, v1, k0, k1, s0, s1, s2, s3, ref number @ ..], payload)) =
             frame.split_first_chunk::<HEADER_BYTES>()
@@ -135,7 +135,7 @@ impl FrameHeader {
         Ok((Self { kind, rejected, request_number: u64::from_le_bytes(*number) }, payload))
     }
 
-    /// Replaces the contents of `bytes` by this header.
+    /// Replaces the contents of `bytes` with this header.
     pub fn start_frame(self, bytes: &mut Vec<u8>) {
         bytes.clear();
         bytes.extend(VERSION.to_le_bytes());
@@ -150,7 +150,7 @@ pub fn write_value(bytes: &mut Vec<u8>, mut value: impl Scalars) {
     value.visit(&mut |number| bytes.extend(number.to_le_bytes()));
 }
 
-/// Reads a value that fills the payload.
+/// Reads a value that occupies the entire payload.
 ///
 /// # Errors
 ///

@@ -1,14 +1,15 @@
 //! Library for user-defined stages that run as separate programs: frames, programs in Rust, and
 //! templates in Rust, Python and C.
 //!
-//! Input: requests of the service that hosts the stage.
+//! Input: requests from the service that hosts the stage.
 //!
 //! Output: one response per request.
 //!
 //! Failure: an invalid request ends the program.
 //!
-//! A stage in Rust implements [`attitude::stage::Stage`], a gyro also `GyroStage` and a fuser
-//! `FuserStage`. Its `main` function calls `sdk::fuser(MyFuser::default())`.
+//! A stage in Rust implements [`attitude::stage::Stage`]. A gyro stage also implements `GyroStage`,
+//! and a fuser stage also implements `FuserStage`. The `main` function of a fuser stage calls
+//! `sdk::fuser(MyFuser::default())`.
 //!
 //! | module | contents |
 //! | --- | --- |

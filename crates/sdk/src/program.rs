@@ -1,4 +1,4 @@
-//! Request loop of an external stage in Rust, which ends when the service closes the socket.
+//! Request loop of an external stage in Rust. It ends when the service closes the socket.
 //!
 //! Input: request frames on standard input.
 //!
@@ -86,7 +86,7 @@ fn run<S>(
 where
     S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
-    // If the request fails, the program still ends when the socket is closed.
+    // If this call fails, the program still ends when the socket is closed.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
     match serve(io::stdin().as_fd(), slot, stage, handle_slot_request) {
         Ok(()) => ExitCode::SUCCESS,

@@ -7,7 +7,7 @@ use std::{
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 
-/// Files of the Python package that is copied next to a stage in Python: name and text.
+/// Name and text of each file in the Python package that is placed next to a Python stage.
 const PYTHON_PACKAGE: [(&str, &str); 7] = [
     ("__init__.py", include_str!("../python/plumbline/__init__.py")),
     ("attitude.py", include_str!("../python/plumbline/attitude.py")),
@@ -156,7 +156,7 @@ pub enum Language {
     C,
 }
 
-/// Stage that is written from a template.
+/// Stage to be generated from a template.
 #[derive(Debug, Clone)]
 pub struct Template {
     /// Programming language.
@@ -167,7 +167,7 @@ pub struct Template {
     pub name: String,
 }
 
-/// Error when a stage is written.
+/// Error while writing a stage.
 #[derive(Debug, thiserror::Error)]
 pub enum TemplateError {
     /// The name is not a valid stage name.
@@ -181,7 +181,7 @@ pub enum TemplateError {
         /// Existing meaning of the name.
         meaning: &'static str,
     },
-    /// The folder already exists.
+    /// The target folder already exists.
     #[error("cannot write a stage to {0}: it already exists; choose another folder with --dir or remove it")]
     FolderExists(PathBuf),
     /// A file could not be written.
@@ -226,7 +226,7 @@ impl Template {
         Ok(())
     }
 
-    /// Returns the path within the folder and the text of each file.
+    /// Returns the path within the stage's folder and the text of each file.
     fn files(&self) -> Result<Vec<(String, String)>, TemplateError> {
         let Self { name, slot, language } = self;
         let is_allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
@@ -273,7 +273,7 @@ impl Template {
         Ok(files)
     }
 
-    /// Replaces the placeholders of a template by the names of this stage.
+    /// Replaces the placeholders in a template with the names of this stage.
     fn fill_placeholders(&self, text: &str) -> String {
         let Self { name, slot, language } = self;
         let module = name.replace('-', "_");
@@ -343,7 +343,7 @@ mod tests {
                         !text.is_empty() && !text.contains("@name@") && !text.contains("@Class@"),
                         "{file}: {text}"
                     );
-                    // Only the package contains an @, for decorators.
+                    // Only the Python package may contain an @, for decorators.
                     assert!(file.starts_with("plumbline") || !text.contains('@'), "{file}: {text}");
                 }
             }

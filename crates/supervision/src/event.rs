@@ -79,7 +79,7 @@ pub enum Event {
         /// Request.
         request: ControlRequest,
     },
-    /// A client has disconnected before its reply.
+    /// A client has disconnected before it received its reply.
     ClientDisconnected {
         /// Disconnected client.
         client: u64,
@@ -95,17 +95,17 @@ pub enum Event {
     BusRenewed,
 }
 
-/// Progress of the attitudes collected by the supervisor.
+/// Progress of the supervisor in collecting attitudes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OutputProgress {
     /// Tick of the next attitude.
     pub next_tick: u64,
-    /// Ticks before `next_tick` without an attitude.
+    /// Number of ticks before `next_tick` that have no attitude.
     pub lost: u64,
-    /// Attitudes before `next_tick` that were overwritten in the topic before the supervisor read
-    /// them.
+    /// Number of attitudes before `next_tick` that were overwritten in the topic before the
+    /// supervisor read them.
     pub not_recorded: u64,
-    /// Attitudes published more than once.
+    /// Number of attitudes published more than once.
     pub duplicated: u64,
     /// Longest interval between two publications since the previous report, ns.
     pub max_gap_ns: u64,
@@ -156,8 +156,8 @@ pub enum Action {
     /// Kill every process without reporting the exits, then create a new bus of the same name. The
     /// response is [`Event::BusRenewed`].
     RenewBus,
-    /// Stop the system. If earlier actions have not been performed yet, only replies are still
-    /// performed.
+    /// Stop the system. Of the actions not yet performed, only replies are performed after this
+    /// one.
     Finish(Option<Failure>),
 }
 

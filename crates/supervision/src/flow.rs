@@ -17,9 +17,9 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
 /// Time without output in lockstep after which missing ticks are considered lost although every
-/// service runs. Added to `silence_s`.
+/// service runs. It is added to `silence_s`.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between extra windows granted past missing ticks, so that subscribers can keep up.
+/// Interval between extra windows granted past missing ticks. It gives subscribers time to keep up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Progress of the system from start to shutdown.
@@ -160,7 +160,8 @@ impl Supervision {
 
     /// Grants another window despite missing output.
     ///
-    /// Subscribers give up a lost tick only once later ticks are far enough ahead of it.
+    /// This is necessary because subscribers give up a lost tick only once later ticks are far
+    /// enough ahead of it.
     fn grant_past_missing_ticks(&mut self) {
         if self.flow.phase != Phase::Running || !self.source_waits() {
             return;
@@ -207,7 +208,7 @@ impl Supervision {
     /// Returns `true` if the source waits for credit, either in lockstep or because it imports
     /// ticks.
     ///
-    /// After a link outage an import holds more ticks than a topic buffers.
+    /// An import has to wait, because after a link outage it holds more ticks than a topic buffers.
     pub(crate) fn source_waits(&self) -> bool {
         self.config.lockstep || self.config.launch.tick_source() == Service::Gateway
     }

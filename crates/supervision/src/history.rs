@@ -114,7 +114,7 @@ impl Supervision {
 
     /// Publishes an event about the owner or candidate of a slot.
     ///
-    /// `instance` is `None` for a slot without owner.
+    /// `instance` is `None` if the slot has no owner.
     pub(crate) fn publish_instance(
         &mut self,
         kind: EventKind,

@@ -1,4 +1,4 @@
-//! Decision logic of the supervisor: a single value without clock, bus, processes or threads.
+//! Decision logic of the supervisor, as a single value that uses no clock, bus, process or thread.
 //!
 //! - Input: events, each with the time since the supervisor started.
 //! - Output: actions, to be performed in the returned order.

@@ -245,7 +245,7 @@ impl ProcessEntry {
         &self.diagnostics
     }
 
-    /// Returns the state in one word. A service without a health report for `silence` is "silent".
+    /// Returns the state in one word, "silent" if the service has reported no health for `silence`.
     pub fn state(&self, now: Duration, silence: Duration) -> &'static str {
         match (&self.owner, self.health()) {
             _ if self.given_up => "failed",

@@ -56,7 +56,7 @@ impl RestartPolicy {
         limit.saturating_mul(1 << self.silent_exits.min(20)).min(FIRST_HEALTH_TIMEOUT)
     }
 
-    /// Resets the counters after another stage has taken over the slot.
+    /// Resets the failure counters after another stage has taken over the slot.
     pub(crate) fn reset(&mut self) {
         (self.failures, self.silent_exits) = (0, 0);
     }
@@ -66,7 +66,8 @@ impl RestartPolicy {
         self.failures > rule.limit
     }
 
-    /// Handles the exit of a process after `lifetime`, or `None` if it never reported its health.
+    /// Handles the exit of a process. `lifetime` is `None` if the process never reported its
+    /// health.
     ///
     /// An exit without any health report is a failure regardless of the lifetime.
     pub(crate) fn on_exit(&mut self, lifetime: Option<Duration>, rule: &Restart) -> RestartVerdict {

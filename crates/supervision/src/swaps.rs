@@ -482,9 +482,9 @@ fn limits(config: &Config) -> SwapLimits {
         shadow_ms: 100,
         commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_timeout_ms: 500,
-        // In lockstep a restarted subscriber finds all its inputs, no matter how late it returns. A
-        // replacement may take `ready_timeout_ms` to fail, and so may each process started after
-        // it.
+        // In lockstep the previous stage can linger for long, because a restarted subscriber finds
+        // all its inputs no matter how late it returns. The time covers a replacement that takes
+        // `ready_timeout_ms` to fail, and some processes started after it that take as long.
         linger_ms: if lockstep { 60_000 } else { 1_000 },
         stop_retry_ms: 400,
         max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),

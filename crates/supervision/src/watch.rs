@@ -239,8 +239,8 @@ mod tests {
         }
     }
 
-    /// Returns the indices at which the shadow should take over. Differences are published every
-    /// 0.1 s.
+    /// Returns the indices in `headings_deg` at which the shadow should take over. Differences are
+    /// published every 0.1 s.
     fn takeovers(rule: &mut PromotionRule, headings_deg: &[f64]) -> Vec<usize> {
         let difference = |deg: &f64| Difference { now_rad: [9.0, 9.0, deg.to_radians()], ..Difference::zeroed() };
         (0..headings_deg.len())

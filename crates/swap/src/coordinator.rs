@@ -41,8 +41,8 @@ pub struct Coordinator {
 }
 
 impl Coordinator {
-    /// Creates the coordinator of a slot that `active` owns from its first tick on, by the decision
-    /// `epoch`.
+    /// Creates the coordinator of a slot that `active` owns from its first tick on, under the
+    /// decision with the number `epoch`.
     pub fn new(active: u32, epoch: u32, limits: SwapLimits) -> Self {
         Self {
             limits,
@@ -296,7 +296,7 @@ impl Coordinator {
         }
     }
 
-    /// Returns the lag of the candidate behind the active stage, or `None` while it is unknown.
+    /// Returns the candidate's lag behind the active stage, or `None` while it is unknown.
     fn lag_ticks(&self) -> Option<u64> {
         let candidate = self.swap.as_ref()?.status?;
         Some(self.status?.next_tick.saturating_sub(candidate.next_tick))

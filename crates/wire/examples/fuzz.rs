@@ -71,7 +71,7 @@ fn corpus() -> Vec<Seed> {
     for_every_message!(seeds()).concat().into_iter().chain(control_messages).collect()
 }
 
-/// Applies one to four mutations to a random seed.
+/// Picks a seed from the corpus at random and applies one to four mutations to it.
 fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
     let pick = |rng: &mut TestRng| &corpus[rng.below(corpus.len() as u64) as usize];
     // One in eight inputs is passed to the decoder of a randomly chosen type.
@@ -89,7 +89,7 @@ fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
                 let other = &pick(rng).0;
                 bytes.extend_from_slice(&other[position(rng, other)..]);
             }
-            // 0xff bytes yield huge lengths, and varints that never end.
+            // 0xff bytes yield huge lengths and unterminated varints.
             4 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, rng.below(11) as usize))),
             5 => drop(bytes.splice(at..at, (0..rng.below(9)).map(|i| (i * 37) as u8))),
             _ if rng.below(512) == 0 => {

@@ -108,7 +108,8 @@ pub struct Encoder {
     count: u32,
 }
 
-/// Encoded message and its time on the source's clock, ns, if it has one.
+/// Encoded message with the time on the source's clock, ns, or `None` if the message has no source
+/// time.
 type Encoded = (Vec<u8>, Option<i64>);
 
 /// Clock relations needed to stamp messages.

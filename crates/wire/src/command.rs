@@ -107,7 +107,7 @@ impl ControlMessage for GatewayReport {
     }
 }
 
-/// Rejects a text that exceeds `max` bytes or has control characters other than line feeds.
+/// Rejects a text that exceeds `max` bytes or contains control characters other than line feeds.
 pub(crate) fn check_text(text: &str, field: &'static str, max: usize) -> Result<(), DecodeError> {
     if text.len() <= max && !text.chars().any(|letter| letter.is_control() && letter != '\n') {
         return Ok(());

@@ -29,7 +29,7 @@ pub struct DeliveryTracker {
     pub decimated: u64,
     /// Number of samples dropped on board because the bus or the gateway's queue overflowed.
     pub dropped: u64,
-    /// Start time, sequence number and preceding samples expected in the next envelope.
+    /// Start time, sequence number and number of preceding samples expected in the next envelope.
     next: Option<(u64, u64, u64)>,
 }
 

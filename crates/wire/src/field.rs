@@ -90,8 +90,8 @@ impl Field<u64> for Flags {
     }
 }
 
-/// Converts an index from 0 on board to an enum value from 1. The schema reserves 0 for
-/// unspecified.
+/// Converts an on-board index, which starts at 0, to an enum value, which starts at 1 because the
+/// schema reserves 0 for "unspecified".
 fn enum_to_proto(index: u64, last: i32) -> i32 {
     i32::try_from(index).ok().and_then(|index| index.checked_add(1)).filter(|value| *value <= last).unwrap_or(0)
 }
@@ -116,7 +116,7 @@ enum_fields!(
     State(u32) up to v1::State::Finished
 );
 
-/// Event kinds already count from 1 on board, so the value is the same in the schema.
+/// Event kinds are already numbered from 1 on board, so the value is the same in the schema.
 impl Field<i32> for EventKind {
     fn to_proto(self) -> i32 {
         i32::try_from(self.0).ok().filter(|kind| *kind <= v1::EventKind::Finished as i32).unwrap_or(0)

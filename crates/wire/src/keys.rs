@@ -3,11 +3,11 @@
 //! | key | use |
 //! | --- | --- |
 //! | `<topic>` | telemetry; a query returns the last message |
-//! | `gateway` | report of the gateway; a query returns the last report |
+//! | `gateway` | gateway report; a query returns the last report |
 //! | `schema` | query: descriptors of the schema |
-//! | `services` | query: status of the services |
-//! | `command/swap` | query: swap of the stage in a slot |
-//! | `@carry` | ticks for slots on another host; a query with `from` and `to` returns the cached ones |
+//! | `services` | query: service status |
+//! | `command/swap` | query: swaps the stage in a slot |
+//! | `@carry` | ticks for slots on another host; a query with `from`, `to` returns cached ticks |
 //! | `@live`, `@live/<service>` | liveliness of the vehicle and of each service |
 //!
 //! Wildcards `*` and `**` do not match chunks that begin with `@`. A subscriber to all telemetry
@@ -29,7 +29,7 @@ pub const CARRY: &str = "@carry";
 /// Key of the vehicle's liveliness token.
 pub const LIVELINESS: &str = "@live";
 
-/// Returns the key `rest` of a vehicle. The vehicle `*` selects all vehicles.
+/// Returns the key that ends in `rest` for a vehicle. The vehicle `*` selects all vehicles.
 pub fn key(vehicle: &str, rest: &str) -> String {
     format!("{PREFIX}/{vehicle}/{rest}")
 }

@@ -52,8 +52,8 @@ pub use batch::{decode_batch, decode_topic_batch, encode_batch, encode_samples};
 pub use error::{DecodeError, DecodeErrorCounts};
 pub use payload::Payload;
 
-/// Maximum size of a message, bytes. The largest message sent, a batch of checkpoints, is less than
-/// half as large.
+/// Maximum size of a message, bytes. It is more than twice the size of the largest message that is
+/// sent, a batch of checkpoints.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 /// Maximum number of samples in a batch.
 pub const MAX_SAMPLES: usize = 256;

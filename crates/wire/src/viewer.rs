@@ -48,7 +48,8 @@ pub fn location_fix(t_ns: u64, frame: &str, [latitude, longitude, altitude]: [f6
 }
 
 fn timestamp(t_ns: u64) -> Timestamp {
-    // The seconds of a 64-bit number of nanoseconds fit into 35 bits.
+    // The cast cannot overflow, because a 64-bit number of nanoseconds has at most 35 bits of
+    // seconds.
     Timestamp { seconds: (t_ns / 1_000_000_000).cast_signed(), nanos: (t_ns % 1_000_000_000) as i32 }
 }
 

@@ -19,7 +19,7 @@ macro_rules! page_files {
     ($($name:literal)*) => { &[$(($name, include_bytes!(concat!("../page/", $name)))),*] };
 }
 
-/// Names and contents, sorted by name.
+/// Names and contents of the page's files, sorted by name.
 const FILES: &[(&str, &[u8])] = page_files! {
     "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "scene.js"
     "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"

@@ -27,7 +27,7 @@ use crate::{
 /// Maximum number of commands in progress, over all viewers. A shadow counts until it ends.
 pub(crate) const MAX_CONCURRENT_COMMANDS: usize = 8;
 
-/// Executes the commands of all viewers.
+/// Executor of the commands of all viewers.
 pub(crate) struct Commands {
     target: Arc<dyn CommandTarget>,
     tokens: Tokens,

@@ -25,7 +25,7 @@ const MAX_ATTITUDES: usize = 4096;
 /// Length of an array indexed by [`Quantity`], including the unspecified one.
 const QUANTITY_COUNT: usize = Quantity::LatencyS as usize + 1;
 
-/// Collects messages and reduces them to snapshots.
+/// Collector that reduces messages to snapshots.
 #[derive(Debug)]
 pub struct Decimator {
     snapshots: u64,

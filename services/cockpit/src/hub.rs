@@ -18,10 +18,11 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Number of snapshots for which flags are kept, for viewers that missed them: two seconds.
+/// Number of snapshots for which flags are kept, for viewers that missed them. They cover two
+/// seconds.
 const MAX_STORED_FLAGS: usize = 64;
-/// Maximum number of messages queued per viewer: a quarter of a second. A viewer that falls further
-/// behind loses the oldest messages.
+/// Maximum number of messages queued per viewer, enough for a quarter of a second. A viewer that
+/// falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 8;
 
 /// Message queues of the viewers.

@@ -125,7 +125,8 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
     let resets = attitude.as_ref().map(|attitude| attitude.reset_counter as f64);
     text.counter("plumbline_attitude_resets_total", "Resets of the attitude or the course.", unlabelled(resets));
 
-    // Until the accelerometer has aligned the attitude, it is only an initial value.
+    // The attitude is not exported until the accelerometer has aligned it, because it is only an
+    // initial value before that.
     let is_unaligned = header.is_none_or(|header| Flags(header.flags).any(Flags::UNALIGNED));
     let aligned = attitude.as_ref().filter(|_| !is_unaligned);
     let angle = |angle: fn(&wire::v1::AttitudeOutput) -> f64| unlabelled(aligned.map(angle));
@@ -158,7 +159,7 @@ fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_r
     let course_sd_rad = aligned.map(|attitude| attitude.course_sd_rad).filter(|sd_rad| is_known(*sd_rad));
     text.gauge("plumbline_attitude_course_sd_radians", "Standard deviation of the course.", unlabelled(course_sd_rad));
 
-    // A stage that does not estimate the bias publishes zeros.
+    // A stage that does not estimate the bias publishes zeros, so a zero bias is not exported.
     let bias = bias_rad_s.filter(|bias| bias.iter().any(|part| *part != 0.0));
     let axes = [[("axis", "x")], [("axis", "y")], [("axis", "z")]];
     let samples = bias.iter().flat_map(|bias| axes.iter().zip(bias)).map(|(axis, bias_rad_s)| (&axis[..], *bias_rad_s));

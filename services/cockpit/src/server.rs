@@ -241,7 +241,7 @@ async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, rout
         let (router, tls) = (router.clone(), tls.clone());
         tokio::spawn(async move {
             let _permit: OwnedSemaphorePermit = permit;
-            // Snapshots are small; Nagle's algorithm would delay them.
+            // Nagle's algorithm is disabled, because it would delay the small snapshots.
             let _ = stream.set_nodelay(true);
             match tls {
                 None => serve_connection(stream, router).await,
@@ -259,7 +259,7 @@ async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, rout
 async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEADER_BYTES);
-    // An error concerns only this client.
+    // An error concerns only this client, so it is ignored.
     let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
 }
 

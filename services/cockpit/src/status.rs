@@ -3,7 +3,7 @@
 //! Input: messages of the data path, and the responses of a [`CommandTarget`].
 //! Output: a status message once a second and after each event.
 //! Time: CLOCK_MONOTONIC.
-//! Failure: without a response the services are missing from the status.
+//! Failure: if the supervisor does not respond, the services are missing from the status.
 
 use std::{
     collections::HashMap,
@@ -29,8 +29,8 @@ use crate::source::{CommandTarget, SourceState, SystemDescription};
 const QUERY_INTERVAL: Duration = Duration::from_secs(1);
 /// Minimum interval between queries, however frequent the events are.
 const MIN_QUERY_INTERVAL: Duration = Duration::from_millis(100);
-/// Minimum interval over which rates, latencies and resource usage are measured. Shorter ones are
-/// too noisy.
+/// Minimum interval over which rates, latencies and resource usage are measured. Measurements over
+/// shorter intervals are too noisy.
 const MIN_MEASURE_INTERVAL: Duration = Duration::from_millis(500);
 /// Maximum number of warnings.
 const MAX_WARNINGS: usize = 32;

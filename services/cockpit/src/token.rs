@@ -30,7 +30,7 @@ pub enum TokenError {
     File {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The file may have been created or read by another user, or is not a token.
@@ -67,7 +67,7 @@ impl Tokens {
     ///
     /// # Errors
     ///
-    /// Returns an error if no folder is known, a file is insecure, or it cannot be read or created.
+    /// Returns an error if no folder is known, or a file is insecure or cannot be read or created.
     pub fn load() -> Result<Self, TokenError> {
         let folder = state_folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?;
         let load_file = |file| Token::load_or_create(&folder, file);

@@ -5,7 +5,7 @@
 //! - Output: angles, course, quaternion and the jump of the last reset, on the topic `attitude`.
 //!   The course refers to true north if the launch file requests it.
 //! - Time: timestamps of the samples.
-//! - Failure: an invalid fused state repeats the previous attitude, flagged.
+//! - Failure: if a fused state is invalid, the previous attitude is published again with a flag.
 #![forbid(unsafe_code)]
 
 mod true_north;

@@ -3,7 +3,7 @@
 //! - Input: the position in the launch file, and positions from satellite fixes.
 //! - Output: readings with a true course.
 //! - Time: one date per run, so that the same fixes always give the same courses.
-//! - Failure: without a known position the course stays magnetic and is reported as such.
+//! - Failure: if no position is known, the course stays magnetic and is reported as such.
 
 use std::f64::consts::{PI, TAU};
 
@@ -36,7 +36,7 @@ pub(crate) struct TrueNorth {
 /// Magnetic declination.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Declination {
-    /// Direction of magnetic north from true north, rad, east positive.
+    /// Direction of magnetic north relative to true north, rad, east positive.
     pub(crate) angle_rad: f64,
     /// Standard deviation as given by the model, rad.
     pub(crate) sd_rad: f64,

@@ -26,17 +26,17 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Number of bytes without a message that indicates a wrong format or speed. It is many times the
-/// length of a typical message.
+/// Number of bytes without a single valid message from which a wrong format or speed is reported.
+/// It is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Number of messages without a measurement after which a problem is reported.
+/// Number of messages without a measurement from which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Number of clock steps in the window that indicates a problem. A device that restarts causes
-/// fewer.
+/// Number of clock steps in the window from which a problem is reported. A device that merely
+/// restarts causes fewer.
 const MIN_CLOCK_STEPS: u64 = 5;
 
 /// Reports of one device in the last seconds.

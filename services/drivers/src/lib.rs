@@ -2,7 +2,7 @@
 //! to ingest.
 //!
 //! Input: bytes from standard input, datagrams, a TCP connection, a serial port or industrial I/O,
-//! and those of an additional satellite receiver.
+//! and bytes from an additional satellite receiver.
 //!
 //! Output: the topics `sensor` and `receiver`.
 //!
@@ -24,7 +24,7 @@
 //! | `reconnecting_port` | port that is reopened after a failure |
 //! | `format` | selection of the decoder for a format |
 //! | `protobuf` | length-delimited protobuf messages |
-//! | `stream_preamble` | header of a text stream, for a process that resumes in the middle of it |
+//! | `stream_preamble` | header of a text stream, kept for a process that resumes in mid-stream |
 //! | `reading_publisher` | publication of measurements as readings and fixes, with timestamps |
 //! | `device_monitor` | detection of device problems |
 //! | `diagnostics_publisher` | reports of these problems to the supervisor and the user |
@@ -137,7 +137,7 @@ pub fn run() -> Result<(), DriversError> {
                     publisher.mark_gap();
                 }
             }
-            // This outcome is handled only after everything has been sent.
+            // The source is read only when the queue is empty, so all readings have been sent.
             Some(ReadOutcome::End) if state != State::FINISHED => state = State::FINISHED,
             Some(ReadOutcome::End) => thread::sleep(READ_TIMEOUT),
             Some(ReadOutcome::NoData) => {}

@@ -24,8 +24,8 @@ const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Open port.
 pub(crate) enum OpenPort {
-    /// Standard input of the supervisor. It is this process's standard output, because its own
-    /// standard input carries the configuration.
+    /// Standard input of the supervisor. It is passed to this process as its standard output,
+    /// because the standard input of this process carries the configuration.
     Stdin,
     /// Datagrams of one sender.
     Udp(DatagramPort),

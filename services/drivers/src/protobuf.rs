@@ -53,7 +53,7 @@ fn length(bytes: &[u8]) -> Option<(usize, usize)> {
 /// Appends the measurements of a message. A fix precedes the reading of the same instant.
 fn push_measurements(message: &v1::Measurement, measurements: &mut Vec<Measurement>) {
     let three = |v1::Vector3 { x, y, z }: v1::Vector3| [x, y, z];
-    // A time before the device's zero is negative and is stored as two's complement.
+    // A time before the zero of the device's clock is negative and is stored as two's complement.
     let time = message.t_ns.map(|t_ns| DeviceTime::SinceBoot { now_ns: t_ns.cast_unsigned() });
     let mut push = |value| measurements.push(Measurement { time, value });
     if let Some(velocity) = message.velocity_m_s {

@@ -25,8 +25,8 @@ pub(crate) struct ReadingPublisher {
     /// Separately sent magnetic field, to be combined with the next reading.
     field_ut: Option<[f64; 3]>,
     queue: VecDeque<Outgoing>,
-    /// Maximum number of readings in flight, which ingest has not consumed yet; `None` if the
-    /// source does not wait.
+    /// Maximum number of readings that are sent but not yet consumed by ingest; `None` if the
+    /// source is not paced by ingest.
     max_in_flight: Option<u64>,
     sent: u64,
 }
@@ -110,7 +110,8 @@ impl ReadingPublisher {
                 Outgoing::Reading(_) if room == 0 => break,
                 Outgoing::Reading(reading) => {
                     if let Some(sensor) = &self.sensor {
-                        // Counted before sending, because ingest may consume it immediately.
+                        // The reading is counted before it is sent, because ingest may consume it
+                        // immediately.
                         sensor.add_sent(1);
                         sensor.send(reading)?;
                     }
@@ -141,7 +142,7 @@ impl ReadingPublisher {
         });
         match (self.clock, stamp) {
             (Clock::Device, Some(stamp)) => stamp.count_ns.cast_signed(),
-            // Without a timestamp, the time is derived from the number of the reading.
+            // If there is no timestamp, the time is derived from the reading number.
             (Clock::Device, None) => {
                 self.unstamped_count += 1;
                 (self.unstamped_count as f64 * self.interval_s * 1e9) as i64

@@ -34,7 +34,7 @@ pub(crate) struct ReconnectingPort {
 /// Reason why a device is unavailable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct DeviceFailure {
-    /// Error of the operating system.
+    /// Operating system error.
     pub(crate) cause: String,
     /// Suggested action.
     pub(crate) remedy: &'static str,
@@ -84,7 +84,7 @@ impl ReconnectingPort {
         &self.port
     }
 
-    /// Returns why the port is closed, or `None` if it is open.
+    /// Returns the reason why the port is closed, or `None` if it is open.
     pub(crate) fn failure(&self) -> Option<&DeviceFailure> {
         self.failure.as_ref()
     }

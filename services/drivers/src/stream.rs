@@ -23,7 +23,8 @@ pub(crate) struct DeviceStream {
     decoder: Box<dyn Decoder>,
     /// Totals of the decoders that have been replaced.
     previous_counts: Counts,
-    /// State of a text stream, for text formats only. The first line may name the columns.
+    /// State of a text stream, in which the first line may name the columns. `None` for other
+    /// formats.
     text: Option<TextState>,
     bytes: u64,
     measurements: u64,
@@ -53,7 +54,8 @@ impl DeviceStream {
     ) -> Result<Self, DriversError> {
         let mut decoder = make_decoder()?;
         if let Some(preamble) = &preamble {
-            // Only the columns are needed: the earlier process has already sent the measurements.
+            // Only the columns are needed, because the earlier process has already sent the
+            // measurements.
             decoder.push(preamble.text(), &mut Vec::new());
         }
         Ok(Self {

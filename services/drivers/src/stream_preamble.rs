@@ -10,7 +10,7 @@ use runtime::{
 };
 
 const WORD_BYTES: usize = size_of::<u64>();
-/// Maximum length of the preamble. The first word of the checkpoint holds its length.
+/// Maximum length of the preamble: all words of a checkpoint but the first, which holds the length.
 const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
 
 /// Lines received up to the first reading.
@@ -36,7 +36,7 @@ impl StreamPreamble {
         })
     }
 
-    /// Returns the received lines.
+    /// Returns the text of the preamble.
     pub(crate) fn text(&self) -> &[u8] {
         &self.text
     }

@@ -2,7 +2,7 @@
 //!
 //! A repeated request gets the reply to the first one. A request that arrives after its deadline or
 //! has an outdated epoch is rejected. The supervisor itself checks the epoch, so that no other
-//! decision can be made in between.
+//! decision can be made between the check and the swap.
 
 use std::{
     collections::VecDeque,
@@ -53,13 +53,13 @@ struct RequestEntry {
 }
 
 impl IdempotentSwaps {
-    /// Creates an empty set of requests that are forwarded through `client`.
+    /// Creates an empty set of requests. New requests are forwarded through `client`.
     pub fn new(client: SwapClient) -> Self {
         Self { client, state: Mutex::default(), replied: Condvar::new() }
     }
 
     /// Returns the number of requests forwarded to the supervisor, and the number of requests
-    /// answered without it.
+    /// answered without involving the supervisor.
     pub fn counts(&self) -> [u64; 2] {
         let state = locked(&self.state);
         [state.forwarded, state.answered_locally]

@@ -16,14 +16,14 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | `tap` | reads a topic of the bus, reduced to its rate |
+//! | `tap` | reads a bus topic, reduced to its configured rate |
 //! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
 //! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
 //! | `network_publisher` | publishes messages in envelopes, liveliness tokens and the report |
 //! | `queries` | replies to queries: last messages, schema, services, swaps |
 //! | `worker_pool` | threads that reply, so that the network never waits for a client |
-//! | `memory_limit` | limit of the gateway's memory |
+//! | `memory_limit` | memory limit of the gateway |
 //! | [`idempotent_swaps`] | swap requests, each of which is executed once |
 //! | [`split`] | split systems, whose ticks are carried from one gateway to another |
 #![forbid(unsafe_code)]
@@ -152,8 +152,8 @@ impl Shared {
 /// Publisher shared by both threads. It is set once the network is open.
 type SharedPublisher = Arc<OnceLock<Mutex<NetworkPublisher>>>;
 
-/// Locks a mutex, even if a thread panicked while holding it. The contents are counts and queues,
-/// which stay usable.
+/// Locks a mutex, even if a thread panicked while holding it. This is safe, because the contents
+/// are counts and queues, which stay usable.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -169,7 +169,8 @@ pub fn run() -> Result<(), GatewayError> {
     let launch = context.config.launch.clone();
     let is_split = launch.gateway.is_split();
     if !is_split {
-        // On an overloaded machine the data path takes precedence. A failure is harmless.
+        // The data path takes precedence on an overloaded machine. If the priority cannot be
+        // lowered, the gateway runs at normal priority.
         let _ = rustix::process::nice(NICENESS);
     }
     let mut taps = Taps::open(&context)?;
@@ -254,7 +255,8 @@ fn run_network(
         locked(network_publisher).poll()?;
         if checked.is_none_or(|checked| checked.elapsed() > CERTIFICATES_INTERVAL) {
             checked = Some(Instant::now());
-            // If a certificate has expired, peers drop the connection without giving a reason.
+            // Peers drop the connection without giving a reason if a certificate has expired. The
+            // gateway therefore checks its own certificates and reports the cause.
             let found = endpoints.check_certificates().err().map(|error| error.to_string());
             if let Some(line) = found.clone().filter(|_| found != reported) {
                 notify_supervisor(
@@ -265,7 +267,8 @@ fn run_network(
             reported = found;
         }
     }
-    // The split thread stops with the gateway. If it has panicked, there is nothing left to send.
+    // The split thread stops with the gateway. If it has panicked, there is nothing left to send,
+    // so the result of the join is ignored.
     let _ = split_thread.map(thread::JoinHandle::join);
     link.close();
     Ok(())

@@ -92,7 +92,8 @@ impl NetworkPublisher {
         }
     }
 
-    /// Sends the queued batches. If they are due, also updates liveliness and sends the report.
+    /// Sends the queued batches. Also updates the liveliness tokens and sends the report when these
+    /// are due.
     pub(crate) fn poll(&mut self) -> Result<(), LinkError> {
         self.send_queued();
         if self.liveliness_updated.elapsed() > LIVELINESS_INTERVAL {

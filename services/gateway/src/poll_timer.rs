@@ -4,8 +4,8 @@
 //! immediately. The system call that wakes the next service on the data path then wakes the
 //! gateway, too.
 //!
-//! If ticks are faster, the bus is polled at the message rate, which costs its publishers no system
-//! call.
+//! If ticks are faster, the bus is polled at the message rate, so that publishers on the bus need
+//! no system call to wake the gateway.
 //!
 //! Ticks from another host are always waited for.
 

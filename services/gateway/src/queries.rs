@@ -36,7 +36,8 @@ pub(crate) fn serve(link: &Link, shared: &Arc<Shared>, last: LastMessages) -> Re
 
 fn answer_read(query: &IncomingQuery, shared: &Shared, last: &LastMessages) {
     let Shared { system, vehicle, .. } = shared;
-    // Copied first, because a reply may block on a slow client and must not block the publisher.
+    // The messages are copied first, because a reply may block on a slow client, and the publisher
+    // must not be blocked meanwhile.
     let last: Vec<_> = locked(last).iter().filter(|(key, _)| query.matches_key(key)).map(cloned).collect();
     for (key, (message, bytes)) in last {
         query.reply(&key, &message, bytes);

@@ -70,7 +70,8 @@ fn tap(context: &ServiceContext, topic: Topic, rate: TopicRate) -> Result<Box<dy
 /// Creates a tap that yields each tick of a dense topic once and in order, even if the owner of the
 /// slot changes.
 ///
-/// Each message is converted with `convert`. A missing tick was overwritten before it was read.
+/// Each message is converted with `convert`. A missing tick counts as overwritten on the bus,
+/// because it was published but could not be read.
 fn ordered<M: Ticked + Payload>(
     context: &ServiceContext,
     rate: TopicRate,
@@ -151,7 +152,7 @@ impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> TopicTap for Tap<M, O> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The caller polls whether or not a message has arrived.
+        // The outcome is ignored, because the caller polls whether or not a message has arrived.
         self.subscriber.wait(limit);
     }
 

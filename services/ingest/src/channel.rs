@@ -52,7 +52,7 @@ impl FieldChannel {
             return (None, Flags::FIELD_INVALID);
         }
         // A magnetometer is slower than a gyro, and a recording repeats its value until the next
-        // sample.
+        // sample. An unchanged value is therefore not a new sample.
         if self.previous_ut.replace(field_ut) == Some(field_ut) {
             return (None, Flags::NONE);
         }

@@ -38,7 +38,7 @@ use crate::{
 
 /// Longest step that counts as a gap, ns. A longer one is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
-/// Maximum magnitude of the first stamp, ns (285 years). Time can then run for years without
+/// Maximum magnitude of the first stamp, ns (285 years), so that time can run for years without
 /// overflow.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
 /// Maximum number of consecutive backward stamps that are rejected. After that, the sensor's clock
@@ -54,11 +54,11 @@ pub struct Sample {
     pub mag: Option<MagSample>,
     /// Fix, if one arrived and is valid.
     pub gnss: Option<GnssFix>,
-    /// True attitude of the body, if the source provides that of the sensor axes.
+    /// True attitude of the body, if the source provides the true attitude of the sensor axes.
     pub reference: Option<Truth>,
 }
 
-/// Conditioner of a source: checks its readings and numbers the samples.
+/// Conditioner that checks the readings of a source and numbers the samples.
 #[derive(Debug, Clone)]
 pub struct Conditioner {
     fault_injector: FaultInjector,
@@ -267,9 +267,10 @@ impl Conditioner {
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// Returns the interval to use if the clock was set back, ns, or `None` until that is certain.
+    /// Returns the interval to use if the clock was set back, ns, or `None` until a set-back is
+    /// certain.
     ///
-    /// It is certain after two consecutive earlier stamps in increasing order, or after
+    /// A set-back is certain after two consecutive earlier stamps in increasing order, or after
     /// [`MAX_BACKWARD_STAMPS`] earlier stamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {

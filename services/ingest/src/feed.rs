@@ -22,9 +22,11 @@ impl BusFeed {
         let buffer = context.config.buffer_ticks();
         let bus = &context.bus;
         let (sensor, receiver) = match (has_drivers, context.config.resume.is_some()) {
-            // The drivers may publish before this service has started.
+            // The drivers may publish before this service has started, so the messages they still
+            // hold are received, too.
             (true, false) => (bus.late_subscriber(buffer)?, bus.late_subscriber(buffer)?),
-            // The previous incarnation has processed nearly everything that the drivers still hold.
+            // The previous incarnation has processed nearly everything that the drivers still hold,
+            // so only new messages are received.
             (true, true) => (bus.subscriber(buffer)?, bus.subscriber(buffer)?),
             (false, _) => (context.subscriber()?, context.subscriber()?),
         };

@@ -72,7 +72,8 @@ impl FlightReplay {
             return Err(MissingReadings { from: next, until: number - 1 }.into());
         }
         if self.is_from_bus && current.is_none() && self.last.is_some() {
-            // The new incarnation of ingest resumed with only the tick and the clock offset.
+            // In the flight, the new incarnation of ingest resumed with only the tick and the clock
+            // offset, so the replay discards all other state as well.
             self.rejected += self.conditioner.rejected();
             self.conditioner = crate::conditioner(&self.config)?;
             self.conditioner.resume_at(tick, offset_ns);

@@ -94,14 +94,14 @@ struct Ingest {
     credit: Subscriber<Credit>,
     /// Next tick of the previous incarnation; ticks before this one have been published.
     resume_tick: u64,
-    /// End of the ticks that subscribers may still lack, exclusive. Ticks before this one are
-    /// published without pacing.
+    /// Exclusive end of the ticks that subscribers may still lack. Earlier ticks are published
+    /// without pacing.
     catch_up_end_tick: u64,
     /// Time at which the first tick was due, CLOCK_MONOTONIC, ns; 0 before the first tick.
     start_ns: u64,
     next_checkpoint_tick: u64,
     allowed_ticks: u64,
-    /// First tick that is not published, once a stop has been requested.
+    /// Tick before which publication ends; `None` until a stop has been requested.
     end_tick: Option<u64>,
     published_ticks: u64,
     flags: Flags,
@@ -306,7 +306,8 @@ impl Ingest {
         self.flags |= imu.header.flags;
         self.context.stamp(&mut imu.header);
         imu.header.t_born_ns = imu.header.t_sent_ns;
-        // Field and fix precede their tick, so that subscribers need not wait for them.
+        // Field and fix are published before the sample of their tick, so that subscribers need not
+        // wait for them.
         if let Some(mag) = mag {
             self.mag.send(&MagSample { header: imu.header, ..mag })?;
             self.mag.wake();
@@ -350,7 +351,8 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // Ticks that an earlier incarnation published are published again before the end.
+            // The end is not before the topic's next tick, so that ticks which an earlier
+            // incarnation published are published again.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }

@@ -183,7 +183,7 @@ pub struct RecordedReadings {
 }
 
 impl RecordedReadings {
-    /// Opens a recording and its fixes. Without `mag`, the magnetic field is ignored.
+    /// Opens a recording and its fixes. If `mag` is `false`, the magnetic field is ignored.
     ///
     /// # Errors
     ///

@@ -1,4 +1,5 @@
-//! Runs all slots in this process without the bus. Joins and results are the same, bit for bit.
+//! Runs all slots in this process, bypassing the bus. Joins and results are the same as on the bus,
+//! bit for bit.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},

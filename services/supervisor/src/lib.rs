@@ -55,7 +55,7 @@ pub use plan::{Plan, Request};
 pub use recorder::{Recorder, RecordingReport};
 pub use report::Report;
 
-/// Runs a system to its end and records it with `recorder`, if given.
+/// Runs a system to completion and records it with `recorder`, if given.
 ///
 /// An error after the start is part of the report.
 ///
@@ -66,7 +66,7 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     if request.in_process && recorder.is_some() {
         return Err(UpError::NoBus);
     }
-    // Signals now end the run with a report.
+    // Signals received after this point end the run with a report.
     let stop_requested = install_signal_handlers()?;
     let plan = Plan::new(request)?;
     // An external stage rejects invalid parameters before any service starts. A stage that fails to
@@ -83,7 +83,7 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     }
 }
 
-/// Replays a recorded flight to its end, in this process.
+/// Replays a recorded flight to completion, in this process.
 ///
 /// # Errors
 ///
@@ -134,7 +134,7 @@ pub enum UpError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// A stage could not be created or failed.
+    /// A stage failed or could not be created.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
     /// The system stopped prematurely.
@@ -188,7 +188,7 @@ pub enum UpError {
     System {
         /// Attempted action.
         action: String,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The attitudes could not be collected or written.
@@ -197,7 +197,7 @@ pub enum UpError {
     /// The control socket could not be opened.
     #[error(transparent)]
     Control(#[from] ControlError),
-    /// Ticks without an attitude.
+    /// Some ticks have no attitude.
     #[error(
         "{lost} of {ticks_in} ticks were lost: a service did not respond, or restarted too late for the buffer of its topics"
     )]
@@ -207,7 +207,7 @@ pub enum UpError {
         /// Number of ticks received.
         ticks_in: u64,
     },
-    /// Attitudes that were published but not collected by the supervisor.
+    /// The supervisor did not collect some of the published attitudes.
     #[error(
         "{} published but missing from the report's figures and the --out file: the supervisor did not collect them within buffer_s; check whether it was stopped or starved",
         launch::pluralize(*not_recorded, "attitude")
@@ -216,7 +216,7 @@ pub enum UpError {
         /// Number of attitudes not collected.
         not_recorded: u64,
     },
-    /// Lines of the output file without the values of the fused state.
+    /// Some lines of the output file lack the values of the fused state.
     #[error(
         "{} of the --out file without u, v, z and bias: the supervisor did not collect the fused states within buffer_s",
         launch::pluralize(*without_fused, "line")

@@ -59,7 +59,7 @@ pub struct Plan {
     pub ticks: Option<u64>,
     /// Run time after which an endless source is stopped, s.
     pub stop_after_s: Option<f64>,
-    /// Set if the source has a reference attitude, at least occasionally.
+    /// Set if the source has a reference attitude for at least some ticks.
     pub has_reference: bool,
     /// Path of the replayed recording, as given by the user.
     pub recording: Option<PathBuf>,

@@ -250,7 +250,7 @@ impl ReaperThread {
         let stop = Arc::new(AtomicBool::new(false));
         let stop_flag = stop.clone();
         let work = move || {
-            // Reaping may occupy the processor for a long time.
+            // Reaping may occupy the processor for a long time, so it has a low priority.
             scheduling::set_class(scheduling::CALLING_THREAD, SchedulingClass::Leaving);
             for (mut child, exited_at) in received {
                 while exited_at.elapsed() < REAP_DELAY && !stop_flag.load(Ordering::SeqCst) {

@@ -16,7 +16,7 @@ use bus::SystemName;
 
 use crate::UpError;
 
-/// Delay from an exit to the removal. The service has restarted by then.
+/// Delay from an exit to the removal. It is long enough for the service to have restarted.
 const CLEANUP_DELAY: Duration = Duration::from_millis(50);
 /// Interval between periodic removals, which cover, for example, a killed observer.
 const CLEANUP_INTERVAL: Duration = Duration::from_secs(1);

@@ -14,8 +14,8 @@ use crate::{RecordingReport, UpError};
 pub struct Report {
     /// Ticks numbered by ingest.
     pub ticks_in: u64,
-    /// Ticks with an attitude. If another host computes the attitude, ticks published by every
-    /// local slot.
+    /// Ticks with an attitude. If another host computes the attitude, this is the number of ticks
+    /// published by every local slot.
     pub ticks_out: u64,
     /// Ticks without an attitude.
     pub lost: u64,
@@ -160,7 +160,7 @@ impl Report {
 
     /// Returns the report as a JSON object on one line.
     pub fn to_json(&self) -> String {
-        // Numbers, strings and lists always serialise.
+        // Serialising numbers, strings and lists cannot fail.
         serde_json::to_string(self).unwrap_or_default()
     }
 }

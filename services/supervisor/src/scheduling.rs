@@ -2,7 +2,7 @@
 //!
 //! - Input: a process and its class.
 //! - Output: its scheduling attributes.
-//! - Failure: if the attributes cannot be set, the process keeps those of the kernel.
+//! - Failure: if the attributes cannot be set, the process keeps the kernel's defaults.
 //!
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
 //! processor would wait for a whole time slice of that process, some milliseconds. Processes on the
@@ -18,7 +18,7 @@ use rustix::{
     thread::{CapabilitySet, capabilities},
 };
 
-/// Time slice of processes on the data path, ns. A tick takes less.
+/// Time slice of processes on the data path, ns. Processing a tick takes less.
 const PATH_SLICE_NS: u64 = 100_000;
 /// Time slice of the supervisor, ns. Longer than on the data path, but shorter than the default of
 /// some milliseconds.
@@ -34,13 +34,13 @@ pub(crate) const CALLING_THREAD: u32 = 0;
 /// Scheduling class of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SchedulingClass {
-    /// On the data path: runs as soon as it is woken.
+    /// Process on the data path, which runs as soon as it is woken.
     Path,
     /// Auxiliary process with default scheduling.
     Auxiliary,
-    /// Candidate that starts, with a lower priority than the data path.
+    /// Candidate that is starting, with a lower priority than the data path.
     Starting,
-    /// Process that exits, or thread that reaps one, with a lower priority than the data path.
+    /// Process that is exiting, or thread that reaps one, with a lower priority than the data path.
     Leaving,
 }
 
@@ -81,12 +81,12 @@ fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr
     }
 }
 
-/// Returns `true` if the supervisor may restore its own priority for a process after increasing the
-/// process's nice value.
+/// Returns `true` if the supervisor is permitted to undo an increase of a process's nice value,
+/// restoring the supervisor's own priority.
 fn can_restore(own: &libc::sched_attr) -> bool {
     let allowed = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
     capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_NICE))
-        // RLIMIT_NICE counts from 20 downwards.
+        // RLIMIT_NICE is 20 minus the lowest permitted nice value.
         || (allowed(Resource::Nice) >= u64::from((20 - own.sched_nice).unsigned_abs())
             && allowed(Resource::Rtprio) >= u64::from(own.sched_priority))
 }

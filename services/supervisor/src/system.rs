@@ -147,7 +147,7 @@ impl<'r> System<'r> {
         Ok(system)
     }
 
-    /// Runs the system to its end.
+    /// Runs the system to completion.
     fn run(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         self.handle(Event::Timer, collector)?;
         loop {
@@ -347,7 +347,7 @@ impl<'r> System<'r> {
     }
 
     /// Creates a new bus of the same name after files of the old one were removed. `next_tick` is
-    /// output next.
+    /// the tick that is output next.
     fn renew_bus(&mut self, next_tick: u64) -> Result<(), UpError> {
         self.processes.kill_all();
         // The old topics are closed first, because the new ones have the same names.

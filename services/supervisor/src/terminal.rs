@@ -20,8 +20,8 @@ use rustix::{
 pub(crate) const WRITE_TIMEOUT: Option<Timespec> = Some(Timespec { tv_sec: 1, tv_nsec: 0 });
 /// No time limit: waits until the output is accepted.
 pub(crate) const NO_TIMEOUT: Option<Timespec> = None;
-/// Number of bytes per write. A pipe that has room accepts them without blocking (`PIPE_BUF` on
-/// Linux).
+/// Number of bytes per write. A pipe that has room accepts this many without blocking (`PIPE_BUF`
+/// on Linux).
 const CHUNK_BYTES: usize = 4096;
 
 /// Writes a line in chunks, each within the timeout. Drops the rest after a failure.

@@ -13,7 +13,7 @@ const KEY: &str = "test/query";
 /// Timeout for replies that are expected.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// Returns an endpoint without a listener.
+/// Returns an endpoint at which no process listens.
 fn endpoint() -> String {
     format!("tcp/{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap())
 }

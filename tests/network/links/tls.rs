@@ -20,7 +20,7 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout of one poll.
 const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Listening vehicle with a key folder for itself and for other parties.
+/// Listening vehicle with the key folders of itself and of other parties.
 struct Board {
     folder: TempDir,
     port: u16,
@@ -45,7 +45,7 @@ impl Board {
         Self { folder, port, link }
     }
 
-    /// Returns the endpoints with which a party connects to `port`.
+    /// Returns the endpoints that a party uses to connect to `port`.
     fn endpoints(&self, party: &str, port: u16) -> Endpoints {
         Endpoints {
             tls: tls(&self.folder.path().join(party)),
@@ -173,7 +173,7 @@ fn half_open_handshake_does_not_block_next_client() {
     let mut datagram = [0; 65536];
     let (length, _) = relay.recv_from(&mut datagram).unwrap();
     relay.send_to(&datagram[..length], (Ipv4Addr::LOCALHOST, board.port)).unwrap();
-    // A response shows that the datagram has arrived.
+    // The response shows that the datagram has arrived.
     while relay.recv_from(&mut datagram).unwrap().1.port() != board.port {}
 
     let desk = Link::open(&board.endpoints("viewer.desk", board.port)).unwrap();

@@ -1,4 +1,4 @@
-//! Permissions of each role at a router with the access list that `plumb keys` writes.
+//! Permissions of each role at a router that uses the access list written by `plumb keys`.
 use super::site::{Received, Site, Vehicle, query_keys, query_live_tokens, wait_for};
 use zenoh::Wait;
 
@@ -126,7 +126,7 @@ fn vehicle_cannot_reply_or_declare_for_other_vehicle() {
         let _router = site.router();
         let operator = site.session("operator.ann");
         let alive = Received::subscribe_liveliness(&operator, "plumbline/v1/*/@live/*");
-        // Declares everything that alpha declares, but with the certificate of beta.
+        // Makes all the declarations of alpha, but with the certificate of beta.
         let beta = site.session("vehicle.beta");
         let forged = Vehicle::new(beta.clone(), "alpha");
         let intercepted = Received::default();
@@ -157,8 +157,8 @@ fn ground_parties_cannot_publish() {
         let forged = "plumbline/v1/alpha/course";
         for party in ["viewer.wall", "operator.ann"] {
             let ground = site.session(party);
-            // Messages stay in order: the reply follows the forged message, and the vehicle's own
-            // message follows the reply.
+            // Messages on one connection stay in order: the reply follows the forged message, and
+            // the vehicle's own message follows the reply.
             wait_for("a reply", || {
                 ground.put(forged, "forged").wait().unwrap();
                 !query_keys(&ground, ATTITUDE).is_empty()

@@ -1,5 +1,5 @@
-//! Connections that are rejected because of their certificate. Each test makes the same attempt
-//! with a valid certificate, too.
+//! Connections that are rejected because of their certificate. Each test also makes the same
+//! attempt with a valid certificate.
 use std::{fs, path::Path};
 
 use super::site::Site;

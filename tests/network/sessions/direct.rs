@@ -1,4 +1,4 @@
-//! Vehicle that listens for clients itself, as a gateway without a router does. The same access
+//! Vehicle that itself listens for clients, like a gateway that uses no router. The same access
 //! list applies.
 use super::site::{Received, Site, Vehicle, query_keys, wait_for};
 use zenoh::{Session, Wait};
@@ -11,7 +11,7 @@ fn alpha(site: &Site) -> Session {
 fn site() -> Site {
     let site = Site::new(&["viewer.wall", "vehicle.beta"]);
     site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["127.0.0.1".parse().unwrap()], &[], 30, false).unwrap();
-    // A party added later is on the access list, too.
+    // A party added after the vehicle is on the access list, too.
     site.issue("operator.ann");
     site
 }

@@ -13,9 +13,9 @@ use keys::{Keys, Party, configuration::INSTALL_DIR};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
-/// Timeout of a connection attempt, ms. A successful one takes much less.
+/// Timeout for a connection attempt, ms. A successful attempt takes much less.
 const CONNECT_TIMEOUT_MS: u32 = 4000;
-/// Timeout of a query.
+/// Timeout for a query.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Key folder, with the port of its router or listening vehicle.
@@ -36,8 +36,8 @@ impl Site {
         site
     }
 
-    /// Returns a site whose vehicles are clients of the router, as configured, and a site whose
-    /// vehicles are peers.
+    /// Returns two sites. In the first, vehicles are clients of the router, as configured; in the
+    /// second, they are peers.
     pub(super) fn with_vehicle_clients_and_peers(parties: &[&str]) -> [Self; 2] {
         [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
     }
@@ -54,18 +54,18 @@ impl Site {
         self.folder.path().join(file)
     }
 
-    /// Opens the router with the configuration of its folder.
+    /// Opens the router with the configuration in its folder.
     pub(super) fn router(&self) -> Session {
         listening(&self.configuration(&self.path("router")))
     }
 
-    /// Opens a session with the configuration of a party's folder.
+    /// Opens a session with the configuration in a party's folder.
     pub(super) fn session(&self, party: &str) -> Session {
         self.open(&self.path(party)).unwrap()
     }
 
-    /// Opens a session that listens with a vehicle's certificate, as a gateway without a router
-    /// does.
+    /// Opens a session that listens with a vehicle's certificate, like a gateway that uses no
+    /// router.
     pub(super) fn listening(&self, vehicle: &str) -> Session {
         let folder = self.path(vehicle);
         let mut config = Config::default();
@@ -119,8 +119,8 @@ impl Site {
     }
 }
 
-/// Opens a session that listens. Retries, because the port of a closed session is freed after a
-/// delay.
+/// Opens a session that listens. Retries if necessary, because the port of a closed session is
+/// freed after a delay.
 fn listening(config: &Config) -> Session {
     let mut session = None;
     wait_for("the port to be free", || {
@@ -134,7 +134,7 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Session with the declarations of a gateway: telemetry, last values, liveliness and commands.
+/// Session with a gateway's declarations: telemetry, last values, liveliness and commands.
 pub(super) struct Vehicle {
     pub session: Session,
     name: String,
@@ -232,7 +232,7 @@ pub(super) fn query_live_tokens(session: &Session, key: &str) -> Vec<String> {
         .collect()
 }
 
-/// Waits for a condition. The timeout is reached only if a test fails.
+/// Waits for a condition. The timeout elapses only if a test fails.
 pub(super) fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while !done() {

@@ -1,7 +1,7 @@
 //! Bridges to ROS 2, tested against nodes of `hiroz`, a ROS 2 implementation in Rust on Zenoh.
 //!
 //! The nodes define the messages themselves, so that names, hashes, encoding, attachments and
-//! liveliness tokens follow an independent implementation.
+//! liveliness tokens come from an independent implementation.
 use std::{
     fs,
     io::{BufRead as _, BufReader, Read as _},
@@ -25,7 +25,7 @@ use tempfile::TempDir;
 
 const DOMAIN: usize = 7;
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Timeout for messages and states on a busy machine.
+/// Timeout for messages and states. It allows for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
@@ -93,7 +93,8 @@ fn hiroz_node_receives_attitudes_of_output_file() {
     wait_for("its liveliness token to disappear", || ros.graph().count(EndpointKind::Publisher, "/imu/data") == 0);
     let rows = system.attitudes();
 
-    // The body frame of ROS is forward, left, up: ours rotated by 90° about up.
+    // ROS uses the body frame forward, left, up, which is Plumbline's body frame rotated by 90°
+    // about the up axis.
     let quarter = [0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()];
     let expected: Vec<[f64; 4]> = rows.into_iter().map(|row| product(row, quarter)).collect();
     let of = |imu: &Imu| [imu.orientation.w, imu.orientation.x, imu.orientation.y, imu.orientation.z];
@@ -165,7 +166,7 @@ fn hiroz_node_feeds_readings_to_system() {
     assert!(worst < 0.01, "error of the up vector: {worst}");
 }
 
-/// Starts a ROS 2 router and returns it with its port.
+/// Starts a ROS 2 router. Returns its context and its port.
 fn router() -> (ZContext, u16) {
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let ros = ZContextBuilder::default()
@@ -186,7 +187,7 @@ fn endpoint(ros: &ZContext, kind: EndpointKind, topic: &str) -> EndpointEntity {
     endpoint.clone()
 }
 
-/// Running system, interrupted when dropped.
+/// Running system, which is interrupted on drop.
 struct System {
     name: String,
     folder: TempDir,
@@ -232,7 +233,7 @@ impl System {
         course.and_then(|one| one["ticks"].as_u64()).unwrap_or_default()
     }
 
-    /// Stops the system and returns its attitudes, w x y z (right-forward-up, east-north-up).
+    /// Stops the system and returns its attitudes as w, x, y, z (right-forward-up, east-north-up).
     fn attitudes(mut self) -> Vec<[f64; 4]> {
         let mut process = self.process.take().unwrap();
         interrupt(&process);
@@ -252,7 +253,7 @@ impl System {
 impl Drop for System {
     fn drop(&mut self) {
         if let Some(mut process) = self.process.take() {
-            // A test has failed. The services stop with the supervisor.
+            // A test has failed. The supervisor is interrupted, so that it also stops the services.
             interrupt(&process);
             drop(self.stderr.take());
             let _ = process.wait();
@@ -260,7 +261,7 @@ impl Drop for System {
     }
 }
 
-/// Returns the path of `plumb`, which this workspace does not build.
+/// Returns the path of `plumb`, which must have been built in the main workspace.
 fn plumb() -> PathBuf {
     let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/release/plumb");
     assert!(program.is_file(), "{} does not exist; run cargo build --release in the main workspace", program.display());
@@ -289,7 +290,8 @@ fn product([a, b, c, d]: [f64; 4], [w, x, y, z]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Returns the largest difference of a component. Both signs of a quaternion are the same attitude.
+/// Returns the largest component difference. Takes into account that q and −q are the same
+/// attitude.
 fn max_difference(a: [f64; 4], b: [f64; 4]) -> f64 {
     let difference = |sign: f64| a.into_iter().zip(b).map(|(a, b)| (a - sign * b).abs()).fold(0.0, f64::max);
     difference(1.0).min(difference(-1.0))

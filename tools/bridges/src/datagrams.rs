@@ -14,11 +14,11 @@ use std::{
 /// Prefix of an endpoint.
 const SCHEME: &str = "udpout:";
 
-/// Destination of datagrams, for instance `udpout:127.0.0.1:14550`.
+/// Destination of datagrams, for example `udpout:127.0.0.1:14550`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Endpoint(String);
 
-/// Datagrams cannot be sent.
+/// Error that prevents datagrams from being sent.
 #[derive(Debug, thiserror::Error)]
 pub enum DatagramError {
     /// The text is not an endpoint.
@@ -32,7 +32,7 @@ pub enum DatagramError {
     HostLookup {
         /// Destination.
         endpoint: Endpoint,
-        /// Error of the resolver.
+        /// Resolver error.
         cause: io::Error,
     },
     /// A socket cannot be opened.
@@ -40,7 +40,7 @@ pub enum DatagramError {
     Socket {
         /// Destination.
         endpoint: Endpoint,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
 }
@@ -71,7 +71,7 @@ pub struct DatagramSender {
 }
 
 impl DatagramSender {
-    /// Resolves the host once and opens a socket. Does not check for a receiver.
+    /// Resolves the host once and opens a socket. Does not check whether a receiver exists.
     ///
     /// # Errors
     ///
@@ -120,7 +120,7 @@ mod tests {
         let frozen = UdpSocket::bind("127.0.0.1:0").unwrap();
         let port = frozen.local_addr().unwrap().port();
         let sender = DatagramSender::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
-        // More than the receive buffer of a socket holds.
+        // More datagrams than the receive buffer of a socket can hold.
         let _sent = (0..20_000).filter(|_| sender.send(&[0; 100])).count();
         drop(frozen);
         assert!((0..1000).all(|_| sender.send(&[0; 100])), "without a receiver, datagrams are still sent");

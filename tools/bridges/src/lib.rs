@@ -1,7 +1,7 @@
 //! Bridges that send the attitude in other protocols.
 //!
 //! - Input: messages of a running system.
-//! - Output: messages of MAVLink and ROS 2, in their frames.
+//! - Output: MAVLink and ROS 2 messages, in the frames of these protocols.
 //! - Time: given with each message.
 //! - Failure: an invalid or stale attitude is not sent. An absent, slow or frozen receiver only
 //!   loses datagrams.

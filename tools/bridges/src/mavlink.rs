@@ -1,10 +1,10 @@
 //! MAVLink 2 messages: HEARTBEAT, ATTITUDE_QUATERNION (31) and ATTITUDE (30).
 //!
-//! - Input: attitudes in the native frame that have passed [`validity`](crate::validity).
-//! - Output: encoded frames. Quaternion, angles and rates are single precision, with body axes
-//!   forward, right, down in earth axes north, east, down.
+//! - Input: attitudes in the native frame that passed the check in [`validity`](crate::validity).
+//! - Output: encoded frames. Quaternion, angles and rates have single precision. Body axes are
+//!   forward, right, down; earth axes are north, east, down.
 //! - Time: `time_boot_ms` is the end of the sample's interval on the source's clock, ms modulo 2³².
-//!   Both messages of a sample have the same value.
+//!   ATTITUDE_QUATERNION and ATTITUDE of the same sample have the same value.
 
 use attitude::frames::Frame;
 use mavlink::{
@@ -48,7 +48,7 @@ pub struct AttitudeMessages {
 }
 
 impl MavlinkEncoder {
-    /// Creates an encoder for a component of a system; both identifiers are 1 to 255.
+    /// Creates an encoder for a component of a system. Both identifiers must be from 1 to 255.
     pub fn new(system_id: u8, component_id: u8) -> Self {
         Self { header: MavHeader { system_id: system_id.into(), component_id, sequence: 0 } }
     }
@@ -99,7 +99,7 @@ pub fn attitude_messages(output: &AttitudeOutput) -> AttitudeMessages {
             rollspeed,
             pitchspeed,
             yawspeed,
-            // All zero: no rotation for display is given (common.xml).
+            // All zeros mean that no rotation for display is specified (common.xml).
             repr_offset_q: [0.0; 4],
         },
         angles: ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed },
@@ -140,8 +140,8 @@ mod tests {
     #[test]
     fn messages_are_numbered_and_companion_is_not_autopilot() {
         let mut encoder = MavlinkEncoder::new(7, AUTOPILOT_COMPONENT_ID);
-        // STX, length, two bytes of flags, sequence number, system, component; in HEARTBEAT then
-        // mode, type and autopilot.
+        // Header: STX, length, two bytes of flags, sequence number, system, component. A HEARTBEAT
+        // then has mode, type and autopilot.
         let header_fields = |raw: &MAVLinkV2MessageRaw| [4, 5, 6, 14, 15, 17].map(|index| raw.raw_bytes()[index]);
         assert_eq!(header_fields(&encoder.heartbeat(HeartbeatStatus::Starting)), [0, 7, 1, 0, 0, 1]);
         for _ in 1..256 {

@@ -2,8 +2,9 @@
 //!
 //! - Input: an attitude and the sample of its tick, in the native frame.
 //! - Output: keys, liveliness tokens, attachments, and messages as CDR (XCDR1, little-endian).
-//! - Frames: REP 103 and REP 145. Orientation of forward, left, up in east, north, up; rate and
-//!   force in forward, left, up, with +g upwards at rest.
+//! - Frames: REP 103 and REP 145. The orientation is that of the body axes forward, left, up in the
+//!   earth axes east, north, up. Rate and force are in forward, left, up; at rest the force is +g
+//!   upwards.
 //! - Time: `stamp_ns` is in nanoseconds since 1970.
 //! - Failure: an invalid topic or frame name is rejected.
 //!
@@ -72,7 +73,7 @@ impl Node {
         self.endpoint_token(1, "MP", topic, message_type)
     }
 
-    /// Returns the liveliness token of a subscription; `entity_id` is unique in the node.
+    /// Returns the liveliness token of a subscription; `entity_id` must be unique within the node.
     pub fn subscription_token(&self, entity_id: u32, topic: &str, message_type: MessageType) -> String {
         self.endpoint_token(entity_id, "MS", topic, message_type)
     }
@@ -99,7 +100,7 @@ impl Node {
     }
 }
 
-/// Parses a topic name and returns it without a leading slash.
+/// Parses a topic name and returns it with any leading slash removed.
 ///
 /// A name consists of words separated by `/`. A word has letters, digits and `_`, and does not
 /// start with a digit.
@@ -244,8 +245,8 @@ mod tests {
         let attitude = AttitudeOutput { quaternion: [1.0, 0.0, 0.0, 0.0], course_sd_rad: 0.5, ..Zeroable::zeroed() };
         let sample = ImuSample { force_m_s2: [0.1, 0.2, 9.8], ..Zeroable::zeroed() };
         let bytes = encode_imu(&attitude, &sample, 1_500_000_000, "imu_link").unwrap();
-        // Encapsulation; 1 s and 5·10⁸ ns; nine bytes of text with the terminating zero. From there
-        // on each number is aligned to 8 bytes, counted from the end of the encapsulation.
+        // Encapsulation; 1 s and 5·10⁸ ns; nine bytes of text including the terminating zero. After
+        // the text, each number is aligned to 8 bytes, counted from the end of the encapsulation.
         assert_eq!(&bytes[..16], &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0x65, 0xcd, 0x1d, 9, 0, 0, 0]);
         assert_eq!((&bytes[16..25], bytes.len()), (&b"imu_link\0"[..], 324));
         let numbers: Vec<f64> =

@@ -10,7 +10,7 @@ pub const MAX_AGE_NS: u64 = 500_000_000;
 /// Maximum deviation of the quaternion's norm from 1.
 const NORM_TOLERANCE: f64 = 1e-6;
 
-/// Reason why an attitude is not sent.
+/// Reason for not sending an attitude.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WithholdReason {
     /// The attitude is an initial value, not yet aligned with the accelerometer.
@@ -25,7 +25,7 @@ pub enum WithholdReason {
 ///
 /// # Errors
 ///
-/// Returns the reason why the attitude must not be sent.
+/// Returns the reason for which the attitude must not be sent.
 pub fn validate(output: &AttitudeOutput, now_ns: u64) -> Result<(), WithholdReason> {
     let AttitudeOutput { header, quaternion, yaw_rad, pitch_rad, roll_rad, rate_rad_s, .. } = output;
     if header.flags.any(Flags::UNALIGNED) {

@@ -5,9 +5,10 @@
 //! see `ellipsoid` for M. Six positions, with each axis up and down, determine bias and scale.
 //! Twelve or more positions also determine the misalignment.
 //!
-//! Without such rests, the errors are estimated while the unit is slowly rotated by hand through
-//! all positions; see `motion`. This is less accurate. Every direction has about the same weight,
-//! residuals have Huber weights, and the standard deviations are computed from the residuals.
+//! If there are no such rests, the errors are estimated while the unit is slowly rotated by hand
+//! through all positions; see `motion`. This is less accurate. Every direction has about the same
+//! weight, residuals have Huber weights, and the standard deviations are computed from the
+//! residuals.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
@@ -30,8 +31,8 @@ const MIN_MISALIGNMENT_POSITIONS: usize = 12;
 const MAX_BIAS_SD_M_S2: f64 = 0.05;
 /// Maximum standard deviation of an accepted scale or misalignment (0.5 %).
 const MAX_SCALE_SD: f64 = 0.005;
-/// Minimum standard deviation of a mean, m/s². Allows for one step of a 16-bit accelerometer with a
-/// range of 2 g, and for a surface that yields.
+/// Minimum standard deviation of a mean, m/s². It allows for one step of a 16-bit accelerometer
+/// with a range of 2 g, and for a surface that yields.
 const MIN_FORCE_SD_M_S2: f64 = 2e-4;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 50;
@@ -47,7 +48,7 @@ const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum weight of windows in a sparsely covered sector of the sphere.
 const MAX_SECTOR_WEIGHT: f64 = 2.0;
 
-/// Calibrator of the accelerometer.
+/// Accelerometer calibrator.
 #[derive(Debug, Clone)]
 pub struct AccelCalibrator {
     rests: RestFinder,
@@ -76,7 +77,7 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// As many rests as unknowns.
+    /// Rests equal in number to the unknowns.
     MinimalRests,
     /// More rests than unknowns.
     Rests,
@@ -168,8 +169,9 @@ impl AccelCalibrator {
             }
         }
         let normal = sums(&model);
-        // Residuals beyond the noise of the rests increase the standard deviations. Causes are
-        // surfaces that yield and the limited repeatability of the sensor.
+        // Residuals larger than the noise of the rests increase the standard deviations. Such
+        // residuals are caused by surfaces that yield and by the limited repeatability of the
+        // sensor.
         let free = positions.len().saturating_sub(N);
         let excess = if free > 0 { (normal.cost() / free as f64).max(1.0) } else { 1.0 };
         let source = if free > 0 { DataSource::Rests } else { DataSource::MinimalRests };

@@ -1,10 +1,11 @@
-//! Delay of the magnetometer relative to the gyro, from turns to and fro. In the sensor axes, a
-//! constant field rotates as measured by the gyro, but later by the delay.
+//! Delay of the magnetometer relative to the gyro, from back-and-forth turns. In the sensor axes, a
+//! constant field rotates as measured by the gyro, but with the magnetometer's delay.
 //!
-//! The model is dm/dt = −ω × m, where the m read at t belongs to t − τ. Over a quarter of a second
-//! this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the gyro from
-//! t₁ − τ to t₂ − τ, and b is the residual hard iron. The fit is a least-squares fit of τ, b and
-//! the gyro bias with Huber weights. Only changes of the rate determine τ; a steady turn does not.
+//! The model is dm/dt = −ω × m, where the m read at time t belongs to time t − τ. Over a quarter of
+//! a second this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the
+//! gyro from t₁ − τ to t₂ − τ, and b is the residual hard iron. τ, b and the gyro bias are fitted
+//! by least squares with Huber weights. Only changes of the rate determine τ; a steady turn does
+//! not.
 
 use attitude::{Vector3, calibration::Calibration};
 use nalgebra::{SVector, UnitQuaternion};
@@ -18,7 +19,7 @@ use crate::{
 
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 250_000_000;
-/// Minimum interval between field samples, ns. Every field sample can start a window.
+/// Minimum interval between field samples, ns. Every field sample kept can start a window.
 const MIN_INTERVAL_NS: i64 = 25_000_000;
 /// Maximum number of field samples.
 const MAX_SAMPLES: usize = 80_000;
@@ -45,7 +46,7 @@ const SUPPORTED_DELAY_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
 /// Range to which the fuser setting `magnetometer_delay_sd_s` is clamped, s.
 const OUTPUT_SD_RANGE_S: (f64, f64) = (0.0005, 0.02);
 
-/// Calibrator of the magnetometer delay.
+/// Magnetometer delay calibrator.
 #[derive(Debug, Clone)]
 pub struct ClockCalibrator {
     gyro: Calibration,
@@ -199,7 +200,7 @@ impl ClockCalibrator {
             sd_ut = residual_sd_ut;
             let step = normal.step()?;
             parameters += step;
-            // With larger delays the fit would not converge again.
+            // If the delay became larger, later steps would no longer converge.
             parameters[0] = parameters[0].clamp(-2.0 * MAX_DELAY_S, 2.0 * MAX_DELAY_S);
             if step[0].abs() < 1e-7 {
                 break;
@@ -253,15 +254,15 @@ impl ClockCalibrator {
         }
         normal.end_block();
         let middle = sizes.len() / 2;
-        // For three normal errors, the median norm is 1.538 standard deviations of one error. The
-        // Huber weights use the norm.
+        // The Huber weights use the norm of the residual. For a vector of three normal errors, the
+        // median norm is 1.538 standard deviations of one error.
         let sd_ut =
             (sizes.len() > 1).then(|| *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 1.538 * 1.732)?;
         Some((normal, sd_ut.max(1e-9)))
     }
 
-    /// Returns the apparent rotation of a fixed vector in sensor axes, from the gyro readings
-    /// `delay_s` earlier.
+    /// Returns the apparent rotation of a fixed vector in sensor axes between two times, computed
+    /// from the gyro readings taken `delay_s` earlier.
     ///
     /// The result is `None` if a time is outside the gyro history or if there is a gap between the
     /// times.

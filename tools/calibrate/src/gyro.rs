@@ -1,6 +1,6 @@
 //! Gyro bias: the mean rate at rest.
 //!
-//! The bias includes the earth's rotation, 15 °/h, which is negligible for its use.
+//! The bias includes the earth's rotation, 15 °/h, which is negligible for the use of the bias.
 
 use attitude::Vector3;
 
@@ -18,7 +18,7 @@ const MAX_SD_RAD_S: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// indicates a steady turn or a sensor that is warming up.
 const MAX_REST_DEVIATION_RAD_S: f64 = 0.3 * core::f64::consts::PI / 180.0;
 
-/// Calibrator of the gyro.
+/// Gyro calibrator.
 #[derive(Debug, Clone, Default)]
 pub struct GyroCalibrator {
     rests: RestFinder,

@@ -85,7 +85,8 @@ impl<const N: usize> NormalEquations<N> {
         Some(Cholesky::new(self.information)?.inverse())
     }
 
-    /// Returns the covariance for errors correlated within blocks, or `None` with too few blocks.
+    /// Returns the covariance for errors correlated within blocks, or `None` if there are too few
+    /// blocks.
     pub(crate) fn block_covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let inverse = self.covariance()?;
         let free = self.blocks.checked_sub(N).filter(|free| *free >= N)?;

@@ -16,7 +16,7 @@
 //! | [`accel`] | bias, scale and misalignment, from rests in many positions or slow rotation |
 //! | [`mag`] | hard and soft iron, from the field in all directions |
 //! | [`mounting`] | orientation of the unit in the body, from a level and a nose-down pose |
-//! | [`clock`] | delay of the magnetometer relative to the gyro, from turns to and fro |
+//! | [`clock`] | delay of the magnetometer relative to the gyro, from back-and-forth turns |
 //! | [`report`] | report, coverage and rejection |
 //! | `rest` | detection of rests and uncertainty of their means |
 //! | `motion` | mean specific force over windows in motion |
@@ -59,7 +59,7 @@ pub struct Sample {
     pub rate_rad_s: Vector3<f64>,
     /// Specific force, m/s², sensor axes.
     pub force_m_s2: Vector3<f64>,
-    /// Magnetic field, µT, sensor axes; `None` without a magnetometer sample.
+    /// Magnetic field, µT, sensor axes; `None` if the reading has no magnetometer sample.
     pub field_ut: Option<Vector3<f64>>,
 }
 
@@ -74,7 +74,7 @@ pub enum Kind {
     Mag,
     /// Orientation of the unit in the body.
     Mounting,
-    /// Delay of the magnetometer.
+    /// Magnetometer delay.
     Clock,
 }
 
@@ -150,7 +150,7 @@ enum SensorCalibrator {
 }
 
 impl Calibrator {
-    /// Creates a calibrator without readings.
+    /// Creates a calibrator that has no readings.
     pub fn new(kind: Kind, prior: &Prior) -> Self {
         let inner = match kind {
             Kind::Gyro => SensorCalibrator::Gyro(gyro::GyroCalibrator::default()),
@@ -184,7 +184,7 @@ impl Calibrator {
         }
     }
 
-    /// Returns the coverage by the readings so far.
+    /// Returns the coverage achieved by the readings so far.
     pub fn coverage(&self) -> Coverage {
         match &self.inner {
             SensorCalibrator::Gyro(inner) => inner.coverage(),

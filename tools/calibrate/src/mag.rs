@@ -2,10 +2,10 @@
 //! place, so that the magnetometer measures the field from all directions.
 //!
 //! The model is |M (m − b)| = F over the samples. Every direction has about the same weight,
-//! however long the unit remained in it. Huber weights reduce the effect of outliers, such as from
-//! iron that passes by. If F is unknown, det M = 1, which preserves the mean strength. The standard
-//! deviations assume that errors are correlated over a second, which allows for field gradients in
-//! a room.
+//! however long the unit remained in it. Huber weights reduce the effect of outliers, for example
+//! from iron that passes by. If F is unknown, M is scaled to det M = 1, which preserves the mean
+//! strength. The standard deviations assume that errors are correlated over a second, which allows
+//! for field gradients in a room.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::SMatrix;
@@ -33,14 +33,14 @@ const CORRELATION_NS: i64 = 1_000_000_000;
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 30;
-/// Maximum standard deviation of an accepted hard iron, as a fraction of the field.
+/// Maximum standard deviation of an accepted hard-iron offset, as a fraction of the field.
 const MAX_HARD_IRON_SD: f64 = 0.03;
-/// Maximum standard deviation of an accepted soft iron.
+/// Maximum standard deviation of an accepted soft-iron element.
 const MAX_SOFT_IRON_SD: f64 = 0.03;
 /// Plausible range of the earth's field strength, with a margin, µT.
 const EARTH_FIELD_RANGE_UT: std::ops::RangeInclusive<f64> = 15.0..=75.0;
 
-/// Calibrator of the magnetometer.
+/// Magnetometer calibrator.
 #[derive(Debug, Clone)]
 pub struct MagCalibrator {
     samples: Vec<(i64, Vector3<f64>)>,
@@ -232,8 +232,9 @@ impl MagCalibrator {
         Some(if self.strength_ut.is_some() { fit } else { fit.normalised()? })
     }
 
-    /// Returns centre c and radius of the sphere that fits the samples best. The equation |m|² = 2
-    /// c·m + k is linear in c and k.
+    /// Returns the centre c and the radius of the sphere that fits the samples best.
+    ///
+    /// The equation |m|² = 2 c·m + k is linear in c and k.
     fn sphere(&self) -> Option<(Vector3<f64>, f64)> {
         let mean = self.samples.iter().map(|(_, field_ut)| field_ut).sum::<Vector3<f64>>() / self.samples.len() as f64;
         let mut normal = NormalEquations::<4>::new();

@@ -1,5 +1,5 @@
-//! Gravity measured in motion, as the mean of specific forces over two seconds, which the gyro
-//! rotates into one frame.
+//! Gravity measured in motion: the mean over two seconds of the specific forces, rotated into one
+//! frame by means of the gyro.
 //!
 //! A unit that is turned by hand hardly changes its position. Over two seconds, the accelerations
 //! caused by the hand nearly cancel in a common frame, and gravity remains. The forces are weighted
@@ -40,7 +40,7 @@ pub(crate) struct MeanForce {
 }
 
 impl MeanForce {
-    /// Creates the mean of a constant force without rotation.
+    /// Creates the mean for a constant force and no rotation.
     pub(crate) fn at_rest(force_m_s2: &Vector3<f64>) -> Self {
         let component_means = [0, 1, 2].map(|axis| Matrix3::identity() * force_m_s2[axis]);
         let mut sides_up = [false; 6];
@@ -60,7 +60,7 @@ impl MeanForce {
     }
 }
 
-/// Collector of motion windows.
+/// Collects motion windows.
 #[derive(Debug, Clone)]
 pub(crate) struct MotionWindows {
     gyro: Calibration,
@@ -139,7 +139,7 @@ impl MotionWindows {
         open.is_slow &= rate_rad_s.norm() <= MAX_RATE_RAD_S;
     }
 
-    /// Returns the complete windows so far.
+    /// Returns the windows completed so far.
     pub(crate) fn complete(&self) -> &[MeanForce] {
         &self.complete
     }

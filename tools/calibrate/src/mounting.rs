@@ -27,7 +27,7 @@ const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
 /// mounting has its axes along those of the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
 
-/// Calibrator of the mounting.
+/// Mounting calibrator.
 #[derive(Debug, Clone)]
 pub struct MountingCalibrator {
     rests: RestFinder,

@@ -67,7 +67,7 @@ pub struct Report {
     pub values: Vec<Value>,
     /// Residuals before and after calibration.
     pub residual: Residual,
-    /// Coverage by the readings.
+    /// Coverage achieved by the readings.
     pub coverage: Coverage,
     /// Remarks for the user.
     pub notes: Vec<String>,
@@ -127,7 +127,7 @@ impl fmt::Display for Rounded {
 pub struct Rejection {
     /// Name of the sensor or quantity, as [`Kind`] displays it.
     pub kind: String,
-    /// Coverage by the readings.
+    /// Coverage achieved by the readings.
     pub coverage: Coverage,
     /// Unmet conditions, each with an instruction.
     pub missing: Vec<String>,
@@ -139,7 +139,7 @@ impl Rejection {
         Self { kind: kind.to_string(), missing: coverage.missing.clone(), coverage }
     }
 
-    /// Creates a rejection for an unusable result in spite of complete coverage.
+    /// Creates a rejection for a result that is unusable in spite of complete coverage.
     pub(crate) fn unreliable(kind: Kind, coverage: Coverage, missing: String) -> Self {
         Self { kind: kind.to_string(), missing: vec![missing], coverage }
     }

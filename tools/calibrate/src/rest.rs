@@ -66,7 +66,7 @@ impl RunningStats {
         self.squares += deviation.component_mul(&(value - self.mean));
     }
 
-    /// Returns the standard deviation of a reading on the axis where it is largest.
+    /// Returns the standard deviation of a reading on the noisiest axis.
     fn sd(&self, count: u32) -> f64 {
         (self.squares.max() / f64::from(count.max(2) - 1)).sqrt()
     }
@@ -140,7 +140,7 @@ impl RestFinder {
         block.force_m_s2.push(&sample.force_m_s2, block.count);
     }
 
-    /// Returns the rests so far.
+    /// Returns the rests found so far.
     pub(crate) fn rests(&self) -> Vec<Rest> {
         let limit = |(min, max): (f64, f64), sd: &dyn Fn(&Block) -> f64| {
             let mut sds: Vec<_> = self.blocks.iter().map(sd).collect();
@@ -220,7 +220,7 @@ pub(crate) struct MeanNoise {
 }
 
 impl MeanNoise {
-    /// Estimates the noise from all series together.
+    /// Estimates the noise from all series combined.
     pub(crate) fn from_series(series: &[&[Vector3<f64>]]) -> Self {
         let mut variances = Vec::new();
         let mut means: Vec<Vec<Vector3<f64>>> = series.iter().map(|blocks| blocks.to_vec()).collect();

@@ -14,7 +14,7 @@ use crate::{CampaignError, DistributionMs, load::Load, new_histogram_ns, system_
 
 /// Range of the random pause between two kills, ms.
 const PAUSE_RANGE_MS: std::ops::Range<u64> = 100..400;
-/// Timeout for the system to end after the last kill.
+/// Timeout for the system to exit after the last kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Parameters of a kill campaign.
@@ -33,7 +33,7 @@ pub struct KillCampaign {
 /// Result of a kill campaign.
 #[derive(Debug, Clone, Serialize)]
 pub struct KillCampaignReport {
-    /// Number of kills that were followed by another attitude.
+    /// Number of kills after which another attitude was published.
     pub kills: u32,
     /// Number of ticks with an attitude.
     pub ticks: u64,
@@ -43,7 +43,7 @@ pub struct KillCampaignReport {
     pub duplicated: u64,
     /// `true` if the output is byte-for-byte identical to that of an undisturbed run.
     pub same_bytes: bool,
-    /// Time from each kill to the first attitude whose sample was taken after the kill.
+    /// Time from each kill to the first attitude computed from a sample that was taken after it.
     pub recovery_ms: DistributionMs,
 }
 
@@ -111,14 +111,14 @@ impl fmt::Display for KillCampaignReport {
     }
 }
 
-/// Returns the text of a launch file that allows any number of restarts.
+/// Returns the text of a launch file that permits any number of restarts.
 pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
     format!(
         "name = \"{name}\"\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
     )
 }
 
-/// Returns a random number in the range, uniform except for the modulo bias.
+/// Returns a random number in the range. It is uniform except for the modulo bias.
 pub(crate) fn random_in_range(random: &mut ChaCha8Rng, range: std::ops::Range<u64>) -> u64 {
     range.start + random.next_u64() % (range.end - range.start)
 }

@@ -3,7 +3,7 @@
 //! - Input: the number of disturbances and a seed.
 //! - Output: lost ticks, a comparison with an undisturbed run, and distributions of times.
 //! - Time: disturbances are scheduled and measured with the monotonic clock.
-//! - Failure: an error if the system does not start, ends too early or does not end in time.
+//! - Failure: an error if the system does not start, exits too early or does not exit in time.
 #![forbid(unsafe_code)]
 
 mod kills;
@@ -35,7 +35,7 @@ pub enum CampaignError {
     /// The undisturbed run failed.
     #[error("running the undisturbed reference: {0}")]
     UndisturbedRun(Box<UpError>),
-    /// The undisturbed run ended early.
+    /// The undisturbed run ended too early.
     #[error("running the undisturbed reference: {0}")]
     IncompleteUndisturbedRun(String),
     /// A process or file operation failed.
@@ -43,16 +43,16 @@ pub enum CampaignError {
     Io {
         /// Failed operation.
         action: &'static str,
-        /// Operating-system error.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The system ended during the campaign.
+    /// The system exited during the campaign.
     #[error("the system ended during the campaign; see its log {log}")]
     EarlyExit {
         /// Path of the system's log.
         log: PathBuf,
     },
-    /// The system did not start or did not end in time.
+    /// The system did not start or did not exit in time.
     #[error("the system did not start or end within {timeout_s} s; see its log {log}")]
     Timeout {
         /// Time waited, s.

@@ -26,7 +26,7 @@ impl Drop for Load {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // The thread cannot panic.
+            // The thread cannot panic, so joining it cannot fail.
             let _ = thread.join();
         }
     }

@@ -18,7 +18,7 @@ use crate::{
     system_under_test::SystemUnderTest,
 };
 
-/// Timeout for the system to end after the last swap.
+/// Timeout for the system to exit after the last swap.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Interval between two reads of the output during a swap.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
@@ -36,8 +36,8 @@ pub struct SwapCampaign {
     pub rate_hz: u32,
     /// Number of threads that compete with the system for the CPU.
     pub load_threads: u32,
-    /// `true` to replace each stage by another instance of the same stage. In this case no byte of
-    /// the output may change.
+    /// `true` to replace each stage by another instance of the same stage. The output must then
+    /// stay byte-for-byte identical.
     pub same_stage: bool,
 }
 
@@ -56,14 +56,14 @@ pub struct SwapCampaignReport {
     pub lost: u64,
     /// Number of attitudes that were published twice.
     pub duplicated: u64,
-    /// Number of attitudes that were published after a later one.
+    /// Number of attitudes that were published after an attitude of a later tick.
     pub out_of_order: u64,
     /// `true` if the output is byte-for-byte identical to that of an undisturbed run; `None` unless
     /// `same_stage` is set.
     pub same_bytes: Option<bool>,
     /// Longest interval between two attitudes during each swap.
     pub gap_ms: DistributionMs,
-    /// Longest interval between two attitudes in an equally long period after each swap, for
+    /// Longest interval between two attitudes in a period of the same length after each swap, for
     /// comparison.
     pub baseline_gap_ms: DistributionMs,
     /// Time from each request to its response.
@@ -73,7 +73,7 @@ pub struct SwapCampaignReport {
 }
 
 impl SwapCampaign {
-    /// Runs a system, swaps its stages one after another and evaluates the output.
+    /// Runs a system, performs one swap after another and evaluates the output.
     ///
     /// # Errors
     ///
@@ -185,7 +185,8 @@ fn run_swap(system: &mut SystemUnderTest, name: &str, request: SwapRequest) -> R
     let (sender, receiver) = mpsc::channel::<Result<SwapReport, ControlError>>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            // Sending fails only if the receiver has returned with an error.
+            // Sending fails only if the receiver has already returned with an error, so this error
+            // is ignored.
             let _ = sender.send(send_request(name, &ControlRequest::Swap(request)));
         });
         loop {
@@ -209,7 +210,7 @@ fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
     intervals.max().unwrap_or(0)
 }
 
-/// Counts the lines of an attitude file whose time is not later than that of the previous line.
+/// Counts the lines of an attitude file that have no later time than the previous line.
 fn count_out_of_order(attitudes: &[u8]) -> u64 {
     let time_s = |line: &[u8]| str::from_utf8(line.split(|byte| *byte == b',').next()?).ok()?.parse::<f64>().ok();
     let times_s: Vec<_> = attitudes.split(|byte| *byte == b'\n').skip(1).filter_map(time_s).collect();

@@ -45,8 +45,8 @@ pub(crate) struct RunTotals {
 impl SystemUnderTest {
     /// Starts a system with the launch file `text` and waits for its first attitude.
     ///
-    /// The system ends after `duration_s`, or when interrupted. `buffer` is the number of messages
-    /// buffered per topic.
+    /// The system runs for `duration_s`, or until it is interrupted. `buffer` is the number of
+    /// messages buffered per topic.
     pub(crate) fn start(name: &str, text: &str, duration_s: Option<f64>, buffer: usize) -> Result<Self, CampaignError> {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let folder = tempfile::tempdir().map_err(io_error("creating a folder"))?;
@@ -100,7 +100,7 @@ impl SystemUnderTest {
         }
     }
 
-    /// Reads new messages and checks that the system still runs.
+    /// Reads new messages and checks that the system is still running.
     pub(crate) fn poll(&mut self) -> Result<(), CampaignError> {
         let Self { attitude, health, pids, killed, outputs, .. } = self;
         attitude.drain(MAX_MESSAGES_PER_POLL, |output| outputs.push(output))?;
@@ -136,7 +136,7 @@ impl SystemUnderTest {
         self.outputs.clear();
     }
 
-    /// Sends SIGINT to the system, which makes it end.
+    /// Sends SIGINT to the system to make it exit.
     pub(crate) fn interrupt(&self) {
         // If the process has already ended, `wait_for_end` detects it.
         let _ = Pid::from_raw(self.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
@@ -151,7 +151,7 @@ impl SystemUnderTest {
         kill_process(pid, Signal::KILL).ok().map(|()| at_ns)
     }
 
-    /// Returns the tick after the newest sample.
+    /// Returns the tick that follows the newest sample.
     pub(crate) fn next_tick(&self) -> u64 {
         self.bus.next_tick(graph::Topic::Imu.entry())
     }
@@ -161,7 +161,8 @@ impl SystemUnderTest {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let deadline = Instant::now() + timeout;
         while self.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
-            // The system would not block on an unread topic, but the topic's buffer would overflow.
+            // Drained while waiting: an unread topic would not block the system, but its buffer
+            // would overflow.
             self.attitude.drain(MAX_MESSAGES_PER_POLL, |output| self.outputs.push(output))?;
             if Instant::now() > deadline {
                 return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.keep_log() });

@@ -68,7 +68,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     checks
 }
 
-/// Stores the value and where it occurred if it is the largest so far or NaN.
+/// Stores the value and its location if it is the largest so far or NaN.
 fn keep_largest(worst: &mut (f64, String), value: f64, name: &str, tick: usize) {
     if value > worst.0 || value.is_nan() {
         *worst = (value, format!("{name}, tick {tick}"));

@@ -1,7 +1,7 @@
 //! Rendering of a snapshot for the size of the terminal.
 //!
-//! From 80×24 on everything is shown. A smaller terminal shows no horizon and no trends, and a
-//! terminal below 40×8 only state and attitude.
+//! A terminal of 80×24 or more shows everything. A smaller terminal shows no horizon and no trends,
+//! and a terminal below 40×8 shows only state and attitude.
 
 use ratatui::{
     Frame,
@@ -13,19 +13,23 @@ use ratatui::{
 
 use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon};
 
-/// Colours of the estimate and sky line, the ground, faults and secondary text (Okabe and Ito 2008,
-/// from the palette of 256).
+/// Colour of the estimate and the sky line. All colours are from Okabe and Ito 2008, as entries of
+/// the 256-colour palette.
 pub(crate) const BLUE: Color = Color::Indexed(32);
+/// Colour of the ground.
 pub(crate) const GROUND: Color = Color::Indexed(178);
+/// Colour of the state `live`.
 const GREEN: Color = Color::Indexed(36);
+/// Colour of faults.
 const VERMILION: Color = Color::Indexed(166);
+/// Colour of secondary text.
 pub(crate) const MUTED: Color = Color::Indexed(244);
 
 /// Minimum size for the full view: columns, lines.
 const FULL_SIZE: (u16, u16) = (80, 24);
 /// Minimum size for the reduced view: columns, lines.
 const MIN_SIZE: (u16, u16) = (40, 8);
-/// Height of a character in steps of a bar.
+/// Number of bar height steps per character.
 const STEPS_PER_CHARACTER: u64 = 8;
 
 /// Draws a snapshot over the whole frame.
@@ -85,8 +89,8 @@ fn draw_too_small(frame: &mut Frame<'_>, area: Rect, snapshot: &Snapshot) {
     frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
 }
 
-/// Returns the status line. A narrow terminal cuts off the end, which has the least important
-/// figures.
+/// Returns the status line. A narrow terminal cuts off the end, so the least important figures come
+/// last.
 fn status_line(snapshot: &Snapshot) -> Line<'static> {
     let Snapshot { name, state, figures, .. } = snapshot;
     let or_dash = |number: Option<String>| number.unwrap_or_else(|| "–".into());
@@ -154,7 +158,7 @@ fn format_sd(degrees: Option<f64>, digits: usize) -> String {
     degrees.map_or("± –".into(), |degrees| format!("± {degrees:.digits$}°"))
 }
 
-/// Draws each trend in a row of its own: name, bars, newest value.
+/// Draws each trend in a separate row: name, bars, newest value.
 fn draw_trends(frame: &mut Frame<'_>, area: Rect, trends: &[Trend], dim: bool) {
     let height = (area.height / trends.len().max(1) as u16).max(1);
     for (i, trend) in (0..).zip(trends) {

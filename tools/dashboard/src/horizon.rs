@@ -1,9 +1,9 @@
 //! Artificial horizon: the view along the body's forward axis.
 //!
-//! - Input: the direction up in body axes right, forward, up.
+//! - Input: the up direction in body axes right, forward, up.
 //! - Output: a dot canvas with dotted ground, empty sky and the body as a bar with a centre mark.
 //!
-//! A direction (right, forward, up) of the view is above the horizon if its dot product with the up
+//! A direction (right, forward, up) in the view is above the horizon if its dot product with the up
 //! vector is positive. This holds in every attitude.
 
 use ratatui::{
@@ -18,10 +18,10 @@ use crate::drawing::{BLUE, GROUND, MUTED};
 
 /// Half the vertical field of view, rad.
 const HALF_FIELD_OF_VIEW_RAD: f64 = 0.7;
-/// Dots of a character: horizontal, vertical.
+/// Dots per character: horizontal, vertical.
 const DOTS_PER_CHARACTER: [f64; 2] = [2.0, 4.0];
 
-/// Horizon for a direction up. Half the height of the view is 1.
+/// Horizon for an up direction. Lengths are in units of half the view height.
 struct Horizon {
     up: [f64; 3],
 }

@@ -32,7 +32,7 @@ impl Attitude {
     }
 }
 
-/// Returns the direction up in body axes right, forward, up: v_body = q* v_ref q.
+/// Returns the up direction in body axes right, forward, up: v_body = q* v_ref q.
 fn up_in_body([w, x, y, z]: [f64; 4], frame: Frame) -> [f64; 3] {
     let v = frame.earth().vector([0.0, 0.0, 1.0]);
     let axis = [-x, -y, -z];
@@ -53,8 +53,8 @@ mod tests {
 
     #[test]
     fn up_direction_is_independent_of_message_frame() {
-        // Right side down by 30°, then rotated about the vertical: up leans to the left of the
-        // body.
+        // Right side down by 30°, then rotated about the vertical: in body axes, up points partly
+        // to the left.
         let (sin, cos) = 15_f64.to_radians().sin_cos();
         let (sin_yaw, cos_yaw) = 40_f64.to_radians().sin_cos();
         let quaternion = [cos_yaw * cos, -sin_yaw * sin, cos_yaw * sin, sin_yaw * cos];

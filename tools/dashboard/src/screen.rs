@@ -17,7 +17,7 @@ use crate::{Snapshot, drawing};
 #[derive(Debug)]
 pub struct Screen(DefaultTerminal);
 
-/// Key with a function.
+/// Key that has a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
     /// Quit: q, Ctrl-C.
@@ -39,7 +39,7 @@ impl Screen {
     ///
     /// # Errors
     ///
-    /// Returns an error if the terminal cannot be switched; it is restored.
+    /// Returns an error if the terminal cannot be switched. The terminal is then restored.
     pub fn open() -> io::Result<Self> {
         ratatui::try_init().map(Self).inspect_err(|_| ratatui::restore())
     }
@@ -68,7 +68,7 @@ impl Screen {
     ///
     /// Returns an error if the terminal is closed or cannot be read.
     pub fn poll_key(&self) -> io::Result<Option<Key>> {
-        // crossterm would read from a closed terminal forever.
+        // Checked here, because crossterm would read from a closed terminal forever.
         let stdin = io::stdin();
         let mut fd = [PollFd::new(&stdin, PollFlags::IN)];
         poll(&mut fd, Some(&Timespec::default()))?;

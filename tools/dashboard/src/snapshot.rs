@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::Trends;
 
-/// Age from which data are stale.
+/// Age at which data become stale.
 pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
 /// Data of one frame.
@@ -22,7 +22,7 @@ pub struct Snapshot {
     pub trends: Trends,
     /// Panels from top to bottom. The last one takes the remaining height.
     pub panels: Vec<Panel>,
-    /// Help line on the keys.
+    /// Line that explains the keys.
     pub key_help: &'static str,
 }
 
@@ -34,14 +34,15 @@ pub enum DataState {
     Connecting,
     /// Data are being received.
     Live,
-    /// The newest data have this age.
+    /// Data have been received, but not recently. The newest data have this age.
     Stale(Duration),
-    /// The data have ended for this reason.
+    /// The data have ended, for this reason.
     Ended(String),
 }
 
 impl DataState {
-    /// Returns the state for the age of the newest data, or [`DataState::Connecting`] for `None`.
+    /// Returns the state for the age of the newest data, or [`DataState::Connecting`] if there are
+    /// no data.
     pub fn from_age(age: Option<Duration>) -> Self {
         match age {
             None => Self::Connecting,
@@ -89,7 +90,7 @@ pub struct Attitude {
     pub course_sd_deg: Option<f64>,
     /// Reference of the course: `arb.`, `mag.` or `true`.
     pub course_reference: &'static str,
-    /// Body rate without the estimated bias, °/s.
+    /// Body rate, corrected by the estimated bias, °/s.
     pub rate_deg_s: [f64; 3],
     /// Name of the frame.
     pub frame: &'static str,

@@ -16,7 +16,8 @@ pub struct Trend {
     pub name: &'static str,
     /// Unit; empty for a count.
     pub unit: &'static str,
-    /// The scale starts at 0, so that 0 is an empty bar. Otherwise it starts at the minimum.
+    /// `true` if the scale starts at 0, so that 0 is an empty bar. Otherwise, the scale starts at
+    /// the minimum.
     from_zero: bool,
     values: VecDeque<Option<f64>>,
 }
@@ -94,7 +95,7 @@ impl Trend {
             let value = known.max_by(|a, b| (a - middle).abs().total_cmp(&(b - middle).abs()))?;
             let share = match max > min {
                 true => (value - min) / (max - min),
-                // All values are equal.
+                // The scale has no range, because all values are equal.
                 false if self.from_zero && value <= 0.0 => 0.0,
                 false => 0.5,
             };

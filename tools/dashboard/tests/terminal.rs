@@ -13,11 +13,11 @@ use terminal::TerminalProgram;
 /// Environment variable that makes the test process panic.
 const PANIC_VARIABLE: &str = "PLUMBLINE_PANIC_WHILE_DRAWING";
 
-/// Draws, then panics; runs in a child process.
+/// Draws a frame, then panics. Runs in a child process.
 fn draw_and_panic() {
     let mut screen = Screen::open().unwrap();
     screen.draw(&Snapshot { name: "boat".into(), ..Snapshot::default() }).unwrap();
-    // Wait until the parent has seen the frame.
+    // A key press shows that the parent has seen the frame.
     while screen.poll_key().unwrap().is_none() {
         thread::sleep(Duration::from_millis(5));
     }

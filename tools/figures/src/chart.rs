@@ -21,13 +21,13 @@ const LEGEND_WIDTH: u32 = 168;
 const LABEL_MARGIN_HEIGHT: u32 = 56;
 /// Minimum height per label of the vertical axis, pixels.
 const MIN_LABEL_HEIGHT: u32 = 24;
-/// Minimum size of a title.
+/// Minimum font size of a title.
 const MIN_TITLE_SIZE: u32 = 9;
 
 /// Curves in one pair of axes.
 #[derive(Debug)]
 pub struct Chart {
-    /// Title above the chart; empty for none.
+    /// Title above the chart; empty for no title.
     pub title: String,
     /// Horizontal axis.
     pub x: Axis,
@@ -50,11 +50,11 @@ pub struct Axis {
     pub is_log: bool,
 }
 
-/// A curve or a cloud of dots. Points that are not finite or outside the vertical range interrupt
-/// it.
+/// A curve or a cloud of dots. Points that are not finite or lie outside the vertical range
+/// interrupt the curve.
 #[derive(Debug)]
 pub struct Curve {
-    /// Name in the legend; empty for a curve without an entry.
+    /// Name in the legend; empty if the curve has no legend entry.
     pub name: String,
     /// Colour.
     pub color: RGBColor,

@@ -20,7 +20,7 @@ const MAX_DEPTH: usize = 5;
 /// Maximum number of directory entries visited.
 const MAX_ENTRIES: usize = 20_000;
 
-/// Typeface for the text of a PNG.
+/// Typeface for PNG text.
 pub struct Typeface(FontVec);
 
 impl Typeface {

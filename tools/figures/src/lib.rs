@@ -5,7 +5,7 @@
 //! Output: the bytes of a file.
 //!
 //! Failure: PNG needs an installed typeface; if none is found, the error names the package to
-//! install. SVG needs none, because the viewer supplies the typeface.
+//! install. SVG needs no typeface, because the viewer supplies it.
 //!
 //! | module | contents |
 //! | --- | --- |

@@ -53,7 +53,7 @@ impl LineStyle {
     }
 }
 
-/// Colour and style of the reference.
+/// Colour and line style of the reference.
 pub const REFERENCE: (RGBColor, LineStyle) = (TEXT_COLOR, LineStyle::Dashed(7, 4));
 
 const COLORS: [RGBColor; 6] = [BLUE, PURPLE, GREEN, AMBER, SKY, ORANGE];
@@ -65,14 +65,15 @@ const STYLES: [LineStyle; 5] = [
     LineStyle::Dashed(2, 3),
 ];
 
-/// Returns colour and style of the curve with this index. The first 30 combinations are unique.
+/// Returns the colour and line style of the curve with this index. The first 30 combinations are
+/// unique.
 pub fn series_style(index: usize) -> (RGBColor, LineStyle) {
     (COLORS[index % COLORS.len()], STYLES[index % STYLES.len()])
 }
 
 /// Formats a number without trailing zeros or a negative zero, for example 20 instead of 20.0.
 pub fn format_number(value: &f64) -> String {
-    // Rounding errors of summed tick values count as zero.
+    // Sums of tick values have rounding errors, so tiny values count as zero.
     let value = if value.abs() < 1e-9 { &0.0 } else { value };
     let text = if *value != 0.0 && value.abs() < 1e-3 { format!("{value:.0e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };

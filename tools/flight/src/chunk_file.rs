@@ -68,7 +68,7 @@ impl Write for ChunkFile {
     }
 }
 
-/// Supports only querying the position.
+/// Supports only position queries.
 impl Seek for ChunkFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {

@@ -19,7 +19,7 @@ pub enum FlightError {
     Create {
         /// Path of the file or folder.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// Writing to the file failed.
@@ -29,7 +29,7 @@ pub enum FlightError {
     WriteFailed {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system or the MCAP library.
+        /// Error from the operating system or the MCAP library.
         cause: String,
     },
     /// The writer thread made no progress before the timeout.
@@ -56,7 +56,7 @@ pub enum FlightError {
     Read {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// No launch file is attached to the flight.
@@ -78,7 +78,7 @@ pub enum FlightError {
     Malformed {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the MCAP library.
+        /// Error from the MCAP library.
         cause: mcap::McapError,
     },
 }

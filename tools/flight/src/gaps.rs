@@ -1,30 +1,30 @@
-//! Counter of missed ticks on a topic that has a message for every tick.
+//! Counts missed ticks on a topic that has a message for every tick.
 //!
 //! Input: tick and upstream loss counter of each message, in any order. A tick may arrive late,
 //! repeatedly or from another incarnation of the publisher.
 //!
 //! Output: number of ticks that were published but not received.
 //!
-//! Failure: if too many gaps are open, the oldest one is closed, and late ticks can no longer fill
-//! it.
+//! Failure: if there are too many open gaps, the oldest one is closed, and late ticks can no longer
+//! fill it.
 
-/// Maximum number of gaps that late ticks can still fill.
+/// Maximum number of open gaps, which late ticks can still fill.
 const MAX_OPEN_GAPS: usize = 64;
 
 #[derive(Debug, Default)]
 pub(crate) struct Gaps {
-    /// Tick after the newest one.
+    /// Tick that follows the newest one.
     next: Option<u64>,
-    /// First tick and tick after the last of each open gap.
+    /// First tick and end tick (exclusive) of each open gap.
     open: Vec<(u64, u64)>,
     /// Number of ticks in closed gaps.
     closed: u64,
-    /// Upstream loss counter in the first message, and its maximum since then.
+    /// Value of the upstream loss counter in the first message, and its maximum since then.
     lost_upstream: Option<(u64, u64)>,
 }
 
 impl Gaps {
-    /// Creates a counter that expects every tick from `tick` on.
+    /// Creates a counter that expects every tick starting with `tick`.
     pub(crate) fn starting_at(tick: u64) -> Self {
         Self { next: Some(tick), lost_upstream: Some((0, 0)), ..Self::default() }
     }

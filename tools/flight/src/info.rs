@@ -31,9 +31,9 @@ use crate::{
     writer::{END_METADATA, HEADER_METADATA, MISSED_METADATA},
 };
 
-/// Maximum length of a record. A longer one is treated as damage.
+/// Maximum length of a record, bytes. A longer record is treated as damage.
 pub(crate) const MAX_RECORD_BYTES: usize = 64 << 20;
-/// Length of the opcode and the length field before each record.
+/// Length of the opcode and the length field at the start of each record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
 /// Content of a flight.
@@ -41,7 +41,7 @@ const RECORD_HEADER_BYTES: usize = 9;
 pub struct FlightInfo {
     /// Path of the file.
     pub file: PathBuf,
-    /// Length of the file.
+    /// Length of the file, bytes.
     pub bytes: u64,
     /// Reason why the file is incomplete, for example because the recorder was killed; `None` if it
     /// is complete.
@@ -67,7 +67,7 @@ pub struct FlightInfo {
 pub struct ChannelInfo {
     /// Topic of the channel, with a leading slash.
     pub topic: String,
-    /// Name of the schema; empty without a schema.
+    /// Name of the schema; empty if there is no schema.
     pub schema: String,
     /// Encoding of the messages.
     pub encoding: String,
@@ -84,7 +84,7 @@ pub struct AttachmentInfo {
     pub name: String,
     /// Media type.
     pub media_type: String,
-    /// Length of the data.
+    /// Length of the data, bytes.
     pub bytes: u64,
 }
 
@@ -108,7 +108,8 @@ impl FlightInfo {
                     (Err(McapError::BadMagic), _) => {
                         return Err(FlightError::Malformed { path: path.to_owned(), cause: McapError::BadMagic });
                     }
-                    // Decompression errors have no OS error code.
+                    // An OS error code identifies a read error, because decompression errors have
+                    // none.
                     (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(read_error(cause)),
                     (Err(McapError::UnexpectedEof), _) => info.incomplete = Some("the file ends early".into()),
                     (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}")),

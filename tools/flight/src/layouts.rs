@@ -23,7 +23,7 @@ impl Schemas {
         Self(messages.collect())
     }
 
-    /// Returns `true` if the path leads from the message of the topic to a scalar field.
+    /// Returns `true` if the path leads from the topic's message to a scalar field.
     fn has(&self, topic: &str, path: &[&str]) -> bool {
         let found = channels(Topic::ALL).into_iter().find(|channel| channel.name == topic);
         let Some(Channel { schema, .. }) = found else { return false };
@@ -38,7 +38,7 @@ impl Schemas {
     }
 
     fn assert_has(&self, path: &str, separator: char) {
-        // Braces select messages by one of their fields.
+        // A filter in braces selects messages by the value of one of their fields.
         let (topic, filter, rest) = match path.split_once('{') {
             Some((topic, rest)) => {
                 let (filter, rest) = rest.split_once('}').unwrap();

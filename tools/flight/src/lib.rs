@@ -7,15 +7,15 @@
 //!
 //! Time: see [`Stamps`] for the clocks of the timestamps.
 //!
-//! Failure: the disk never blocks a live system. Messages lost to a full queue or a full disk are
-//! counted and reported, and the file ends with a complete chunk. If the process is killed, the
-//! file lacks its summary and at most the last half second.
+//! Failure: the disk never blocks a live system. Messages lost because the queue or the disk is
+//! full are counted and reported, and the file ends with a complete chunk. If the process is
+//! killed, the file lacks its summary and at most the last half second.
 //!
 //! | module | content |
 //! | --- | --- |
 //! | [`recorder`] | recorder with its writer thread |
 //! | `writer` | MCAP writer: channels, messages, metadata, attachments |
-//! | `chunk_file` | file that grows by complete chunks |
+//! | `chunk_file` | file that grows in complete chunks |
 //! | `gaps` | count of missed ticks |
 //! | [`summary`] | result of a recording |
 //! | [`reader`] | messages of a flight, for replay |

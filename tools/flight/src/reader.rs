@@ -25,12 +25,12 @@ use wire::Payload;
 
 use crate::{FlightError, info::MAX_RECORD_BYTES, writer::LAUNCH_ATTACHMENT};
 
-/// Prefix of the MCAP library field in files of Plumbline.
+/// Prefix of the MCAP library field in files written by Plumbline.
 const LIBRARY_PREFIX: &str = "plumbline ";
 
-/// Returns `true` if the file at `path` is a Plumbline flight, whatever its name.
+/// Returns `true` if the file at `path` is a Plumbline flight. The file name is ignored.
 pub fn is_flight(path: &Path) -> bool {
-    // Opening a pipe would block until there is a writer.
+    // Only regular files are opened, because opening a pipe would block until it has a writer.
     if !path.is_file() {
         return false;
     }
@@ -44,8 +44,8 @@ pub fn is_flight(path: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// Returns [`FlightError::NoLaunchFile`] if none is attached, or an error if the file cannot be
-/// read.
+/// Returns [`FlightError::NoLaunchFile`] if no launch file is attached, or another error if the
+/// file cannot be read.
 pub fn read_launch_file(path: &Path) -> Result<String, FlightError> {
     let mut records = Records::open(path)?;
     let text = records.find_map(&mut |record| match record {
@@ -140,16 +140,15 @@ pub fn read_span(path: &Path) -> Result<Option<TickSpan>, FlightError> {
     Ok(found)
 }
 
-/// Calls `visit` for each message, in the order of recording, with source time, topic and message
-/// bytes.
+/// Calls `visit` for each message in the order of recording. The arguments are the source time, the
+/// topic and the message bytes.
 ///
-/// A message on a topic without ticks gets the time of the latest message with a tick, or
-/// `i64::MIN` before the first one. Unknown topics are skipped.
+/// If a topic has no ticks, its messages get the time of the latest message with a tick, or
+/// `i64::MIN` before the first such message. Unknown topics are skipped.
 ///
 /// # Errors
 ///
-/// Returns an error if the file cannot be opened or is damaged, or at the first message that cannot
-/// be decoded.
+/// Returns an error if the file cannot be opened or is damaged, or if a message cannot be decoded.
 pub fn for_each_message(path: &Path, visit: &mut dyn FnMut(i64, Topic, &[u8])) -> Result<(), FlightError> {
     let (mut records, mut channels, mut t_ns) = (Records::open(path)?, Channels::default(), None);
     let error = records.find_map(&mut |record| {
@@ -189,7 +188,7 @@ impl Channels {
     }
 }
 
-/// Reader of the records of a file.
+/// Reader for the records of a file.
 struct Records {
     path: PathBuf,
     file: File,
@@ -204,7 +203,7 @@ impl Records {
         Ok(Self { path: path.to_owned(), file, reader })
     }
 
-    /// Calls `visit` for the following records until it returns `Some`.
+    /// Calls `visit` for the next records until it returns `Some`.
     ///
     /// Returns that value, or `None` at the end of the file or at a truncation.
     fn find_map<T>(&mut self, visit: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {

@@ -51,11 +51,11 @@ const FLUSH_BYTES: usize = 4 << 20;
 const MAX_BATCH_BYTES: usize = 1 << 20;
 /// Maximum number of batches in the queue.
 const MAX_QUEUED_BATCHES: usize = 32;
-/// Timeout for the writer thread to complete the file.
+/// Maximum time that the writer thread may take to complete the file.
 const DISK_TIMEOUT: Duration = Duration::from_secs(20);
 /// Longest time that a lockstep source waits for the writer thread.
 const LOCKSTEP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Minimum interval between two metadata records of missed messages.
+/// Minimum interval between two metadata records that list missed messages.
 const MISSED_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of file names to try.
 const MAX_NAMES: u32 = 1000;
@@ -77,11 +77,11 @@ pub struct FlightHeader {
     pub config: String,
     /// Tick rate in source time, Hz.
     pub rate_hz: f64,
-    /// Output frame of the attitude. The recorded topics are in the frame of the system.
+    /// Frame of the attitude output. The recorded topics remain in the native frame.
     pub output: Output,
 }
 
-/// Start of a recording, and its effect on the source.
+/// Start of a recording and its effect on the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecordingMode {
     /// The recording may start at any tick and the source does not wait. A full queue loses
@@ -111,10 +111,10 @@ pub struct Recorder {
 #[derive(Debug)]
 struct TopicIntake {
     fields: FieldOffsets,
-    /// Missed ticks, for a topic with a message on every tick.
+    /// Missed ticks; only for a topic that has a message on every tick.
     gaps: Option<Gaps>,
-    /// Number of messages for which the queue had no room. On a topic without a message on every
-    /// tick, each overflow of the subscriber buffer counts as one more.
+    /// Number of messages for which the queue had no room. If the topic does not have a message on
+    /// every tick, each overflow of the subscriber buffer also counts as one.
     dropped: u64,
 }
 
@@ -243,15 +243,15 @@ impl Recorder {
         }
     }
 
-    /// Records that the subscriber buffer of `topic` was full and messages may be lost. For topics
-    /// with a message on every tick, losses are counted by tick instead.
+    /// Records that the subscriber buffer of `topic` was full, so that messages may have been lost.
+    /// For topics that have a message on every tick, lost ticks are counted instead.
     pub fn record_overflow(&mut self, topic: Topic) {
         if let Some(intake) = self.intakes[topic as usize].as_mut().filter(|intake| intake.gaps.is_none()) {
             intake.dropped += 1;
         }
     }
 
-    /// Sends collected messages to the writer thread when due. Must be called several times a
+    /// Sends collected messages to the writer thread when due. Must be called several times per
     /// second.
     pub fn poll(&mut self) {
         if self.sent_at.elapsed() >= BATCH_INTERVAL {
@@ -287,7 +287,7 @@ impl Recorder {
         RecordingSummary { file: self.path, seconds, bytes, messages, missed, topics, error }.with_missed_error()
     }
 
-    /// Returns the number of missed messages so far, for each topic with at least one.
+    /// Returns the number of messages missed so far, for each topic that has missed any.
     fn missed(&self) -> BTreeMap<Topic, u64> {
         let count = |intake: &TopicIntake| intake.dropped + intake.gaps.as_ref().map_or(0, Gaps::missed);
         let each = Topic::ALL.iter().zip(&self.intakes);
@@ -392,7 +392,8 @@ fn process_commands(writer: &mut Writer, commands: &Receiver<WriterCommand>) -> 
     }
 }
 
-/// Returns an unused path in `folder`, from the name of the system and the current time, UTC.
+/// Returns an unused path in `folder`. The name consists of the system name and the current time,
+/// UTC.
 ///
 /// # Errors
 ///

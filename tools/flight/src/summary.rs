@@ -14,7 +14,7 @@ pub struct RecordingSummary {
     pub file: PathBuf,
     /// Time from the first message to the last, s.
     pub seconds: f64,
-    /// Length of the file.
+    /// Length of the file, bytes.
     pub bytes: u64,
     /// Number of bus messages in the file.
     pub messages: u64,
@@ -22,7 +22,7 @@ pub struct RecordingSummary {
     pub missed: u64,
     /// Results of the recorded topics.
     pub topics: Vec<TopicSummary>,
-    /// Error that made the file incomplete, or `None`.
+    /// Error that made the file incomplete, if any.
     pub error: Option<String>,
 }
 
@@ -38,7 +38,7 @@ pub struct TopicSummary {
 }
 
 impl RecordingSummary {
-    /// Reports missed messages as the error unless there is another one.
+    /// Reports missed messages as the error if there is no other error.
     pub(crate) fn with_missed_error(mut self) -> Self {
         if self.error.is_none() && self.missed > 0 {
             let missed = FlightError::MissedMessages { path: self.file.clone(), missed: self.missed };

@@ -98,7 +98,7 @@ fn truncated_file_is_read_up_to_the_cut() {
         max_messages = info.messages;
     }
     assert_eq!(max_messages, 120_001);
-    // Messages of a damaged chunk are not counted.
+    // Messages in a damaged chunk are not counted.
     let mut min_messages = u64::MAX;
     for part in 1..16 {
         let mut damaged = complete[..complete.len() - 8].to_vec();

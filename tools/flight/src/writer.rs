@@ -17,13 +17,13 @@ use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
 
 use crate::{FlightError, FlightHeader, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
 
-/// Uncompressed size at which a chunk ends early, bytes.
+/// Uncompressed size at which a chunk is completed early, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Name of the metadata record at the start.
 pub(crate) const HEADER_METADATA: &str = "plumbline";
 /// Name of the metadata record at the end.
 pub(crate) const END_METADATA: &str = "end";
-/// Name of the metadata records with the missed messages.
+/// Name of the metadata records that list missed messages.
 pub(crate) const MISSED_METADATA: &str = "missed";
 /// Name of the attached launch file.
 pub(crate) const LAUNCH_ATTACHMENT: &str = "launch.toml";
@@ -107,7 +107,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes a metadata record with the number of missed messages so far by topic.
+    /// Writes a metadata record with the number of messages missed so far on each topic.
     pub(crate) fn write_missed(&mut self, missed: &BTreeMap<Topic, u64>) -> McapResult<()> {
         let entries = missed.iter().map(|(topic, count)| (format!("/{}", topic.name()), count.to_string()));
         self.mcap.write_metadata(&Metadata { name: MISSED_METADATA.into(), metadata: entries.collect() })
@@ -151,7 +151,7 @@ pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
-/// Converts a write error. For an operating system error, the text of the MCAP library is omitted.
+/// Converts a write error. For an operating system error, the MCAP library's text is omitted.
 pub(crate) fn write_error(path: &Path, error: McapError) -> FlightError {
     let cause = match error {
         McapError::Io(cause) => cause.to_string(),

@@ -22,8 +22,8 @@ use crate::{
     ulog::Log,
 };
 
-/// Plausible range of the mean force, m/s². A mean outside it indicates a wrong unit or that
-/// gravity has been removed.
+/// Plausible range of the mean force, m/s². A mean outside this range indicates that the unit is
+/// wrong or that gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 
 /// Options for reading the input files.
@@ -31,7 +31,7 @@ const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 pub struct Options {
     /// Meaning of the columns. Required for CSV and rejected for other formats.
     pub mapping: Option<Mapping>,
-    /// Topics to read if several contain the same quantity. Only for bags and MCAP files.
+    /// Topics to read if several contain the same quantity. Allowed only for bags and MCAP files.
     pub topics: Vec<String>,
 }
 
@@ -155,7 +155,7 @@ fn import(
     Ok(summary)
 }
 
-/// Fixes file. It is created when the first fix is written.
+/// Fixes file, created when the first fix is written.
 struct FixesFile {
     path: PathBuf,
     writer: Option<gnss::Writer>,
@@ -225,8 +225,8 @@ fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut not
 
 /// Returns the path of the fixes file.
 ///
-/// This is `NAME_gnss.csv` for both `NAME_imu.csv.gz` and `NAME.csv`. In the second case, the file
-/// is not found automatically when the recording is read.
+/// This is `NAME_gnss.csv` for both `NAME_imu.csv.gz` and `NAME.csv`. In the second case, the fixes
+/// file is not found automatically when the recording is read.
 fn fixes_path(out: &Path) -> PathBuf {
     gnss::path_for(out).unwrap_or_else(|| {
         let name = out.file_name().unwrap_or_default().to_string_lossy();
@@ -236,7 +236,8 @@ fn fixes_path(out: &Path) -> PathBuf {
     })
 }
 
-/// Checks that a recording without fixes would not be read with the fixes of another recording.
+/// Checks that no fixes file of another recording would be read with the new recording, which has
+/// no fixes.
 fn check_no_stale_fixes(out: &Path) -> Result<(), ImportError> {
     match gnss::find_for(out) {
         Some(fixes) => Err(ImportError::StaleFixes { path: out.to_owned(), fixes }),

@@ -1,4 +1,4 @@
-//! Reader of a single CSV file in any dialect.
+//! Reads a single CSV file in any dialect.
 //!
 //! Input: text, plain or gzip, with a header line. Columns are separated by commas, semicolons or
 //! tabs, and numbers have a decimal point or a decimal comma. The dialect is detected from the
@@ -89,7 +89,7 @@ impl CsvReader {
         })
     }
 
-    /// Returns the next row that is not blank; `None` at the end.
+    /// Returns the next row that is not blank, or `None` at the end of the file.
     pub(crate) fn next(&mut self) -> Result<Option<CsvRecord<'_>>, ImportError> {
         let next = match self.first_row.take() {
             Some(first) => Some(first),

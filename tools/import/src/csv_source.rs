@@ -91,7 +91,7 @@ impl Source for CsvSource<'_> {
         Format::Csv
     }
 
-    /// Returns the size of the headers and of one pass over the file of each column group.
+    /// Returns the total size of the headers and of one pass over the file of each column group.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
@@ -186,7 +186,7 @@ struct ColumnGroups {
 }
 
 impl ColumnGroups {
-    /// Returns the file of each group.
+    /// Returns the file of each column group.
     fn paths(&self) -> impl Iterator<Item = &Path> {
         let velocity = self.velocity.iter().map(|(_, group)| group);
         let vectors = [&self.rate, &self.force].into_iter().chain(&self.field).chain(velocity);
@@ -202,7 +202,7 @@ impl CsvFiles {
         Ok(Self { columns: columns.collect::<Result<_, ImportError>>()?, read_bytes })
     }
 
-    /// Returns the names of all columns without duplicates.
+    /// Returns the names of all columns, with duplicates removed.
     pub(crate) fn column_names(&self) -> Vec<String> {
         let mut known: Vec<String> = Vec::new();
         for name in self.columns.iter().flat_map(|(_, names)| names) {
@@ -338,7 +338,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns the file name without `.gz` and without its extension.
+/// Returns the file name with `.gz` and the extension removed.
 fn stem(path: &Path) -> String {
     let name = file_name(path);
     let name = name.strip_suffix(".gz").unwrap_or(&name);

@@ -18,7 +18,7 @@ pub enum ImportError {
     /// The temporary folder for an intermediate recording cannot be created.
     #[error("creating a temporary folder: {cause}; free disk space, or set TMPDIR to another folder")]
     TemporaryFolder {
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
     /// The MCAP file cannot be written.
@@ -34,7 +34,7 @@ pub enum ImportError {
     Open {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
         /// Suggested remedy.
         remedy: &'static str,
@@ -76,7 +76,7 @@ pub enum ImportError {
         /// Format of the log.
         format: Format,
     },
-    /// Topics are selected for a format without topics.
+    /// Topics are selected for a format that has no topics.
     #[error("importing {}: {format} has no topics; leave out --topic", path.display())]
     TopicsNotApplicable {
         /// Path of the log.
@@ -118,7 +118,7 @@ pub enum ImportError {
         /// Description of what was expected, or a suggested remedy.
         expected: &'static str,
     },
-    /// A CSV file is given without a mapping of its columns.
+    /// A CSV file is given, but no mapping of its columns.
     #[error(
         "importing {}: the meaning of its columns is unknown; map them with --map t=COLUMN,gx=COLUMN,…; available columns: {}",
         path.display(),
@@ -185,7 +185,7 @@ pub enum ImportError {
         /// Description of the damage.
         found: String,
     },
-    /// A topic lacks a required field.
+    /// A required field is missing from a topic.
     #[error("reading {}: topic {topic}: no field {field} of type {expected}; available fields: {}", path.display(), quoted_list(known))]
     MissingField {
         /// Path of the log.
@@ -300,7 +300,7 @@ pub(crate) fn open_error(path: &Path, cause: io::Error) -> ImportError {
     ImportError::Open { path: path.to_owned(), cause, remedy }
 }
 
-/// Returns the first 40 characters of a text in quotes.
+/// Returns the first 40 characters of a text, enclosed in quotes.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
 }

@@ -1,8 +1,8 @@
-//! Interpolation of the force at the times of the rate samples.
+//! Interpolates the force at the times of the rate samples.
 //!
 //! Input: samples of rate and force, each in time order.
 //!
-//! Output: every rate sample with the force at its time, in time order.
+//! Output: every rate sample with the force interpolated at its time, in time order.
 //!
 //! Time: between two force samples that are close to each other, the force is interpolated
 //! linearly. Otherwise the nearest sample is used if it is very close.
@@ -15,12 +15,13 @@ use crate::{ImportError, row_writer::RowWriter};
 
 /// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// Maximum time between a rate sample and a single force sample that is used for it, ns.
+/// Maximum time between a rate sample and the force sample used for it if interpolation is not
+/// possible, ns.
 const MAX_HOLD_NS: u64 = 20_000_000;
 /// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;
 
-/// Time, ns, and vector of a sample.
+/// Time in ns and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
 
 #[derive(Default)]
@@ -34,7 +35,7 @@ pub(crate) struct ForceAligner {
     pub(crate) rates_out_of_order: u64,
     /// Number of force samples with non-increasing timestamps. Exact repetitions are not counted.
     pub(crate) forces_out_of_order: u64,
-    /// Number of rate samples without a force sample nearby.
+    /// Number of rate samples for which no force sample is close enough.
     pub(crate) rates_without_force: u64,
 }
 
@@ -65,7 +66,7 @@ impl ForceAligner {
         self.release(rows, false)
     }
 
-    /// Passes the remaining rate samples on after the last force sample.
+    /// Passes on the rate samples that remain after the last force sample.
     pub(crate) fn finish(&mut self, rows: &mut RowWriter) -> Result<(), ImportError> {
         while !self.pending.is_empty() {
             self.release(rows, true)?;
@@ -73,8 +74,8 @@ impl ForceAligner {
         Ok(())
     }
 
-    /// Passes on the rate samples up to the last force sample, and at least one if
-    /// `must_release_one` is set.
+    /// Passes on the rate samples up to the time of the last force sample. If `must_release_one` is
+    /// set, at least one sample is passed on.
     fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
         let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
         while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns)

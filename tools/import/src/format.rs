@@ -26,7 +26,7 @@ const MAGIC_NUMBERS: [(&[u8], Format); 5] = [
     (b"PK\x03\x04", Format::Zip),
 ];
 
-/// File in the folder of every ROS 2 bag. It contains [`BAG_METADATA_KEY`].
+/// File present in every ROS 2 bag folder. It contains [`BAG_METADATA_KEY`].
 const BAG_METADATA_FILE: &str = "metadata.yaml";
 const BAG_METADATA_KEY: &[u8] = b"rosbag2_bagfile_information";
 
@@ -63,7 +63,8 @@ impl Format {
     /// [`ImportError::UnknownFormat`] if no format matches.
     pub fn detect(path: &Path) -> Result<Self, ImportError> {
         let failed = |cause| open_error(path, cause);
-        // Checked before opening, because opening a pipe blocks until it has a writer.
+        // The file type is checked before opening, because opening a pipe blocks until it has a
+        // writer.
         let file_type = fs::metadata(path).map_err(failed)?.file_type();
         if file_type.is_dir() && is_bag(path) {
             return Ok(Self::Bag);
@@ -75,7 +76,8 @@ impl Format {
         let start = read_prefix(&mut file).map_err(failed)?;
         let found = if start.starts_with(GZIP_MAGIC) {
             let rest = io::Cursor::new(start).chain(file);
-            // Only the prefix is decompressed here. Damage further on is reported by the reader.
+            // Only the prefix is decompressed here. Damage after the prefix is reported by the
+            // reader.
             match self::read_prefix(&mut MultiGzDecoder::new(rest)) {
                 Ok(start) if is_text(&start) => Some(Self::Csv),
                 _ => Some(Self::Gzip),
@@ -96,7 +98,7 @@ impl Format {
         matches!(self, Self::Mcap | Self::Bag | Self::Sqlite)
     }
 
-    /// Returns a remedy for a format that is not supported; `None` if it is supported.
+    /// Returns the remedy for a format that is not supported; `None` for a supported format.
     pub fn remedy(self) -> Option<&'static str> {
         match self {
             Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,

@@ -24,9 +24,9 @@
 //! | `dataflash` | messages of an ArduPilot log |
 //! | `bag` | topics of MCAP files and ROS 2 bags |
 //! | `csv_source` | mapped columns of CSV files, joined by time |
-//! | `csv_reader` | reader of one CSV file |
-//! | `force_aligner` | force at the times of the rate samples |
-//! | `row_writer` | field and reference at the times of the rows |
+//! | `csv_reader` | reader for one CSV file |
+//! | `force_aligner` | force interpolated at the times of the rate samples |
+//! | `row_writer` | field and reference merged into the rows |
 #![forbid(unsafe_code)]
 
 mod bag;

@@ -27,7 +27,7 @@ use wire::Payload;
 
 use crate::ImportError;
 
-/// Library name in the file header. Recorded flights have a different one.
+/// Library name in the file header. It distinguishes an import from a recorded flight.
 const LIBRARY: &str = "plumb import";
 const CHUNK_BYTES: u64 = 1 << 20;
 
@@ -111,7 +111,7 @@ impl<'a> MessageWriter<'a> {
                 id
             }
         };
-        // MCAP cannot express times before 1970. The message itself contains the correct time.
+        // MCAP cannot express log times before 1970. The message content has the correct time.
         let time = u64::try_from(t_ns).unwrap_or(0);
         let header = MessageHeader { channel_id, sequence: tick as u32, log_time: time, publish_time: time };
         self.writer.write_to_known_channel(&header, &message.to_bytes())

@@ -10,10 +10,10 @@
 
 use crate::bag::ros;
 
-/// Rate and force at a time.
+/// Sample of rate and force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imu {
-    /// Time of `header.stamp`, ns.
+    /// Time from `header.stamp`, ns.
     pub t_ns: i64,
     /// Body rate, rad/s.
     pub rate_rad_s: [f64; 3],

@@ -1,6 +1,6 @@
-//! Writer of rows, with field and reference merged in by time.
+//! Writes the rows, with field and reference merged in by time.
 //!
-//! Input: rate and force row by row, and samples of field and reference in time order.
+//! Input: rate and force row by row, and field and reference samples in time order.
 //!
 //! Output: the recording.
 //!
@@ -31,8 +31,8 @@ pub(crate) struct Attitude {
     pub(crate) reference: Reference,
     /// Number of attitude resets made by the estimator.
     ///
-    /// The reference is interpolated only between attitudes with equal numbers, and never if
-    /// `None`.
+    /// The reference is interpolated only between attitudes whose counters are equal, and never if
+    /// the counter is `None`.
     pub(crate) reset_counter: Option<u8>,
 }
 
@@ -46,9 +46,9 @@ pub(crate) struct RowWriter<'a> {
     attitudes: Peekable<Samples<'a, Attitude>>,
     /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
-    /// Last row. It is written later, because the next row may be nearer to the next field sample.
+    /// Last row. It is held back because a field sample that arrives later may be nearest to it.
     pending: Option<Row>,
-    /// Distance in time between the pending row and its field sample, ns.
+    /// Time between the pending row and its field sample, ns.
     pending_distance_ns: u64,
     intervals_ns: Vec<u64>,
     force_sum_m_s2: f64,
@@ -59,8 +59,8 @@ pub(crate) struct RowWriter<'a> {
     pub(crate) reference_rows: u64,
     /// Number of field samples with non-increasing timestamps.
     pub(crate) fields_out_of_order: u64,
-    /// Number of field samples discarded because no row is nearby or another sample is nearer to
-    /// it.
+    /// Number of field samples discarded because no row was near enough or another sample was
+    /// nearer to the row.
     pub(crate) fields_unmatched: u64,
     /// Number of attitudes with non-increasing timestamps.
     pub(crate) attitudes_out_of_order: u64,
@@ -140,11 +140,12 @@ impl<'a> RowWriter<'a> {
             let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row: a sample near that row is kept until the row is pending.
+                // Before the first row, a field sample near that row is kept until the row is
+                // pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };
-            // An error is also taken from the iterator, so that it ends the import.
+            // An error is taken from the iterator as well, so that it ends the import.
             let Some(sample) =
                 self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
             else {
@@ -177,7 +178,7 @@ impl<'a> RowWriter<'a> {
     }
 
     fn reference_at(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
-        // An error is also taken from the iterator, so that it ends the import.
+        // An error is taken from the iterator as well, so that it ends the import.
         while let Some(attitude) =
             self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
         {

@@ -32,8 +32,8 @@ pub(crate) struct Survey {
     pub(crate) notes: Vec<Note>,
     /// Reason to report if no row was written.
     pub(crate) reason: Option<String>,
-    /// Description of the data that provides rate and force, for the error reported without any
-    /// row.
+    /// Description of the data that provides rate and force, used in the error reported when there
+    /// are no rows.
     pub(crate) expected: String,
 }
 
@@ -41,7 +41,7 @@ pub(crate) struct Survey {
 pub(crate) trait Source {
     fn format(&self) -> Format;
 
-    /// Returns the number of bytes read by all passes together.
+    /// Returns the total number of bytes read by all passes.
     ///
     /// Before the survey, the value is an estimate.
     fn total_bytes(&self) -> u64;
@@ -50,7 +50,7 @@ pub(crate) trait Source {
     /// `total_bytes`.
     fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError>;
 
-    /// Returns the samples of the magnetic field.
+    /// Returns the magnetic field samples.
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError>;
 
     /// Returns the reference attitudes.

@@ -27,7 +27,7 @@ pub struct Summary {
     pub reference_rows: u64,
     /// Number of fixes written.
     pub fixes: u64,
-    /// Path of the fixes file; `None` without fixes.
+    /// Path of the fixes file; `None` if there are no fixes.
     pub fixes_file: Option<PathBuf>,
     /// Skipped, missing or implausible data, most important first.
     pub notes: Vec<Note>,
@@ -37,7 +37,7 @@ pub struct Summary {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Note {
-    /// The log is truncated or damaged. Nothing after the damage was read.
+    /// The log is truncated or damaged. Data after the damage was not read.
     Damage {
         /// Offset of the damage, bytes.
         at_byte: u64,
@@ -67,7 +67,7 @@ pub enum Note {
         /// Reason for skipping them.
         reason: &'static str,
     },
-    /// A file of a bag is damaged. Nothing after the damage was read from that file.
+    /// A file of a bag is damaged. Data after the damage was not read from that file.
     DamagedFile {
         /// Name of the file.
         file: String,
@@ -103,7 +103,7 @@ pub enum Note {
         /// Number of samples from the other instances.
         others: u64,
     },
-    /// The source lacks a quantity.
+    /// A quantity is missing from the source.
     Missing {
         /// Name of the quantity.
         what: &'static str,

@@ -2,7 +2,7 @@
 //!
 //! - Input: a layout and the bytes of one message.
 //! - Output: values with field names and units, as text or JSON.
-//! - Failure: bytes of another length and inconsistent layouts are rejected.
+//! - Failure: bytes of the wrong length and inconsistent layouts are rejected.
 
 use std::fmt;
 
@@ -37,7 +37,7 @@ pub enum Value {
     Text(String),
 }
 
-/// The bytes do not match the layout.
+/// Mismatch between the bytes of a message and its layout.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LayoutMismatch {
     layout: &'static str,
@@ -62,8 +62,8 @@ impl DecodedMessage {
     ///
     /// # Errors
     ///
-    /// Returns [`LayoutMismatch`] if the length differs from the layout's, or if a field does not
-    /// fit its kind.
+    /// Returns [`LayoutMismatch`] if the number of bytes differs from the size in the layout, or if
+    /// a field does not match its kind.
     pub fn decode(layout: &Layout, bytes: &[u8]) -> Result<Self, LayoutMismatch> {
         let mismatch = || LayoutMismatch { layout: layout.name, expected: layout.size, found: bytes.len() };
         if bytes.len() != layout.size {
@@ -77,7 +77,7 @@ impl DecodedMessage {
         Ok(Self { fields: fields.collect::<Result<_, _>>()? })
     }
 
-    /// Returns the value of a field, or `None` if the message lacks it.
+    /// Returns the value of a field, or `None` if the message has no such field.
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.fields.iter().find(|(field, _)| field.name == name).map(|(_, value)| value)
     }
@@ -90,7 +90,7 @@ impl DecodedMessage {
         }
     }
 
-    /// Appends a field that holds a name.
+    /// Appends a field that has a name as its value.
     pub fn with_name_field(mut self, name: &'static str, word: &'static str) -> Self {
         self.fields.push((Field { name, kind: "", offset: 0, description: "" }, Value::Name(word)));
         self
@@ -105,7 +105,7 @@ impl DecodedMessage {
     }
 }
 
-/// One line per field: name, value, unit.
+/// Formats the message as one line per field: name, value, unit.
 impl fmt::Display for DecodedMessage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (field, value) in &self.fields {

@@ -1,7 +1,7 @@
 //! Rate, intervals, bandwidth and losses of a topic.
 //!
-//! - Input: every message that the observer receives, in order; for a remote observer the delivery
-//!   counts, too.
+//! - Input: every message that the observer receives, in order; for a remote observer also the
+//!   delivery counts.
 //! - Output: rates and counts.
 //! - Time: publisher timestamps if the messages have them, otherwise the observer's clock at
 //!   arrival.
@@ -39,15 +39,15 @@ pub struct FlowMonitor {
 pub struct Delivery {
     /// Messages sent but not received.
     pub lost: u64,
-    /// Messages left out on board by the configured rate of the topic.
+    /// Messages omitted on board because of the configured topic rate.
     pub decimated: u64,
-    /// Messages dropped by the gateway although they were due.
+    /// Messages that were due but were dropped by the gateway.
     pub dropped: u64,
     /// Messages received, including those not yet processed by the observer.
     pub received: u64,
     /// Bytes received with these messages.
     pub bytes: u64,
-    /// Batches received again or too late.
+    /// Batches received more than once or too late.
     pub repeated: u64,
     /// Batches that could not be decoded.
     pub rejected: u64,
@@ -80,7 +80,7 @@ pub struct FlowReport {
     pub duration_s: f64,
     /// Messages per second; `None` before the second message.
     pub rate_hz: Option<f64>,
-    /// Payload per second; for a remote observer as received over the network. `None` before the
+    /// Bytes per second; for a remote observer, those received over the network. `None` before the
     /// second message.
     pub bytes_per_s: Option<f64>,
     /// Size of a message on the bus, bytes.
@@ -90,20 +90,21 @@ pub struct FlowReport {
     /// Clock of the rate and the intervals: `sent` for publisher timestamps, `arrival` for the
     /// observer's clock.
     pub measured_by: &'static str,
-    /// Ticks that never reached the publisher; `None` for a topic that does not have every tick.
+    /// Ticks that never reached the publisher; `None` for a topic that does not have a message on
+    /// every tick.
     pub lost: Option<u64>,
     /// Messages missed by this observer: overwritten in its buffer or lost on the network. `None`
     /// if unknown.
     pub missed: Option<u64>,
     /// Messages repeated by a restarted service.
     pub repeated: u64,
-    /// Delivery to a remote observer; `None` on board.
+    /// Delivery to a remote observer; `None` for an observer on board.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delivery: Option<Delivery>,
 }
 
 impl FlowMonitor {
-    /// Starts an observation with the next message of the topic.
+    /// Creates a monitor. Its observation starts with the next message of the topic.
     pub fn new(topic: Topic, layout: &Layout) -> Self {
         let offset = |name: &str| {
             let found = layout.fields.iter().find(|field: &&Field| field.name == name && field.kind == "u64");
@@ -135,7 +136,8 @@ impl FlowMonitor {
 
     /// Sets the delivery counts of a remote observer.
     ///
-    /// They alone determine what the observer missed, because a configured rate leaves out ticks.
+    /// Only these counts determine the missed messages, because ticks omitted by the configured
+    /// rate are not missed.
     pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);
     }
@@ -238,7 +240,7 @@ impl FlowReport {
     }
 }
 
-/// Counts of received and missing messages.
+/// Formats the counts of received and missing messages.
 impl fmt::Display for FlowReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count_text = |count: Option<u64>| count.map_or("unknown".into(), |count| count.to_string());

@@ -10,9 +10,9 @@ use hdrhistogram::Histogram;
 use messages::Header;
 use serde::Serialize;
 
-/// Ticks remembered: more than an observer's buffer holds.
+/// Number of ticks kept. It exceeds the capacity of an observer's buffer.
 const RING_TICKS: usize = 4096;
-/// Upper bound of recorded latencies, ns. Longer ones are counted as this.
+/// Upper bound of recorded latencies, ns. Longer latencies are recorded as this value.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
 /// Latency of each service, and end to end from the birth of a sample to its attitude.
@@ -106,13 +106,13 @@ impl HopLatencies {
     }
 }
 
-/// Histogram of latencies, ns, that is emptied when read.
+/// Latency histogram, ns, which is emptied when it is read.
 #[derive(Debug)]
 pub struct LatencyHistogram(Histogram<u64>);
 
 impl Default for LatencyHistogram {
     fn default() -> Self {
-        // The bounds are valid constants.
+        // The arguments are valid constants, so the call cannot fail.
         Self(Histogram::new_with_max(MAX_LATENCY_NS, 3).unwrap_or_else(|_| unreachable!("3 digits")))
     }
 }

@@ -15,7 +15,8 @@ pub struct IntervalStats {
     pub jitter: f64,
 }
 
-/// Running mean and variance of intervals (Welford 1962), and their extremes. All in ms.
+/// Running mean and variance of the intervals (Welford 1962), and the shortest and longest
+/// interval, all in ms.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct IntervalAccumulator {
     pub(crate) count: f64,

@@ -3,7 +3,7 @@
 //! - Input: messages as bytes with their layout, service status from the supervisor, /proc and
 //!   /sys.
 //! - Output: text for users, JSON for scripts.
-//! - Time: message timestamps, or the observer's clock for messages without one.
+//! - Time: message timestamps, or the observer's clock for messages that have no timestamp.
 //! - Failure: a value that cannot be determined is reported as unknown.
 //!
 //! An observer publishes nothing, creates no topic and never makes a service wait.

@@ -9,10 +9,10 @@ use launch::{Calibrations, Launch, Source};
 use messages::{SensorReading, TakenReading};
 use runtime::ServiceConfig;
 
-/// A running system cannot be calibrated.
+/// Reason for which a running system cannot be calibrated.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadingsError {
-    /// The readings do not leave ingest.
+    /// The system does not publish its raw readings.
     #[error(
         "calibrating from {system:?}: a simulation or recording does not publish its readings; start the system with \
          `plumb up --readings`"
@@ -61,7 +61,7 @@ pub fn apply_calibrations(prior: &mut Prior, launch: &Launch) -> Result<(), Cali
     Ok(())
 }
 
-/// Decodes a message of [`readings_topic`]. Returns `None` if the bytes have another length.
+/// Decodes a message of [`readings_topic`]. Returns `None` if the bytes have the wrong length.
 pub fn decode_sample(topic: Topic, bytes: &[u8]) -> Option<Sample> {
     let reading = match topic {
         Topic::Reading => Reading::from(&try_pod_read_unaligned::<TakenReading>(bytes).ok()?),

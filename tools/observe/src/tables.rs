@@ -1,8 +1,8 @@
-//! Messages as CSV tables `DIR/VEHICLE/TOPIC.csv`, with a column for each number of the message.
+//! Messages as CSV tables `DIR/VEHICLE/TOPIC.csv`, with a column for each number in the message.
 //!
 //! - Input: messages of a topic, in order.
-//! - Output: CSV lines. Columns have the names of the fields, numbered in arrays.
-//! - Failure: a table that cannot be written is an error with its path. The number of tables is
+//! - Output: CSV lines. Columns are named after the fields; the columns of an array are numbered.
+//! - Failure: a table that cannot be written is reported with its path. The number of tables is
 //!   limited.
 
 use std::{
@@ -14,10 +14,10 @@ use std::{
 
 use messages::{Field, Layout, Message};
 
-/// Maximum number of open files: every topic of a small fleet.
+/// Maximum number of open files. It is enough for every topic of a small fleet.
 const MAX_FILES: usize = 512;
 
-/// A table cannot be written.
+/// Error while writing a table.
 #[derive(Debug, thiserror::Error)]
 #[error("writing {path}: {cause}; check that the folder can be written to and has space")]
 pub struct TableError {
@@ -32,7 +32,7 @@ pub struct CsvTables {
 }
 
 impl CsvTables {
-    /// Creates the writer. A table is created when its first message is written.
+    /// Creates the writer. Each table is created when its first message is written.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.into(), files: BTreeMap::new() }
     }
@@ -88,9 +88,9 @@ fn write_rows<M: Message>(messages: &[M], writer: &mut impl Write) -> io::Result
     Ok(())
 }
 
-/// Returns the number of columns of a field: 1, or the length of an array.
+/// Returns the number of columns for a field: 1, or the length of an array.
 ///
-/// The words of a checkpoint, whose length is not a literal, have no columns.
+/// The words of a checkpoint have no columns, because their array length is not a literal.
 fn element_count(field: &Field) -> usize {
     match field.kind.strip_prefix('[') {
         None => 1,

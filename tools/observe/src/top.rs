@@ -13,17 +13,19 @@ use crate::{
     process::ProcessMonitor,
 };
 
-/// Observes the data path of a running system.
+/// Monitors the data path of a running system.
 #[derive(Debug)]
 pub struct SystemMonitor {
-    /// Taps in reverse path order. An output is read before its inputs, so that no input is missed.
+    /// Taps in reverse path order. An output is read before its inputs, so that the inputs of every
+    /// output read are available.
     taps: Vec<(Service, Tap)>,
     events: Tap,
     hops: HopLatencies,
     attitude: Option<AttitudeOutput>,
     finished_event: Option<SystemEvent>,
     processes: ProcessMonitor,
-    /// Newest header of each service at the last snapshot; before that, its first header.
+    /// Header of each service's newest output at the last snapshot. Before the first snapshot, the
+    /// header of its first output.
     previous: [Option<Header>; Service::PATH.len()],
     owner_pid: u32,
 }
@@ -51,7 +53,7 @@ pub struct ServiceRow {
     pub stage: Option<String>,
     /// Name of its state, as reported by the supervisor.
     pub state: String,
-    /// Process, if any.
+    /// Process ID, if any.
     pub pid: Option<u32>,
     /// Ticks published per second since the last snapshot.
     pub rate_hz: Option<f64>,
@@ -94,7 +96,8 @@ impl SystemMonitor {
         })
     }
 
-    /// Reads new messages. Call this several times per second, or the observer misses messages.
+    /// Reads new messages. Call this several times per second; otherwise the observer misses
+    /// messages.
     ///
     /// # Errors
     ///
@@ -127,7 +130,7 @@ impl SystemMonitor {
         self.attitude.as_ref()
     }
 
-    /// Returns why the system ended, or `None` until its supervisor reports the end.
+    /// Returns the reason why the system ended, or `None` until its supervisor reports the end.
     pub fn end_reason(&self) -> Option<&str> {
         self.finished_event
             .as_ref()
@@ -183,8 +186,8 @@ impl SystemMonitor {
     }
 }
 
-/// Returns the ticks per second of the publisher's clock. Messages missed by this observer do not
-/// matter.
+/// Returns the ticks per second of the publisher's clock. Messages missed by this observer have no
+/// effect.
 fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
     let (before, now) = previous.zip(current)?;
     if now.tick == before.tick {
@@ -222,13 +225,13 @@ impl SystemSnapshot {
 struct Column {
     header: &'static str,
     width: usize,
-    /// Order in which columns are left out if the terminal is too narrow, highest first; 0 for
-    /// never.
+    /// Priority for omitting the column if the terminal is too narrow: the highest is omitted
+    /// first, 0 never.
     drop_order: u8,
 }
 
-/// Columns of the table. All fit into 121 columns of a terminal, all but the first three to drop
-/// into 80.
+/// Columns of the table. All of them fit into a terminal of 121 columns. If the three that are
+/// omitted first are left out, the others fit into 80.
 const COLUMNS: [Column; 13] = [
     Column { header: "service", width: 11, drop_order: 0 },
     Column { header: "stage", width: 25, drop_order: 10 },
@@ -272,7 +275,7 @@ fn format_row(visible: &[usize], cells: &[String; COLUMNS.len()]) -> String {
     visible.iter().map(cell).collect()
 }
 
-/// Returns the cells of a row with latencies only.
+/// Returns the cells of a row in which only the latencies are filled in.
 fn latency_cells(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
     let mut cells = [const { String::new() }; COLUMNS.len()];
     let us = latency.map_or([None; 3], |LatencyUs { p50, p99, max }| [p50, p99, max].map(Some));

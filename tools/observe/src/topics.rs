@@ -1,6 +1,7 @@
 //! Topics of a running system: rate, ports and layout.
 //!
-//! The ports, buffers and layout fingerprint of a remote vehicle are unknown: JSON null, text `-`.
+//! The ports, buffers and layout fingerprint of a remote vehicle are unknown. They are shown as
+//! null in JSON and as `-` in text.
 
 use std::fmt;
 
@@ -16,7 +17,7 @@ pub const ONBOARD_ONLY_NOTE: &str = "publishers, subscribers and buffers are kno
 /// Description of a topic of a running system.
 #[derive(Debug, Clone)]
 pub struct TopicInfo {
-    /// Name.
+    /// Name of the topic.
     pub name: String,
     /// Layout of the messages.
     pub layout: Layout,
@@ -75,7 +76,7 @@ fn port_list(ports: &[Port]) -> String {
     entries.collect::<Vec<_>>().join(", ")
 }
 
-/// Full description, with the layout.
+/// Formats the full description, including the layout.
 impl fmt::Display for TopicInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, layout, ports, flow } = self;

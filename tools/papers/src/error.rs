@@ -1,10 +1,10 @@
-//! Errors of the reproduction of a paper.
+//! Errors from reproducing a paper.
 
 use std::{error::Error, io, path::PathBuf};
 
 use thiserror::Error;
 
-/// Error of the reproduction of a paper.
+/// Error from reproducing a paper.
 #[derive(Debug, Error)]
 pub enum PaperError {
     /// A file or folder cannot be written.
@@ -15,7 +15,7 @@ pub enum PaperError {
         /// Error of the operating system.
         cause: io::Error,
     },
-    /// The section of an earlier paper cannot be read for the index page.
+    /// The section of a previously reproduced paper cannot be read to compose the index page.
     #[error("cannot read {path} for the index page: {cause}; reproduce that paper again or delete the file", path = path.display())]
     Read {
         /// Path of the section file.

@@ -18,7 +18,7 @@ pub(crate) struct Heatmap {
     pub(crate) title: String,
     pub(crate) x: Axis,
     pub(crate) y: Axis,
-    /// Label of the quantity, and the values at the two ends of the colour scale.
+    /// Label of the quantity, and its values at the two ends of the colour scale.
     pub(crate) value_axis: Axis,
     pub(crate) columns: usize,
     pub(crate) values: Vec<f64>,

@@ -2,10 +2,11 @@
 //!
 //! Input: a paper and a folder.
 //!
-//! Output: each figure and table as SVG and PNG, and one HTML page with all papers in the folder.
-//! Tables are also available as text.
+//! Output: each figure and table as SVG and PNG, and one HTML page with all papers reproduced in
+//! the folder. Tables are also available as text.
 //!
-//! Failure: a file that cannot be written, or a section of an earlier paper that cannot be read.
+//! Failure: a file cannot be written, or the section of a previously reproduced paper cannot be
+//! read.
 //!
 //! | module | content |
 //! | --- | --- |
@@ -15,7 +16,6 @@
 //! | [`s4`] | platform levelling with GNSS, without GNSS, and unified |
 //! | [`picture`] | figures and tables, and the files they are written to |
 //! | [`page`] | HTML page |
-//! | [`page`] | the HTML page |
 #![forbid(unsafe_code)]
 
 mod block_diagram;
@@ -41,13 +41,13 @@ pub use progress::Progress;
 /// One of the four papers that are reproduced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Paper {
-    /// Matveev et al. 2025, parameters (w, z).
+    /// S1, Matveev et al. 2025: parameters (w, z).
     S1,
-    /// Inclinometers by matrix and by quaternion.
+    /// S2: inclinometers by matrix and by quaternion.
     S2,
-    /// Improved Madgwick filter.
+    /// S3: improved Madgwick filter.
     S3,
-    /// Platform levelling with and without GNSS.
+    /// S4: platform levelling with and without GNSS.
     S4,
 }
 
@@ -81,8 +81,7 @@ impl Paper {
         }
     }
 
-    /// Returns the number of simulation runs, which the progress counts in addition to the
-    /// pictures.
+    /// Returns the number of simulation runs. The progress counts them in addition to the pictures.
     fn run_count(self) -> u64 {
         match self {
             Self::S1 => s1::RUN_COUNT,
@@ -107,7 +106,7 @@ impl Paper {
 pub struct PaperOutput {
     /// Figures and tables in the order of the page.
     pub parts: Vec<Part>,
-    /// Reason why no PNG files were written; `None` if they were.
+    /// Reason why no PNG files were written; `None` if they were written.
     pub png_skipped_reason: Option<String>,
 }
 
@@ -115,7 +114,7 @@ pub struct PaperOutput {
 /// `folder/index.html`.
 ///
 /// The index page contains every paper that the folder holds. `on_progress` receives the number of
-/// finished steps and the total number of steps; a step is a simulation run or a picture.
+/// finished steps and the total number of steps. A step is a simulation run or a picture.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Self-contained HTML page with all papers of a folder, without external resources.
+//! Self-contained HTML page that shows all papers of a folder, without external resources.
 //!
 //! Each paper writes its section to `NAME/section.html`. The index page is composed of all sections
 //! found in the folder.
@@ -13,7 +13,8 @@ use crate::{
 /// File name of the page.
 pub const INDEX_FILE: &str = "index.html";
 const SECTION_FILE: &str = "section.html";
-/// Maximum size of a section, bytes. A larger file was not written by this crate.
+/// Maximum size of a section, bytes. This crate does not write larger sections, so a larger file is
+/// rejected.
 const MAX_SECTION_BYTES: u64 = 50_000_000;
 
 const STYLE: &str = "\
@@ -72,7 +73,7 @@ fn read_section(path: &Path) -> Result<String, PaperError> {
     }
 }
 
-/// Returns the `svg` element without the XML declaration that precedes it in a file.
+/// Returns the `svg` element of an SVG file, without the XML declaration that precedes it.
 fn svg_element(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     format!("{}\n", svg[start..].trim_end())

@@ -19,7 +19,7 @@ pub(crate) enum Panel {
 /// Figure or table.
 #[derive(Debug)]
 pub enum Picture {
-    /// Figure of one or more panels.
+    /// Figure with one or more panels.
     Figure(Figure),
     /// Table, which is both drawn and available as text.
     Table(Table),
@@ -40,14 +40,14 @@ pub struct Part {
     pub name: &'static str,
     /// Heading, such as `Figure 4: u, v and z, noise-free`.
     pub title: String,
-    /// Description with the numbers of the paper and the reproduced ones.
+    /// Description that compares the numbers of the paper with the reproduced ones.
     pub caption: String,
-    /// Content.
+    /// Figure or table itself.
     pub picture: Picture,
 }
 
 impl Part {
-    /// Writes `NAME.svg` and, with a typeface, `NAME.png` to a folder. Returns the text of the SVG.
+    /// Writes `NAME.svg` and, if a typeface is given, `NAME.png` to a folder. Returns the SVG text.
     pub(crate) fn write(&self, folder: &Path, typeface: Option<&Typeface>) -> Result<String, PaperError> {
         let draw_error = |cause| PaperError::Draw { picture: self.name, cause };
         let path = |extension: &str| folder.join(format!("{}.{extension}", self.name));

@@ -13,7 +13,7 @@ impl<'a> Progress<'a> {
         Self { done: 0, total, report }
     }
 
-    /// Adds steps that were not included in the total before.
+    /// Adds steps that the total did not include before.
     pub(crate) fn add_steps(&mut self, steps: u64) {
         self.total += steps;
     }

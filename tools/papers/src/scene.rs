@@ -14,16 +14,17 @@ use plotters::{
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// Azimuth of the viewer about the vertical axis, from the first axis, degrees.
+    /// Azimuth from which the scene is viewed, about the vertical axis and from the first axis,
+    /// degrees.
     pub(crate) azimuth_deg: f64,
-    /// Elevation of the viewer above the horizontal plane, degrees.
+    /// Elevation from which the scene is viewed, above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
-    /// Half of the length shown along the smaller side of the picture.
+    /// Half of the length that fits along the smaller side of the picture.
     pub(crate) half_extent: f64,
     pub(crate) shapes: Vec<Shape>,
 }
 
-/// Element of a scene. The elements are drawn in the order of the list.
+/// Element of a scene. Elements are drawn in the order of the list.
 #[derive(Debug)]
 pub(crate) enum Shape {
     Line {
@@ -152,8 +153,8 @@ where
     Ok(())
 }
 
-/// Returns the points of a closed curve. `point` receives cosine and sine of a parameter from 0 to
-/// 2π.
+/// Returns the points of a closed curve. `point` receives the cosine and sine of a parameter that
+/// runs from 0 to 2π.
 pub(crate) fn circle(point: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f64>> {
     (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| point(cos, sin)).collect()
 }

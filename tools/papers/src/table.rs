@@ -10,8 +10,9 @@ use plotters::{
 
 const ROW_HEIGHT: u32 = 26;
 const MARGIN: u32 = 12;
-/// Average width of a character, and width of the gap between columns, pixels.
+/// Average width of a character, pixels.
 const CHARACTER_WIDTH: f64 = 8.2;
+/// Width of the gap between columns, pixels.
 const COLUMN_GAP: u32 = 22;
 
 /// Table with a header row. The first column is left-aligned, all others are right-aligned.

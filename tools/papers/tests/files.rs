@@ -1,4 +1,4 @@
-//! Files in the folder after a paper was reproduced.
+//! Files that the folder contains after a paper has been reproduced.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{fs, path::Path};
@@ -29,7 +29,7 @@ fn every_part_has_svg_png_and_page_entry() {
             None => {
                 let png = fs::read(paper_folder.join(part.name).with_extension("png")).unwrap();
                 assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png.ends_with(b"IEND\xaeB`\x82"), "{}", part.name);
-                // A picture of a single colour takes only a few hundred bytes.
+                // A picture of a single colour would take only a few hundred bytes.
                 assert!(png.len() > 10_000, "{}: {} bytes", part.name, png.len());
             }
         }

@@ -23,9 +23,9 @@ struct Slot {
 #[derive(Debug, Clone, Serialize)]
 struct StageEntry {
     name: &'static str,
-    /// `true` for the stage that runs if none is selected.
+    /// `true` for the stage that runs if no stage is selected.
     is_default: bool,
-    /// Stages that this one combines; empty for a stage without parts.
+    /// Stages that this one combines; empty if it combines none.
     parts: &'static [&'static str],
     #[serde(serialize_with = "serialize_parameters")]
     parameters: &'static [Parameter],

@@ -6,8 +6,8 @@
 //!
 //! Time: sample timestamps.
 //!
-//! Failure: an error if the file cannot be written. Unknown values are `nan`; an unknown chart is
-//! empty.
+//! Failure: an error if the file cannot be written. Unknown values are written as `nan`; for an
+//! unknown chart, the field is empty.
 //!
 //! The columns of the estimate are those of `plumb up --out FILE --columns
 //! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference; `gyro_` and `accel_` mark
@@ -35,7 +35,7 @@ const SENSOR_COLUMNS: &str = "gyro_chart,gyro_u,gyro_v,gyro_z_rad,accel_chart,ac
 const TRUTH_COLUMNS: &str = "true_qw,true_qx,true_qy,true_qz,true_chart,true_u,true_v,true_z_rad,true_yaw_rad,true_pitch_rad,true_roll_rad,\
                      true_course_rad,true_bias_x_rad_s,true_bias_y_rad_s,true_bias_z_rad_s,scored";
 
-/// Open CSV file of one chain and trial.
+/// Open CSV file for one chain and trial.
 pub(crate) struct TickTable {
     path: PathBuf,
     file: BufWriter<File>,

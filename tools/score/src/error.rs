@@ -86,10 +86,10 @@ pub enum ScoreError {
         /// Reason for the rejection.
         cause: ParameterError,
     },
-    /// A file of fixes is given for several trials.
+    /// A fixes file is given for several trials.
     #[error("{} belongs to one recording, but there are {trials} trials; score it alone, or use --gnss auto", fixes.display())]
     FixesForSeveralTrials {
-        /// File of fixes.
+        /// Path of the fixes file.
         fixes: PathBuf,
         /// Number of trials.
         trials: usize,
@@ -102,7 +102,7 @@ pub enum ScoreError {
         /// Common name of the trials.
         name: String,
     },
-    /// The range of seeds is malformed, empty or too long.
+    /// The seed range is malformed, empty or too long.
     #[error(
         "invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds",
         crate::seeds::MAX_SEEDS
@@ -155,7 +155,7 @@ pub enum ScoreError {
     Write {
         /// Path of the file or folder.
         path: PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: io::Error,
     },
 }

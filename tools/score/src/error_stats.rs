@@ -162,13 +162,13 @@ impl SquareSum {
         self.count += 1;
     }
 
-    /// Returns the root mean square; `None` without values.
+    /// Returns the root mean square; `None` if there are no values.
     fn rms(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.sum / self.count as f64).sqrt())
     }
 }
 
-/// Least-squares line through the error of an arbitrary heading over time. The error is unwrapped
+/// Least-squares line fitted to the error of an arbitrary heading over time. The error is unwrapped
 /// and relative to its first value.
 #[derive(Debug, Clone, Copy, Default)]
 struct DriftFit {
@@ -209,8 +209,8 @@ mod tests {
 
     use super::*;
 
-    /// Returns outputs with heading error `heading_error_deg`, twice that course error, and
-    /// `reference` as the reference of heading and course.
+    /// Returns outputs with heading error `heading_error_deg` and a course error twice as large.
+    /// `reference` is the reference of heading and course.
     fn outputs(t_s: i64, heading_error_deg: f64, reference: CourseReference) -> (AttitudeOutput, FusedState) {
         let (sin, cos) = (0.5 * heading_error_deg).to_radians().sin_cos();
         let mut output = AttitudeOutput {

@@ -25,7 +25,7 @@
 //! | [`recommendation`] | recommended stage and setting |
 //! | [`overlay`], `report` | attitudes of all stages in common charts; the HTML report |
 //! | [`plot`] | figures of a run |
-//! | `sensors` | attitude estimates from gyro and accelerometer alone |
+//! | `sensors` | attitude estimates from the gyro alone and the accelerometer alone |
 //! | `csv` | table of estimates and reference for each tick |
 #![forbid(unsafe_code)]
 

@@ -2,8 +2,8 @@
 //!
 //! Input: an error and its reported standard deviation.
 //!
-//! Output: the ratios that 68 % and 95 % of the samples do not exceed, and these divided by their
-//! ideal values.
+//! Output: the ratios that 68 % and 95 % of the samples do not exceed, both as such and relative to
+//! their ideal values.
 //!
 //! Failure: samples with a negative or NaN standard deviation are not counted. A standard deviation
 //! of 0 counts as the largest ratio.
@@ -16,7 +16,7 @@ use serde::Serialize;
 
 /// Fractions of the samples for which a ratio is reported.
 const COVERAGES: [f64; 2] = [0.68, 0.95];
-/// Ideal ratios for the error of a single axis.
+/// Ideal ratios for a single-axis error.
 const ONE_AXIS_IDEAL: [f64; 2] = [1.0, 2.0];
 /// Ideal ratios for the length of a vector with two components.
 const TWO_AXIS_IDEAL: [f64; 2] = [1.51, 2.45];

@@ -2,12 +2,12 @@
 //!
 //! Input: the attitude of every chain at a tick, and the reference if present.
 //!
-//! Output: curves of the angles and errors. Without a reference, curves of the difference between
-//! each chain and the first one.
+//! Output: curves of the angles and errors. If there is no reference, curves of the difference
+//! between each chain and the first one.
 //!
 //! Time: sample timestamps, relative to the first one.
 //!
-//! Failure: a missing value breaks a curve.
+//! Failure: a missing value interrupts a curve.
 
 use attitude::{
     Quaternion,
@@ -26,7 +26,7 @@ const BINS: u64 = 400;
 pub(crate) struct Overlay {
     /// Name of the trial.
     pub(crate) name: String,
-    /// Angles of the reference; empty without a reference.
+    /// Angles of the reference; empty if there is no reference.
     pub(crate) reference: AngleCurves,
     /// Angles of each chain.
     pub(crate) stages: Vec<AngleCurves>,
@@ -77,7 +77,7 @@ impl Overlay {
         }
     }
 
-    /// Adds the reference and the attitude of each chain at one tick, as far as available.
+    /// Adds one tick: the reference, if known, and the attitude of each chain that has one.
     pub(crate) fn push(&mut self, t_ns: i64, truth: Option<Truth>, attitudes: &[Option<[f64; 4]>]) {
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
         let reference = truth.map(|truth| quaternion(truth.quaternion));

@@ -15,13 +15,13 @@ const EQUIVALENCE_SHARE: f64 = 0.02;
 pub struct Recommendation {
     /// Best and second-best stage with their errors, as text.
     pub text: String,
-    /// Sections of `launch.toml` that select the best stage; empty without a reference.
+    /// Sections of `launch.toml` that select the best stage; empty if there is no reference.
     pub launch: String,
 }
 
 impl Recommendation {
-    /// Ranks complete scores. Returns `None` for a single chain without a search, because there is
-    /// nothing to choose from.
+    /// Ranks complete scores. Returns `None` if there is only one chain and no setting was
+    /// optimised, because there is nothing to choose from.
     pub(crate) fn from_scores(scores: &Scores, heading_is_known: bool) -> Option<Self> {
         let Scores { stages, tuned, .. } = scores;
         if stages.len() < 2 && tuned.is_empty() {
@@ -55,7 +55,7 @@ impl Recommendation {
 
 /// Returns the error by which chains, settings and seeds are ranked, with its name.
 ///
-/// Without a known heading this is the inclination error, because the total error is undefined.
+/// If the heading is unknown, this is the inclination error, because the total error is undefined.
 pub(crate) fn ranking_error(heading_is_known: bool) -> (&'static str, fn(&ErrorsDeg) -> Option<f64>) {
     if heading_is_known { ("total", |errors| errors.total) } else { ("inclination", |errors| errors.inclination) }
 }

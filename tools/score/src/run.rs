@@ -282,8 +282,8 @@ struct TrialOutcome {
 
 /// Runs one trial through every chain and checks its input.
 ///
-/// With many seeds, only the first one is timed and drawn. `report_progress` is called with the
-/// number of readings processed since its last call.
+/// If a simulation is repeated with many seeds, only the first one is timed and drawn.
+/// `report_progress` is called with the number of readings processed since its last call.
 fn run_trial(
     request: &Request,
     plotter: Option<&Plotter<'_>>,
@@ -394,7 +394,7 @@ fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {
     })
 }
 
-/// Returns the true state at a tick; `None` without a reference.
+/// Returns the true state at a tick; `None` if there is no reference.
 fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
     sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
 }
@@ -451,7 +451,8 @@ struct TrialOutputs {
     record: Option<Box<PlotRecord>>,
 }
 
-/// Opens the requested outputs. With many seeds, only the first one is drawn.
+/// Opens the requested outputs. If a simulation is repeated with many seeds, only the first one is
+/// drawn.
 fn create_outputs(
     request: &Request,
     trial: &Trial,
@@ -472,7 +473,7 @@ fn create_outputs(
     })
 }
 
-/// Returns the path of an output file. With several fusers, each has its own folder.
+/// Returns the path of an output file. If there are several fusers, each has its own folder.
 fn output_path(
     request: &Request,
     trial: &Trial,

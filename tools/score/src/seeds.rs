@@ -35,11 +35,11 @@ pub struct Spread {
     pub worst_seed: u64,
     /// Errors of the worst seed.
     pub worst: Errors,
-    /// Seed with the largest magnitude of each known error, by the name of the error.
+    /// Seed with the largest magnitude of each known error, keyed by error name.
     pub worst_seed_by_error: BTreeMap<&'static str, u64>,
 }
 
-/// Expands a range of seeds into one simulation per seed; `None` if the name has no range.
+/// Expands a seed range into one simulation per seed; `None` if the name contains no range.
 ///
 /// # Errors
 ///
@@ -82,8 +82,8 @@ pub fn merge(name: &str, scores: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(scores: &[(u64, TrialScore)]) -> Option<Spread> {
-    // An error without a mean has no spread either. An example is the heading error if the heading
-    // is unknown for one seed.
+    // An error that has no mean has no spread either. This applies, for example, to the heading
+    // error if the heading is unknown for one seed.
     let has_mean =
         Errors::mean(&scores.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).values().map(|it| it.is_some());
     let (_, ranking) = ranking_error(scores.iter().all(|(_, score)| score.heading_is_known));
@@ -178,7 +178,7 @@ mod tests {
         assert!(spread.quantiles[1].drift_deg_min == Some(0.0) && spread.quantiles[0].drift_deg_min < Some(0.0));
         let worst: Vec<_> = spread.worst_seed_by_error.into_iter().collect();
         assert_eq!(worst, [("drift_deg_min", 8), ("heading", 8), ("total", 8)]);
-        // With an arbitrary heading, seeds are ranked by inclination.
+        // If the heading is arbitrary, seeds are ranked by inclination error.
         let arbitrary = |inclination: f64| TrialScore {
             heading_is_known: false,
             error: Errors {

@@ -1,4 +1,4 @@
-//! Attitude estimates from gyro and accelerometer alone.
+//! Attitude estimates from the gyro alone and from the accelerometer alone.
 //!
 //! Input: checked samples.
 //!
@@ -7,7 +7,7 @@
 //!
 //! Time: sample timestamps.
 //!
-//! Failure: an error if a stage cannot be built; `None` for an unusable output.
+//! Failure: an error if a stage cannot be built; `None` if an output is unusable.
 
 use accel::AccelProcessor;
 use attitude::{point::Point, state::Attitude};

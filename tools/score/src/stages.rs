@@ -37,7 +37,7 @@ pub struct StageSelection {
 /// A parameter and its value, written as `key=value`, `slot.key=value` or `stage.key=value`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
-    /// Slot or stage to which the setting applies; `None` for any stage with the parameter.
+    /// Slot or stage to which the setting applies; `None` for any stage that has the parameter.
     pub target: Option<String>,
     /// Name of the parameter.
     pub key: String,
@@ -124,7 +124,7 @@ fn select_stage(
     Ok(())
 }
 
-/// Applies a setting to every launch configuration with a stage that has the parameter.
+/// Applies a setting to every launch configuration in which a stage has the parameter.
 ///
 /// Returns the index and the slot of each changed configuration.
 ///

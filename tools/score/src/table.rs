@@ -100,7 +100,7 @@ pub struct TrialScore {
     pub spread: Option<Spread>,
 }
 
-/// Errors of a chain; `None` without a reference, or if the error is undefined.
+/// Errors of a chain; `None` if there is no reference or the error is undefined.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Errors {
     /// Attitude errors.
@@ -114,7 +114,7 @@ pub struct Errors {
     pub yaw: Option<f64>,
     /// Error of the published course, degrees; `None` if the course reference is arbitrary.
     pub course: Option<f64>,
-    /// Length of the gyro bias error, °/s; known in simulations only.
+    /// Magnitude of the gyro bias error, °/s; known in simulations only.
     pub gyro_bias_deg_s: Option<f64>,
     /// Drift rate of an arbitrary heading, °/min, counter-clockwise seen from above.
     pub drift_deg_min: Option<f64>,
@@ -170,7 +170,7 @@ impl Errors {
     }
 }
 
-/// Attitude errors, degrees; `None` without a reference.
+/// Attitude errors, degrees; `None` if there is no reference.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ErrorsDeg {
     /// Angle of the total rotation between estimate and reference.

@@ -71,7 +71,7 @@ pub(crate) fn all_errors(scores: &Scores) -> String {
     aligned(&head, &rows(scores, trial_lines, |name, stage| line(name, &stage.fuser, numbers(&stage.mean))))
 }
 
-/// Returns the table of normalised errors, divided by their ideal values.
+/// Returns the table of normalised errors, each as a ratio to its ideal value.
 pub(crate) fn normalised(scores: &Scores) -> String {
     let head = [
         "error / reported SD / ideal",

@@ -5,11 +5,11 @@
 //! Output: the time from a sample to the fused attitude, which is one step each of gyro, accel and
 //! fuser.
 //!
-//! Time: CPU time of the current thread over complete passes. Other load on the machine still
-//! affects the caches.
+//! Time: CPU time of the current thread over complete passes. It excludes other load on the
+//! machine, although that load still affects the caches.
 //!
 //! The compared chains are timed alternately, so that a slow phase of the machine affects all of
-//! them. The result is the median of the means per round.
+//! them. The result is the median of the per-round means.
 
 use std::hint::black_box;
 
@@ -27,7 +27,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 use crate::chain::StageChain;
 
-/// Maximum number of samples kept in memory for timing, counted from the start of a trial.
+/// Maximum number of samples at the start of a trial that are kept in memory for timing.
 pub const MAX_SAMPLES: usize = 30_000;
 /// Number of passes over the samples per chain.
 const ROUNDS: usize = 7;

@@ -1,10 +1,10 @@
 //! Simulated bus: topics with any number of publishers and subscribers.
 //!
-//! The bus gives the guarantees of the real one and no more. A subscriber has a buffer for each
-//! publisher; when it is full, the oldest message is overwritten. Messages of one publisher arrive
-//! in order, those of different publishers in any order. Messages of an exited publisher can still
-//! be read, but its history for late subscribers is lost. Late subscribers receive the history of a
-//! publisher when it runs next.
+//! The simulated bus gives the same guarantees as the real one, and no more. A subscriber has a
+//! buffer for each publisher; when it is full, the oldest message is overwritten. Messages of one
+//! publisher arrive in order, those of different publishers in any order. After a publisher has
+//! exited, its buffered messages can still be read, but its history for late subscribers is lost. A
+//! late subscriber receives the history of a publisher when that publisher runs next.
 
 use std::collections::VecDeque;
 
@@ -60,7 +60,8 @@ impl Bus {
         }
     }
 
-    /// Returns an empty bus with the topic positions of this one, as after a renewal.
+    /// Returns an empty bus with topics that continue at their present positions, as after a
+    /// renewal.
     pub(crate) fn renewed(&self) -> Self {
         let mut bus = Self::new(self.imu.buffer);
         bus.imu.next_tick = self.imu.next_tick;
@@ -100,7 +101,7 @@ pub(crate) struct Topic<M> {
     buffer: usize,
     publishers: Vec<Publisher<M>>,
     subscribers: Vec<Subscriber<M>>,
-    /// Tick after the newest one that any publisher has started to publish.
+    /// Tick after the newest one for which any publisher has started to publish a message.
     pub(crate) next_tick: u64,
     /// Number of messages that were overwritten before they were read.
     pub(crate) overwritten: u64,
@@ -117,7 +118,7 @@ struct Publisher<M> {
 struct Subscriber<M> {
     id: SubscriberId,
     incarnation: u32,
-    /// Subscriber also receives messages that were published before it subscribed.
+    /// Set if the subscriber also receives messages that were published before it subscribed.
     wants_history: bool,
     /// Unread messages of each publisher.
     queues: Vec<(u32, VecDeque<M>)>,
@@ -134,7 +135,8 @@ impl<M: Copy> Topic<M> {
         self.publishers.push(Publisher { incarnation, history, connected });
     }
 
-    /// Adds a subscriber. With `wants_history` it also receives the history of running publishers.
+    /// Adds a subscriber. If `wants_history` is set, it also receives the history of running
+    /// publishers.
     pub(crate) fn subscribe(&mut self, id: SubscriberId, incarnation: u32, wants_history: bool) {
         self.subscribers.push(Subscriber { id, incarnation, wants_history, queues: Vec::new() });
     }
@@ -156,10 +158,11 @@ impl<M: Copy> Topic<M> {
         }
     }
 
-    /// Sends a message to each subscriber in turn. Returns `false` if the publisher is killed.
+    /// Sends a message to each subscriber in turn. Returns `false` if the publisher is killed
+    /// before it has finished.
     ///
-    /// `deliveries_left` is the number of deliveries until it is killed; `None` if it is not to be
-    /// killed.
+    /// `deliveries_left` is the number of deliveries until the publisher is killed, or `None` if it
+    /// is not to be killed.
     pub(crate) fn send(&mut self, incarnation: u32, message: M, deliveries_left: &mut Option<u32>) -> bool {
         self.deliver_history(incarnation);
         let Self { buffer, publishers, subscribers, overwritten, .. } = self;
@@ -204,7 +207,8 @@ impl<M: Copy> Topic<M> {
 }
 
 impl<M: Ticked> Topic<M> {
-    /// Advances `next_tick` and sends a message. Returns `false` if the publisher is killed.
+    /// Advances `next_tick` and sends a message. Returns `false` if the publisher is killed before
+    /// it has finished.
     pub(crate) fn publish(&mut self, incarnation: u32, message: M, deliveries_left: &mut Option<u32>) -> bool {
         self.next_tick = self.next_tick.max(message.header().tick + 1);
         self.send(incarnation, message, deliveries_left)

@@ -1,4 +1,4 @@
-//! Collector of the attitudes, as in the supervisor: each tick once and in order.
+//! Collector of the attitudes, which, like the supervisor's, delivers each tick once and in order.
 
 use std::convert::Infallible;
 
@@ -16,7 +16,7 @@ pub(crate) struct Collector {
     subscriber: SubscriberId,
     stream: OrderedStream<AttitudeOutput>,
     pub(crate) sequence: Sequence,
-    /// Received attitudes, without the values that differ between runs.
+    /// Received attitudes, with those values removed that differ between runs.
     pub(crate) attitudes: Vec<AttitudeOutput>,
     /// Epoch of the newest attitude.
     epoch: u32,
@@ -50,7 +50,8 @@ impl Collector {
         outputs.into_iter().for_each(|output| self.record(output));
     }
 
-    /// Takes the attitudes that are held back for missing ticks, because no more will arrive.
+    /// Records the attitudes that are still held back because earlier ticks are missing, as no more
+    /// attitudes will arrive.
     pub(crate) fn finish(&mut self) {
         let mut outputs = Vec::new();
         self.stream.finish(&mut |output| outputs.push(output));
@@ -65,7 +66,7 @@ impl Collector {
         }
     }
 
-    /// Returns the progress that the supervisor's core receives.
+    /// Returns the output progress that the supervisor's core receives.
     pub(crate) fn progress(&self) -> OutputProgress {
         let Sequence { next_tick, lost, duplicated, .. } = self.sequence;
         OutputProgress { next_tick, lost, not_recorded: 0, duplicated, max_gap_ns: 0, last_swap: None }

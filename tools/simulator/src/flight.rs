@@ -54,7 +54,7 @@ pub(crate) fn stage(name: &str) -> StageConfig {
     StageConfig { stage: name.into(), set: BTreeMap::new() }
 }
 
-/// Returns the configuration of a service that runs on its own and owns its slot.
+/// Returns the configuration of a stand-alone service that owns its slot.
 pub(crate) fn config(launch: &Launch) -> ServiceConfig {
     ServiceConfig {
         launch: launch.clone(),

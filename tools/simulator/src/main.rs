@@ -1,5 +1,5 @@
-//! Simulator of the whole system: the core of the supervisor and the real slots, on a simulated bus
-//! with simulated processes.
+//! Simulator of the whole system: the supervisor's core and the real slots, with a simulated bus
+//! and simulated processes.
 //!
 //! Input: seeds.
 //!
@@ -46,7 +46,7 @@ Examples:
   simulator --seeds 1000 --threads 2 --json
   simulator --from 42 --seeds 1               # prints each event of the seed")]
 struct Arguments {
-    /// Number of seeds, 1 to 2^62; a single seed is traced
+    /// Number of seeds, 1 to 2^62; with one seed, the run is traced
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=MAX_SEEDS))]
     seeds: u64,
     /// First seed, 0 to 2^62
@@ -66,20 +66,21 @@ struct Report {
     seeds: u64,
     failed: u64,
     seeds_per_s: f64,
-    /// Ticks received by the collector.
+    /// Number of ticks received by the collector.
     ticks: u64,
-    /// Processes started after the initial ones, as restarts or candidates.
+    /// Number of processes started after the initial ones, either as restarts or as candidates.
     restarts: u64,
-    /// Committed swaps.
+    /// Number of committed swaps.
     swaps: u64,
-    /// Runs with an output that was compared with a reference run byte by byte.
+    /// Number of runs in which the output was compared byte by byte with a reference run.
     compared: u64,
     /// Failed seeds, at most `MAX_FAILURES`.
     failures: Vec<u64>,
 }
 
 const MAX_FAILURES: usize = 50;
-/// Maximum number of seeds, and maximum first seed. Their sum fits into a `u64`.
+/// Maximum number of seeds, and maximum first seed. It is small enough for the sum of both to fit
+/// into a `u64`.
 const MAX_SEEDS: u64 = 1 << 62;
 
 fn main() -> ExitCode {

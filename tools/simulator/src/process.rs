@@ -1,4 +1,4 @@
-//! Simulated process of a service: it starts, runs, freezes and exits.
+//! Simulated service process, which starts, runs, freezes and exits.
 
 use launch::Service;
 use runtime::ServiceConfig;
@@ -10,17 +10,17 @@ use crate::{
     source::Source,
 };
 
-/// Simulated process of a service.
+/// Simulated service process.
 pub(crate) struct Process {
     pub(crate) incarnation: u32,
     pub(crate) service: Service,
-    /// Process was started as a candidate for its slot.
+    /// Set if the process was started as a candidate for its slot.
     pub(crate) candidate: bool,
     pub(crate) state: ProcessState,
     /// Time of the next poll, ms.
     pub(crate) wake_ms: u64,
     pub(crate) frozen_until_ms: u64,
-    /// Supervisor has requested termination.
+    /// Set once the supervisor has requested termination.
     pub(crate) terminate_requested: bool,
     /// Deliveries until the process is killed in its next poll; `None` if it is not to be killed.
     pub(crate) deliveries_left: Option<u32>,
@@ -32,13 +32,13 @@ pub(crate) struct Process {
 
 /// Execution state of a process.
 pub(crate) enum ProcessState {
-    /// Process that has not opened its topics. With `fails` it exits before it does.
+    /// The process has not opened its topics yet. If `fails` is set, it exits before it opens them.
     Starting { config: Box<ServiceConfig>, fails: bool },
-    /// Running source.
+    /// The process runs as the source.
     Source(Box<Source>),
-    /// Running slot.
+    /// The process runs a slot.
     Slot(SlotProcess),
-    /// Process that hangs, or runs on a bus without other processes.
+    /// The process hangs, or runs on a bus without other processes.
     Unresponsive,
 }
 

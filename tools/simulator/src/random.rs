@@ -1,6 +1,6 @@
 //! Pseudo-random numbers from a seed.
 
-/// SplitMix64 generator (Steele, Lea, Flood 2014). A seed always gives the same numbers.
+/// SplitMix64 generator (Steele, Lea, Flood 2014). The same seed always gives the same numbers.
 #[derive(Debug, Clone)]
 pub(crate) struct Random(u64);
 
@@ -8,7 +8,7 @@ impl Random {
     /// Creates a generator.
     pub(crate) fn new(seed: u64) -> Self {
         let mut random = Self(seed);
-        // Scramble the seed, so that neighbouring seeds do not share numbers.
+        // Scrambles the seed, so that neighbouring seeds do not yield the same numbers.
         random.0 = random.next();
         random
     }

@@ -1,4 +1,4 @@
-//! Records of a run: its clients and swaps.
+//! Records of a run: its clients and its swaps.
 
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
@@ -22,11 +22,12 @@ pub(crate) struct SwapRecord {
     pub(crate) candidates: BTreeMap<u32, Candidate>,
     pub(crate) committed: SwapsBySlot,
     pub(crate) count: u64,
-    /// Some ticks may be from either of two stages, so the output cannot be compared.
+    /// Set if some ticks may be from either of two stages, so that the output cannot be compared.
     pub(crate) ambiguous: bool,
     /// Newest epoch of the fuser.
     pub(crate) fuser_epoch: u32,
-    /// Ranges of ticks in which subscribers may see a new epoch of the fuser without a swap.
+    /// Ranges of ticks in which subscribers may see a new epoch of the fuser although no swap took
+    /// place.
     pub(crate) fuser_epoch_changes: Vec<RangeInclusive<u64>>,
 }
 
@@ -40,8 +41,8 @@ impl SwapRecord {
     /// contain.
     ///
     /// The course counts a swap of the fuser when the flag `SWAPPED` coincides with a new epoch of
-    /// the fuser. Swaps of gyro and accel set the flag, too. If they coincide with a new epoch that
-    /// is not due to a swap of the fuser, the count is wrong.
+    /// the fuser. Swaps of gyro and accel set this flag, too. If such a swap coincides with a new
+    /// epoch that is not due to a swap of the fuser, the count is wrong.
     pub(crate) fn has_ambiguous_swap_flag(&self) -> bool {
         let before = [Service::Gyro, Service::Accel].into_iter().filter_map(|slot| self.committed.get(slot.name()));
         let mut swapped = before.flatten().filter(|committed| committed.changes_stage);
@@ -58,12 +59,12 @@ impl SwapRecord {
 pub(crate) struct Candidate {
     pub(crate) service: Service,
     pub(crate) stage: String,
-    /// Stage differs from the current one of the slot.
+    /// Set if the stage differs from the current one of the slot.
     pub(crate) changes_stage: bool,
-    /// Next tick of the checkpoint that the process resumed from.
+    /// Next tick of the checkpoint from which the process resumed.
     pub(crate) checkpoint_tick: Option<u64>,
-    /// Process started in place of an exited owner, without a hand-over.
+    /// Set if the process was started in place of an exited owner, without a hand-over.
     pub(crate) replaces_exited_owner: bool,
-    /// First tick as owner according to the decision; `None` before the decision.
+    /// First tick that the process owns according to the decision; `None` before the decision.
     pub(crate) decided_from_tick: Option<u64>,
 }

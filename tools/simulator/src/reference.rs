@@ -1,4 +1,4 @@
-//! Reference runs: outputs of the slots without faults, with the committed swaps applied.
+//! Reference runs: outputs of the slots in a run without faults, with the committed swaps applied.
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
@@ -13,18 +13,18 @@ use crate::flight::{FLIGHT_COUNT, Flight, MAX_TICKS, config, stage};
 pub(crate) struct CommittedSwap {
     /// Name of the new stage.
     pub(crate) stage: String,
-    /// New stage differs from the previous one.
+    /// Set if the new stage differs from the previous one.
     pub(crate) changes_stage: bool,
-    /// Next tick of the checkpoint that the new stage resumed from.
+    /// Next tick of the checkpoint from which the new stage resumed.
     pub(crate) checkpoint_tick: u64,
-    /// First tick of the new stage as owner.
+    /// First tick that the new stage owns.
     pub(crate) from_tick: u64,
 }
 
 /// Committed swaps of each slot, in order.
 pub(crate) type SwapsBySlot = BTreeMap<&'static str, Vec<CommittedSwap>>;
 
-/// Flight and its attitudes without faults and swaps.
+/// Flight and its attitudes in a run without faults and swaps.
 #[derive(Debug)]
 pub(crate) struct ReferenceRun {
     pub(crate) flight: Flight,
@@ -84,7 +84,7 @@ pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &SwapsBySlot) -> Res
     Ok(attitudes.into_iter().map(Ticked::canonical).collect())
 }
 
-/// Slot with the consecutive stages that fill it.
+/// Slot with the stages that fill it one after another.
 struct SlotChain<S> {
     service: Service,
     stages: Vec<StageRun<S>>,
@@ -95,7 +95,7 @@ struct StageRun<S> {
     slot: S,
     from_tick: u64,
     epoch: u32,
-    /// Next owned output is the first after a swap to a different stage.
+    /// Set if the next owned output is the first one after a swap to a different stage.
     swapped: bool,
 }
 
@@ -105,7 +105,7 @@ impl<S: Slot> SlotChain<S> {
         Self { service, stages: vec![first], swaps }
     }
 
-    /// Starts the stages that resume from the checkpoint before `tick`.
+    /// Starts the stages that resume from a checkpoint with the next tick `tick`.
     fn start_candidates(&mut self, tick: u64, slot_of: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };

@@ -16,21 +16,21 @@ pub(crate) struct Setup {
     pub(crate) launch: Launch,
     pub(crate) ticks: u64,
     pub(crate) pace: Pace,
-    /// Faults of the run must not lose a tick or change a byte.
+    /// Set if the run must not lose a tick or change a byte in spite of its faults.
     pub(crate) strict: bool,
     /// Maximum time from the start of a process to its first poll, ms.
     pub(crate) max_start_ms: u64,
-    /// Starts that exit before the first health message, per mille.
+    /// Share of started processes that exit before their first health message, per mille.
     pub(crate) failed_start_per_mille: u64,
-    /// Starts that hang before the first health message, per mille.
+    /// Share of started processes that hang before their first health message, per mille.
     pub(crate) hung_start_per_mille: u64,
-    /// Candidates that report invalid outputs, per mille.
+    /// Share of candidates that report invalid outputs, per mille.
     pub(crate) invalid_output_per_mille: u64,
-    /// Processes that cannot be spawned, per mille.
+    /// Share of processes that cannot be spawned, per mille.
     pub(crate) spawn_failure_per_mille: u64,
-    /// Health and difference messages that are lost, per mille.
+    /// Share of health and difference messages that are lost, per mille.
     pub(crate) lost_report_per_mille: u64,
-    /// Checkpoints that are damaged in transit, per mille.
+    /// Share of checkpoints that are damaged in transit, per mille.
     pub(crate) damaged_checkpoint_per_mille: u64,
     /// Maximum time between two polls of a service, ms.
     pub(crate) max_poll_interval_ms: u64,
@@ -41,25 +41,26 @@ pub(crate) struct Setup {
 /// Fault of the system, or request of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Fault {
-    /// Process killed, immediately or during its next poll.
+    /// Kills a process, immediately or during its next poll.
     Kill { service: Service, candidate: bool, deliveries_left: Option<u32> },
-    /// Process suspended for `ms`.
+    /// Suspends a process for `ms`.
     Freeze { service: Service, candidate: bool, ms: u64 },
-    /// Supervisor suspended for `ms`.
+    /// Suspends the supervisor for `ms`.
     FreezeSupervisor { ms: u64 },
-    /// Files of the bus removed.
+    /// Removes the files of the bus.
     RemoveFiles,
-    /// Request for a stage in a slot; with `shadow_ms` as a shadow that ends after this time.
+    /// Requests a stage for a slot. If `shadow_ms` is given, the stage runs as a shadow that ends
+    /// after this time.
     Swap { service: Service, stage: &'static str, shadow_ms: Option<u64>, expected_epoch: Option<u32> },
-    /// Request to end the shadow of a slot.
+    /// Requests the end of a slot's shadow.
     Cancel { service: Service },
-    /// Request for the status of the services.
+    /// Requests the status of the services.
     Status,
-    /// Stop of the system.
+    /// Stops the system.
     Stop,
 }
 
-/// Interval before a stop in which requests and long freezes are omitted, ms.
+/// Interval before a stop in which there are no requests and no long freezes, ms.
 const QUIET_BEFORE_STOP_MS: u64 = 6000;
 /// Minimum duration of a long freeze, ms.
 const LONG_FREEZE_MS: u64 = 300;
@@ -118,7 +119,8 @@ impl Setup {
         if !calm {
             setup.add_faults(random, flight_ms, lockstep);
             if lockstep || !strict {
-                // A separate generator leaves the random choices of all other runs unchanged.
+                // The rare faults have their own generator, so that the random choices of all other
+                // runs stay unchanged.
                 let mut rare = Random::new(random.clone().between(0, 1 << 60));
                 setup.add_renewal_at_stop(&mut rare);
                 setup.add_kills_at_owner_change(&mut rare);
@@ -146,7 +148,8 @@ impl Setup {
             let shadow_ms = random.chance(250).then(|| random.between(50, 3000));
             let expected_epoch = random.chance(100).then(|| random.between(1, 3) as u32);
             self.faults.push((at_ms, Fault::Swap { service, stage, shadow_ms, expected_epoch }));
-            // The client promotes the shadow, or repeats the request.
+            // The client then requests the stage without a shadow, which promotes an existing
+            // shadow or repeats the first request.
             if random.chance(300) {
                 let again = Fault::Swap { service, stage, shadow_ms: None, expected_epoch: None };
                 self.faults.push((at_ms + random.between(0, 1500), again));
@@ -165,8 +168,8 @@ impl Setup {
 
     /// Adds faults.
     ///
-    /// In lockstep the source waits, so faults may occur at any time. A live source does not wait,
-    /// so in a strict run each fault ends before the next.
+    /// In lockstep the source waits, so faults may occur at any time. A live source does not wait.
+    /// In a strict live run, each fault therefore ends before the next one starts.
     fn add_faults(&mut self, random: &mut Random, flight_ms: u64, lockstep: bool) {
         let max_faults = if self.strict && !lockstep { flight_ms / 2500 } else { 7 };
         let first_ms = random.between(0, 2000);
@@ -198,7 +201,8 @@ impl Setup {
         }
     }
 
-    /// Adds a removal of the bus files before a stop, so that the stop arrives during the restart.
+    /// Adds a removal of the bus files shortly before a stop, so that the stop arrives during the
+    /// restart.
     fn add_renewal_at_stop(&mut self, random: &mut Random) {
         let Some(stop_ms) = self.stop_ms().filter(|_| random.chance(400)) else { return };
         let at_ms = stop_ms.saturating_sub(random.between(0, self.max_start_ms + 20));
@@ -206,7 +210,7 @@ impl Setup {
         self.faults.extend([(at_ms, Fault::RemoveFiles), (at_ms, kill)]);
     }
 
-    /// Adds kills of the owner of a slot and of its subscriber at about the time of a swap.
+    /// Adds kills, at about the time of a swap, of the owner of a slot and of its subscriber.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
             Fault::Swap { service, shadow_ms: None, .. } => Some((*at_ms, *service)),
@@ -233,7 +237,8 @@ impl Setup {
 
     /// Removes requests and long faults before a stop.
     ///
-    /// After a stop request, the supervisor gives up services that do not return soon.
+    /// They are removed because, after a stop request, the supervisor gives up on services that do
+    /// not return soon.
     fn drop_long_faults_before_stop(&mut self) {
         let Some(stop_ms) = self.stop_ms().filter(|_| self.strict) else { return };
         let is_short = |fault: &Fault| match fault {

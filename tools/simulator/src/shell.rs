@@ -1,4 +1,4 @@
-//! Shell of the supervisor in the simulation: passes events to the core and executes its actions.
+//! Shell around the core of the supervisor: passes events to the core and executes its actions.
 
 use std::time::Duration;
 
@@ -17,7 +17,8 @@ use crate::{
     world::World,
 };
 
-/// Interval between checks that the files of the bus exist, ms. An exit also triggers a check.
+/// Interval between checks that the files of the bus exist, ms. The exit of a process also triggers
+/// a check.
 const FILE_CHECK_INTERVAL_MS: u64 = 1000;
 /// Timeout of a swap request, ms.
 const SWAP_TIMEOUT_MS: u64 = 3000;
@@ -38,7 +39,7 @@ impl World {
         let exited = std::mem::take(&mut self.exited);
         let any_exited = !exited.is_empty();
         let mut events = self.read_events();
-        // Services may run between two reads.
+        // Services may run between two reads of the supervisor.
         if self.random.chance(200) {
             self.poll_processes();
         }
@@ -97,7 +98,7 @@ impl World {
     }
 
     fn handle(&mut self, event: Event) -> Result<(), String> {
-        // A request that arrives after the stop stays pending.
+        // A request that arrives after the system has stopped stays pending.
         if let (Event::Request { client, request }, true) = (&event, self.finished.is_some()) {
             self.requests.push_back((*client, request.clone()));
         }
@@ -112,7 +113,7 @@ impl World {
     }
 
     fn execute(&mut self, action: Action) -> Result<(), String> {
-        // After the stop only replies are executed. Earlier actions are obsolete.
+        // After the system has stopped, only replies are executed. Other actions are obsolete.
         if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
@@ -153,7 +154,8 @@ impl World {
             Action::Ready => self.trace(|_| "all services run".into()),
             Action::Stopping => self.trace(|_| "stopping".into()),
             Action::RenewBus => {
-                // After the renewal, a swapped stage may restart before its first tick as owner.
+                // A swapped stage may restart after the renewal but before its first tick as owner,
+                // so the output may be ambiguous.
                 self.swaps.ambiguous |= self.swaps.has_stage_change() || self.is_ambiguous();
                 self.swaps.fuser_epoch = FIRST_EPOCH;
                 self.processes.clear();
@@ -184,12 +186,14 @@ impl World {
         if let (Service::Fuser, Role::Owner { .. }) = (service, role) {
             self.record_epoch_change(epoch);
         }
-        // The owner recomputes ticks that the stage before the swap had published.
+        // If the owner resumes before the swap, it recomputes ticks that the previous stage has
+        // published, so the output is ambiguous.
         if let (Role::Owner { from_tick }, Some(swaps)) = (role, self.swaps.committed.get(service.name())) {
             self.swaps.ambiguous |=
                 swaps.iter().any(|committed| committed.changes_stage && from_tick < committed.from_tick);
         }
-        // The checkpoint is of another stage, because none of the current stage has arrived yet.
+        // The checkpoint belongs to another stage if no checkpoint from the current stage has
+        // arrived yet.
         if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(current_stage)) =
             (&resume, self.supervision.launch().stage(service))
         {
@@ -263,7 +267,7 @@ impl World {
         let current_stage = self.supervision.launch().stage(service).map(|slot| slot.stage.clone());
         let owner = self.supervision.entries().find(|(slot, _)| *slot == service);
         let replaces_exited_owner = role != Role::Candidate;
-        // A restart of the current owner is not a take-over.
+        // If the process is the current owner, this is a restart and not a take-over.
         if replaces_exited_owner && owner.is_some_and(|(_, entry)| entry.incarnation() == incarnation) {
             return;
         }
@@ -290,7 +294,8 @@ impl World {
             let Candidate { stage, changes_stage, checkpoint_tick, replaces_exited_owner, decided_from_tick, .. } =
                 candidate;
             match (checkpoint_tick, decided_from_tick) {
-                // Subscribers may have received different numbers of ticks from the exited owner.
+                // The exited owner may have sent different numbers of ticks to different
+                // subscribers.
                 _ if replaces_exited_owner => self.swaps.ambiguous |= changes_stage || checkpoint_tick.is_none(),
                 (Some(checkpoint_tick), Some(from_tick)) => {
                     let committed = CommittedSwap { stage, changes_stage, checkpoint_tick, from_tick };
@@ -301,7 +306,7 @@ impl World {
         }
     }
 
-    /// Returns `true` if it is not certain which stage published each tick.
+    /// Returns `true` if it is uncertain which stage published which tick.
     pub(crate) fn is_ambiguous(&self) -> bool {
         let published = |candidate: &Candidate| {
             let changes_stage = candidate.changes_stage || candidate.checkpoint_tick.is_none();
@@ -330,7 +335,7 @@ impl World {
         self.requests.push_back((number, request));
     }
 
-    /// Disconnects the clients at the end of their shadows.
+    /// Disconnects the clients that are due to end their shadows.
     pub(crate) fn disconnect_clients(&mut self) {
         for (number, client) in &mut self.clients {
             let is_due = client.disconnect_ms.is_some_and(|at_ms| self.now_ms >= at_ms);
@@ -375,7 +380,8 @@ impl World {
         self.check_replies()
     }
 
-    /// Compares the output with that of a run without faults, unless it is ambiguous.
+    /// Compares the output with that of a run without faults, unless the expected output is
+    /// ambiguous.
     fn check_bytes(&self) -> Result<(), String> {
         if self.is_ambiguous() {
             return Ok(());

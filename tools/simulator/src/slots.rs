@@ -1,4 +1,4 @@
-//! Simulated process of a slot.
+//! Simulated process that runs a slot.
 
 use std::convert::Infallible;
 
@@ -21,7 +21,7 @@ use crate::{
 
 /// Interval between health messages, ms.
 const HEALTH_MS: u64 = 100;
-/// Interval between health messages of a process that started as a candidate, ms.
+/// Interval between health messages of a process that was started as a candidate, ms.
 const CANDIDATE_HEALTH_MS: u64 = 10;
 /// Interval between difference messages of a candidate, ms.
 const DIFFERENCE_MS: u64 = 100;
@@ -35,7 +35,7 @@ pub(crate) enum SlotProcess {
 }
 
 impl SlotProcess {
-    /// Opens the topics and restores the state to resume from.
+    /// Opens the topics and restores the state from which the slot resumes.
     pub(crate) fn start(service: Service, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
         let text = |error: runtime::RuntimeError| error.to_string();
         let mut ports = Ports::new(config, bus);
@@ -99,9 +99,9 @@ pub(crate) struct PollContext<'a> {
     pub(crate) invalid_from_tick: Option<u64>,
 }
 
-/// Reads messages of one topic and converts them to inputs of the slot.
+/// Function that reads messages of one topic and converts them to inputs of the slot.
 type InputReader<I> = Box<dyn FnMut(&mut Bus, &mut Random, &mut Vec<I>)>;
-/// Selects a topic of the bus.
+/// Function that selects a topic of the bus.
 type TopicAccessor<M> = fn(&mut Bus) -> &mut Topic<M>;
 
 /// Ports of a process on the bus, opened one by one.
@@ -220,7 +220,7 @@ impl<S: Slot> Worker<S> {
         {
             return false;
         }
-        // The health message of the previous owner confirms the hand-over.
+        // The previous owner's health message confirms the hand-over, so it is sent immediately.
         report_now |= owned_next_tick && !self.service.owns_next_tick();
         self.publish_health(context, report_now);
         context.deliveries_left.is_none()
@@ -230,7 +230,8 @@ impl<S: Slot> Worker<S> {
         let Self { service, inputs, output, health, .. } = self;
         let (count, mut skipped) = (inputs.len(), vec![false; inputs.len()]);
         let poll = |service: &mut SlotService<S>, input: usize| -> Result<usize, Killed> {
-            // A message may arrive after its input was polled. The next poll reads it.
+            // Simulates a message that arrives just after its input was polled. It is read by the
+            // next poll.
             if context.random.chance(50) && !std::mem::replace(&mut skipped[input], true) {
                 return Ok(0);
             }
@@ -291,7 +292,7 @@ impl<S: Slot> Worker<S> {
     }
 }
 
-/// Process killed while it published.
+/// Error that indicates that the process was killed while it published.
 struct Killed;
 
 /// Publishes outputs in order. Returns `false` if the process is killed.

@@ -1,4 +1,4 @@
-//! Simulated process of ingest.
+//! Simulated ingest process.
 
 use launch::Service;
 use messages::{Checkpoint, Credit, GnssFix, Health, ImuSample, MagSample, State};
@@ -18,12 +18,13 @@ pub(crate) struct Source {
     incarnation: u32,
     epoch: u32,
     next_tick: u64,
-    /// End of the ticks that were published before a restart and are repeated without delay.
+    /// Tick at which catching up ends. Earlier ticks were published before a restart and are
+    /// repeated without delay.
     catch_up_end_tick: u64,
     end_tick: u64,
     /// Interval between ticks, ms.
     period_ms: f64,
-    /// Due time of the first tick, ns; 0 before the first tick.
+    /// Time at which the first tick was due, ns; 0 before the first tick.
     start_ns: u64,
     credit_ticks: u64,
     half_buffer_ticks: f64,
@@ -116,7 +117,8 @@ impl Source {
         let mut header = sample.imu.header;
         (header.epoch, header.incarnation) = (self.epoch, self.incarnation);
         let (incarnation, deliveries_left) = (self.incarnation, &mut context.deliveries_left);
-        // Published before the IMU sample of the tick, so that no subscriber has to wait for them.
+        // Field and fix are published before the IMU sample of the tick, so that no subscriber has
+        // to wait for them.
         if let Some(mag) = sample.mag
             && !context.bus.mag.publish(incarnation, MagSample { header, ..mag }, deliveries_left)
         {

@@ -18,7 +18,7 @@ use crate::{
     slots::PollContext,
 };
 
-/// Maximum time of a run beyond twice the duration of its flight, ms.
+/// Time by which a run may exceed twice the duration of its flight, ms.
 const MAX_OVERRUN_MS: u64 = 45_000;
 
 /// Simulated system.
@@ -30,7 +30,7 @@ pub(crate) struct World {
     pub(crate) reference_run: &'static ReferenceRun,
     pub(crate) now_ms: u64,
     pub(crate) bus: Bus,
-    /// Files of the bus were removed, so a process that starts is alone on a new bus.
+    /// Set if the files of the bus were removed. A process that then starts is alone on a new bus.
     pub(crate) files_removed: bool,
     pub(crate) processes: Vec<Process>,
     pub(crate) supervision: Supervision,
@@ -54,7 +54,7 @@ pub(crate) struct World {
 }
 
 impl World {
-    /// Creates the system of a seed. With `verbose` each event is printed to standard error.
+    /// Creates the system for a seed. If `verbose` is set, each event is printed to standard error.
     pub(crate) fn new(seed: u64, verbose: bool) -> Result<Self, String> {
         let mut random = Random::new(seed);
         let setup = Setup::new(&mut random, &|number| Ok(reference::reference_run(number)?.flight.launch.clone()))?;
@@ -204,7 +204,8 @@ impl World {
         }
     }
 
-    /// Returns the newest process of a service that started as a candidate, or as an owner.
+    /// Returns the newest process of a service. If `candidate` is set, the process is one that was
+    /// started as a candidate, otherwise one that was started as an owner.
     fn target(&mut self, service: Service, candidate: bool) -> Option<&mut Process> {
         let matches = |process: &&mut Process| process.service == service && process.candidate == candidate;
         self.processes.iter_mut().rfind(matches)

@@ -22,8 +22,8 @@ pub struct Inclination {
     pub norm_m_s2: f64,
     /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 where |f| differs from g by g.
     ///
-    /// It is 0 if `up` was not computed from this force. The trust rates a single instant only. For
-    /// forces in motion, averaging is a better filter than rejection.
+    /// It is 0 if `up` was not computed from this force. It rates a single instant only; to
+    /// suppress the forces of motion, averaging works better than rejecting samples.
     pub trust: f64,
 }
 
@@ -47,8 +47,8 @@ impl Scalars for Inclination {
     }
 }
 
-/// Returns the trust: 1 at |f| = g, decreasing to 0 where |f| differs from g by g. An unused force
-/// has trust 0.
+/// Returns the trust: 1 at |f| = g, decreasing to 0 where |f| differs from g by g. A force that was
+/// not used has trust 0.
 #[inline]
 pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let deviation = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();

@@ -1,9 +1,9 @@
-//! Accelerometer stages `inclinometer-matrix` and `inclinometer-quaternion`, which compute pitch
-//! and roll first.
+//! Accelerometer stages `inclinometer-matrix` and `inclinometer-quaternion`, which derive the up
+//! direction from pitch and roll.
 //!
-//! The method comes from geonavigation. The published axes are X forward, Y right, Z down, and the
-//! sensor reading is gravity, so that Z reads +g at rest. In the axes used here (ξ right, η
-//! forward, ζ up) and with the specific force f, which is gravity reversed,
+//! The method comes from geonavigation. The paper's axes are X forward, Y right, Z down, and its
+//! sensor measures gravity, so Z reads +g at rest. In the axes of this crate (ξ right, η forward, ζ
+//! up) and with the specific force f, which is opposite to gravity,
 //!
 //! g_x = −f_η, g_y = −f_ξ, g_z = f_ζ.
 //!

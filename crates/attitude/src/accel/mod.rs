@@ -4,8 +4,8 @@
 //!
 //! Output: the point w_acc, with |w_acc| ≤ 1 in one of the charts.
 //!
-//! Failure: a force without a direction keeps the previous point with trust 0. A force that is not
-//! finite counts as zero.
+//! Failure: if the force is too small to have a direction, the previous point is kept with trust 0.
+//! A force that is not finite counts as zero.
 //!
 //! | stage | method |
 //! | --- | --- |

@@ -26,7 +26,8 @@ pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_d
 /// Wraps an angle of a few revolutions to [0, 2π).
 pub(super) fn wrap_course_rad(angle_rad: f64) -> f64 {
     let positive = angle_rad - TAU * libm::floor(angle_rad / TAU);
-    // A tiny negative angle rounds to 2π. The addition of 0 also turns −0 into 0.
+    // Wrapping a tiny negative angle rounds to 2π, which is outside the range. Adding 0 turns −0
+    // into 0.
     if positive < TAU { positive + 0.0 } else { 0.0 }
 }
 

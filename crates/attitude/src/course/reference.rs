@@ -5,7 +5,8 @@ use crate::scalars::Scalars;
 /// Reference direction of a course or heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CourseReference {
-    /// Initial direction of the attitude. Gyro and accelerometer alone cannot observe north.
+    /// Arbitrary direction: the initial heading, because gyro and accelerometer alone cannot
+    /// observe north.
     #[default]
     Arbitrary,
     /// Magnetic north.

@@ -5,10 +5,10 @@
 //! ("S4": *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8
 //! helicopter*.)
 //!
-//! The gyro determines short turns, and the receiver determines the long-term course. A gyro bias b
+//! In the short term the course follows the gyro, in the long term the receiver. A gyro bias b
 //! about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The state is the
-//! difference H − HΓ. The equation above can be written in terms of this difference, which a loop
-//! over the top does not disturb.
+//! difference H − HΓ, in terms of which the equation above can be rewritten. Unlike H and HΓ, which
+//! flip at the top of an aerobatic loop, this difference is continuous.
 //!
 //! Each track is used once, at the tick of its fix, and weighted by the interval since the previous
 //! track. It is compared with the course at the time at which the velocity was valid. In a gap, and
@@ -42,9 +42,9 @@ settings! {
         time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
         /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// Maximum interval by which one track is weighted; a longer interval is a gap.
+        /// Maximum interval by which one track is weighted. A longer interval counts as a gap.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// Age of a velocity on arrival if the receiver does not report it.
+        /// Assumed age of a velocity on arrival if the receiver does not report the age.
         latency_s: 0.2 in 0.0 .. 2.0, "s";
         /// Drift rate of the gyroscopic course, used for the standard deviation.
         drift_deg_s: 0.05 in 0.0 .. 10.0, "°/s";
@@ -56,10 +56,10 @@ settings! {
 
 /// Averaging time of the turn rate, s.
 const TURN_RATE_AVERAGING_S: f64 = 0.5;
-/// Limit of the turn rate, rad/s. Faster changes occur only when the course flips over the top of a
-/// loop.
+/// Limit to which a measured turn rate is clamped, rad/s. Faster changes of the course occur only
+/// when it flips at the top of an aerobatic loop.
 const MAX_TURN_RATE_RAD_S: f64 = 10.0;
-/// Standard deviation of a velocity if the receiver does not report it, m/s.
+/// Assumed standard deviation of a velocity if the receiver does not report it, m/s.
 const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
 /// Maximum plausible ground speed, m/s.
 const MAX_SPEED_M_S: f64 = 3000.0;
@@ -69,8 +69,8 @@ const MAX_SPEED_M_S: f64 = 3000.0;
 /// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d of the gyro,
 /// and tracks reduce it with time constant T. With continuous tracks it therefore settles at T d,
 /// the error of S4's equation. The part σ_t comes from the crab angle and the velocity noise of the
-/// track. If the fuser itself
-/// corrects its heading, σ_d is limited to the standard deviation of that heading.
+/// track. If the fuser itself corrects its heading, σ_d is limited to the standard deviation of
+/// that heading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackCourse {
     settings: TrackSettings,
@@ -108,8 +108,8 @@ impl Default for TrackCourse {
 }
 
 impl TrackCourse {
-    /// Handles the first reference of the gyroscopic course, or a change of it. Returns `true` if
-    /// the course jumps.
+    /// Handles a change of the gyroscopic course's reference, including the first one. Returns
+    /// `true` if the course jumps.
     fn change_reference(&mut self, gyroscopic_rad: f64, reference: CourseReference) -> bool {
         let jumps = core::mem::replace(&mut self.has_previous, true);
         self.reference = reference;
@@ -227,7 +227,7 @@ impl Stage for TrackCourse {
         self.continuity.last()
     }
 
-    /// Continues a course that refers to true north. Otherwise the next track sets the course.
+    /// Continues the course if it refers to true north. Otherwise the next track sets the course.
     fn adopt(&mut self, last: &LastReading) -> Result<(), RestoreError> {
         let continuity = Continuity::from_last(last)?;
         *self = Self { settings: self.settings, continuity, ..Self::default() };

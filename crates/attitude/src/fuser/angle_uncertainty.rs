@@ -9,8 +9,8 @@ use crate::scalars::Scalars;
 pub(super) const ASSUMED_BIAS_SD_RAD_S: f64 = 0.003;
 /// Averaging time of the innovations' mean square, s.
 const MEMORY_S: f64 = 1.0;
-/// Standard deviation of an initial level, rad. Allows for a vehicle that accelerates by 1 m/s² at
-/// that moment.
+/// Standard deviation of an initial level, rad. It allows for a vehicle that accelerates by 1 m/s²
+/// when the level is initialised.
 const INITIAL_SD_RAD: f64 = 0.1;
 
 /// Uncertainty of an angle.

@@ -3,7 +3,7 @@
 //!
 //! z_c' = z' + (z_mag − z_c)/T with the difference wrapped, where z_mag = atan2(m'_ξ, m'_η) of the
 //! levelled field m' = A(w)ᵀ m. "z is fused like w" — Matveev 2025, which gives no further detail.
-//! No field is rejected.
+//! No field sample is rejected as disturbed.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},

@@ -14,7 +14,7 @@ use crate::{
 
 /// Random walk of a gyro bias that is not being estimated, rad/s/√s.
 ///
-/// Corresponds to 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+/// It corresponds to a drift of 0.1 °/s while a consumer MEMS gyro warms up for an hour.
 pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 
 /// State that one fuser hands over to another.
@@ -24,7 +24,7 @@ pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 pub struct Estimate {
     /// Attitude of the body at the last tick.
     pub attitude: Attitude,
-    /// Origin of the heading.
+    /// Reference direction of the heading.
     pub reference: CourseReference,
     /// Gyro bias, rad/s, body axes.
     pub bias_rad_s: Vector3<f64>,

@@ -18,13 +18,14 @@ pub struct Fused {
     pub rate_rad_s: Vector3<f64>,
     /// Gyro bias, rad/s, body axes; zero if the stage does not estimate it.
     pub bias_rad_s: Vector3<f64>,
-    /// Angle between the up vectors of accelerometer and attitude, rad; 0 without an inclination.
+    /// Angle between the up vectors of accelerometer and attitude, rad; 0 if there is no
+    /// inclination.
     pub innovation_rad: f64,
     /// Standard deviation of the inclination, rad, derived from the stage's innovations.
     pub inclination_sd_rad: f64,
     /// Standard deviation of the heading, rad; π if unknown.
     pub heading_sd_rad: f64,
-    /// Origin of the heading.
+    /// Reference direction of the heading.
     pub reference: CourseReference,
     /// Corrections applied in this step.
     pub corrections: Corrections,

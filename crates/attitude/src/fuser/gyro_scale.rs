@@ -1,4 +1,4 @@
-//! Scale error of the gyro, as fusers hand it over.
+//! Scale error of the gyro, in the form in which fusers hand it over.
 
 use crate::{Vector3, scalars::Scalars};
 
@@ -8,7 +8,7 @@ const MAX_ERROR: f64 = 0.1;
 /// Scale error of each gyro axis with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GyroScale {
-    /// Relative scale error of each body axis, positive if the rate is read too large.
+    /// Relative scale error of each body axis, positive if the gyro reads too high.
     pub error: Vector3<f64>,
     /// Standard deviation of each component; infinite if unknown.
     pub sd: Vector3<f64>,

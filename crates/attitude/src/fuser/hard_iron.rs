@@ -1,8 +1,8 @@
-//! Magnetic field of the body itself (hard iron), as fusers hand it over.
+//! Magnetic field of the body itself (hard iron), in the form in which fusers hand it over.
 
 use crate::{Vector3, scalars::Scalars};
 
-/// Largest hard iron that is accepted, µT: beyond the range of any magnetometer.
+/// Largest hard iron that is accepted, µT. It is beyond the range of any magnetometer.
 const MAX_FIELD_UT: f64 = 1e4;
 
 /// Hard iron with its uncertainty.

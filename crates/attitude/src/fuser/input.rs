@@ -15,8 +15,7 @@ pub struct FuserInput {
     pub fix: Option<Fix>,
     /// `true` if gyro and accelerometer are working, so that constant readings mean rest.
     pub rest_credible: bool,
-    /// `true` if `motion` is that of the body: the rate is not missing, stuck or at the end of the
-    /// gyro's range.
+    /// `true` if `motion` can be trusted: the rate is not missing, stuck or saturated.
     pub rate_credible: bool,
 }
 

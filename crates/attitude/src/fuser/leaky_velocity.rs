@@ -1,22 +1,21 @@
-//! Leaky velocity of a levelling loop, as fusers hand it over.
+//! Leaky velocity of a levelling loop, in the form in which fusers hand it over.
 //!
 //! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 3 s in `wz`.
 //! V summarises the accelerations of the last seconds. The loop tilts its level at a rate
-//! proportional to V. A loop that starts without V mistakes the braking at the end of a movement
-//! for a tilt.
+//! proportional to V. If V is not handed over, the new loop mistakes the braking at the end of a
+//! movement for a tilt.
 
 use crate::{Complex, scalars::Scalars};
 
-/// Largest velocity that is accepted, m/s. A loop that exceeds it has lost its level.
+/// Largest velocity that is accepted, m/s. A loop with a larger velocity has lost its level.
 const MAX_VELOCITY_M_S: f64 = 100.0;
 /// Largest velocity that is handed over, m/s. It is below the accepted limit, because rotating the
 /// frame can increase it by rounding.
 const MAX_HANDED_OVER_M_S: f64 = 99.0;
-/// Standard deviation of a loop's velocity, m/s. Corresponds to a level that was wrong by 2° for
+/// Standard deviation of a loop's velocity, m/s. It corresponds to a level that was wrong by 2° for
 /// some seconds.
 const SD_M_S: f64 = 1.0;
-/// Standard deviation if the velocity is unknown, m/s: the typical leaky velocity of a braking
-/// vehicle.
+/// Standard deviation of an unknown velocity, m/s: the typical leaky velocity of a braking vehicle.
 const UNKNOWN_SD_M_S: f64 = 4.0;
 
 /// Leaky velocity of a levelling loop with its uncertainty.

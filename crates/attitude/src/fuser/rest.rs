@@ -1,12 +1,12 @@
 //! Rest detector: gyro and accelerometer have stayed close to their own means for a while.
 //!
 //! The gyro is checked at each sample, the accelerometer at each update. A steady rotation about
-//! the vertical that is slower than 2 °/s, without other motion, looks like rest and is taken for a
-//! bias. This affects the heading, but not the tilt.
+//! the vertical, slower than 2 °/s and without other motion, looks like rest, and its rate is
+//! mistaken for a bias. This affects the heading, but not the tilt.
 
 use crate::{Vector3, scalars::Scalars};
 
-/// Time constant of the means with which samples are compared, s.
+/// Time constant of the means that samples are compared with, s.
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
 /// Largest deviation of a rate from its mean at rest, rad/s: 2 °/s.
 const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;

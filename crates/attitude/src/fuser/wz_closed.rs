@@ -1,8 +1,8 @@
-//! First-order closed loop: the exact step of the fused point, then a move towards the
+//! First-order closed loop: steps the fused point exactly, then moves it towards the
 //! accelerometer's point.
 //!
 //! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed. z is corrected by the
-//! magnetic field in the same way and follows the gyro without a field.
+//! magnetic field in the same way, or follows the gyro if there is no field.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
@@ -23,8 +23,8 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 
-/// Largest modulus of the accelerometer's point in a chart, 168.6° of tilt. Sums of points stay
-/// finite within it.
+/// Largest modulus of the accelerometer's point in a chart; it corresponds to a tilt of 168.6°. The
+/// limit keeps sums of points finite.
 pub(super) const MAX_POINT_MODULUS: f64 = 10.0;
 
 settings! {
@@ -33,7 +33,7 @@ settings! {
         /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
         /// accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// Heading time constant, between the gyro and the magnetic field.
+        /// Time constant of the blend from gyro heading to magnetic heading.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
     }
 }

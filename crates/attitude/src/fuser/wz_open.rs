@@ -1,9 +1,9 @@
 //! Open loop as published: w_c = HPF(w_gyro) + LPF(w_acc).
 //!
 //! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9,
-//! T = 1 s. z is corrected by the magnetic field in the same way and follows the gyro without a
-//! field. The gyro channel integrates by itself and drifts without bound, so the error grows with
-//! time. The published method is kept for comparison.
+//! T = 1 s. z is corrected by the magnetic field in the same way, or follows the gyro if there is
+//! no field. The gyro channel integrates without correction and drifts without bound, so the error
+//! grows with time. The published method is kept for comparison.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
@@ -32,7 +32,7 @@ settings! {
         /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
         /// accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// Heading time constant, between the gyro and the magnetic field.
+        /// Time constant of the blend from gyro heading to magnetic heading.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
     }
 }
@@ -82,7 +82,7 @@ impl WzOpen {
         Attitude { up, z_rad: wrapped_rad(self.gyro_attitude.z_rad + self.z_offset_rad) }.normalised()
     }
 
-    /// Follows the attitude of the gyro slot.
+    /// Adopts the latest attitude of the gyro slot, after setting the offset if that is still due.
     fn follow_gyro(&mut self, motion: &Motion) {
         if self.adopted {
             self.set_offset(self.gyro_attitude.rotated(motion.rotation).attitude, motion.attitude);
@@ -91,7 +91,8 @@ impl WzOpen {
         self.follow_chart(motion.attitude);
     }
 
-    /// Follows the gyro's attitude into its chart. The fused point stays unchanged.
+    /// Adopts the gyro's attitude and converts the offset if its chart has changed. The fused point
+    /// stays unchanged.
     fn follow_chart(&mut self, gyro: Attitude) {
         if gyro.up.chart != self.gyro_attitude.up.chart {
             let fused = Point { w: self.gyro_attitude.up.w + self.w_offset, chart: self.gyro_attitude.up.chart };
@@ -184,7 +185,7 @@ impl Stage for WzOpen {
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        // The offset is the difference of two points, each within the maximum modulus.
+        // The offset is the difference between two points, each within the maximum modulus.
         let out_of_range =
             self.w_offset.norm_sqr() > 4.0 * MAX_POINT_MODULUS * MAX_POINT_MODULUS || self.z_offset_rad.abs() > 4.0;
         attitude_validation_error(self.gyro_attitude)
@@ -209,7 +210,7 @@ impl Stage for WzOpen {
         }
     }
 
-    /// Adopts the attitude of another stage, which differs from that of the gyro slot. The offset
+    /// Adopts the attitude of another stage. It differs from that of the gyro slot, so the offset
     /// is computed at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;

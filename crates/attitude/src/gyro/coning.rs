@@ -11,17 +11,16 @@
 //! samples:
 //!
 //! - for means, with a rate that is linear through this interval's mean and the previous one: φ =
-//!   Δθ + h³/(6 (h₀ + h)) ω₀
-//!   × ω, which for equal intervals is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k — Savage, Strapdown inertial
-//!   navigation integration algorithm design, *Journal of Guidance, Control, and Dynamics* 21,
-//!   1998; the two-sample algorithm of Miller, *ibid.* 6, 1983, at every sample instead of every
-//!   other;
+//!   Δθ + h³/(6 (h₀ + h)) ω₀ × ω, which for equal intervals is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k —
+//!   Savage, Strapdown inertial navigation integration algorithm design, *Journal of Guidance,
+//!   Control, and Dynamics* 21, 1998. It is the two-sample algorithm of Miller, *ibid.* 6, 1983,
+//!   applied at every sample instead of every other one;
 //! - for instants, with a rate that is quadratic through the last three: ω₀ + b t + c t². Δθ = h ω₀
 //!   + h²/2 b + h³/3 c also comes from the quadratic, because the mean of both ends would attenuate
 //!   every vibration, and any error in the amplitude of Δθ is an error in the area of the cone.
 //!
-//! The residual drift, relative to that without correction, is of the order (Ω h)², with Ω the
-//! frequency of the coning.
+//! The ratio of the residual drift to the drift without correction is of the order (Ω h)², with Ω
+//! the frequency of the coning.
 
 use super::motion::{RateKind, RateSample};
 use crate::{Vector3, scalars::Scalars};
@@ -32,9 +31,9 @@ const MAX_INTERVAL_RATIO: f64 = 2.0;
 /// Previous samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Coning {
-    /// Latest two rates, newest first, rad/s.
+    /// Last two rates, newest first, rad/s.
     rates_rad_s: [Vector3<f64>; 2],
-    /// Interval between the two rates, or averaging interval of the newest mean, s. 0 before the
+    /// Interval between the two rates, or averaging interval of the newest mean, s; 0 before the
     /// second sample.
     interval_s: f64,
     started: bool,
@@ -56,7 +55,7 @@ impl Coning {
         let comparable = self.interval_s > 0.0
             && h <= MAX_INTERVAL_RATIO * self.interval_s
             && self.interval_s <= MAX_INTERVAL_RATIO * h;
-        // The series is valid for small angles only.
+        // The series is valid only for small angles.
         let small = self.started && rate.norm_squared().max(self.rates_rad_s[0].norm_squared()) * h * h < 1.0;
         let rotation = match sample.kind {
             RateKind::Mean => self.from_means(rate, h, comparable && small),

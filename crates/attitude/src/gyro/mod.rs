@@ -6,8 +6,8 @@
 //!
 //! Time: the length of the interval. An interval that is negative or not finite counts as 0.
 //!
-//! Failure: a rate that is not finite is replaced by the previous one. The attitude drifts with the
-//! gyro bias, without bound.
+//! Failure: a rate that is not finite is replaced by the previous one. Because of the gyro bias,
+//! the attitude drifts without bound.
 
 mod coning;
 mod motion;
@@ -38,8 +38,8 @@ enum Method {
 /// Gyro stage: `mobius`, `mobius-coning`, `rk4` or `euler`.
 ///
 /// - `mobius` is exact for a constant rate.
-/// - `mobius-coning` also compensates the motion of the rotation axis, estimated from the previous
-///   samples, for bodies that vibrate.
+/// - `mobius-coning` is meant for bodies that vibrate. It also compensates for the motion of the
+///   rotation axis, which it estimates from the previous samples.
 /// - `rk4` is the method of simulation S1 of Matveev 2025. In a rotation of 4 rad/s sampled at 286
 ///   Hz it drifts by about 2e-6° per minute.
 /// - `euler` drifts by tens of degrees per minute at 4 rad/s. It is included because the article

@@ -10,16 +10,18 @@ use crate::{
 
 /// Relation of a rate sample to its interval.
 ///
-/// The distinction matters. An instant treated as a mean lags by half an interval (by 1.1° at 4
-/// rad/s and 100 Hz, which also biases the gyro bias estimate). A mean averaged with the previous
-/// mean lags by the same amount. A MEMS gyro that is read at its filter rate reports means; a
-/// simulation, or a gyro that is read at a much lower rate, reports instants.
+/// The distinction matters. If an instant is treated as a mean, the attitude lags by half an
+/// interval (by 1.1° at 4 rad/s and 100 Hz, which also biases the gyro bias estimate). If a mean is
+/// averaged with the previous mean, the attitude lags by the same amount. A MEMS gyro that is read
+/// at its filter rate reports means; a simulation, or a gyro that is read at a much lower rate,
+/// reports instants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RateKind {
     #[default]
     /// Mean over the interval, as from an integrating or low-pass filtered sensor.
     Mean,
-    /// Value at the end of the interval. The mean is taken over both ends of the interval.
+    /// Value at the end of the interval. The mean over the interval is computed from the values at
+    /// both ends.
     Instant,
 }
 

@@ -1,5 +1,5 @@
-//! Fuser `aided` apart from its accuracy: invalid input, snapshots, a day of flight, operation
-//! without a receiver, parameters.
+//! Tests of the fuser `aided` other than its accuracy: invalid input, snapshots, a day of flight,
+//! operation without a receiver, parameters.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -21,7 +21,7 @@ fn aided(settings: &[(&str, f64)]) -> Fuser {
     fuser
 }
 
-/// Gyro and accelerometer stages before the fuser.
+/// Gyro and accelerometer stages that precede the fuser.
 #[derive(Clone)]
 struct FrontEnd {
     gyro: Gyro,
@@ -81,8 +81,8 @@ fn aided_without_receiver_levels_by_gravity() {
     let mut fuser = aided(&[]);
     let error_deg = inclination_rms_deg(&scenario, &mut fuser, 60.0);
     println!("s1 without a receiver: {error_deg:.3}°");
-    // `aided` cannot detect that the body stays in place: it allows for 50 m/s along and 4 m/s
-    // across the course.
+    // The limit is wide, because `aided` cannot detect that the body stays in place and allows for
+    // a velocity of 50 m/s along and 4 m/s across the course.
     assert!(error_deg < 4.0);
     assert_eq!(fuser.common().reference, CourseReference::Arbitrary);
     assert!(fuser.validation_error().is_none());
@@ -156,8 +156,8 @@ fn invalid_covariance_is_rejected() {
     let scenario = Scenario::parse("cruise?duration_s=60").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
-    // Finds the covariance in the record: the first value of its second row equals the second value
-    // of its first row.
+    // Finds the covariance in the record by its symmetry: the second value of its first row equals
+    // the first value of its second row.
     let record = fuser.snapshot();
     let offset = (0..record.len - 13).find(|i| {
         let (across, down) = (record.values[*i + 1], record.values[*i + 13]);
@@ -255,7 +255,7 @@ fn field_gives_heading_only_if_magnetic_is_set() {
 #[test]
 fn disturbed_field_does_not_affect_heading_in_flight() {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
-    // A magnet on board: half the earth's field, rotating with the body.
+    // A magnet on board, half as strong as the earth's field and rotating with the body.
     let mut worst_deg = 0.0f64;
     scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let (mut front, mut fuser) = (FrontEnd::new(scenario.rate_kind), aided(&[]));

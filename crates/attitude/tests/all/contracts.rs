@@ -179,7 +179,7 @@ fn adopted_estimate_is_continued() {
             };
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");
-            // The attitude of the gyro slot is unrelated to the adopted one.
+            // The heading of the gyro slot's attitude is unrelated to that of the adopted one.
             let mut gyro = Gyro::from_name("mobius").unwrap();
             gyro.align(Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
             let mut attitude = start;
@@ -190,9 +190,9 @@ fn adopted_estimate_is_continued() {
                 input.motion = Some(gyro.step(&sample));
                 input.field_ut = None;
                 let out = fuser.step(&input);
-                // `madgwick` steps by β dt regardless of the distance and compares with the
-                // attitude of the previous interval. `wz-open` low-passes the difference to the
-                // gyro slot's attitude, which is not constant if the two differ.
+                // `madgwick` steps by β dt, however large the error is, and compares the force with
+                // the attitude of the previous interval. `wz-open` low-passes the difference from
+                // the gyro slot's attitude, which is not constant if the two attitudes differ.
                 let limit_deg = match name {
                     "madgwick" => 1.0,
                     "wz-open" if tick > 0 && rate_rad_s == moving_rad_s => 180.1,
@@ -249,7 +249,7 @@ fn error_does_not_grow_over_a_day() {
     }
 }
 
-/// Finite numbers of any magnitude, including zero.
+/// Generates finite numbers of any magnitude, including zero.
 fn extreme() -> impl Strategy<Value = f64> {
     prop_oneof![4 => -20.0..20.0f64, 1 => Just(0.0), 1 => (-300.0..300.0f64, any::<bool>()).prop_map(|(e, sign)| {
         if sign { 10f64.powf(e) } else { -10f64.powf(e) }

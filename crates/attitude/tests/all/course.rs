@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 const REFERENCES: [CourseReference; 3] = [CourseReference::Arbitrary, CourseReference::Magnetic, CourseReference::True];
 
-/// Returns the input of a level body with this yaw.
+/// Returns the input for a level body with this yaw.
 fn input(yaw_rad: f64, reference: CourseReference) -> CourseInput {
     let attitude = Attitude::from_angles(Angles { yaw_rad, ..Angles::default() });
     let heading_sd_rad = if reference == CourseReference::Arbitrary { PI } else { 0.02 };
@@ -32,9 +32,9 @@ fn course(name: &str, settings: &[(&str, f64)]) -> Course {
     course
 }
 
-/// Returns the readings of `seconds` at 100 Hz, with yaw and track as functions of time.
+/// Returns the readings over `seconds` at 100 Hz, with yaw and track as functions of time.
 ///
-/// Every tenth tick has the fix of `track`, if any.
+/// Every tenth tick has the fix that `track` returns, if any.
 fn run(
     course: &mut Course,
     seconds: f64,
@@ -171,7 +171,7 @@ fn gyro_bias_causes_predicted_course_error() {
         |t| fix(0.7, 20.0).filter(|_| is_covered(t)),
     );
     let at = |t_s: f64| error_deg(&readings[(t_s * 100.0) as usize - 1], 0.7);
-    // T b = 2.5°, plus 60 s of 0.05 °/s in the gap.
+    // T b = 2.5°, plus the drift of 0.05 °/s over 60 s in the gap.
     assert!((at(400.0) + 2.5).abs() < 0.01, "{}", at(400.0));
     assert!((at(460.0) + 5.5).abs() < 0.01, "{}", at(460.0));
     assert!((at(510.0) + 2.5 + 3.0 * (-1f64).exp()).abs() < 0.15, "{}", at(510.0));

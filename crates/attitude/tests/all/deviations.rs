@@ -1,11 +1,11 @@
-//! Reported standard deviations: quantiles of errors divided by them, relative to those of a normal
-//! distribution.
+//! Reported standard deviations: the quantiles of the errors divided by them are compared with
+//! those of a normal distribution.
 //!
 //! `cargo test --release -p attitude deviations:: -- --nocapture` prints every figure.
 //!
 //! Input: trials of BROAD, crossed trials and cruise scenarios.
 //!
-//! Failure: without the recordings their tests are skipped with a message.
+//! Failure: without the recordings, the tests that need them are skipped with a message.
 use attitude::{
     Quaternion,
     accel::Projector,
@@ -22,9 +22,10 @@ use crate::heading::{
     trial::{Chain, trials, truth},
 };
 
-/// Quantiles at 68 % and 95 % of a normal error in one axis, and of the length of an error in two
-/// axes, in standard deviations of one axis.
+/// Quantiles at 68 % and 95 % of a normally distributed error in one axis, in standard deviations.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
+/// Quantiles at 68 % and 95 % of the length of a normally distributed error in two axes, in
+/// standard deviations of one axis.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Accepted ratio of a measured quantile to the ideal one.
 const CONSISTENT: core::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -52,8 +53,8 @@ impl NormalisedErrors {
         self
     }
 
-    /// Returns and prints the quantiles at 68 % and 95 % relative to the ideal: inclination,
-    /// heading.
+    /// Prints and returns the quantiles at 68 % and 95 %, each as a ratio to its ideal value, for
+    /// inclination and heading.
     fn ratios(mut self, name: &str) -> [[f64; 2]; 2] {
         let ratios = [quantiles(&mut self.inclination, TWO_AXES), quantiles(&mut self.heading, ONE_AXIS)];
         println!("{name}: inclination {:.2?}, heading {:.2?}", ratios[0], ratios[1]);
@@ -61,7 +62,8 @@ impl NormalisedErrors {
     }
 }
 
-/// Returns the quantiles at 68 % and 95 % over the ideal ones; NaN without errors.
+/// Returns the quantiles at 68 % and 95 %, each as a ratio to its ideal value, or NaN if there are
+/// no errors.
 fn quantiles(errors: &mut [f64], ideal: [f64; 2]) -> [f64; 2] {
     if errors.is_empty() {
         return [f64::NAN; 2];
@@ -88,8 +90,8 @@ fn wz_sd_is_consistent_on_broad_and_crossed_trials() {
         }
         errors
     };
-    // In trial 27 the field in motion and at rest differ by 6° in direction, which no sensor on the
-    // body can detect.
+    // Trial 27 is left out, because its field directions in motion and at rest differ by 6°, which
+    // no sensor on the body can detect.
     let solvable = trials.iter().filter(|trial| trial.number() != "27");
     let without_27 = solvable
         .map(|trial| normalised(&trial.rows))
@@ -120,7 +122,7 @@ const CRUISE: [(&str, f64); 7] = [
     ("accel_bias_walk_m_s2_sqrt_s", 0.0),
     ("scale_noise", 0.0),
 ];
-/// Sensor errors of `cruise-hard`: those of `cruise` with a scale error of 1 % and a drifting bias.
+/// Sensor errors of `cruise-hard`: those of `cruise` plus a scale error of 1 % and a drifting bias.
 const CRUISE_HARD: [(&str, f64); 5] = [CRUISE[0], CRUISE[1], CRUISE[3], CRUISE[4], ("scale_noise", 0.003)];
 /// Sensor errors of `s1` as parameters of `wz`: constant gyro bias and white accelerometer noise.
 const S1: [(&str, f64); 3] =
@@ -157,7 +159,7 @@ fn aided_sd_with_gyro_parameters_is_not_too_small() {
     );
 }
 
-/// A bias of 1 mg is what a good accelerometer calibration leaves.
+/// A good accelerometer calibration leaves a bias of 1 mg.
 #[test]
 fn wz_sd_with_calibrated_accelerometer_is_consistent() {
     assert_consistent_in("wz", "s1?accel_bias_g=0.001", &[], 16);
@@ -172,13 +174,13 @@ fn wz_sd_with_sensor_parameters_is_consistent() {
 fn assert_consistent_in(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) {
     let [inclination, heading] = simulated(fuser, name, settings, seeds);
     assert_consistent(inclination, name);
-    // A heading with an arbitrary reference has no error.
+    // A heading with an arbitrary reference has no error, so there may be no ratio.
     if !heading[0].is_nan() {
         assert_consistent(heading, name);
     }
 }
 
-/// Returns the quantile ratios over several seeds of a scenario: inclination, heading.
+/// Returns the quantile ratios of inclination and heading over several seeds of a scenario.
 fn simulated(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) -> [[f64; 2]; 2] {
     let run = |seed: u64| {
         let scenario = Scenario::parse(name).unwrap().with_seed(seed);

@@ -15,15 +15,16 @@ use attitude::{
 #[derive(Clone, Copy)]
 struct World {
     rate_hz: f64,
-    /// Interval of the magnetometer samples, ticks.
+    /// Interval between magnetometer samples, ticks.
     field_interval_ticks: u64,
     delay_s: f64,
     rest_s: f64,
-    /// Speed factor relative to [`attitude_at`], which has a mean rate of 1.4 rad/s.
+    /// Speed of the movement as a multiple of that of [`attitude_at`], which has a mean rate of 1.4
+    /// rad/s.
     speed_factor: f64,
     /// Magnetic field, east, north, up, µT.
     field_ut: [f64; 3],
-    /// Drift of the gyro's heading in motion, rad/s.
+    /// Drift rate of the gyro heading in motion, rad/s.
     drift_rad_s: f64,
 }
 
@@ -37,7 +38,7 @@ const WORLD: World = World {
     drift_rad_s: 0.0,
 };
 
-/// Returns the attitude of a movement with a period of one minute.
+/// Returns the attitude at a time of a periodic movement with a period of one minute.
 fn attitude_at(t_s: f64) -> Attitude {
     let phase = t_s * core::f64::consts::TAU / 60.0;
     Attitude::from_angles(Angles {
@@ -91,9 +92,10 @@ impl World {
         }
     }
 
-    /// Runs to `until_s` with inputs modified by `change`.
+    /// Runs until `until_s` with inputs modified by `change`.
     ///
-    /// Passes time, output, heading error (rad) and fuser to `observe` after each tick.
+    /// After each tick, `observe` receives the time, the output, the heading error (rad) and the
+    /// fuser.
     fn run(
         &self,
         fuser: &mut Wz,
@@ -192,7 +194,8 @@ fn gyro_drift_is_corrected() {
     let world = World { drift_rad_s: 0.1f64.to_radians(), ..WORLD };
     let max_error = max_error_deg(world, 60.0, 600.0, unchanged);
     println!("0.1 °/s for 600 s: {max_error:.2}°");
-    // The drift starts with the movement and is nearly three times the bias error left by a rest.
+    // The drift starts with the movement. It is nearly three times the bias error left by a rest,
+    // so the limit is wide.
     assert!(max_error < 2.5, "{max_error}°");
 }
 

@@ -1,4 +1,4 @@
-//! Published filters as stages, compared with their published figures.
+//! Published filters, implemented as stages and compared with their published results.
 use crate::common::{Rmse, broad, mean};
 use attitude::{
     Vector3,
@@ -36,8 +36,8 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
         (fuser_with(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
     let scenario = Scenario::parse("s3").unwrap().with_seed(seed);
-    // The paper starts from the true attitude. With gains this low a start from one noisy sample
-    // would dominate the error.
+    // The paper starts from the true attitude. With gains as low as these, the error of a start
+    // from one noisy sample would dominate.
     fuser.adopt(&exact_estimate(scenario.motion.at(0.0).attitude)).unwrap();
     let (mut sum, mut count, mut before_s) = (0.0f64, 0.0, 0.0);
     for (t_s, reading) in scenario.readings() {
@@ -59,7 +59,7 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     (sum / count).sqrt()
 }
 
-/// Returns the mean over 40 seeds, degrees.
+/// Returns the mean of [`s3_rms_deg`] over 40 seeds, degrees.
 fn s3_mean_deg(name: &str, parameter: &str, beta: f64) -> f64 {
     (1..=40).map(|seed| s3_rms_deg(name, parameter, beta, seed)).sum::<f64>() / 40.0
 }
@@ -105,8 +105,8 @@ fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
 
 #[test]
 fn coning_compensation_removes_coning_drift() {
-    // With n samples per revolution of the cone the remaining drift falls with n⁴, the
-    // uncompensated drift with n².
+    // With n samples per revolution of the cone, the remaining drift falls with n⁴, the
+    // uncompensated drift with n², so the gain rises with n².
     for (rate_hz, gain) in [(100.0, 40.0), (200.0, 150.0), (1000.0, 3000.0)] {
         for kind in [RateKind::Mean, RateKind::Instant] {
             let drift = |name| coning_drift_deg_s(name, kind, rate_hz);

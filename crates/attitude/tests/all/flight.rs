@@ -17,7 +17,7 @@ use attitude::{
 use scenario::Scenario;
 
 const SEEDS: core::ops::RangeInclusive<u64> = 1..=8;
-/// Time without a fix after which an error counts as one in a gap, s.
+/// Time since the last fix above which an error counts as an error in a gap, s.
 const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {
@@ -69,15 +69,15 @@ impl Rms {
 
 /// Errors, degrees.
 ///
-/// `with_fixes` and `without_fixes` hold roll and pitch. `step` is the change of the attitude
-/// between samples that is not motion of the body.
+/// `with_fixes` and `without_fixes` hold the errors of roll and pitch. `step` is the part of the
+/// attitude change between samples that is not motion of the body.
 #[derive(Debug, Clone, Copy, Default)]
 struct Errors {
     with_fixes: [Rms; 2],
     without_fixes: [Rms; 2],
     course: Rms,
     step: Rms,
-    /// Receiver latency estimated at the end, s.
+    /// Receiver latency as estimated at the end, s.
     latency_s: Rms,
 }
 
@@ -234,7 +234,8 @@ fn multiple_model_without_fixes_is_levelled_by_turns() {
     assert!(within(errors_of("multiple-model", "cruise?gnss=never", &[]).without_fixes, 2.0));
 }
 
-/// Sample of a recorded flight, with the attitude estimated by the autopilot and the fix received.
+/// Sample of a recorded flight, with the attitude that the autopilot estimated and the fix
+/// received.
 struct Row {
     t_s: f64,
     rate_rad_s: Vector3<f64>,
@@ -278,9 +279,10 @@ fn recorded_flight() -> Option<Vec<Row>> {
     Some(imu.lines().skip(1).map(row).collect())
 }
 
-/// Returns the RMS of inclination and heading from one minute after take-off on, degrees.
+/// Returns the RMS errors of inclination and heading, degrees, from one minute after take-off on.
 ///
-/// `is_covered` receives the time since then, s; fixes are used if it returns `true`.
+/// `is_covered` receives the time since that moment, s. Fixes are used only while it returns
+/// `true`.
 fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;
     let (mut chain, mut before_s) = (Chain::new(fuser, &[]), rows[0].t_s);
@@ -302,7 +304,8 @@ fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn
     rms
 }
 
-/// The reference is the solution of an autopilot, with errors of 2 to 4°. The flight is aerobatic.
+/// The limits are wide, because the flight is aerobatic and the reference is the solution of an
+/// autopilot, with errors of 2 to 4°.
 #[test]
 fn real_flight_without_magnetometer_is_within_limits() {
     let Some(rows) = recorded_flight() else { return };

@@ -1,35 +1,37 @@
 //! Hand-over between any two fusers in the middle of a recorded movement, as in a swap.
 //!
-//! Input: trials of BROAD without magnetic disturbance, and one next to a magnet. Each has a swap
-//! after 30, 50 and 70 %.
+//! Input: trials of BROAD without magnetic disturbance, and one next to a magnet. Each trial has
+//! swaps after 30, 50 and 70 % of its scored rows.
 //!
-//! Output: errors with the swap compared with those of both fusers alone, from the swap on and over
-//! the whole trial. If the first fuser is the worse one before the swap and the second fuser the
-//! worse one after it, the error over the whole trial exceeds that of either alone without a fault
-//! of the hand-over. The error of the two parts joined is therefore accepted, too.
+//! Output: errors with the swap, compared with those of each fuser alone, both from the swap on and
+//! over the whole trial. The first fuser may be the worse one before the swap, and the second fuser
+//! the worse one after it. The error over the whole trial then exceeds that of either fuser alone,
+//! even if the hand-over is faultless. A second comparison value is therefore accepted: the error
+//! of the first fuser before the swap combined with that of the second fuser after it.
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!
-//! The following holds, for the whole attitude if both fusers know magnetic north:
+//! The following holds for the level, and for the whole attitude if both fusers refer to magnetic
+//! north:
 //!
 //! - Every fuser hands over a gyro bias: its own estimate, the one received, or the mean rate at
 //!   rest. The scale is handed over as received.
 //! - `wz`, `multiple-model` and `vqf` hand over the leaky velocity that tilts their level.
 //! - After a fuser with a small error (`wz`, `multiple-model`, `vqf`), on all six trials, the error
-//!   over the whole trial is at most that of the worse fuser plus 0.05°. To `vqf`, which does not
-//!   estimate the error of a received velocity, the margins are 0.07° for the level and 0.1° for
-//!   the heading. Between `wz` and `multiple-model`, which are equal there, `SAME_FUSER` applies.
-//!   From the swap on the margin is 0.05° for the level, 0.12° for that of `vqf`, and 0.25° for the
-//!   headings, because `wz` hands over an error of 1.6° at one of the swaps. `wz-open` has 0.55° of
-//!   13°.
+//!   over the whole trial is at most that of the worse fuser plus 0.05°. For a swap to `vqf`, which
+//!   does not estimate the error of a received velocity, the margins are 0.07° for the level and
+//!   0.1° for the heading. Between `wz` and `multiple-model`, which are equal on these trials,
+//!   `SAME_FUSER` applies. From the swap on, the margin is 0.05° for the level (0.12° for that of
+//!   `vqf`) and up to 0.25° for the heading, because `wz` hands over an error of 1.6° at one of the
+//!   swaps. The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
 //! - After any other fuser, on the trials without disturbance, the level of `wz`, `multiple-model`,
-//!   `vqf` and `levelling-pi` has a margin of 0.05°. The heading has one of 0.05° for `wz` and
-//!   `multiple-model` and 0.25° for `vqf`. For the others `LIMITS` applies. A fuser that is wrong
-//!   by up to 30° at the swap hands over that error, and one with fixed gains removes it with its
-//!   own time constant. `aided` assumes the sum of its own initial uncertainty and the reported
-//!   one.
-//! - Next to the magnet after such a fuser nothing is asserted: `wz-closed` is wrong by 70° there,
-//!   and `madgwick` keeps the attitude it receives.
+//!   `vqf` and `levelling-pi` has a margin of 0.05°. The heading has a margin of 0.05° for `wz` and
+//!   `multiple-model` and 0.25° for `vqf`. The margins of the other fusers are in `LIMITS`. A fuser
+//!   that is wrong by up to 30° at the swap hands over that error, and a successor with fixed gains
+//!   removes it with its own time constant. `aided` assumes the sum of its own initial uncertainty
+//!   and the reported one.
+//! - In the trial next to the magnet, nothing is asserted after such a fuser, because `wz-closed`
+//!   is wrong by 70° there and `madgwick` keeps the attitude it receives.
 #[allow(dead_code, reason = "each test file uses its part")]
 use std::ops::Add;
 
@@ -46,11 +48,11 @@ use attitude::{
 };
 use nalgebra::{Unit, UnitQuaternion};
 
-/// Trials without magnetic disturbance.
+/// Indices of the trials without magnetic disturbance.
 const UNDISTURBED: [usize; 5] = [0, 1, 2, 3, 4];
-/// Trial next to a magnet.
+/// Index of the trial next to a magnet.
 const MAGNET: usize = 7;
-/// Swaps, as shares of the scored rows.
+/// Positions of the swaps, as shares of the scored rows.
 const SWAP_SHARES: [f64; 3] = [0.3, 0.5, 0.7];
 /// Fusers with a heading that refers to magnetic north.
 const MAGNETIC_FUSERS: [&str; 7] =
@@ -60,16 +62,18 @@ const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
 /// Margin over the whole trial after a fuser with a small error, degrees.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin over the whole trial from a fuser with a small error to `vqf`, degrees.
+/// Margin over the whole trial for a swap from a fuser with a small error to `vqf`, degrees.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
-/// Margins between `wz` and `multiple-model`, which are equal on these trials: from the swap on,
-/// and over the whole trial, degrees.
+/// Margins for swaps between `wz` and `multiple-model`, degrees: from the swap on, and over the
+/// whole trial.
 ///
-/// This is a hand-over of a fuser to itself. After the other fusers their larger error hides its
-/// effect.
+/// These two fusers are equal on these trials, so each swap is a hand-over from a fuser to itself.
+/// It shows the effect of the hand-over, which the larger error of other fusers would hide.
 const SAME_FUSER: [Errors; 2] = [degrees(0.05, 0.25), degrees(0.05, 0.08)];
-/// Margins by second fuser, degrees: from the swap on after a fuser with a small error; from the
-/// swap on and over the whole trial after any other.
+/// Margins by second fuser, degrees.
+///
+/// The first one applies from the swap on after a fuser with a small error. The other two apply
+/// after any other fuser: from the swap on, and over the whole trial.
 const LIMITS: [(&str, [Errors; 3]); 11] = [
     ("wz", [degrees(0.05, 0.2), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
     ("multiple-model", [degrees(0.05, 0.2), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
@@ -136,7 +140,8 @@ impl Errors {
     }
 }
 
-/// Run of one fuser over the whole trial: its state at the swap, and its errors before and after.
+/// Run of one fuser over the whole trial, with its state at the swap and its errors before and
+/// after the swap.
 struct SoloRun {
     name: &'static str,
     at_swap: Fuser,
@@ -162,7 +167,7 @@ impl Trial {
         Self { inputs, truths: rows.iter().map(|row| row.reference).collect() }
     }
 
-    /// Returns the row before which this share of the scored rows lies.
+    /// Returns the index of the row that is preceded by this share of the scored rows.
     fn row(&self, share: f64) -> usize {
         let scored: Vec<_> = (0..self.truths.len()).filter(|row| self.truths[*row].is_some()).collect();
         scored[(scored.len() as f64 * share) as usize]
@@ -188,7 +193,7 @@ impl Trial {
         SoloRun { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
     }
 
-    /// Returns the excess of the errors with a swap over the errors without: from the swap on, and
+    /// Returns the difference between the errors with and without a swap: from the swap on, and
     /// over the whole trial.
     fn excess(&self, swap: usize, first: &SoloRun, second: &SoloRun) -> [Errors; 2] {
         let mut fuser = Fuser::from_name(second.name).unwrap();
@@ -212,7 +217,8 @@ fn limits(first: &str, second: &str) -> [Errors; 2] {
     if ACCURATE_FUSERS.contains(&first) { [after_accurate, accurate_whole] } else { [after_other, whole] }
 }
 
-/// Swaps between all pairs of fusers in one trial and returns those beyond their margins.
+/// Swaps between all pairs of fusers in one trial and describes the swaps that exceed their
+/// margins.
 fn excessive_errors(index: usize, rows: &[Row], magnetic: bool) -> Vec<String> {
     let trial = Trial::new(rows, magnetic);
     let mut excessive = Vec::new();

@@ -17,7 +17,7 @@ fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
     [-limit..limit, -limit..limit, -limit..limit].prop_map(Vector3::from)
 }
 
-/// Unit quaternions, including those of level, vertical and inverted attitudes.
+/// Generates unit quaternions, including those of level, vertical and inverted attitudes.
 fn quaternion() -> impl Strategy<Value = Quaternion<f64>> {
     let plain = [-1.0..1.0, -1.0..1.0, -1.0..1.0, -1.0..1.0]
         .prop_filter("non-zero length", |q: &[f64; 4]| q.iter().map(|x| x * x).sum::<f64>() > 0.01)
@@ -48,7 +48,7 @@ fn matrix_of(q: Quaternion<f64>) -> Matrix3<f64> {
     )
 }
 
-/// Returns the matrix A of the angles. Matveev 2025, (22).
+/// Returns the matrix A of the angles — Matveev 2025, (22).
 fn matrix_of_angles(angles: Angles) -> Matrix3<f64> {
     let ((s_psi, c_psi), (s_theta, c_theta), (s_gamma, c_gamma)) =
         (angles.yaw_rad.sin_cos(), angles.pitch_rad.sin_cos(), angles.roll_rad.sin_cos());

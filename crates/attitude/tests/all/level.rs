@@ -150,9 +150,9 @@ fn wz_keeps_level_in_steady_spin_about_vertical() {
     }
 }
 
-/// Runs a day at 100 Hz of a scenario with a period of 360 s.
+/// Runs a scenario with a period of 360 s for a day at 100 Hz.
 ///
-/// Compares the inclination RMSE of the first hour with that of the last.
+/// Compares the inclination RMSE of the last hour with that of the first.
 #[test]
 #[ignore = "long: a day of every fuser"]
 fn error_of_no_fuser_grows_over_a_day() {
@@ -176,7 +176,7 @@ fn error_of_no_fuser_grows_over_a_day() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // The gyro channel of `wz-open` drifts without bound, and the scale of its chart with it.
+        // The gyro channel of `wz-open` drifts without bound, and so does the scale of its chart.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }
@@ -226,7 +226,8 @@ fn wz_record_with_implausible_value_is_rejected() {
         }
     }
     println!("{rejected} of {} values rejected", valid.len);
-    // Attitude and azimuth, bias and scale, 100 values of the covariance, times and variances.
+    // The rejected values are attitude and azimuth, bias and scale, 100 values of the covariance,
+    // times and variances.
     assert!(rejected >= 110, "{rejected}");
     chain.fuser.restore(&valid).unwrap();
 }

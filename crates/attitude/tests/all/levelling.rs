@@ -1,5 +1,5 @@
-//! Levelling stages and course by track on a simulated aircraft in cruise: with satellite velocity,
-//! in gaps and without a receiver.
+//! Levelling stages and the course stage `track` on a simulated aircraft in cruise: with satellite
+//! velocity, in gaps and without a receiver.
 //!
 //! `cargo test --release -p attitude levelling:: -- --include-ignored --nocapture` prints every
 //! figure.
@@ -77,7 +77,8 @@ impl Rms {
     }
 }
 
-/// Errors of a flight, with fixes (`aided`) and without (`unaided`): roll and pitch.
+/// Errors of a flight. `aided` and `unaided` are the errors of roll and pitch with and without
+/// fixes.
 #[derive(Default, Clone, Copy)]
 struct FlightErrors {
     aided: [Rms; 2],
@@ -85,7 +86,7 @@ struct FlightErrors {
     /// Error of the stage `track` while its course refers to true north.
     course: Rms,
     heading: Rms,
-    /// Change of roll or pitch error between samples.
+    /// Change of the roll or pitch error between samples.
     step: Rms,
 }
 
@@ -153,7 +154,7 @@ fn worse_axis(errors: [Rms; 2]) -> f64 {
 fn levelling_is_within_0_5_degrees_aided_2_5_in_gaps() {
     let aided = flight_errors("levelling", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // T b of the course by track, 50 s times 0.05 °/s.
+    // T b of the stage `track`: 50 s times 0.05 °/s.
     assert!((2.0..3.0).contains(&aided.course.value()), "{}", aided.course.value());
     let gaps = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
     assert!(worse_axis(gaps.unaided) < 2.5);
@@ -171,7 +172,7 @@ fn levelling_without_receiver_keeps_bias_error() {
 fn unified_levelling_matches_levelling_unless_in_gaps() {
     let aided = flight_errors("levelling-unified", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // T b of the complex course, 50 s times 0.05 °/s.
+    // T b of the complex course: 50 s times 0.05 °/s.
     assert!((2.0..3.0).contains(&aided.heading.value()), "{}", aided.heading.value());
     let gaps = flight_errors("levelling-unified", "cruise?gnss=gaps", 1..=8);
     let printed = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
@@ -202,12 +203,12 @@ fn unified_levelling_announces_jump_between_platforms() {
         previous = Some(errors);
     }
     println!("{announced:.2?}");
-    // The level is set by the first sample and the course by the first fix. Then follow both ends
-    // of the gaps at 300 s and 540 s.
+    // The first jump sets the level at the first sample, the second sets the course at the first
+    // fix. The others are at the start and the end of the gaps at 300 s and 540 s.
     let [_, _, edges @ ..] = &announced[..] else { panic!("{announced:?}") };
     let near = |t_s: f64| edges.iter().any(|edge| (edge.0 - t_s).abs() < 2.0);
     assert!(edges.len() == 4 && [301.5, 360.0, 541.5, 600.0].into_iter().all(near), "{announced:?}");
-    // The course has no jump.
+    // Only roll and pitch jump, the course does not.
     assert!(edges.iter().all(|(_, [roll, pitch, yaw])| roll.max(*pitch) > 0.03 && *yaw < 0.2), "{announced:?}");
 }
 
@@ -263,8 +264,9 @@ fn levelling_error_does_not_grow_over_a_day() {
     }
 }
 
-/// Returns the last output on the ground, with a fix without speed at every tenth tick if
-/// `has_receiver`.
+/// Returns the last output of a vehicle parked for `seconds`.
+///
+/// If `has_receiver`, every tenth tick has a fix with a velocity of nearly zero.
 fn parked(chain: &mut Chain, errors: &SensorErrors, seconds: f64, has_receiver: bool) -> Fused {
     let mut sensors = scenario::Sensors::new(Motion::Tumble(Vector3::zeros()), *errors, 1);
     let mut last = None;
@@ -289,7 +291,7 @@ fn levelling_pi_at_rest_finds_gyro_bias_within_30_s() {
         println!("receiver {has_receiver}: bias error {error_deg_s:.4} °/s");
         assert!(fused.corrections.rest && error_deg_s < 0.01);
         assert_eq!(fused.reference, CourseReference::Arbitrary);
-        // With a known bias a flight without a receiver is no longer a cold start.
+        // Because the bias is now known, a flight without a receiver is no longer a cold start.
         let Estimate { bias_sd_rad_s, .. } = chain.fuser.common();
         assert!(bias_sd_rad_s.to_degrees() < 0.02);
     }
@@ -324,7 +326,7 @@ fn first_track_sets_heading_and_is_announced() {
         let error_rad = wrapped_rad(fused.attitude.angles().yaw_rad - reading.truth.attitude.angles().yaw_rad);
         assert!(!is_true || error_rad.abs() < 0.05);
     }
-    // The level is set by the first sample, the course by the second fix.
+    // The first sample sets the level, the second fix sets the course.
     assert!(matches!(aligned[..], [(0.0, false, false), (t_s, true, true)] if (t_s - 0.3).abs() < 1e-9), "{aligned:?}");
 }
 
@@ -390,7 +392,8 @@ fn record_with_negative_variance_or_time_is_rejected() {
                 stage.restore(&damaged).is_err()
             })
             .count();
-        // Attitude, times, variances and the intervals in the ring buffer have a sign or a bound.
+        // The attitude, times, variances and the intervals in the ring buffer have a fixed sign or
+        // a bound.
         let min_rejected = match fuser {
             "levelling" => 7,
             "levelling-unified" => 14,

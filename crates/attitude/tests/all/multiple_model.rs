@@ -53,7 +53,7 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
 
 /// Returns the outputs of a cruise until `until_s`, followed by `rest_s` seconds at rest.
 ///
-/// The cruise has fixes from 10 s on. The rest starts without a landing and has none.
+/// The cruise has fixes from 10 s on. The rest follows without a landing and has no fixes.
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });
@@ -114,7 +114,7 @@ fn change_of_heading_reference_is_announced() {
     let changes = references(&outputs);
     println!("{changes:?}");
     assert_eq!(in_order(changes.clone()), [Arbitrary, Magnetic, True, Magnetic]);
-    // 300 s after the last fix.
+    // The reference changes 300 s after the last fix.
     assert!((359.0..361.0).contains(&changes[3].0));
 }
 
@@ -164,9 +164,9 @@ fn parameters_are_those_of_wz_and_aided_without_magnetic() {
     assert_eq!(fuser.parts(), ["wz", "aided"]);
 }
 
-/// A car drives, stands for longer than ground motion is held, and is pushed.
+/// A car drives, then stands for longer than ground motion is assumed to last, and is then pushed.
 ///
-/// At the push the level is that of `wz` and the heading that of `aided`.
+/// At the push, the level comes from `wz` and the heading from `aided`.
 #[test]
 fn leaky_velocity_is_handed_over_in_heading_frame() {
     for roll_deg in [0.0, 93.0, 180.0] {
@@ -179,7 +179,8 @@ fn leaky_velocity_is_handed_over_in_heading_frame() {
 
 /// Returns the leaky velocity after a push by 1 m/s² for 1 s in `direction_rad`.
 ///
-/// Before, the vehicle rolls to `roll_rad` and drives along its axis to the right, with fixes.
+/// Before the push, the vehicle rolls to `roll_rad` and drives in the direction of its right axis,
+/// with fixes.
 fn leaky_velocity_after_push(direction_rad: f64, roll_rad: f64) -> Complex<f64> {
     let (sin, cos) = direction_rad.sin_cos();
     let (mut fuser, mut gyro, mut accel) =

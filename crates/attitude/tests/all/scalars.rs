@@ -9,7 +9,8 @@ use attitude::{
     scalars::Scalars,
 };
 
-/// Asserts that `T` visits `expected` scalars and reads each back from where it was written.
+/// Asserts that `T` visits `expected` scalars and reads each back at the position at which it was
+/// written.
 fn assert_scalar_count<T: Scalars + Default + Copy>(expected: usize) {
     let (mut value, mut count) = (T::default(), 0.0);
     value.visit(&mut |scalar| {
@@ -19,7 +20,7 @@ fn assert_scalar_count<T: Scalars + Default + Copy>(expected: usize) {
     let (mut index, mut matching) = (0, 0);
     value.visit(&mut |scalar| {
         index += 1;
-        // A boolean or a chart reads back as 0 or 1, a course reference as at most 2.
+        // A boolean or a chart always reads back as 0 or 1, and a course reference as at most 2.
         matching += usize::from(*scalar == f64::from(index) || [0.0, 1.0, 2.0].contains(scalar));
     });
     assert_eq!((index, matching), (i32::try_from(expected).unwrap_or(0), expected));

@@ -179,7 +179,7 @@ fn tumbling_through_inverted_attitude_adds_no_error() {
                 let (open, out) = chain.step(truth.rate_rad_s, truth.force_m_s2, 1e-3);
                 let worst = total_error_deg(open, truth.attitude).max(total_error_deg(out.attitude, truth.attitude));
                 // The original filter compares the force with the attitude of the previous
-                // interval, so it corrects for one interval of rotation.
+                // interval, so the rotation during one interval appears as an error.
                 let limit_deg = if fuser == "madgwick" { 1.0 } else { 1e-6 };
                 assert!(worst < limit_deg, "{fuser}, axis {axis:?}, tick {tick}: {worst}°");
                 inverted += u64::from(out.attitude.up.chart == Chart::Inverted);

@@ -1,5 +1,5 @@
-//! Steps of the attitude that are not motion of the body, on recordings. A tick may correct the
-//! rotation of the gyro only by a small or an announced step.
+//! Steps of the attitude that are not motion of the body, on recordings. Within a tick, the
+//! rotation measured by the gyro may be corrected only by a small step or by an announced one.
 //!
 //! Input: log of a multicopter (PX4), trials of BROAD, an aerobatic flight.
 //!
@@ -7,7 +7,7 @@
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!
-//! This holds for stages that keep a level and correct it gradually. `wz-closed`, `wz-open`,
+//! The limit applies to stages that keep a level and correct it gradually. `wz-closed`, `wz-open`,
 //! `madgwick` and `vqf` follow each accelerometer sample, so their step is proportional to the
 //! difference that the sample shows.
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ fn multicopter() -> Option<Vec<Sample>> {
     Some(ulog::samples(&log).into_iter().map(sample).collect())
 }
 
-/// Reads a recording with the fixes of an accompanying file.
+/// Reads a recording together with the fixes from the accompanying file.
 fn recorded(path: &Path, mut fixes: Option<FixReader>) -> Vec<Sample> {
     let sample = |row: Result<recording::Row, _>| {
         let row = row.unwrap();
@@ -108,7 +108,7 @@ fn run(name: &str, samples: &[Sample], magnetic: bool, mut observe: impl FnMut(f
     }
 }
 
-/// Largest values of a run, degrees, each with its time, s.
+/// Largest values of a run, degrees, each with the time at which it occurred, s.
 #[derive(Debug, Clone, Copy, Default)]
 struct Worst {
     /// Rotation of a tick beyond the rotation that the gyro measured.
@@ -170,9 +170,9 @@ fn broad_trials_have_no_unannounced_step() {
     }
 }
 
-/// At 50 Hz in aerobatics the level correction exceeds the limit in one tick but changes little
-/// between ticks. Therefore the change is limited, for `wz`, `aided` and `multiple-model` to twice
-/// the limit and for the others to their known values.
+/// At 50 Hz in aerobatics the level correction exceeds the limit in one tick, but changes little
+/// between ticks. Therefore the change of the correction is limited instead: for `wz`, `aided` and
+/// `multiple-model` to twice the limit, and for the others to their known values.
 #[test]
 fn aerobatic_flight_has_no_unannounced_step() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
@@ -183,7 +183,7 @@ fn aerobatic_flight_has_no_unannounced_step() {
         let limit_deg = match name {
             "wz" | "aided" | "multiple-model" => 2.0 * MAX_STEP_DEG,
             "levelling-pi" => 0.5,
-            // Level of `levelling` plus a step of the complex course.
+            // Limit for the level, as for `levelling`, plus a step of the complex course.
             "levelling-unified" => 1.0,
             _ => 0.9,
         };
@@ -191,7 +191,7 @@ fn aerobatic_flight_has_no_unannounced_step() {
     }
 }
 
-/// Rest is detected at 8.05 s, after a movement that left a bias error of 0.16 °/s.
+/// At 8.05 s, rest is detected after a movement that left a bias error of 0.16 °/s.
 #[test]
 fn bias_found_at_rest_does_not_disturb_level() {
     const REST_S: core::ops::Range<f64> = 7.0..9.0;

@@ -1,4 +1,5 @@
-//! Fuser `wz` on accelerating and turning vehicles, compared with VQF: no unannounced jump.
+//! Fuser `wz` on accelerating and turning vehicles: no unannounced jumps, and errors compared with
+//! those of VQF.
 //!
 //! The level error of `wz` may exceed that of VQF, because its loop is less damped.
 use attitude::{
@@ -79,8 +80,8 @@ fn vehicle_manoeuvres_cause_no_unannounced_jump() {
             previous = fused.attitude;
         }
         println!("{name}: worst inclination error of wz {wz_deg:.1}°, of VQF {vqf_deg:.1}°");
-        // The underdamped second-order loop overshoots a step by a quarter of it, compared with a
-        // Butterworth filter.
+        // In response to a step input, the underdamped second-order loop overshoots by a quarter of
+        // the step, much more than a Butterworth filter.
         assert!(wz_deg < 1.35 * vqf_deg + 2.0, "{name}: {wz_deg}°, VQF {vqf_deg}°");
     }
 }

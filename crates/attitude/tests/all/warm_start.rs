@@ -14,7 +14,7 @@ use scenario::Scenario;
 
 /// Fusers that subtract the bias from the rate, with the largest accepted bias error, °/s.
 ///
-/// `vqf` estimates the uncertainty of a bias itself, whatever the source of the bias.
+/// `vqf` itself estimates the uncertainty of a bias, whatever the source of the bias.
 const BIAS_ESTIMATORS: [(&str, f64); 5] =
     [("wz", 0.02), ("multiple-model", 0.02), ("levelling-pi", 0.02), ("aided", 0.02), ("vqf", 0.08)];
 /// Gyro bias on each axis, rad/s (0.1 °/s).
@@ -27,8 +27,8 @@ const HARD_IRON_SD_UT: f64 = 0.5;
 const GYRO_SCALE: GyroScale =
     GyroScale { error: Vector3::new(0.002, -0.004, 0.001), sd: Vector3::new(2e-4, 3e-4, 1e-4) };
 
-/// Returns the outputs over the first 2 s of scenario S1, which has no rest, and the fuser after
-/// them.
+/// Returns the outputs over the first 2 s of scenario S1, which has no rest, and the fuser at the
+/// end.
 fn run_in_motion(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
     let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Projector::default(), 0.0);
     let scenario = Scenario::parse("s1").unwrap();

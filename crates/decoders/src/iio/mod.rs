@@ -9,10 +9,11 @@
 //! Units: `in_anglvel` in rad/s, `in_accel` in m/s², `in_magn` in gauss, after (raw + offset) ×
 //! scale.
 //!
-//! Axes: those of the sensor, rotated by the matrix of the quantity or by `in_mount_matrix`.
+//! Axes: those of the sensor, rotated by the quantity's own mounting matrix or, if there is none,
+//! by `in_mount_matrix`.
 //!
 //! Time: `in_timestamp` on the clock given by `current_timestamp_clock`: UNIX time for `realtime`
-//! and `tai`, else time since the start.
+//! and `tai`, otherwise time since boot.
 //!
 //! Many chips appear as two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`),
 //! with separate record files. [`DevicePair`] combines them.
@@ -35,7 +36,7 @@ pub enum IioError {
     Read {
         /// Path of the file.
         path: std::path::PathBuf,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: std::io::Error,
     },
     /// A file cannot be written.
@@ -45,7 +46,7 @@ pub enum IioError {
         path: std::path::PathBuf,
         /// Value to be written.
         value: String,
-        /// Error of the operating system.
+        /// Operating system error.
         cause: std::io::Error,
     },
     /// A file has unexpected content.

@@ -1,6 +1,6 @@
 //! Combines the gyro and accelerometer records of a chip that appears as two devices.
 //!
-//! Input: bytes of either character device, in any interleaving.
+//! Input: bytes of both character devices, interleaved in any way.
 //!
 //! Output: a measurement per gyro record. Its force is interpolated between the two surrounding
 //! accelerometer records if they are close to each other, else taken from the nearest one.
@@ -118,8 +118,8 @@ impl DevicePair {
         true
     }
 
-    /// Emits a measurement for each queued rate with a known force, and rejects rates that will get
-    /// none.
+    /// Emits a measurement for each queued rate with a known force, and rejects rates for which no
+    /// force can arrive any more.
     fn emit_ready(&mut self, measurements: &mut Vec<Measurement>) {
         while let (Some((now_ns, sample)), Some((newest_ns, _))) = (self.rates.front(), self.rates.back()) {
             let force = match self.force_at(*now_ns) {
@@ -175,7 +175,7 @@ enum Force {
     Known([f64; 3]),
     /// No later force has arrived yet.
     Pending,
-    /// All forces are beyond the maximum gap.
+    /// No force is close enough in time.
     Missing,
 }
 

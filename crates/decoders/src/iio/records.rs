@@ -19,13 +19,13 @@ const UT_PER_GAUSS: f64 = 100.0;
 pub struct Layout {
     /// Size of a record, bytes.
     pub record_bytes: usize,
-    /// `in_anglvel`, rad/s.
+    /// Body rate `in_anglvel`, rad/s.
     pub rate: Option<Vector>,
-    /// `in_accel`, m/s².
+    /// Specific force `in_accel`, m/s².
     pub force: Option<Vector>,
-    /// `in_magn`, gauss.
+    /// Magnetic field `in_magn`, gauss.
     pub field: Option<Vector>,
-    /// `in_timestamp`, ns.
+    /// Timestamp `in_timestamp`, ns.
     pub time: Option<Channel>,
     /// Clock of the timestamps.
     pub clock: Clock,
@@ -38,7 +38,7 @@ pub struct Vector {
     pub channels: [Channel; 3],
     /// Offset added to the raw value before scaling.
     pub offset: [f64; 3],
-    /// Physical unit per raw unit.
+    /// Factor from raw units to physical units.
     pub scale: [f64; 3],
     /// Rotation from sensor axes to board axes, row by row.
     pub mount_matrix: [[f64; 3]; 3],
@@ -103,7 +103,7 @@ impl Clock {
     }
 }
 
-/// Record format of a device with rate and force.
+/// Record format of a device that measures both rate and force.
 #[derive(Debug, Clone)]
 pub struct Iio {
     layout: Layout,

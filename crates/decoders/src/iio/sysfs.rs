@@ -14,7 +14,7 @@ use std::{
 
 use super::{Channel, Clock, IioError, Layout, Vector};
 
-/// Folder of the devices on a running system.
+/// Folder that contains the IIO device folders on a running system.
 pub const ROOT: &str = "/sys/bus/iio/devices";
 
 /// Maximum number of bytes read from a file.
@@ -26,7 +26,8 @@ const CHANNEL_FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
 const QUANTITIES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 const TIMESTAMP: &str = "in_timestamp";
-/// Maximum deviation of a mounting matrix from a rotation. Drivers print few digits.
+/// Maximum deviation of a mounting matrix from a rotation. It is this large because drivers print
+/// few digits.
 const ROTATION_TOLERANCE: f64 = 0.01;
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -59,7 +60,7 @@ pub fn find(root: &Path, name: &str) -> Result<PathBuf, IioError> {
 ///
 /// # Errors
 ///
-/// Returns an error that names the file if one cannot be read or written or is malformed.
+/// Returns an error that names the file that cannot be read or written or is malformed.
 pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Result<Layout, IioError> {
     let buffer = device.join("buffer");
     let buffer = if buffer.is_dir() { buffer } else { device.join("buffer0") };
@@ -91,7 +92,7 @@ pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Resu
     Ok(layout)
 }
 
-/// Returns the record layout of a device, with the channels that are enabled.
+/// Returns the layout of a device's records, which contain the enabled channels.
 ///
 /// # Errors
 ///

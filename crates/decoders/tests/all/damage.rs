@@ -7,7 +7,7 @@ use proptest::{prelude::*, test_runner::RngSeed};
 use crate::streams::{self, decoded};
 
 const UNITS: u32 = 12;
-/// Zero bytes, more than any incomplete frame can lack.
+/// Zero bytes, enough to complete any incomplete frame.
 const FLUSH: [u8; 9000] = [0; 9000];
 
 fn any_garbage() -> impl Strategy<Value = Vec<u8>> {
@@ -35,8 +35,8 @@ fn every_undamaged_unit_is_measured() {
 }
 
 proptest! {
-    // The seed is fixed, because in other cases an 8-bit checksum could accept a corrupted frame by
-    // chance (one of 256).
+    // The seed is fixed, because with other seeds an 8-bit checksum could accept a corrupted frame
+    // by chance (one of 256).
     #![proptest_config(ProptestConfig { cases: 512, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Default::default() })]
 
     #[test]
@@ -82,7 +82,7 @@ proptest! {
             let (found, counts) = decoded((stream.decoder)(), [&bytes[..]]);
             prop_assert!(contains_in_order(&found, &wanted), "{}: {found:?} instead of {wanted:?}", stream.name);
             let garbage_bytes: usize = garbage.iter().map(Vec::len).sum();
-            // The garbage could only contain a valid frame by chance, because each has a checksum.
+            // Each frame has a checksum, so the garbage contains a valid frame only by chance.
             prop_assert!(counts.skipped_bytes >= garbage_bytes as u64, "{}: {counts:?} of {garbage_bytes}", stream.name);
         }
     }
@@ -148,7 +148,7 @@ fn resample(bytes: &[u8], ratio: f64) -> Vec<u8> {
             time += 0.25;
             continue;
         }
-        // Each bit is sampled in its middle. A wrong stop bit is a framing error, but the byte is
+        // Each bit is sampled at its midpoint. A wrong stop bit is a framing error, but the byte is
         // still delivered.
         let bits = (0..8).map(|bit| u8::from(level_at(time + (1.5 + f64::from(bit)) * ratio).unwrap_or(true)) << bit);
         received.push(bits.sum());

@@ -39,7 +39,7 @@ fn device(root: &Path) -> std::path::PathBuf {
             write("index", &(first + axis).to_string());
         }
     }
-    // An additional channel that is not needed, and the timestamp after it.
+    // Adds a disabled channel that is not needed, and the timestamp after it.
     for (name, kind, index, en) in [("in_temp", "le:s16/16>>0", 9, "0"), ("in_timestamp", "le:s64/64>>0", 10, "0")] {
         write(&format!("scan_elements/{name}_en"), en);
         write(&format!("scan_elements/{name}_type"), kind);

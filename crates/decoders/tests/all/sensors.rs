@@ -20,7 +20,7 @@ fn witmotion(ranges: Ranges, frames: &[Vec<u8>]) -> Vec<Measurement> {
     decoded(Box::new(Framed::new(WitMotion::new(ranges))), [&frames.concat()[..]]).0
 }
 
-/// 2048 at ±16 g is 1 g, and 16384 at ±2000 °/s is 1000 °/s.
+/// Frames in which 2048 at ±16 g is 1 g, and 16384 at ±2000 °/s is 1000 °/s.
 fn witmotion_numbers() -> [Vec<u8>; 3] {
     [
         witmotion_frame(0x51, [0, 0, 0, 0, 0x00, 0x08, 0, 0]),
@@ -156,7 +156,7 @@ fn xsens_decodes_all_number_formats() {
     assert_eq!(found.len(), 1, "two-byte length");
 }
 
-/// BNO08X datasheet, 1.3.5.2.
+/// Example frame from the BNO08X datasheet, 1.3.5.2.
 const DATASHEET_FRAME: [u8; 19] =
     [0xaa, 0xaa, 0xde, 0x01, 0x00, 0x92, 0xff, 0x25, 0x08, 0x8d, 0xfe, 0xec, 0xff, 0xd1, 0x03, 0x00, 0x00, 0x00, 0xe7];
 
@@ -167,7 +167,8 @@ fn rvc(frames: &[Vec<u8>]) -> Vec<Measurement> {
 #[test]
 fn rvc_datasheet_frame_gives_force_and_axes() {
     assert_eq!(rvc_frame_with(0xde, [1, -110, 2085], [-371, -20, 977]), DATASHEET_FRAME);
-    // The rotation from a preceding level frame to the datasheet's frame is its attitude.
+    // The rotation from a preceding level frame to the datasheet's frame equals the attitude in the
+    // datasheet's frame.
     let found = rvc(&[rvc_frame_with(0xdd, [1, 0, 0], [0, 0, 1000]), DATASHEET_FRAME.to_vec()]);
     let [Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut: None } }] = found[..] else {
         panic!("{found:?}")
@@ -180,7 +181,8 @@ fn rvc_datasheet_frame_gives_force_and_axes() {
     let (sine, cosine) = (-angle).sin_cos();
     let up = [y * sine + x * z * (1.0 - cosine), -x * sine + y * z * (1.0 - cosine), cosine + z * z * (1.0 - cosine)];
     let norm = force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-    // With roll before pitch the error would be 1.2e-3.
+    // The tolerance detects a wrong order of rotations: with roll before pitch the error would be
+    // 1.2e-3.
     assert_near(up, force_m_s2.map(|part| part / norm), 1e-3);
 }
 

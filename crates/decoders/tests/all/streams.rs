@@ -20,8 +20,8 @@ pub(crate) struct Stream {
     pub(crate) decoder: fn() -> Box<dyn Decoder>,
     /// Frames, or cycles of related frames.
     pub(crate) units: Vec<Vec<u8>>,
-    /// Number of checksum bits, which determines how likely a corrupted frame is accepted. 0 for
-    /// formats without checksum and start marker.
+    /// Number of checksum bits, which determines how likely it is that a corrupted frame is
+    /// accepted. 0 for formats that have neither a checksum nor a start marker.
     pub(crate) checksum_bits: u32,
     /// `true` if the unit after a damaged one yields the same measurements as without the damage.
     pub(crate) is_stateless: bool,

@@ -79,7 +79,7 @@ proptest! {
             let late_ns = sample.t_ns - sample.true_ns;
             prop_assert!((-MS..device.max_delay_ns + MS).contains(&late_ns), "{late_ns} ns late");
         }
-        // The mean delay cannot be observed by the host, but its variation must be removed.
+        // The host cannot observe the mean delay, but variations of the delay must be removed.
         let latenesses = half.iter().map(|sample| sample.t_ns - sample.true_ns);
         let spread_ns = latenesses.clone().max().unwrap() - latenesses.min().unwrap();
         prop_assert!(spread_ns < device.max_delay_ns / 4 + MS / 10, "{spread_ns} of {}", device.max_delay_ns);

@@ -13,7 +13,8 @@ use launch::{ExternalStage, Service};
 
 const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Accelerometer stage with the number of steps so far as its state. The third step causes `fault`.
+/// Accelerometer stage that stores the number of its steps as its state. The third step causes
+/// `fault`.
 const PROGRAM: &str = r#"
 import socket, struct, sys, time
 requests, steps, fault = socket.socket(fileno=0), 0.0, sys.argv[1]

@@ -30,8 +30,8 @@ const ROTATION_S: f64 = 2.0;
 const REST_S: f64 = 0.5;
 const GRAVITY_M_S2: f64 = 9.81;
 
-/// Returns readings of a level body that rotates by 90° about x, z and y, about a level axis each
-/// time, and back.
+/// Returns readings of a level body that rotates by 90° and back about x, z and y in turn, each
+/// time about a level axis.
 fn rotations(rate_hz: f64) -> Vec<Reading> {
     let axes = [Vector3::x(), Vector3::z(), Vector3::y(), -Vector3::y(), -Vector3::z(), -Vector3::x()];
     let mut up = Vector3::z();

@@ -10,21 +10,21 @@ const DEGREE_RAD: f64 = core::f64::consts::PI / 180.0;
 pub struct SensorErrors {
     /// Constant gyro bias on each axis, rad/s.
     pub gyro_bias_rad_s: f64,
-    /// White noise of the accelerometer on each axis and sample, standard deviation, m/s².
+    /// Standard deviation of the accelerometer's white noise on each axis and sample, m/s².
     pub accel_noise_m_s2: f64,
     /// If `true`, the sign of every constant error is random on each axis, determined by the seed.
     pub random_signs: bool,
     /// If `true`, forces and fields have no noise in the first reading, so that a filter
     /// initialised from it starts at the true attitude.
     pub exact_start: bool,
-    /// White noise of the gyro on each axis and sample, standard deviation, rad/s.
+    /// Standard deviation of the gyro's white noise on each axis and sample, rad/s.
     pub gyro_noise_rad_s: f64,
-    /// Growth of the gyro bias on each axis, rad/s².
+    /// Growth rate of the gyro bias on each axis, rad/s².
     pub gyro_bias_ramp_rad_s2: f64,
     /// Scale error of the gyro on each axis, dimensionless.
     pub gyro_scale: f64,
-    /// Latitude of the body, rad. The gyro then also measures the earth's rotation, but the
-    /// attitude remains relative to the earth. `None` for a non-rotating earth.
+    /// Latitude of the body, rad; `None` for an earth that does not rotate. If set, the gyro also
+    /// measures the earth's rotation, while the attitude remains relative to the earth.
     pub earth_latitude_rad: Option<f64>,
     /// Constant accelerometer bias on each axis, m/s².
     pub accel_bias_m_s2: f64,
@@ -39,7 +39,7 @@ pub struct SensorErrors {
 pub struct Magnetometer {
     /// Magnetic field, µT, reference axes.
     pub reference_ut: Vector3<f64>,
-    /// White noise on each axis and sample, standard deviation, µT.
+    /// Standard deviation of the white noise on each axis and sample, µT.
     pub noise_ut: f64,
 }
 
@@ -50,7 +50,7 @@ pub struct Receiver {
     pub interval_s: f64,
     /// Latency of the fixes, s. The fixes do not report it.
     pub latency_s: f64,
-    /// White noise on each axis and fix, standard deviation, m/s.
+    /// Standard deviation of the white noise on each axis and fix, m/s.
     pub noise_m_s: f64,
     /// Position of the antenna relative to the sensors, m, body axes. The fixes report the velocity
     /// of the antenna.
@@ -64,19 +64,19 @@ pub struct Receiver {
 /// Times at which a receiver has fixes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Coverage {
-    /// At all times.
+    /// Fixes at all times.
     #[default]
     Always,
-    /// Always except for gaps of 60 s, the first at 300 s and then one every 240 s.
+    /// Fixes at all times except in gaps of 60 s, the first at 300 s and then one every 240 s.
     Gaps,
-    /// During the first ten minutes only.
+    /// Fixes during the first ten minutes only.
     Start,
-    /// At no time.
+    /// No fixes.
     Never,
 }
 
 impl Coverage {
-    /// All variants with their names.
+    /// All variants with the names that select them.
     pub const BY_NAME: [(&'static str, Self); 4] =
         [("always", Self::Always), ("gaps", Self::Gaps), ("start", Self::Start), ("never", Self::Never)];
 
@@ -165,7 +165,7 @@ impl SensorErrors {
         ..Self::CRUISE
     };
 
-    /// Scales the noise of gyro and accelerometer to another sampling rate.
+    /// Scales the noise of gyro and accelerometer from one sampling rate to another.
     ///
     /// The noise density is constant, as for a sensor that averages over the sampling interval.
     pub fn resampled(self, from_hz: f64, to_hz: f64) -> Self {

@@ -1,4 +1,4 @@
-//! Simulates a satellite receiver with late fixes.
+//! Simulates a satellite receiver with delayed fixes.
 
 use attitude::{Vector3, gnss::Fix};
 

@@ -1,12 +1,12 @@
 """Stages for Plumbline in Python.
 
-Derive a class from `Stage`, implement `step` and call `plumbline.run(MyStage)`. The package needs
-Python 3.9 and nothing else, except for `sensor`, which needs iceoryx2.
+Derive a class from `Stage`, implement its methods and call `plumbline.run(MyStage)`. The package
+needs only Python 3.9 or later. The module `sensor` also needs iceoryx2.
 
 attitude     points, attitudes and rotations, the quantities that stages compute with
 values       inputs, outputs and common states of the slots
 stage        base class of a stage
-program      request loop of the program that the service of the slot starts
+program      request loop of a stage's program, which the service of the slot starts
 sensor       publishers of sensor readings and fixes to a running system
 stage_tests  tests that every stage must pass
 """

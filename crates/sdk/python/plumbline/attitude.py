@@ -1,7 +1,7 @@
-"""Points, attitudes and rotations: the pair (w, z) of Matveev 2025. Angles are in rad.
+"""Points, attitudes and rotations, based on the pair (w, z) of Matveev 2025. Angles are in rad.
 
-A point is the up vector in body axes, projected from the pole that is far from it. An attitude
-is a point and a rotation z about the vertical. A rotation is a pair of complex numbers (p, s). It
+A point is the up vector in body axes, projected from the pole that is farther away. An attitude is
+a point and a rotation z about the vertical. A rotation is a pair of complex numbers (p, s), which
 stands for the unit quaternion d0 + d1 i + d2 j + d3 k with p = d0 + j d3 and s = d1 + j d2.
 """
 
@@ -9,12 +9,12 @@ import cmath
 import math
 from typing import NamedTuple, NewType
 
-# Three numbers in body axes; four numbers w, x, y, z.
+# A vector is three numbers, in body axes unless stated otherwise. A quaternion is w, x, y, z.
 Vector = NewType("Vector", tuple)
 Quaternion = NewType("Quaternion", tuple)
 
-# Maximum |w|². Beyond it the chart changes. The modulus 1.2 leaves a hysteresis for attitudes near
-# the equator.
+# Maximum |w|², above which the chart changes. The modulus of 1.2 provides hysteresis for attitudes
+# near the equator.
 MAX_CHART_NORM_SQUARED = 1.44
 
 
@@ -26,7 +26,10 @@ class Point(NamedTuple):
 
     @staticmethod
     def from_direction(direction):
-        """Projects a vector into the chart where |w| ≤ 1. None if it is zero or not finite."""
+        """Projects a vector into the chart in which |w| ≤ 1.
+
+        Returns None if the vector is zero or not finite.
+        """
         x, y, z = direction
         norm = math.sqrt(x * x + y * y + z * z)
         if not 0.0 < norm < math.inf:
@@ -49,7 +52,7 @@ class Rotation(NamedTuple):
 
     @staticmethod
     def from_rotation_vector(x, y, z):
-        """Creates exp(½ φ) from a rotation vector φ, rad, body axes."""
+        """Creates the rotation exp(½ φ) from a rotation vector φ (rad, body axes)."""
         angle = math.sqrt(x * x + y * y + z * z)
         half = math.sin(0.5 * angle) / angle if angle > 1e-12 else 0.5
         return Rotation(complex(math.cos(0.5 * angle), half * z), complex(half * x, half * y))
@@ -66,8 +69,8 @@ class Rotation(NamedTuple):
 class Attitude(NamedTuple):
     """Attitude of a body.
 
-    It consists of a rotation z about the vertical, then the shortest rotation that tilts the body
-    to w.
+    It consists of a rotation z about the vertical, followed by the shortest rotation that tilts the
+    body to w.
     """
 
     up: Point = Point()
@@ -85,7 +88,7 @@ class Attitude(NamedTuple):
         return self._mapped(p.conjugate() * w + 1j * s, p + 1j * s.conjugate() * w)
 
     def tilted(self, tilt):
-        """Returns the attitude after a tilt of its level frame, a rotation about a horizontal axis.
+        """Returns the attitude after its level frame has been tilted about a horizontal axis.
 
         w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l.
         """
@@ -108,7 +111,7 @@ class Attitude(NamedTuple):
         return plane - w * (2.0 / (1.0 + _norm2(w)) * (sign * z + w.real * plane.real + w.imag * plane.imag))
 
     def quaternion(self):
-        """Returns the unit quaternion w, x, y, z, body → reference."""
+        """Returns the unit quaternion from body to reference, in the order w, x, y, z."""
         first = cmath.rect(1.0 / math.sqrt(1.0 + _norm2(self.up.w)), 0.5 * self.z_rad)
         second = -1j * self.up.w * first
         alpha, beta = (second, -first) if self.up.inverted else (first, second)
@@ -121,7 +124,7 @@ class Attitude(NamedTuple):
         sin, cos = math.sin(self.z_rad), math.cos(self.z_rad)
         level, pitch_rad = math.hypot(2.0 * u, 1.0 - rho), math.atan2(sign * 2.0 * v, math.hypot(2.0 * u, 1.0 - rho))
         if level < 1e-8 * (1.0 + rho):
-            # Only the sum or difference of yaw and roll is defined. All of it is yaw.
+            # Only the sum or difference of yaw and roll is defined. It is assigned to yaw alone.
             across, north = 1.0 - u * u + v * v, 2.0 * u * v
             return math.atan2(across * sin - north * cos, across * cos + north * sin), pitch_rad, 0.0
         east, north = 1.0 + u * u - v * v, 2.0 * u * v

@@ -1,6 +1,6 @@
 """Request loop of a stage.
 
-A frame is a header of 16 bytes followed by numbers. docs/own-stage.md describes the format.
+A frame is a header of 16 bytes followed by numbers. docs/how-to/own-stage.md describes the format.
 """
 
 import ctypes
@@ -16,12 +16,12 @@ from .values import codec
 
 VERSION = 2
 DESCRIBE, SET, STEP, SNAPSHOT, RESTORE, COMMON, ADOPT, ALIGN, REALIGN = range(1, 10)
-# Version, kind, status (1 if rejected), number of the request.
+# Version, kind, status (1 if rejected), request number.
 HEADER = struct.Struct("<HHIQ")
 
 
 def run(stage_class):
-    """Runs a stage as a program, until the service closes the socket."""
+    """Runs a stage as a program until the service closes the socket."""
     _end_with_parent()
     stage, (input_type, output_type, common_type) = stage_class(), SLOTS[stage_class.SLOT]
     handlers = {
@@ -53,7 +53,7 @@ def run(stage_class):
 
 
 def _handler(input_type, method, output_type):
-    """Returns a function that passes the value of a payload to a method and packs the result."""
+    """Returns a function that calls a method with the value in a payload and packs the result."""
     count, read, _ = codec(input_type) if input_type else (0, None, None)
     unpack, write = struct.Struct(f"<{count}d").unpack, codec(output_type)[2] if output_type else None
 

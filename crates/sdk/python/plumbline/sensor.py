@@ -1,4 +1,4 @@
-"""Publishers of sensor readings and fixes to a running system with `[ingest] source = "bus"`.
+"""Publishers that feed readings and fixes to a running system with `[ingest] source = "bus"`.
 
 Input: measurements in SI units and sensor axes.
 
@@ -6,9 +6,9 @@ Output: the topics `sensor` and `receiver`.
 
 Time: the timestamp of the measurement, in ns on a monotonic clock.
 
-Failure: a FeedError names a system that is not running or does not accept readings. Nothing blocks.
+Failure: FeedError if the system is not running or does not accept readings. No call blocks.
 
-The module needs the PyPI package iceoryx2 in the version of the bus:
+The module needs the PyPI package iceoryx2 in the version that the bus uses:
 `pip install iceoryx2==0.10.0`.
 """
 
@@ -25,14 +25,14 @@ import struct
 import time
 
 ICEORYX2 = "0.10.0"
-"""Version of the bus."""
+"""Version of iceoryx2 that the bus uses."""
 
 SHARED_MEMORY = "/dev/shm"
 CHECK_INTERVAL_S = 0.1
 """Interval at which a publisher checks that the system it joined is still running."""
 
-# State shared by all processes of a system: the identifier of the run at byte 8, and from byte 64
-# on 64 bytes per topic, which start with its wake word.
+# Layout of the state that all processes of a system share. The run identifier is at byte 8. From
+# byte 64 on, each topic has 64 bytes, which begin with the wake word of the topic.
 SHARED_STATE_BYTES = 64 * 64
 RUN_OFFSET = 8
 FUTEX = {"x86_64": 202, "armv7l": 240, "armv6l": 240}.get(platform.machine(), 98)
@@ -42,11 +42,11 @@ MAX_WOKEN = 0x7FFF_FFFF
 
 
 class FeedError(Exception):
-    """Error when a reading is published. The message names the cause and the remedy."""
+    """Error while publishing a reading. The message names the cause and the remedy."""
 
 
 class _Topic:
-    """Publisher on a topic of a system. It rejoins after a restart of the system."""
+    """Publisher on a topic of a system. It joins again after the system has been restarted."""
 
     def __init__(self, system, name, index, layout):
         if not re.fullmatch(r"[a-z0-9_-]{1,32}", system):
@@ -60,7 +60,7 @@ class _Topic:
     def capacity(self):
         """Number of messages that the topic buffers for ingest.
 
-        When it is full, the oldest message is overwritten.
+        When the buffer is full, the oldest message is overwritten.
         """
         return self._joined.capacity if self._joined else 0
 
@@ -82,7 +82,7 @@ class _Topic:
         self._joined.publish(message)
 
     def _join(self):
-        # The old connection is closed first, because its topics have the names of the new ones.
+        # The old connection is closed first, because the new one uses the same topic names.
         self.close()
         self._joined = _Joined(self._system, self._name, self._index, self._layout, self._bytes, self._not_running)
 
@@ -104,7 +104,7 @@ class _Joined:
             self._run = self._page[RUN_OFFSET : RUN_OFFSET + 8]
             if not self._has_owner():
                 raise not_running()
-            # While this lock is held, a later system of the name does not remove the open files.
+            # While this lock is held, no later system with this name removes the open files.
             fcntl.flock(self._open(f"{SHARED_MEMORY}/plumbline.{system}.members", not_running), fcntl.LOCK_SH)
             _check_owner(f"{SHARED_MEMORY}/plumbline.{system}", os.lstat, stat.S_ISDIR, not_running)
             self._word = (ctypes.c_char * 64).from_buffer(self._page, 64 * (index + 1))
@@ -120,7 +120,8 @@ class _Joined:
     def is_running(self):
         """Returns True if the system that was joined is still running.
 
-        A system whose files were removed continues on its open files, and so does this connection.
+        If the files of a system are removed, the system and this connection continue to use the
+        files that they have opened.
         """
         if not self._has_owner():
             return False
@@ -151,7 +152,7 @@ class _Joined:
         self._files = []
 
     def _open(self, path, not_running):
-        # Non-blocking, in case the file is a pipe.
+        # The file is opened without blocking, in case it is a pipe.
         try:
             file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         except FileNotFoundError:
@@ -202,19 +203,19 @@ class Sensor(_Topic):
     def send(self, t_ns, rate_rad_s, force_m_s2, field_ut=None):
         """Publishes a reading without blocking.
 
-        `t_ns` is the time of the measurement on the sensor's clock, an integer. The rate (rad/s),
-        the specific force (m/s²) and the optional field (µT) are three numbers each, in sensor
-        axes.
+        `t_ns` is the time of the measurement on the sensor's clock, in ns, as an integer. The rate
+        (rad/s), the specific force (m/s²) and the optional field (µT) are three numbers each, in
+        sensor axes.
 
-        If the system was restarted in the meantime, the new one is joined. If it is not running,
-        the reading is discarded and FeedError is raised.
+        If the system has been restarted, the publisher joins it again. If the system is not
+        running, the reading is discarded and FeedError is raised.
         """
         field_ut = (math.nan,) * 3 if field_ut is None else field_ut
         self.publish(struct.pack("=q9d", operator.index(t_ns), *_three(rate_rad_s), *_three(force_m_s2), *_three(field_ut)))
 
 
 class Receiver(_Topic):
-    """Publisher of fixes of a satellite receiver."""
+    """Publisher of fixes from a satellite receiver."""
 
     LAYOUT = (
         "plumbline.ReceiverReading.2 64 velocity_m_s:[f64; 3]@0 velocity_sd_m_s:f64@24 age_s:f64@32 "
@@ -226,9 +227,9 @@ class Receiver(_Topic):
         super().__init__(system, "receiver", self.TOPIC_INDEX, self.LAYOUT)
 
     def send(self, velocity_m_s, sd_m_s=None, age_s=None, latitude_rad=None, longitude_rad=None, altitude_m=None):
-        """Publishes a fix, which ingest combines with the next reading of the sensor.
+        """Publishes a fix, which ingest combines with the next sensor reading.
 
-        The velocity is over ground: east, north, up. None means unknown.
+        The velocity over ground has the components east, north and up. None means unknown.
         """
         known = (sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m)
         values = (math.nan if value is None else value for value in known)
@@ -255,7 +256,7 @@ def _node(iox, system):
 
 
 def _check_owner(path, read_status, is_kind, not_running):
-    """Raises FeedError unless the file is of this kind and accessible to this user only."""
+    """Raises FeedError unless the file is of the given kind and accessible only to this user."""
     try:
         found = read_status(path)
     except FileNotFoundError:

@@ -15,7 +15,7 @@ SLOTS = {
 
 
 class Parameter(NamedTuple):
-    """Adjustable parameter of a stage, which reads it as an attribute of that name."""
+    """Adjustable parameter. The stage reads its value from an attribute with the same name."""
 
     name: str  # with the unit as its suffix, as in time_constant_s
     unit: str  # empty for a dimensionless number
@@ -26,10 +26,10 @@ class Parameter(NamedTuple):
 
 
 class Stage:
-    """Estimator of a slot: one output per input. A stage reads no clock.
+    """Estimator for a slot. It returns one output per input and reads no clock.
 
-    `self.state` must contain every number that the next output depends on. A restarted process
-    continues from it bit for bit.
+    `self.state` must contain every number on which the next output depends. A restarted process
+    continues from this state bit for bit.
     """
 
     SLOT = ""  # "gyro", "accel", "fuser" or "course"
@@ -46,7 +46,7 @@ class Stage:
     def step(self, input):
         """Processes the input of one tick.
 
-        After an exception the stage is reset, and the tick is flagged.
+        If it raises an exception, the stage is reset and the tick is flagged.
         """
         raise NotImplementedError
 
@@ -56,7 +56,7 @@ class Stage:
     def common(self):
         """Returns the state that another stage of the slot can adopt.
 
-        Attitude (gyro), Point (accel), Estimate (fuser) or LastReading (course).
+        Its type is Attitude (gyro), Point (accel), Estimate (fuser) or LastReading (course).
         """
         raise NotImplementedError
 
@@ -81,7 +81,7 @@ class Stage:
     def restore(self, numbers):
         """Restores the state from the numbers of `snapshot`.
 
-        Raises ValueError if the numbers are invalid. The stage is unchanged then.
+        Raises ValueError and leaves the stage unchanged if the numbers are invalid.
         """
         count, read, _ = codec(self.State)
         if len(numbers) != count:

@@ -1,7 +1,7 @@
 """Tests that every stage must pass.
 
-Use them as `class MyTest(StageTests, unittest.TestCase)` with `stage = MyStage`. They run without
-Plumbline. `plumb stage test` runs the complete conformance checks.
+To use them, define `class MyTest(StageTests, unittest.TestCase)` with `stage = MyStage`. They run
+without Plumbline. `plumb stage test` runs the complete conformance checks.
 """
 
 import math
@@ -37,7 +37,7 @@ def inputs(slot, ticks=1000):
 
 
 class StageTests:
-    """Mix-in for a `unittest.TestCase`. Set `stage` to the class of the stage."""
+    """Mix-in for a `unittest.TestCase`. The subclass sets `stage` to the class of the stage."""
 
     stage = None
 

@@ -1,6 +1,6 @@
 """Inputs, outputs and common states of the slots, and their conversion to numbers.
 
-Numbers are in the order of the fields. None means that a tick does not have the value.
+Numbers are in the order of the fields. None means that the value is missing in this tick.
 """
 
 import functools
@@ -19,14 +19,14 @@ class RateSample(NamedTuple):
 
     rate_rad_s: Vector
     dt_s: float
-    instant: bool  # the rate is the value at the end of the interval, not the mean over it
+    instant: bool  # True: the rate is the value at the end of the interval; False: the mean over it
 
 
 class Motion(NamedTuple):
     """Output of a gyro stage, and an input of a fuser."""
 
     attitude: Attitude  # open loop, at the end of the interval
-    rotation: Rotation  # of the body over the interval
+    rotation: Rotation  # rotation of the body over the interval
     rate_rad_s: Vector  # mean over the interval
     dt_s: float
 
@@ -40,11 +40,11 @@ class Inclination(NamedTuple):
     up: Point
     force_m_s2: Vector
     norm_m_s2: float
-    trust: float  # 1 at |f| = g; 0 if `up` is not from this force
+    trust: float  # 1 at |f| = g; 0 if `up` was not computed from this force
 
 
 class Fix(NamedTuple):
-    """Fix of a satellite receiver. The velocity is over ground: east, north, up."""
+    """Fix from a satellite receiver. The velocity over ground is given as east, north, up."""
 
     velocity_m_s: Vector
     sd_m_s: Optional[float]
@@ -60,7 +60,7 @@ class FuserInput(NamedTuple):
     field_ut: Optional[Vector] = None
     fix: Optional[Fix] = None
     rest_credible: bool = True  # gyro and accelerometer are working, so constant readings mean rest
-    rate_credible: bool = True  # the motion is that of the body
+    rate_credible: bool = True  # the measured motion is that of the body
 
 
 class Fused(NamedTuple):
@@ -95,8 +95,8 @@ class Estimate(NamedTuple):
     gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
-    # V of a levelling loop, east + j north: V' = h − V/T, with the horizontal specific force h and
-    # T = 1.5 to 3 s.
+    # V of a levelling loop as east + j north: V' = h − V/T, with the horizontal specific force h
+    # and T = 1.5 to 3 s.
     leaky_velocity_m_s: complex = 0j
     leaky_velocity_sd_m_s: float = math.inf
 
@@ -136,7 +136,7 @@ class CourseReading(NamedTuple):
     course_rad: float  # clockwise from above, [0, 2π)
     reference: int
     course_sd_rad: float
-    declination_rad: float  # that was added to a magnetic heading, east positive; 0 if none
+    declination_rad: float  # added to a magnetic heading, east positive; 0 if none was added
     quaternion: Quaternion  # body → reference, unit, with a continuous sign
     near_gimbal: bool = False
     aligned: bool = False  # the course was realigned and jumps
@@ -151,7 +151,7 @@ class CourseEstimate(NamedTuple):
 
 
 class LastReading(NamedTuple):
-    """Last reading, which every course stage can hand over to every other."""
+    """Last reading, which any course stage can hand over to any other."""
 
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
     course: Optional[CourseEstimate] = None
@@ -168,8 +168,8 @@ def _append(value, numbers):
     numbers.append(value)
 
 
-# Codec of a type: the count of its numbers, a function that reads a value from an iterator, and one
-# that appends a value to a list.
+# Codec of a type: the count of its numbers, a function that reads a value from an iterator, and a
+# function that appends a value to a list.
 _SIMPLE = {
     float: (1, next, _append),
     int: (1, lambda numbers: int(next(numbers)), _append),

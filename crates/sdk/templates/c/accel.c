@@ -2,10 +2,10 @@
 #include "plumbline.h"
 
 #define GRAVITY_M_S2 9.80665
-/* Smallest usable force. Below it the direction of the force is noise. */
+/* Smallest usable force. The direction of a smaller force is only noise. */
 #define MIN_FORCE_M_S2 0.5
 
-/* Up is the direction of the force. The trust falls with the difference from gravity. */
+/* Up is the direction of the force. The trust decreases with the difference from gravity. */
 static struct { plumbline_point up; } state;
 static struct { double zero_trust_difference_g; } settings;
 static const plumbline_parameter parameters[] = {

@@ -5,7 +5,8 @@
 /* Pitch beyond which yaw and roll cannot be separated: 89 degrees. */
 #define GIMBAL_RAD 1.553343
 
-/* The course is the heading of the fuser, clockwise, plus the declination if it is magnetic. */
+/* The course is the fuser's heading, measured clockwise. The declination is added if the heading is
+   magnetic. */
 static struct { plumbline_last_reading last; } state = {{{0.0, 0.0, 0.0, 1.0}, 0.0, 0.0, 0.0, 0.0}};
 static struct { double declination_deg; } settings;
 static const plumbline_parameter parameters[] = {
@@ -23,7 +24,7 @@ static void step(const plumbline_course_input *input, plumbline_course_reading *
     if (output->course_rad < 0.0) output->course_rad = fmod(output->course_rad + REVOLUTION_RAD, REVOLUTION_RAD);
     output->course_sd_rad = input->heading_sd_rad >= 0.0 ? fmin(input->heading_sd_rad, PLUMBLINE_PI) : PLUMBLINE_PI;
     plumbline_quaternion(&input->attitude, quaternion);
-    /* The sign is kept continuous, because a change would break interpolation. */
+    /* The sign is kept continuous, because a change of sign would break interpolation. */
     for (int i = 0; i < 4; i++) dot += quaternion[i] * state.last.quaternion_xyzw[i];
     for (int i = 0; i < 4 && dot < 0.0; i++) quaternion[i] = -quaternion[i];
     output->near_gimbal = fabs(output->pitch_rad) > GIMBAL_RAD;

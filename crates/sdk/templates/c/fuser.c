@@ -1,8 +1,8 @@
 /* Stage `@name@` for the slot fuser: the attitude, from gyro and accelerometer. */
 #include "plumbline.h"
 
-/* Complementary filter: the attitude follows the gyro, and each tick corrects the fraction
-   1 - exp(-dt/T) of the tilt difference to the accelerometer. */
+/* Complementary filter: the attitude follows the gyro, and each tick corrects a fraction
+   1 - exp(-dt/T) of the tilt difference from the accelerometer. */
 static struct { plumbline_attitude attitude; double started; } state;
 static struct { double time_constant_s; } settings;
 static const plumbline_parameter parameters[] = {
@@ -38,7 +38,7 @@ static void step(const plumbline_fuser_input *input, plumbline_fused *output)
     output->heading_sd_rad = PLUMBLINE_PI;
 }
 
-/* Re-initialises the level from the next inclination, as after a gap with an unknown rotation. */
+/* Re-initialises the level from the next inclination, for example after a gap in the data. */
 static void realign(void) { state.started = 0.0; }
 
 static const char *validation_error(const void *numbers)

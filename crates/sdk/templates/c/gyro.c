@@ -1,10 +1,11 @@
 /* Stage `@name@` for the slot gyro: the rotation of the body over each interval, from its rate. */
 #include "plumbline.h"
 
-/* Limit that rates are clamped to, above the range of any gyro. */
+/* Limit to which rates are clamped. It is above the range of any gyro. */
 #define MAX_RATE_RAD_S 1000.0
 
-/* The attitude is rotated by the mean rate of the interval, which is exact for a constant rate. */
+/* The attitude is rotated by the mean rate over the interval, which is exact if the rate is
+   constant. */
 static struct { plumbline_attitude attitude; double started, previous_rad_s[3]; } state;
 
 static void step(const plumbline_rate_sample *sample, plumbline_motion *motion)
@@ -12,7 +13,7 @@ static void step(const plumbline_rate_sample *sample, plumbline_motion *motion)
     double mean_rad_s[3];
     for (int i = 0; i < 3; i++) {
         const double end_rad_s = fmax(-MAX_RATE_RAD_S, fmin(MAX_RATE_RAD_S, sample->rate_rad_s[i]));
-        /* With both ends of the interval known, the mean is half their sum. */
+        /* If the rate is known at both ends of the interval, the mean is half their sum. */
         const double start_rad_s = state.started && sample->instant ? state.previous_rad_s[i] : end_rad_s;
         mean_rad_s[i] = 0.5 * (start_rad_s + end_rad_s);
         state.previous_rad_s[i] = end_rad_s;
@@ -25,7 +26,7 @@ static void step(const plumbline_rate_sample *sample, plumbline_motion *motion)
     memcpy(motion->rate_rad_s, mean_rad_s, sizeof mean_rad_s);
 }
 
-/* Sets the attitude to integrate from. */
+/* Sets the attitude from which to integrate. */
 static void align(const plumbline_attitude *attitude) { state.attitude = *attitude; }
 
 static const char *validation_error(const void *numbers)

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import plumbline
 
 GRAVITY_M_S2 = 9.80665
-# Smallest usable force. Below it the direction of the force is noise.
+# Smallest usable force. The direction of a smaller force is only noise.
 MIN_FORCE_M_S2 = 0.5
 
 
 class @Class@(plumbline.Stage):
-    """Up is the direction of the force. The trust falls with the difference from gravity."""
+    """Up is the direction of the force. The trust decreases with the difference from gravity."""
 
     SLOT = "accel"
     PARAMETERS = [

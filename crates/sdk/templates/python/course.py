@@ -10,7 +10,10 @@ GIMBAL_RAD = math.radians(89.0)
 
 
 class @Class@(plumbline.Stage):
-    """The course is the heading of the fuser, clockwise, plus the declination if it is magnetic."""
+    """The course is the fuser's heading, measured clockwise.
+
+    The declination is added if the heading is magnetic.
+    """
 
     SLOT = "course"
     PARAMETERS = [
@@ -35,7 +38,7 @@ class @Class@(plumbline.Stage):
         course_rad = (declination_rad - yaw_rad) % math.tau % math.tau
         sd_rad = min(input.heading_sd_rad, math.pi) if input.heading_sd_rad >= 0.0 else math.pi
         previous, quaternion = self.state.last, input.attitude.quaternion()
-        # The sign is kept continuous, because a change would break interpolation.
+        # The sign is kept continuous, because a change of sign would break interpolation.
         if sum(a * b for a, b in zip(quaternion, previous.quaternion)) < 0.0:
             quaternion = tuple(-x for x in quaternion)
         aligned = previous.course is not None and previous.course.reference != reference

@@ -9,8 +9,8 @@ import plumbline
 class @Class@(plumbline.Stage):
     """Complementary filter.
 
-    The attitude follows the gyro. In each tick the fraction 1 − e^{−dt/T} of the tilt difference to
-    the accelerometer is corrected.
+    The attitude follows the gyro. Each tick corrects a fraction 1 − e^{−dt/T} of the tilt
+    difference from the accelerometer.
     """
 
     SLOT = "fuser"
@@ -45,7 +45,7 @@ class @Class@(plumbline.Stage):
         return plumbline.Fused(attitude, rate_rad_s, innovation_rad=innovation_rad, tilt=tilt, aligned=aligned)
 
     def realign(self):
-        """Re-initialises the level from the next inclination, as after a data gap."""
+        """Re-initialises the level from the next inclination, for example after a data gap."""
         self.state = self.state._replace(started=False)
 
     def validate(self, state):

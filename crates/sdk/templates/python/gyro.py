@@ -4,12 +4,12 @@ from typing import NamedTuple, Optional
 
 import plumbline
 
-# Limit that rates are clamped to, above the range of any gyro.
+# Limit to which rates are clamped. It is above the range of any gyro.
 MAX_RATE_RAD_S = 1000.0
 
 
 class @Class@(plumbline.Stage):
-    """Rotates the attitude by the mean rate of the interval, which is exact for a constant rate."""
+    """Rotates the attitude by the mean rate over each interval, exact if the rate is constant."""
 
     SLOT = "gyro"
 
@@ -18,12 +18,12 @@ class @Class@(plumbline.Stage):
         previous_rad_s: Optional[plumbline.Vector] = None
 
     def align(self, attitude):
-        """Sets the attitude to integrate from."""
+        """Sets the attitude from which to integrate."""
         self.state = self.state._replace(attitude=attitude)
 
     def step(self, sample):
         end_rad_s = tuple(max(-MAX_RATE_RAD_S, min(MAX_RATE_RAD_S, x)) for x in sample.rate_rad_s)
-        # With both ends of the interval known, the mean is half their sum.
+        # If the rate is known at both ends of the interval, the mean is half their sum.
         start_rad_s = self.state.previous_rad_s if sample.instant and self.state.previous_rad_s else end_rad_s
         mean_rad_s = tuple(0.5 * (a + b) for a, b in zip(start_rad_s, end_rad_s))
         rotation = plumbline.Rotation.from_rotation_vector(*(x * sample.dt_s for x in mean_rad_s))

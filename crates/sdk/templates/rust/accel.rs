@@ -2,10 +2,10 @@
 //!
 //! Input: specific force in body axes.
 //!
-//! Output: direction of the force, with the trust in it.
+//! Output: the direction of the force and the trust in it.
 //!
-//! Failure: a force without a direction keeps the previous point with trust 0. A non-finite force
-//! counts as zero.
+//! Failure: if a force has no direction, the previous point is kept, with trust 0. A non-finite
+//! force counts as zero.
 
 use attitude::{
     GRAVITY_M_S2, Vector3,
@@ -25,7 +25,9 @@ settings! {
     }
 }
 
-/// Stage that reports the direction of the force. The trust falls with the difference from gravity.
+/// Stage that reports the direction of the force.
+///
+/// The trust in the direction decreases with the difference from gravity.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,

@@ -4,7 +4,7 @@
 //!
 //! Output: yaw, pitch, roll, course and quaternion.
 //!
-//! Failure: near the vertical yaw and roll lose their meaning, and the output is flagged.
+//! Failure: near the vertical, yaw and roll are ill-defined, and the output is flagged.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +16,7 @@ use attitude::{
     stage::{RestoreError, Stage},
 };
 
-/// Pitch beyond which yaw and roll cannot be separated, rad: 89°.
+/// Pitch beyond which yaw and roll cannot be separated, rad (89°).
 const GIMBAL_RAD: f64 = 1.553_343;
 
 settings! {
@@ -27,7 +27,9 @@ settings! {
     }
 }
 
-/// Stage that reports the fuser's heading, clockwise, plus the declination if it is magnetic.
+/// Stage that reports the fuser's heading as a clockwise course.
+///
+/// The declination is added if the heading is magnetic.
 #[derive(Debug, Clone)]
 pub struct @Class@ {
     settings: Settings,
@@ -66,7 +68,7 @@ impl Stage for @Class@ {
         let course_rad = (declination_rad - angles.yaw_rad).rem_euclid(TAU) % TAU;
         let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
         let quaternion = input.attitude.quaternion();
-        // The sign is kept continuous, because a change would break interpolation.
+        // The sign is kept continuous, because a change of sign would break interpolation.
         let quaternion = if quaternion.dot(&self.last.quaternion) < 0.0 { -quaternion } else { quaternion };
         let aligned = self.last.course.is_some_and(|previous| previous.reference != reference);
         self.last = LastReading { quaternion, course: Some(CourseEstimate { course_rad, reference, sd_rad }) };

@@ -1,6 +1,6 @@
 //! Stage `@name@` for the slot fuser: the attitude, from gyro and accelerometer.
 //!
-//! Input: motion and inclination of a tick. Both may be missing.
+//! Input: the motion and the inclination of a tick. Both may be missing.
 //!
 //! Output: the attitude.
 //!
@@ -16,9 +16,10 @@ use attitude::{
     state::Attitude,
 };
 
-/// Reported standard deviation of the inclination, rad. The stage does not estimate it.
+/// Reported standard deviation of the inclination, rad. It is fixed, because the stage does not
+/// estimate it.
 const INCLINATION_SD_RAD: f64 = 0.1;
-/// Standard deviation of the heading, rad: π, because the heading is unknown.
+/// Standard deviation of the heading, rad. It is π, because the heading is unknown.
 const HEADING_SD_RAD: f64 = std::f64::consts::PI;
 
 settings! {
@@ -29,9 +30,9 @@ settings! {
     }
 }
 
-/// Complementary filter: the attitude follows the gyro, its tilt is corrected by the accelerometer.
+/// Complementary filter: the attitude follows the gyro, and the accelerometer corrects its tilt.
 ///
-/// Each tick corrects the fraction 1 − e^{−dt/T} of the tilt difference.
+/// Each tick corrects a fraction 1 − e^{−dt/T} of the tilt difference.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,

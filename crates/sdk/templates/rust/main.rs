@@ -1,4 +1,4 @@
-//! Program of the stage, which Plumbline starts for `[stages.@name@]` of a launch file.
+//! Program of the stage. Plumbline starts it for `[stages.@name@]` in a launch file.
 
 use std::process::ExitCode;
 

@@ -116,8 +116,8 @@ impl Process {
         }
     }
 
-    /// Simulates one millisecond. `newest_input` is the newest tick of the input. With `exits`, the
-    /// process exits during its work.
+    /// Simulates one millisecond. `newest_input` is the newest tick of the input. If `exits` is
+    /// set, the process exits during its work.
     pub(crate) fn step(&mut self, now_ms: u64, newest_input: Option<u64>, exits: bool, rng: &mut SimRng) {
         if !self.alive || now_ms < self.hung_until_ms || now_ms < self.behaviour.ready_ms {
             self.alive &= !exits;
@@ -155,8 +155,8 @@ impl Process {
         }
     }
 
-    /// Sends each output to one subscriber after another. With `exits`, sending stops at a random
-    /// point.
+    /// Sends each output to one subscriber after another. If `exits` is set, sending stops at a
+    /// random point.
     fn send(&mut self, now_ms: u64, out: &[Packet], exits: bool, rng: &mut SimRng) {
         let all = out.len() * self.links.len();
         let sent = if exits { rng.in_range(0, all as u64) as usize } else { all };

@@ -82,7 +82,7 @@ impl World {
             Action::RestartActive { epoch, from_tick } => {
                 let owner = &self.processes[self.owner as usize - 1];
                 let hung = owner.hung_until_ms + 2 * self.scenario.limits.restore_timeout_ms > self.now_ms;
-                // If the previous stage has exited, a subscriber may need the ticks that it had
+                // If the previous stage has exited, a subscriber may need ticks that this stage had
                 // published.
                 let lost_handover = self.handovers.last().filter(|(previous, commit_tick)| {
                     from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive
@@ -161,7 +161,8 @@ impl World {
         }
     }
 
-    /// Starts a candidate or, with `from_tick`, a stage in place of an owner that has exited.
+    /// Starts a candidate or, if `from_tick` is given, a stage in place of an owner that has
+    /// exited.
     fn spawn(&mut self, stage: u32, epoch: u32, from_tick: Option<u64>) {
         if self.rng.chance(self.scenario.bad_candidates_per_mille / 8) {
             return self.apply(Event::SpawnFailed { cause: "no such file".into() });

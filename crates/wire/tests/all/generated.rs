@@ -2,7 +2,7 @@
 //!
 //! The generated files are kept in the repository, so that a build does not have to compile a
 //! schema compiler first. If a schema has changed, the test updates the files and fails. If `CI` is
-//! set, it only fails.
+//! set, it fails without updating them.
 use std::{env, fs, path::Path};
 
 use protox::prost::Message as _;

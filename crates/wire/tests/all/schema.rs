@@ -50,7 +50,8 @@ fn every_topic_has_message_and_batch() {
     }
 }
 
-/// Formats each field as `Message.field number type` and each enum value as `Enum.NAME number`.
+/// Lists the released schema: each field as `Message.field number label type` and each enum value
+/// as `Enum.NAME number`.
 fn released() -> Vec<String> {
     let set = FileDescriptorSet::decode(wire::schema::DESCRIPTORS).unwrap();
     let mut lines = Vec::new();

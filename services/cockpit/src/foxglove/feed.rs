@@ -18,8 +18,8 @@ use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::Sourc
 /// Maximum number of messages queued per client, enough for half a second of every channel. A
 /// client that falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 512;
-/// Backward step of the publication time that indicates a restarted system, ns. The publication
-/// times of concurrent publishers differ by less.
+/// Backward step of the publication time above which the system is considered restarted, ns. The
+/// publication times of concurrent publishers differ by less.
 const RESTART_STEP_NS: u64 = 1_000_000_000;
 
 /// Channels, their subscriber counts, and the queues of the clients.
@@ -70,8 +70,9 @@ impl Broadcaster {
         self.session.load(Ordering::SeqCst)
     }
 
-    /// Updates the subscriber counts after a client has changed its subscriptions. Both iterators
-    /// state for each channel whether the client is subscribed to it.
+    /// Updates the subscriber counts after a client has changed its subscriptions. `before` and
+    /// `after` yield for each channel whether the client was subscribed before and is subscribed
+    /// now.
     pub(crate) fn update_subscriptions(&self, before: impl Iterator<Item = bool>, after: impl Iterator<Item = bool>) {
         for (clients, change) in self.subscriber_counts.iter().zip(before.zip(after)) {
             match change {

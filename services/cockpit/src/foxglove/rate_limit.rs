@@ -22,8 +22,9 @@ impl RateLimit {
     pub(crate) fn for_topic(topic: Topic) -> Option<Self> {
         let (span_ns, count_max) = match topic {
             Topic::Event => return None,
-            // Several processes publish each of these topics in turn. A minimum interval could
-            // permanently exclude one of them.
+            // Several processes publish each of these topics in turn, and a minimum interval could
+            // permanently exclude one of them. The number of messages per second is limited
+            // instead.
             Topic::Health | Topic::Difference => (SECOND_NS, MAX_MESSAGES),
             _ => (SECOND_NS.div_ceil(MAX_MESSAGES as u64), 1),
         };

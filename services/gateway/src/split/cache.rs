@@ -17,8 +17,8 @@ impl Cache {
         Self { records: VecDeque::new(), capacity: capacity.max(1) }
     }
 
-    /// Appends a record. A full cache drops the oldest one; a gap before the record clears the
-    /// cache.
+    /// Appends a record. A full cache drops the oldest record. A gap before the new record clears
+    /// the cache.
     pub fn push(&mut self, record: Record) {
         if self.next_tick().is_some_and(|next_tick| next_tick != record.tick) {
             self.records.clear();
@@ -39,7 +39,7 @@ impl Cache {
         self.records.back().map(|record| record.tick + 1)
     }
 
-    /// Returns the records from a tick on, or from the oldest one if that is later.
+    /// Returns the cached records starting at `tick`, or at the oldest record if that is later.
     pub fn iter_from(&self, tick: u64) -> impl Iterator<Item = &Record> {
         let skipped = self.oldest_tick().map_or(0, |oldest_tick| tick.saturating_sub(oldest_tick));
         let skipped = usize::try_from(skipped).unwrap_or(usize::MAX).min(self.records.len());

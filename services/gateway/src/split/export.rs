@@ -25,7 +25,8 @@ use super::{
 };
 use crate::{Shared, locked, worker_pool::WorkerPool};
 
-/// Maximum number of frames in one reply: a few seconds of ticks. A client queries again for more.
+/// Maximum number of frames in one reply, which hold a few seconds of ticks. A client queries again
+/// for more.
 const MAX_FRAMES_PER_REPLY: usize = 64;
 /// Longest wait for new records.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -151,8 +152,8 @@ impl ExportState {
         (!is_idle(&mut cache)).then(|| self.frame(&cache, sent_tick, u64::MAX)).flatten()
     }
 
-    /// Replies with those of the requested records that are cached. If none of them is, an empty
-    /// frame reports the range of the cache.
+    /// Replies with the requested records that are cached. If none of them is cached, replies with
+    /// an empty frame that reports the range of the cache.
     fn answer(&self, query: &IncomingQuery) {
         let (Some(from), Some(to)) = (query.parameter_u64("from"), query.parameter_u64("to")) else {
             return query.reject("missing tick range: query with ?from=TICK;to=TICK");
@@ -168,7 +169,7 @@ impl ExportState {
         }
     }
 
-    /// Encodes the cached records of a range of ticks, as many as fit into a frame.
+    /// Encodes as many cached records of a tick range as fit into a frame.
     fn frame(&self, cache: &Cache, from_tick: u64, to_tick: u64) -> Option<(Vec<u8>, u64)> {
         let (oldest_tick, next_tick) = (cache.oldest_tick()?, cache.next_tick()?);
         let first_tick = from_tick.clamp(oldest_tick, next_tick);
@@ -248,7 +249,7 @@ impl<M: Ticked> Source for Tap<M> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The caller polls whether or not a message has arrived.
+        // The outcome is ignored, because the caller polls whether or not a message has arrived.
         self.subscriber.wait(limit);
     }
 

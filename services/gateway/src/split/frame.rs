@@ -93,7 +93,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// Returns an error if the bytes are not a valid frame or a layout differs.
+    /// Returns an error if the bytes are not a valid frame or a topic has a different layout.
     pub fn decode(bytes: &[u8]) -> Result<Self, FrameError> {
         let malformed = |what| FrameError::Malformed { what };
         if bytes.len() > MAX_FRAME_BYTES {

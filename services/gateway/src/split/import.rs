@@ -53,11 +53,12 @@ pub(crate) struct Import {
     /// topics.
     granted_tick: Option<u64>,
     window_ticks: u64,
-    /// Tick before which publication ends, once the system is to end.
+    /// Tick before which publication ends; `None` until the system is to end.
     end_tick: Option<u64>,
-    /// Start of the window of ticks that need no credit, because no earlier tick is pending.
+    /// Start of a window of ticks that may be published without credit. Moved forward after a loss
+    /// or a timeout, because no earlier tick is pending then.
     floor_tick: u64,
-    /// Time since which nothing could be published for lack of credit.
+    /// Time at which publication last made progress or was last not limited by credit.
     blocked_since: Instant,
     progress: ProgressCheckpoints,
     pub(crate) next_tick: u64,
@@ -175,8 +176,8 @@ impl Import {
 
     /// Returns the tick before which ticks may be published.
     ///
-    /// After a link outage more ticks are available than a topic buffers. The credit of the local
-    /// slots limits publication, unless they have stalled.
+    /// After a link outage, more ticks may be available than a topic buffers. Publication is
+    /// therefore limited by the credit of the local slots, unless they have stalled.
     fn publish_end(&self) -> u64 {
         let granted = |granted_tick: u64| granted_tick.max(self.floor_tick.saturating_add(self.window_ticks));
         self.granted_tick.map_or(0, granted).min(self.end_tick.unwrap_or(u64::MAX))
@@ -196,7 +197,7 @@ impl ImportState {
 
     /// Waits up to `limit` until a tick can be published or is lost.
     pub(crate) fn wait(&self, limit: Duration) {
-        // The caller polls whether or not a tick is available.
+        // The outcome is ignored, because the caller polls whether or not a tick is available.
         let arrived =
             self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
         drop(arrived.unwrap_or_else(PoisonError::into_inner));
@@ -276,7 +277,8 @@ fn publisher(context: &ServiceContext, topic: Topic) -> Option<Result<Box<dyn To
 
 impl<M: Ticked> TopicPublisher for Publisher<M> {
     fn publish(&self, message: &[u8]) -> Result<(), BusError> {
-        // The size of the message was checked when the frame was decoded.
+        // The size of the message was checked when the frame was decoded, so the conversion cannot
+        // fail.
         let Ok(message) = bytemuck::try_pod_read_unaligned::<M>(message) else { return Ok(()) };
         self.set_next_tick_after(message.header().tick);
         self.send(&message)

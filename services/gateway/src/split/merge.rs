@@ -22,7 +22,7 @@ pub struct Merge {
     join: Join<TopicInputs>,
     /// Set once the first tick of the stream is known.
     has_started: bool,
-    /// Tick at which the stream starts without the topics that are still missing.
+    /// Tick at which the stream starts even if some topics are still missing.
     start_deadline: u64,
 }
 

@@ -4,7 +4,7 @@
 //!
 //! Output: the same messages, bit for bit and in tick order, on the bus of the importing host.
 //!
-//! Time: only polling and request intervals. Missing data are detected by tick numbers.
+//! Time: used only for polling and request intervals. Missing data are detected by tick numbers.
 //!
 //! Failure: a missing tick is requested for as long as the exporter caches it. A tick that is no
 //! longer cached is counted and reported as lost.
@@ -17,7 +17,7 @@
 //! | [`frame`] | records in network format |
 //! | [`reassembly`] | received, missing and lost ticks |
 //! | [`losses`] | summaries of lost ticks |
-//! | `export`, `import` | both ends, between bus and network |
+//! | `export`, `import` | exporting and importing end, each between bus and network |
 
 pub mod cache;
 pub(crate) mod export;
@@ -160,7 +160,7 @@ fn run_id(supervisor_pid: u32) -> u64 {
     let boot = read("/proc/sys/kernel/random/boot_id");
     let stat = read(&format!("/proc/{supervisor_pid}/stat"));
     // The process name may contain any character, so the fields are counted from its closing
-    // parenthesis. The start time is the 20th of them.
+    // parenthesis. The start time is the 20th field after it.
     let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();
     messages::hash(messages::HASH_START, format!("{boot} {supervisor_pid} {start}").as_bytes())
 }

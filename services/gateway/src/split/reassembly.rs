@@ -4,7 +4,8 @@
 //!
 //! Output: each tick once and in order, and the spans of ticks that can no longer arrive.
 //!
-//! Failure: frames of another run or rate, or without the required topics, are rejected.
+//! Failure: a frame that is from another run, has another tick rate or lacks a required topic is
+//! rejected.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -26,7 +27,7 @@ pub enum Delivery {
     Lost(Range<u64>),
 }
 
-/// Stream of ticks and the records received ahead of it.
+/// Tick stream being reassembled, with the records received ahead of the next tick.
 #[derive(Debug)]
 pub struct Reassembly {
     mask: u8,
@@ -112,14 +113,14 @@ impl Reassembly {
         !self.is_complete() && (self.ahead.contains_key(&self.next_tick) || !self.lost().is_empty())
     }
 
-    /// Returns the span from the next tick on that can no longer arrive.
+    /// Returns the range of ticks, starting at the next one, that can no longer arrive.
     fn lost(&self) -> Range<u64> {
         let first_ahead = self.ahead.first_key_value().map_or(u64::MAX, |(tick, _)| *tick);
         self.next_tick..self.cached.start.min(first_ahead).min(self.end_tick)
     }
 
     /// Returns the span to request, which starts at the next tick. It ends before the first stored
-    /// record or, without stored records, at the end of the exporter's cache.
+    /// record or, if no record is stored, at the end of the exporter's cache.
     pub fn missing(&self) -> Option<Range<u64>> {
         let first_ahead = self.ahead.first_key_value().map_or(self.cached.end, |(tick, _)| *tick);
         let missing = self.next_tick..first_ahead.min(self.end_tick);

@@ -31,7 +31,7 @@ pub static CARRIED_TOPICS: LazyLock<Vec<CarriedTopic>> = LazyLock::new(|| {
     topics.take(MAX_TOPICS).collect()
 });
 
-/// Maximum number of topics: the bits of a mask.
+/// Maximum number of topics, limited by the number of bits in a mask.
 const MAX_TOPICS: usize = u8::BITS as usize;
 
 fn describe<M: Ticked>(topic: graph::Topic) -> CarriedTopic {

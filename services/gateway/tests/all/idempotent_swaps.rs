@@ -15,7 +15,7 @@ use wire::v1::{SwapAnswer, SwapRequest, swap_answer};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Returns swaps with a supervisor that commits after `delay`, and a counter of the calls to it.
+/// Returns an instance with a supervisor that commits after `delay`, and a counter of its calls.
 fn swaps(delay: Duration) -> (Arc<IdempotentSwaps>, Arc<AtomicU32>) {
     let calls = Arc::new(AtomicU32::new(0));
     let counter = calls.clone();

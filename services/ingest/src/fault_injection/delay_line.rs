@@ -21,7 +21,7 @@ pub(super) struct DelayLine {
     readings: VecDeque<(i64, Reading)>,
     /// Index of the oldest reading in the buffer.
     oldest_index: u64,
-    /// First reading. Its values apply until a reading is old enough.
+    /// First reading. Its values are used until the buffer has a reading that is old enough.
     pub(super) first: Option<Reading>,
     max_delay_ns: i64,
 }
@@ -57,8 +57,8 @@ impl DelayLine {
         }
     }
 
-    /// Returns the readings from an index on, and the index of the first one that is still in the
-    /// buffer.
+    /// Returns the buffered readings with indices of at least `from_index`, and the index of the
+    /// first of them.
     pub(super) fn since(&self, from_index: u64) -> (impl Iterator<Item = &(i64, Reading)>, u64) {
         let first_index = from_index.max(self.oldest_index);
         let skipped = ((first_index - self.oldest_index) as usize).min(self.readings.len());

@@ -3,7 +3,7 @@
 //! Input: readings as reported by the source.
 //!
 //! Output: readings as a failing sensor would report them, or `None`. The same readings and faults
-//! give the same bits.
+//! always give bit-identical output.
 //!
 //! Time: that of the source since the first reading, without leaps and backward steps of its clock.
 //!
@@ -17,8 +17,8 @@
 //! | `delayed` | the value before the delay | the value before the delay | all four sensors |
 //! | `intermittent` | NaN at random | no value at random | no reading at random |
 //!
-//! Faults are applied in sequence, each to the result of the previous ones. `delayed` uses the
-//! values of the source. The stamp is not changed.
+//! Faults are applied in sequence, each to the result of the previous ones, except that `delayed`
+//! uses the original values of the source. The stamp is not changed.
 
 mod delay_line;
 mod fault_rng;
@@ -116,7 +116,7 @@ impl FaultState {
         let sensor = self.fault.sensor;
         if let FaultKind::Delayed { delay_s } = self.fault.kind {
             // The delay line is also read while the fault is inactive, so that the state is current
-            // when it starts.
+            // when the fault starts.
             let delayed = self.delayed(elapsed_ns - (delay_s * 1e9) as i64, delay_line);
             return reading
                 .map(|reading| if is_active { with_sensor_from(reading, sensor, &delayed) } else { reading });

@@ -25,7 +25,7 @@ pub(super) struct BusConnection {
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
     checkpoints: Subscriber<Checkpoint>,
-    /// Differences of shadows; `None` without a watch.
+    /// Differences published by shadows; `None` if the launch file has no watch.
     differences: Option<Subscriber<Difference>>,
     credit: Publisher<Credit>,
     control: Publisher<Control>,
@@ -88,8 +88,8 @@ impl BusConnection {
             self.reference.drain(self.buffer, |reference| collector.record_reference(reference))
         };
         let mut result = collect_references(collector);
-        // Each attitude is counted immediately, because after an outage as many have arrived as a
-        // topic holds.
+        // Each attitude is counted immediately, because after an outage as many attitudes may have
+        // arrived as a topic holds.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
             // A reference is published before its tick's attitude, so the reference has arrived.
             if result.is_ok() && collector.awaits_reference(output.header.tick) {
@@ -104,7 +104,8 @@ impl BusConnection {
         Ok(result?)
     }
 
-    /// Collects the attitudes that were waiting for missing ticks, which will no longer arrive.
+    /// Collects the attitudes that were waiting for missing ticks, because those ticks will no
+    /// longer arrive.
     pub(super) fn finish(&self, collector: &mut Collector) {
         self.attitude.finish(&mut |output| collector.record_attitude(&output));
         self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.record_fused(&state)));

@@ -7,7 +7,7 @@ use std::{fs, path::Path};
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// Maximum difference up to which a hardware clock confirms the system clock, s.
+/// Largest difference at which a hardware clock still confirms the system clock, s.
 const MAX_CLOCK_DIFFERENCE_S: f64 = 60.0;
 /// Start of the year 2020, s since 1970. An earlier system time means that the clock was not set.
 const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;
@@ -68,7 +68,8 @@ fn seconds(clock: ClockId) -> f64 {
 
 /// Returns `true` if the network or a hardware clock confirms the system clock.
 ///
-/// A machine whose clock has no battery boots with the time of its last shutdown.
+/// This matters because a machine whose clock has no battery boots with the time of its last
+/// shutdown.
 fn is_set(root: &Path, unix_s: f64) -> bool {
     let by_network = || root.join("run/systemd/timesync/synchronized").exists();
     let by_battery = || {

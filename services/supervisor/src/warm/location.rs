@@ -8,9 +8,10 @@ use launch::{Launch, Service, Source, StateFile};
 ///
 /// `is_live` is `true` for a run in real time with one process per service.
 pub(crate) fn state_file_path(launch: &Launch, is_live: bool) -> Option<PathBuf> {
-    // The host of ingest has the calibration, and the host of the fuser has the bias.
+    // The calibration is on the host of ingest and the bias on the host of the fuser, so both
+    // services must run here.
     let has_both = [Service::Ingest, Service::Fuser].iter().all(|service| launch.services.contains(service));
-    // Injected faults are not errors of the sensor.
+    // Runs with injected faults are excluded, because such faults are not errors of the sensor.
     if !is_live || !has_both || !launch.ingest.faults.is_empty() {
         return None;
     }
@@ -31,7 +32,7 @@ fn file_name(launch: &Launch) -> String {
 /// directory specification.
 fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    // systemd separates several folders by colons.
+    // systemd separates multiple folders by colons. The first one is used.
     let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
     let user = || absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
     systemd.filter(|path| path.is_absolute()).or_else(|| user().map(|folder| folder.join("plumbline")))

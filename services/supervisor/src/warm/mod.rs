@@ -38,7 +38,7 @@ const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 /// Minimum interval between two writes: a compromise between loss at a power cut and wear of a
 /// memory card.
 ///
-/// A state with half the standard deviation is written earlier.
+/// A state whose standard deviation has halved is written earlier.
 const WRITE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Warm-start state of a run.

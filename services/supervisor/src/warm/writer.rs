@@ -47,7 +47,8 @@ impl StateWriter {
                     _ => continue,
                 };
                 last_error = written.err();
-                // A full queue already contains an earlier message.
+                // If the queue is full, this message is dropped, because an earlier one is still
+                // waiting.
                 let _ = report.try_send(line);
             }
         };

@@ -29,7 +29,8 @@ fn errors() -> Errors {
     }
 }
 
-/// Opens the recording whose name starts with `prefix`; `None` if the data set is not installed.
+/// Opens the recording with a name that starts with `prefix`; `None` if the data set is not
+/// installed.
 fn trial(prefix: &str) -> Option<Trial> {
     let data = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);

@@ -7,8 +7,8 @@ use crate::{
     unit::{Errors, Unit, exp, six_sides, with_up},
 };
 
-/// Checks that the readings are rejected with `expected` in the message and without a launch file
-/// section.
+/// Checks that the readings are rejected, and that the message contains `expected` and no launch
+/// file section.
 fn assert_rejected(kind: Kind, samples: &[Sample], expected: &[&str]) {
     let rejection = run_calibration(kind, &Prior::default(), samples).unwrap_err();
     let text = rejection.to_string();

@@ -19,7 +19,7 @@ impl NormalisedErrors {
         self.assert_rms_above(label, 0.7);
     }
 
-    /// Checks the same, but allows conservative standard deviations, with an RMS of at least
+    /// Checks consistency, but allows conservative standard deviations: the RMS may be as small as
     /// `min_rms`.
     pub(crate) fn assert_rms_above(&self, label: &str, min_rms: f64) {
         let count = self.0.len() as f64;

@@ -59,7 +59,7 @@ pub(crate) struct Errors {
     pub(crate) accel: Matrix3<f64>,
     pub(crate) hard_iron_ut: Vector3<f64>,
     pub(crate) soft_iron: Matrix3<f64>,
-    /// Delay of the magnetometer, s.
+    /// Magnetometer delay, s.
     pub(crate) delay_s: f64,
 }
 
@@ -178,7 +178,7 @@ pub(crate) fn rotated(q: Quaternion<f64>, v: Vector3<f64>) -> Vector3<f64> {
     Vector3::new(turned.i, turned.j, turned.k)
 }
 
-/// Returns a pose in which `up` of the body points up.
+/// Returns a pose in which the body direction `up` points up.
 pub(crate) fn with_up(up: Vector3<f64>) -> Quaternion<f64> {
     let (up, zeta) = (up.normalize(), Vector3::z());
     let axis = up.cross(&zeta);

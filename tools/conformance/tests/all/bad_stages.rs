@@ -24,7 +24,7 @@ enum Defect {
     AcceptsAnyState,
     /// The motion is ignored.
     IgnoresMotion,
-    /// An output number is divided by a parameter whose minimum is 0.
+    /// An output number is divided by a parameter with a minimum of 0.
     Parameter,
     /// An output number becomes NaN long after an interval of zero.
     DelayedNan,

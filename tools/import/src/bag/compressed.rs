@@ -8,8 +8,8 @@ use super::Message;
 const ZSTD_MAGIC: &[u8] = b"\x28\xb5\x2f\xfd";
 const MAX_MESSAGE_BYTES: u64 = 1 << 16;
 
-/// Decompresses a message if it is compressed. A damaged message is returned unchanged, and
-/// decoding it fails later.
+/// Decompresses a message if it is compressed. If the data is damaged, the message is returned
+/// unchanged and fails to decode later.
 pub(super) fn decompress(message: Message) -> Message {
     if !message.data.starts_with(ZSTD_MAGIC) {
         return message;

@@ -22,7 +22,7 @@ use mcap::{
 use super::{Message, ReadError, topics::Topic};
 use crate::{csv_reader::CountingReader, error::open_error};
 
-/// Maximum length of a record or chunk, bytes. Reading of the file ends at a longer one.
+/// Maximum length of a record or chunk, bytes. Reading stops at the first longer one.
 const MAX_RECORD_BYTES: usize = 1 << 27;
 /// Maximum length of a message record, bytes. Longer messages are ignored.
 const MAX_MESSAGE_BYTES: usize = 1 << 16;
@@ -92,7 +92,7 @@ impl Cursor {
         })
     }
 
-    /// Returns the next message; `None` at the end.
+    /// Returns the next message, or `None` at the end of the file.
     pub(super) fn next(&mut self) -> Result<Option<Message>, ReadError> {
         loop {
             if let Some(chunk) = &mut self.chunk {
@@ -137,7 +137,7 @@ impl Chunk {
     fn parse(bytes: Vec<u8>) -> Option<Self> {
         let record = mcap::parse_record(op::CHUNK, &bytes[RECORD_HEADER_BYTES..]).ok()?;
         let Record::Chunk { header, data } = record else { return None };
-        // The reader relies on complete records in uncompressed chunks.
+        // The MCAP reader assumes that an uncompressed chunk consists of complete records.
         if header.compression.is_empty() && !contains_complete_records(&data) {
             return None;
         }

@@ -2,15 +2,15 @@
 //!
 //! Input: a file, or the folder of a bag.
 //!
-//! Output: the rows of one IMU topic, with field, reference and fixes from other topics.
+//! Output: the rows of one IMU topic, with magnetic field, reference and fixes from other topics.
 //!
-//! Time: timestamps in the messages.
+//! Time: the timestamps in the messages.
 //!
 //! Memory: one chunk of the file for each topic being read. The files are read once for the survey,
 //! once for the rows and once for each further topic.
 //!
-//! Failure: a bag without usable messages is an error. If a bag is damaged, its readable part is
-//! imported.
+//! Failure: a bag that contains no usable messages is an error. If a bag is damaged, its readable
+//! part is imported.
 
 mod compressed;
 mod mcap;
@@ -47,8 +47,8 @@ struct Message {
     data: Vec<u8>,
 }
 
-/// Error while reading the next message. Damage ends the reading of a file, a fatal error ends the
-/// import.
+/// Error while reading the next message. After damage, reading continues with the next file; a
+/// fatal error ends the import.
 enum ReadError {
     Fatal(ImportError),
     Damage(String),
@@ -89,7 +89,7 @@ pub(crate) struct Bag<'a> {
     requested_topics: &'a [String],
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
-    /// Topics selected by the survey; `None` before it.
+    /// Topics selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,
 }
 
@@ -113,7 +113,8 @@ impl<'a> Bag<'a> {
         Ok(Self { path, format, files, requested_topics, length_bytes, read_bytes, selection: None })
     }
 
-    /// Returns a reader of the messages of `wanted` topics, or of all readable topics.
+    /// Returns a reader for the messages of the `wanted` topics, or of all readable topics if
+    /// `wanted` is `None`.
     fn read_messages(&self, wanted: Option<Vec<Topic>>) -> MessageReader {
         let (files, read_bytes) = (self.files.clone().into_iter(), self.read_bytes.clone());
         MessageReader { files, current: None, wanted, read_bytes, damaged_chunks: 0, notes: Vec::new() }
@@ -252,7 +253,7 @@ impl Source for Bag<'_> {
     }
 }
 
-/// Returns the files of a bag, ordered by the number at the end of their names.
+/// Returns the files of a bag, ordered by the number at the end of each file name.
 fn bag_files(folder: &Path) -> Result<Vec<(PathBuf, Format)>, ImportError> {
     let failed = |cause| open_error(folder, cause);
     let mut files = Vec::new();
@@ -300,9 +301,9 @@ enum Cursor {
 }
 
 impl MessageReader {
-    /// Returns the next message; `None` at the end of the last file.
+    /// Returns the next message, or `None` at the end of the last file.
     ///
-    /// If a file cannot be read further, a note is added and the next file is read.
+    /// If a file cannot be read further, a note is added and reading continues with the next file.
     fn next(&mut self) -> Result<Option<Message>, ImportError> {
         loop {
             let Some((path, cursor)) = &mut self.current else {
@@ -360,7 +361,7 @@ impl Iterator for MessageReader {
     }
 }
 
-/// Collector of the fixes of one topic. A fix without a position gets the newest one received
+/// Collects the fixes of one topic. A fix that has no position gets the newest position received
 /// before it.
 #[derive(Default)]
 struct FixCollector {
@@ -372,7 +373,7 @@ struct FixCollector {
 }
 
 impl FixCollector {
-    /// Passes the fix to `on_fix` if it belongs to the first topic with fixes and its timestamp
+    /// Passes the fix to `on_fix` if it belongs to the first topic that has fixes and its timestamp
     /// increases.
     ///
     /// Returns `true` if `fix` is `Some`, even if it is not passed on.
@@ -404,7 +405,7 @@ impl FixCollector {
         Ok(true)
     }
 
-    /// Stores the position if it belongs to the first topic with positions.
+    /// Stores the position if it belongs to the first topic that has positions.
     ///
     /// Returns `true` if `position` is `Some`.
     fn push_position(&mut self, topic: &Rc<Topic>, position: Option<Position>) -> bool {

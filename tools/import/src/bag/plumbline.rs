@@ -2,7 +2,7 @@
 //!
 //! Input: protobuf as defined in `proto/plumbline/v1`.
 //!
-//! Output: samples. Axes and units are native already.
+//! Output: samples. Axes and units are already native.
 //!
 //! Time: `t_end_ns` of each sample, on the source's clock. A reference contains the tick of its
 //! sample instead of a time.
@@ -17,7 +17,8 @@ use wire::Payload;
 use super::{InertialSample, Position, VelocityFix};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
-/// Maximum number of samples, and of references, waiting for their counterpart.
+/// Maximum number of samples waiting for their reference, and of references waiting for their
+/// sample.
 const MAX_PENDING: usize = 4096;
 
 /// Decodes an IMU sample and returns it together with its tick.
@@ -64,7 +65,7 @@ pub(super) fn reference(data: &[u8]) -> Option<Reference> {
     Reference::from_bytes(data).ok()
 }
 
-/// Join of samples and references by tick.
+/// Joins samples and references by tick.
 #[derive(Default)]
 pub(super) struct ReferenceJoin {
     pending_samples: VecDeque<(u64, i64)>,

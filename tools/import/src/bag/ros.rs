@@ -22,7 +22,7 @@ const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;
 /// First element of the covariance of a quantity that was not measured.
 const NOT_MEASURED: f64 = -1.0;
-/// Value of `NavSatStatus` that means that there is no fix.
+/// `NavSatStatus` value that means no fix.
 const NO_FIX: i8 = -1;
 
 #[derive(Deserialize)]

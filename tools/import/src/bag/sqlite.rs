@@ -91,7 +91,7 @@ impl Cursor {
         Ok(Self { connection, topics, batch, query, last_row_id: after, has_ended, progress })
     }
 
-    /// Returns the next message; `None` at the end.
+    /// Returns the next message, or `None` at the end of the database.
     pub(super) fn next(&mut self) -> Result<Option<Message>, ReadError> {
         while self.batch.is_empty() && !self.has_ended {
             self.read_batch()?;

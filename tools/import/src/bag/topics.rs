@@ -46,7 +46,8 @@ impl Role {
 }
 
 impl Kind {
-    /// Returns the kind of messages with this encoding and schema; `None` if it is not supported.
+    /// Returns the kind of a message with this encoding and schema; `None` if the kind is not
+    /// supported.
     pub(super) fn from_schema(encoding: &str, schema: &str) -> Option<Self> {
         Some(match (encoding, schema) {
             ("protobuf", "plumbline.v1.ImuSample") => Self::PlumblineImu,

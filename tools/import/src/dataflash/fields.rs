@@ -8,12 +8,12 @@ use super::messages::Field;
 use crate::{row_writer::Attitude, source::ReceiverFix};
 
 const UT_PER_MGAUSS: f64 = 0.1;
-/// Lowest GPS status with all three velocity components.
+/// Lowest GPS status for which all three velocity components are available.
 const MIN_STATUS_3D: f64 = 3.0;
-/// Exclusive upper limit of times in a recording, ns.
+/// Exclusive upper limit for times in a recording, ns.
 const MAX_TIME_NS: i64 = 9_000_000_000_000_000_000;
 
-/// Attitude estimator of the autopilot, in order of preference.
+/// Attitude estimator in the autopilot, in order of preference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Estimator {
     /// Third extended Kalman filter, quaternion.
@@ -63,8 +63,7 @@ pub(super) enum Kind {
 pub(super) struct Layout {
     pub(super) kind: Kind,
     time: Time,
-    /// Field with the number of the sensor or estimator; `None` if the message type has no such
-    /// field.
+    /// Field with the sensor or estimator number; `None` if the message type has no such field.
     instance: Option<Field>,
     fields: Fields,
 }
@@ -83,7 +82,8 @@ enum Fields {
 }
 
 impl Layout {
-    /// Creates the layout of the type `name`; `None` if the type is not supported or lacks a field.
+    /// Creates the layout of the type `name`; `None` if the type is not supported or a field is
+    /// missing.
     pub(super) fn new(name: &[u8], find: &dyn Fn(&str) -> Option<Field>) -> Option<Self> {
         let find_vector = |[x, y, z]: [&str; 3]| Some([find(x)?, find(y)?, find(z)?]);
         let quaternion = || Some(Fields::Quaternion([find("Q1")?, find("Q2")?, find("Q3")?, find("Q4")?]));
@@ -111,7 +111,7 @@ impl Layout {
         Some(Self { kind, time, instance: find(instance), fields })
     }
 
-    /// Returns the number of the sensor or estimator that a message comes from.
+    /// Returns the number of the sensor or estimator that produced a message.
     pub(super) fn instance(&self, message: &[u8]) -> u8 {
         let instance = self.instance.and_then(|instance| instance.unsigned(message));
         instance.and_then(|instance| instance.try_into().ok()).unwrap_or(0)

@@ -1,4 +1,4 @@
-//! Reader of the messages of a DataFlash log.
+//! Reads the messages of a DataFlash log.
 //!
 //! Input: an ArduPilot log, which describes the layout of its messages in FMT messages.
 //!
@@ -6,8 +6,9 @@
 //!
 //! Memory: one buffer.
 //!
-//! Failure: only file errors. Bytes that are not a message are skipped and counted. Messages have
-//! no checksum, so a message is accepted if another one or the end of the log follows it.
+//! Failure: only file errors. Bytes that are not part of a message are skipped and counted.
+//! Messages have no checksum, so a message is accepted only if another message or the end of the
+//! log follows it.
 //!
 //! The available parser crate is not used, because it stops silently after 256 consecutive faults,
 //! does not report skipped bytes, and allocates for each field of each message.
@@ -70,7 +71,8 @@ impl MessageReader {
         })
     }
 
-    /// Returns the next message of a supported type with its layout; `None` at the end.
+    /// Returns the next message of a supported type with its layout, or `None` at the end of the
+    /// log.
     pub(super) fn next(&mut self) -> io::Result<Option<(&Layout, &[u8])>> {
         loop {
             let available = self.fill(HEADER_BYTES)?;

@@ -8,8 +8,8 @@
 //!
 //! Memory: a buffer for each series. The log is read once for the survey and once for each series.
 //!
-//! Failure: a log without usable messages is an error. If a log is damaged, all complete messages
-//! are read.
+//! Failure: a log that contains no usable messages is an error. If a log is damaged, all complete
+//! messages are read.
 
 mod fields;
 mod messages;
@@ -40,7 +40,7 @@ pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
-    /// Instances selected by the survey; `None` before it.
+    /// Instances selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,
 }
 
@@ -51,7 +51,7 @@ struct Selection {
     attitude: Option<(Estimator, u8)>,
 }
 
-/// Numbers of valid and rejected messages, by kind and instance.
+/// Counts of valid and rejected messages, by kind and instance.
 type Counts = BTreeMap<Kind, BTreeMap<u8, (u64, u64)>>;
 
 impl Log {

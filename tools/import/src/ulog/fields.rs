@@ -11,7 +11,7 @@ use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::Re
 
 /// Relative timestamp that marks a missing measurement.
 const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;
-/// Lowest `fix_type` with all three velocity components.
+/// Lowest `fix_type` for which all three velocity components are available.
 const MIN_FIX_TYPE: u8 = 3;
 
 /// Magnetic field at a time, gauss; forward, right, down.
@@ -147,7 +147,7 @@ pub(super) struct ReceiverFields {
     position: PositionFields,
 }
 
-/// Fields of latitude, longitude and altitude.
+/// Latitude, longitude and altitude fields.
 enum PositionFields {
     /// Degrees and m, since PX4 1.14.
     Degrees(Vector<f64>),
@@ -171,7 +171,7 @@ impl ReceiverFields {
         })
     }
 
-    /// Returns the fix; `None` without a 3D fix or with a velocity marked as invalid.
+    /// Returns the fix; `None` if it is not a 3D fix or its velocity is marked as invalid.
     pub(super) fn fix(&self, data: &[u8]) -> Option<ReceiverFix> {
         let is_valid = self.is_valid.as_ref().is_none_or(|is_valid| is_valid.parse(data));
         let is_3d = self.fix_type.as_ref().is_none_or(|kind| kind.parse(data) >= MIN_FIX_TYPE);
@@ -192,7 +192,7 @@ impl ReceiverFields {
     }
 }
 
-/// Time of a measurement. Old logs contain only the time of its publication.
+/// Time of a measurement. Old logs contain only its publication time.
 struct SampleTime {
     published: FieldParser<u64>,
     sampled: Option<FieldParser<u64>>,
@@ -214,7 +214,7 @@ fn time_ns(us: u64, relative_us: i32) -> Option<i64> {
         return None;
     }
     let us = i64::try_from(us).ok()?.checked_add(relative_us.into())?;
-    // Limit of the time column in a recording.
+    // Times in a recording are below this limit.
     us.checked_mul(1000).filter(|&t_ns| t_ns < 9_000_000_000_000_000_000)
 }
 

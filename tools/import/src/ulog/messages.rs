@@ -1,8 +1,8 @@
-//! Reader of the messages of a ULog.
+//! Reads the messages of a ULog.
 //!
 //! The ULog parser receives only the formats and messages of the wanted topics, and only after
 //! their lengths have been checked. Otherwise, deeply nested formats of other topics could keep it
-//! busy for very long, and some messages that are too short would make it panic.
+//! busy for very long, and messages that are too short could make it panic.
 
 use std::{
     cell::RefCell,
@@ -19,7 +19,7 @@ const BUFFER_BYTES: usize = 1 << 16;
 const HEADER_BYTES: usize = 16;
 /// Length of the size and type fields at the start of a message, bytes.
 const MESSAGE_HEADER_BYTES: usize = 3;
-/// Flags message without any flag set.
+/// Flags message in which no flag is set.
 const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
     let mut message = [0; 43];
     (message[0], message[2]) = (40, b'B');
@@ -90,8 +90,8 @@ pub(crate) fn read(
                 (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}"))),
             };
         if at_byte == HEADER_BYTES as u64 && kind != b'B' {
-            // Logs from before 2017 have no flags message, but the parser expects one or a
-            // parameter.
+            // Logs from before 2017 have no flags message, but the parser requires the first
+            // message to be a flags message or a parameter.
             if let Err(error) = parser.consume_bytes(&EMPTY_FLAGS_MESSAGE) {
                 break Some((at_byte, shorten(&error.description)));
             }
@@ -122,7 +122,7 @@ fn shorten(description: &str) -> String {
     description.chars().take(100).collect()
 }
 
-/// Returns the offsets of sections that were appended after a crash, last one first.
+/// Returns the offsets of the sections that were appended after a crash, in descending order.
 ///
 /// Each offset is also the end of the previous section.
 fn section_ends(offsets: &[u64; 3]) -> Vec<u64> {

@@ -10,8 +10,8 @@
 //! Memory: independent of the length of the log. The log is read once for the survey, and once each
 //! for the rows, field, attitude and fixes.
 //!
-//! Failure: a log without usable samples is an error. If a log is damaged, the part before the
-//! damage is imported.
+//! Failure: a log that contains no usable samples is an error. If a log is damaged, the part before
+//! the damage is imported.
 
 mod fields;
 mod messages;
@@ -46,7 +46,7 @@ const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
-    /// Topics selected by the survey; `None` before it.
+    /// Topics selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,
 }
 
@@ -128,7 +128,7 @@ impl Log {
         Ok(())
     }
 
-    /// Returns the number of passes before the one for the rows.
+    /// Returns the number of passes made before the one for the rows.
     fn passes_before_rows(&self) -> u64 {
         1 + u64::from(self.selection.as_ref().is_none_or(|selection| selection.fixes.accepted > 0))
     }
@@ -267,7 +267,7 @@ fn push_combined_field(series: &mut Series, layout: &CombinedFields, data: &[u8]
     push_field(series, Some(new))
 }
 
-/// Returns the field parsers of a topic. They are created from its first message.
+/// Returns the field parsers of a topic, which are created from its first message.
 fn cached_fields<T>(cache: &mut Option<T>, create: impl FnOnce() -> Result<T, ImportError>) -> Result<&T, ImportError> {
     Ok(match cache {
         Some(known) => known,

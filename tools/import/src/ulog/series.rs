@@ -41,7 +41,7 @@ pub(super) struct Series {
 }
 
 impl Series {
-    /// Creates a series of the lowest instance that occurs in the log.
+    /// Creates a series for the lowest instance that occurs in the log.
     pub(super) fn new(topic: &'static str, what: &'static str) -> Self {
         let instance = None;
         Self {
@@ -86,7 +86,7 @@ impl Series {
 
     /// Returns the sample if its timestamp increases.
     ///
-    /// `None` means an invalid sample, which is counted as rejected.
+    /// A `sample` of `None` is invalid and is counted as rejected.
     pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
         let Some(sample) = sample else {
             self.rejected += 1;
@@ -127,7 +127,8 @@ pub(super) fn stream<T: Send + 'static>(
     let (sender, samples) = sync_channel(MAX_QUEUED);
     thread::spawn(move || {
         let send = |sender: &SyncSender<_>, sample| {
-            // Sending fails if the consumer has stopped. Any error then ends the thread.
+            // Sending fails only if the consumer has stopped. The error returned then only ends the
+            // thread.
             sender.send(sample).map_err(|_| open_error(&path, io::ErrorKind::BrokenPipe.into()))
         };
         let read = messages::read(&path, &[topic], &mut |_| {}, &mut |message| {

@@ -49,7 +49,7 @@ const XKQ: u8 = 4;
 const ATT: u8 = 5;
 const MSG: u8 = 6;
 
-/// Returns a log of `rows` samples at 400 Hz.
+/// Returns a log with `rows` samples at 400 Hz.
 pub(crate) fn dataflash_log(rows: u32) -> DataFlashLog {
     let mut log = DataFlashLog::default();
     log.add_format(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");

@@ -1,4 +1,4 @@
-//! Helpers that generate logs, import them and read the result back.
+//! Helpers that generate logs, import them and read the results.
 
 use std::{
     fs,
@@ -12,7 +12,7 @@ use recording::{
 };
 use tempfile::TempDir;
 
-/// Result of an import, with the rows and fixes read back.
+/// Result of an import, with the rows and fixes read from its output files.
 #[derive(Debug)]
 pub(crate) struct Imported {
     pub(crate) summary: Summary,
@@ -47,7 +47,7 @@ impl Folder {
         names
     }
 
-    /// Returns the message of an error without the path of the folder.
+    /// Returns an error message with the folder path removed.
     pub(crate) fn message(&self, error: &ImportError) -> String {
         error.to_string().replace(&format!("{}/", self.0.path().display()), "")
     }
@@ -80,7 +80,8 @@ fn fixes(recording: &Path) -> Vec<Fix> {
     times.map(|t_ns| fixes.latest_until(t_ns).unwrap().unwrap()).collect()
 }
 
-/// Returns the path of a recorded log; `None`, with a note on stderr, if the test data is missing.
+/// Returns the path of a recorded log. If the test data is missing, prints a note to stderr and
+/// returns `None`.
 pub(crate) fn log(name: &str) -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
@@ -139,8 +140,7 @@ impl Log {
         self.message(b'D', &content);
     }
 
-    /// Writes a sample of [`COMBINED`]. `relative_us` is the time of the force relative to that of
-    /// the rate.
+    /// Writes a [`COMBINED`] sample. `relative_us` is the force time relative to the rate time.
     pub(crate) fn combined(&mut self, t_us: u64, gyro: [f32; 3], relative_us: i32, accel: [f32; 3]) {
         self.sample(0, t_us, &[&gyro, &0.004f32, &relative_us, &accel]);
     }

@@ -88,7 +88,7 @@ fn axes_converted_to_native() {
 fn reference_converted_from_all_frames() {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let west = [half, 0.0, 0.0, half];
-    // In enu-flu this attitude is a rotation by 180°, in ned-frd by -90°.
+    // The attitude is a rotation by 180° in enu-flu, and by -90° in ned-frd.
     for (frame, [w, x, y, z]) in [
         ("enu-rfu", west),
         ("enu-flu", [0.0, 0.0, 0.0, 1.0]),

@@ -17,7 +17,7 @@ fn complete_log() -> Log {
     log
 }
 
-/// Imports the first `length` bytes. Returns the number of rows and `true` if damage is reported.
+/// Imports the first `length` bytes. Returns the number of rows, and `true` if damage is reported.
 fn import_prefix(folder: &Folder, log: &[u8], length: usize) -> Result<(u64, bool), ImportError> {
     let path = folder.file("cut.ulg", &log[..length]);
     let summary = folder.import(&[path], None)?.summary;

@@ -99,7 +99,8 @@ fn check(contents: &[u8], rows: u64, columns: Option<&str>) -> TestCaseResult {
     let mapping = columns.map(|columns| Mapping::parse(&[columns], Some("ms"), None).unwrap());
     match folder.import(&[path], mapping) {
         Ok(imported) => prop_assert!(imported.summary.rows <= rows, "{:?}", imported.summary),
-        // If a damaged header lacks a mapped column, the error concerns the command line.
+        // A mapped column that is missing because the header is damaged is reported as a
+        // command-line error.
         Err(error) => {
             let is_input_error = error.exit_code() == 3 || columns.is_some() && error.exit_code() == 2;
             prop_assert!(is_input_error && !error.to_string().is_empty(), "{error}");

@@ -11,7 +11,7 @@ use attitude::{
 
 use crate::common::{Folder, log};
 
-/// Maximum interval between two rows that is integrated, s.
+/// Maximum interval between two rows that may be integrated, s.
 const MAX_GAP_S: f64 = 0.1;
 
 #[test]

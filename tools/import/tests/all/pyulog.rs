@@ -1,4 +1,4 @@
-//! Comparison with pyulog, the reader of PX4.
+//! Comparison with pyulog, the PX4 log reader.
 
 use std::{collections::HashMap, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     scripts::run_script,
 };
 
-/// Returns the samples of each topic: time in µs, and fields.
+/// Returns the samples of each topic as the time in µs and the fields.
 fn samples(log: &Path) -> HashMap<String, Vec<(i64, Vec<f64>)>> {
     let mut topics: HashMap<String, Vec<_>> = HashMap::new();
     for words in run_script("pyulog_reader.py", &[log.as_os_str()]) {

@@ -1,6 +1,6 @@
 //! Checks of the sensors at rest: |f| against gravity, and the gyro rate against zero.
 //!
-//! - Input: samples of a few seconds.
+//! - Input: samples from a few seconds.
 //! - Output: two checks.
 //! - Failure: while the body moves, both checks are reported as skipped.
 
@@ -11,15 +11,18 @@ use super::Check;
 
 /// Standard gravity, m/s² (ISO 80000-3).
 const GRAVITY_M_S2: f64 = 9.806_65;
-/// Maximum standard deviation of |f| at rest, m/s². Covers vibration and noise of common sensors.
+/// Maximum standard deviation of |f| at rest, m/s². It allows for vibration and the noise of common
+/// sensors.
 const MAX_FORCE_SD_M_S2: f64 = 0.3;
-/// Maximum change of the specific force at rest during the observation, as a share of |f| (0.9°).
+/// Maximum change of the specific force at rest during the observation, as a share of |f|.
+/// Corresponds to a tilt of 0.9°.
 const MAX_FORCE_DRIFT: f64 = 0.015;
 /// Maximum standard deviation of each rate at rest, rad/s (1 °/s).
 const MAX_RATE_SD_RAD_S: f64 = 0.0175;
-/// Maximum mean rate at rest, rad/s (20 °/s). A larger rate is a steady turn or an unusable gyro.
+/// Maximum mean rate at rest, rad/s (20 °/s). A larger rate indicates a steady turn or an unusable
+/// gyro.
 const MAX_REST_RATE_RAD_S: f64 = 0.35;
-/// Maximum gyro bias without a warning, rad/s (2 °/s). Common sensors have less.
+/// Gyro bias above which a warning is reported, rad/s (2 °/s). Common sensors have less.
 const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Minimum number of samples for a check.
 const MIN_SAMPLES: f64 = 50.0;

@@ -7,11 +7,11 @@ use super::Check;
 
 const FIX_COMMAND: &str = "plumb doctor --fix";
 
-/// Checks one system, or every system with files on this machine. With `fix`, removes the
+/// Checks one system, or every system that has files on this machine. If `fix` is set, removes the
 /// leftovers.
 pub fn checks(only: Option<&SystemName>, fix: bool) -> Vec<Check> {
     let stale = only.map_or_else(StaleResources::all, |system_name| vec![StaleResources::for_system(system_name)]);
-    // Files of another user are legitimate unless the user named the system.
+    // Files owned by another user are legitimate unless their system was requested by name.
     let severity_check = if only.is_some() { Check::problem } else { Check::warning };
     let inaccessible =
         |error: &BusError| severity_check("leftovers", error.to_string(), "left unchanged; ask the owner to check");
@@ -66,7 +66,8 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
         });
     }
     Some(match stale.liveness {
-        // The next process that joins cleans up. Until then the killed processes keep their ports.
+        // The next process that joins the system cleans up. Until then, the ports of the killed
+        // processes stay occupied.
         SystemLiveness::Running { .. } => Check::warning(check, found, FIX_COMMAND),
         _ => Check::problem(check, found, FIX_COMMAND),
     })

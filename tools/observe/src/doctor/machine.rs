@@ -10,15 +10,15 @@ use rustix::{
 
 use super::Check;
 
-/// Minimum free shared memory. A system at 1 kHz uses 5 MiB; three times that allows for a higher
-/// rate or a second system.
+/// Minimum free shared memory, MiB. A system at 1 kHz uses 5 MiB; three times that amount allows
+/// for a higher rate or a second system.
 const MIN_SHARED_MEMORY_MIB: u64 = 16;
-/// Ample free shared memory. The same system with all possible subscribers as slow as possible uses
-/// 83 MiB; half as much again is reserve.
+/// Ample free shared memory, MiB. A system at 1 kHz uses 83 MiB if it has the maximum number of
+/// subscribers and all are as slow as possible; half as much again is reserve.
 const AMPLE_SHARED_MEMORY_MIB: u64 = 128;
-/// Ample limit of open files: leaves room for a recorder, a gateway and observers.
+/// Ample open-file limit. It leaves room for a recorder, a gateway and observers.
 const AMPLE_OPEN_FILES: u64 = 1024;
-/// Minimum lockable memory, MiB: code, stacks and topic buffers of a service.
+/// Minimum lockable memory, MiB. It covers code, stacks and topic buffers of a service.
 const MIN_LOCKED_MEMORY_MIB: u64 = 8;
 /// Clock sources that are read without a system call.
 const FAST_CLOCK_SOURCES: [&str; 6] =
@@ -48,8 +48,8 @@ fn shared_memory_check(mib: u64) -> Check {
 
 fn open_files() -> Check {
     let check = "open-files";
-    // A process that joins a system raises its soft limit to the hard limit, so the hard limit
-    // counts.
+    // A process that joins a system raises its soft limit to the hard limit, so the hard limit is
+    // checked.
     match getrlimit(Resource::Nofile).maximum {
         Some(limit) if limit < REQUIRED_OPEN_FILES => {
             Check::problem(check, format!("limit {limit}"), OPEN_FILES_REMEDY)
@@ -104,6 +104,8 @@ fn monotonic_clock() -> Check {
     }
 }
 
+/// Checks whether the wall clock is synchronised.
+///
 /// The data path does not use the wall clock, but a synchronised clock makes recordings and fleets
 /// easier to compare.
 fn wall_clock() -> Check {

@@ -17,7 +17,7 @@ use std::fmt;
 use launch::pluralize;
 use serde::Serialize;
 
-/// Result of a check.
+/// Severity of a check's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
@@ -29,16 +29,16 @@ pub enum Severity {
     Problem,
 }
 
-/// One check.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Name of the check.
     pub check: &'static str,
-    /// Result of the check.
+    /// Severity of the result.
     pub result: Severity,
     /// Finding.
     pub found: String,
-    /// Remedy; `None` for [`Severity::Ok`].
+    /// Remedy; `None` if the result is [`Severity::Ok`].
     pub remedy: Option<String>,
 }
 
@@ -52,17 +52,17 @@ pub struct DoctorReport {
 }
 
 impl Check {
-    /// Creates a check without a fault.
+    /// Creates a check that found no fault.
     pub fn ok(check: &'static str, found: impl Into<String>) -> Self {
         Self { check, result: Severity::Ok, found: found.into(), remedy: None }
     }
 
-    /// Creates a check with a warning.
+    /// Creates a check that found a reason for a warning.
     pub fn warning(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { check, result: Severity::Warning, found: found.into(), remedy: Some(remedy.into()) }
     }
 
-    /// Creates a check with a problem.
+    /// Creates a check that found a problem.
     pub fn problem(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { check, result: Severity::Problem, found: found.into(), remedy: Some(remedy.into()) }
     }

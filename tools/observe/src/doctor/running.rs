@@ -13,11 +13,11 @@ use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 use super::{Check, Severity, at_rest::RestCheck};
 use crate::flow::FlowMonitor;
 
-/// Interval between two reads of the topics. Shorter than the time that their buffers hold.
+/// Interval between two reads of the topics. It is shorter than the time that their buffers cover.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Relative rate error above which a rate is a warning.
+/// Relative rate error above which a warning is reported.
 const WARNING_RATE_ERROR: f64 = 0.05;
-/// Relative rate error above which a rate is a problem: samples are missing.
+/// Relative rate error above which a problem is reported, because samples are missing.
 const PROBLEM_RATE_ERROR: f64 = 0.2;
 
 /// Data of a system collected during an observation.
@@ -55,9 +55,8 @@ impl Observation {
         };
         while !is_over() {
             std::thread::sleep(POLL_INTERVAL);
-            // Read before the samples, because a sample is not held back for its field. A field
-            // that
-            // arrives in between is not checked.
+            // The field is read before the samples, because a sample is checked without waiting for
+            // its field. A field that arrives between the two reads is not checked.
             field.drain(&mut |bytes| {
                 bytemuck::try_pod_read_unaligned(bytes).into_iter().for_each(|field| observation.fields.push(field));
             })?;
@@ -92,7 +91,8 @@ impl Observation {
         }
     }
 
-    /// Returns the checks of the observation, the service status and the rates in `config`.
+    /// Returns the checks of this observation, based on the service status and the rates in
+    /// `config`.
     pub fn checks(&self, statuses: &[ServiceStatus], config: &ServiceConfig) -> Vec<Check> {
         let mut checks: Vec<_> = statuses.iter().map(service_check).collect();
         checks.extend(statuses.iter().flat_map(diagnostic_checks));
@@ -130,7 +130,9 @@ impl Observation {
             let found = format!("{name} on {count} of {}: {meaning}", pluralize(self.attitudes, "attitude"));
             (count > 0).then(|| match Flags::INFORMATIONAL.any(*flag) {
                 true => Check::ok(check, found),
-                false => Check::warning(check, found, "see `plumb topic echo attitude`, and docs/bad-input.md"),
+                false => {
+                    Check::warning(check, found, "see `plumb topic echo attitude`, and docs/explanation/bad-input.md")
+                }
             })
         });
         let flag_checks: Vec<_> = flag_checks.collect();
@@ -186,7 +188,7 @@ fn service_check(status: &ServiceStatus) -> Check {
     }
 }
 
-/// Returns the diagnostics of the service, such as a fault of its device.
+/// Returns the diagnostics reported by the service, such as a device fault.
 fn diagnostic_checks(status: &ServiceStatus) -> impl Iterator<Item = Check> {
     let check = |diagnostic: &Diagnostic| Check::problem("source", &diagnostic.found, &diagnostic.remedy);
     status.diagnostics.iter().map(check)

@@ -23,7 +23,7 @@ pub(super) fn sphere() -> Vec<Shape> {
     let corners = [(-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3), (-1.3, -1.3)];
     let line = |points, strength: f64| Shape::Line { points, color: BLACK.mix(strength), width: 1 };
     let view = (-65f64.to_radians()).sin_cos();
-    // The outline is the circle perpendicular to the line of sight.
+    // The outline of the sphere is the great circle perpendicular to the line of sight.
     let (sin, cos) = 24f64.to_radians().sin_cos();
     let right = Vector3::new(-view.0, view.1, 0.0);
     let up = Vector3::new(-sin * view.1, -sin * view.0, cos);

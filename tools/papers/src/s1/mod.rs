@@ -21,10 +21,11 @@ pub use operations::{OperationComparison, Operations};
 pub use runs::Results;
 use runs::{NoiseFreeSample, NoisySample, TABLE_TIMES_S};
 
-/// Number of runs: noise-free and with errors.
+/// Number of simulation runs: one noise-free and one with errors.
 pub(crate) const RUN_COUNT: u64 = 2;
 
-/// Values of u, v and z in the scenario of the paper, at the times of `TABLE_TIMES_S`; z in rad.
+/// Published values of u, v and z in the scenario of the paper, at the times of `TABLE_TIMES_S`; z
+/// in rad.
 const PUBLISHED: [[f64; 3]; 6] = [
     [0.0, 0.221694663, 0.0],
     [-0.267949192, 0.0, 0.087266463],

@@ -1,9 +1,10 @@
-//! Operations per step of (u, v, z) and of the quaternion, with integrators of the same order.
+//! Operation counts per step for (u, v, z) and for the quaternion, with integrators of equal order.
 //!
 //! Output: multiplications, additions, divisions and square roots of one step, counted by a number
 //! type.
 //!
-//! S1 claims that three equations instead of four need up to 30 % less computation.
+//! S1 claims that three equations instead of four need up to 30 % less computation, which these
+//! counts check.
 
 use std::{
     cell::Cell,
@@ -14,7 +15,7 @@ thread_local! {
     static COUNTS: Cell<Operations> = const { Cell::new(Operations { products: 0, sums: 0, others: 0 }) };
 }
 
-/// Number of operations of a step.
+/// Numbers of operations in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Operations {
     /// Multiplications.
@@ -36,7 +37,7 @@ impl Operations {
 #[derive(Debug, Clone, Copy)]
 struct Counted(f64);
 
-/// Increments the counter of one kind of operation.
+/// Increments the count of one kind of operation.
 fn increment(kind: fn(&mut Operations) -> &mut u32) {
     COUNTS.with(|counts| {
         let mut operations = counts.get();
@@ -72,7 +73,7 @@ impl Counted {
     }
 }
 
-/// Returns the derivatives of u, v and z: (18)–(20) — Matveev 2025.
+/// Returns the derivatives of u, v and z — Matveev 2025, (18)–(20).
 fn point([u, v, _]: [Counted; 3], [x, y, z]: [Counted; 3]) -> [Counted; 3] {
     let (one, half) = (Counted(1.0), Counted(0.5));
     let (product, difference) = (u * v, u * u - v * v);
@@ -96,7 +97,7 @@ fn advanced<const N: usize>(state: [Counted; N], slope: [Counted; N], dt: Counte
 
 /// Performs one step of the classical Runge–Kutta method.
 ///
-/// `rates` are the rates at the start, in the middle and at the end of the step.
+/// `rates` are the rates at the start, the midpoint and the end of the step.
 fn fourth_order<const N: usize>(
     state: [Counted; N],
     slope: fn([Counted; N], [Counted; 3]) -> [Counted; N],
@@ -118,7 +119,7 @@ fn normalized(q: [Counted; 4]) -> [Counted; 4] {
     q.map(|x| x * inverse)
 }
 
-/// Operations of one step by (u, v, z) and by the normalised quaternion.
+/// Operation counts of one step by (u, v, z) and by the normalised quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OperationComparison {
     /// Integration method.
@@ -130,7 +131,7 @@ pub struct OperationComparison {
 }
 
 impl OperationComparison {
-    /// Returns the fraction of operations that (u, v, z) saves.
+    /// Returns the fraction of operations that (u, v, z) saves compared with the quaternion.
     pub fn reduction(&self) -> f64 {
         1.0 - f64::from(self.point.total()) / f64::from(self.quaternion.total())
     }

@@ -1,5 +1,5 @@
-//! Scenario of S1: noise-free with the equations of the paper, with errors through the channels of
-//! its figure 9.
+//! Scenario of S1 in two variants: noise-free, integrated by the equations of the paper, and with
+//! sensor errors, fused as in figure 9 of the paper.
 
 use attitude::{
     Vector3,
@@ -13,9 +13,9 @@ use attitude::{
 use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 100.0;
-/// Number of sample intervals, 100 s in total.
+/// Number of sample intervals. Together they last 100 s.
 const TICKS: u32 = 10_000;
-/// Start of the interval in which errors are scored, s.
+/// Time from which errors are scored, s.
 const SCORED_FROM_S: f64 = 5.0;
 /// Time constant T of the filters, s.
 pub(crate) const TIME_CONSTANT_S: f64 = 1.0;
@@ -49,17 +49,17 @@ pub(crate) fn noise_free() -> Vec<NoiseFreeSample> {
 pub(crate) struct NoisySample {
     pub(crate) t_s: f64,
     pub(crate) truth: Attitude,
-    /// Gyro channel: (18)–(20) in open loop.
+    /// Attitude of the gyro channel: (18)–(20) in open loop.
     pub(crate) gyro: Attitude,
-    /// Accelerometer channel: (27), (28).
+    /// Attitude of the accelerometer channel: (27), (28).
     pub(crate) accel: Attitude,
     /// LPF(v) of the gyro channel.
     pub(crate) low_pass_gyro: f64,
     /// LPF(v_a) of the accelerometer channel.
     pub(crate) low_pass_accel: f64,
-    /// Fusion by figure 9 as published, stage `wz-open`.
+    /// Fused attitude by figure 9 as published, stage `wz-open`.
     pub(crate) open: Attitude,
-    /// Fusion with the loop closed, stage `wz-closed`.
+    /// Fused attitude by figure 9 with the loop closed, stage `wz-closed`.
     pub(crate) closed: Attitude,
 }
 
@@ -75,7 +75,7 @@ impl NoisySample {
     }
 }
 
-/// Simulates the gyro bias and the accelerometer noise of S1.
+/// Simulates S1 with its gyro bias and accelerometer noise.
 ///
 /// The gyro channel starts at the true attitude. Returns `None` if a stage does not exist.
 pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
@@ -120,11 +120,11 @@ pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
 /// Key figures of S1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Results {
-    /// Largest errors of yaw, pitch and roll, noise-free, degrees.
+    /// Largest noise-free errors of yaw, pitch and roll, degrees.
     pub angles_deg: [f64; 3],
-    /// Distance between the two ends of the path of w after 100 s, noise-free.
+    /// Distance between the start and the end of the noise-free path of w over 100 s.
     pub closure: f64,
-    /// Values of u, v and z at 0, 5, 10, 25, 75 and 100 s, noise-free; z in rad.
+    /// Noise-free values of u, v and z at 0, 5, 10, 25, 75 and 100 s; z in rad.
     pub table: [[f64; 3]; 6],
     /// Inclination RMSE of the gyro channel from 5 s on, degrees.
     pub gyro_deg: f64,
@@ -136,7 +136,7 @@ pub struct Results {
     pub closed_deg: f64,
     /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,
-    /// Error of v of the gyro channel at 100 s.
+    /// Error at 100 s of v in the gyro channel.
     pub drift_v: f64,
     /// RMS of HPF(v) from 5 s on.
     pub high_pass: f64,
@@ -150,7 +150,7 @@ pub struct Results {
 pub(crate) const TABLE_TIMES_S: [f64; 6] = [0.0, 5.0, 10.0, 25.0, 75.0, 100.0];
 
 impl Results {
-    /// Evaluates both runs.
+    /// Evaluates the results of both runs.
     pub(crate) fn new(noise_free: &[NoiseFreeSample], noisy: &[NoisySample]) -> Self {
         let mut angles_deg = [0.0; 3];
         for NoiseFreeSample { attitude, truth, .. } in noise_free {
@@ -193,7 +193,7 @@ impl Results {
     }
 }
 
-/// Returns the angle between the two up vectors, degrees.
+/// Returns the angle between the up vectors of estimate and truth, degrees.
 fn tilt_deg(estimate: Attitude, truth: Attitude) -> f64 {
     let (one, other): (Vector3<f64>, Vector3<f64>) = (estimate.up.direction(), truth.up.direction());
     one.cross(&other).norm().atan2(one.dot(&other)).to_degrees()
@@ -232,7 +232,7 @@ mod tests {
     fn error_run_matches_expected_rmse() {
         let results = Results::new(&noise_free(), &with_errors().unwrap());
         println!("{results:?}");
-        // The results vary by 15 % with the noise seed.
+        // The tolerance is wide, because the results vary by 15 % with the noise seed.
         for (got, published) in [
             (results.gyro_deg, 7.25),
             (results.gyro_end_deg, 11.3),
@@ -242,8 +242,8 @@ mod tests {
         ] {
             assert!((got / published - 1.0).abs() < 0.15, "{got}° for {published}°");
         }
-        // In figure 8 v exceeds ±0.3 and reaches 0.4. In figure 10 HPF(v) is a small part of the
-        // sum.
+        // In figure 8 of the paper v exceeds ±0.3 and reaches 0.4. In its figure 10 HPF(v) is a
+        // small part of the sum.
         assert!((0.05..0.25).contains(&results.drift_v.abs()), "{}", results.drift_v);
         assert!(results.high_pass < 0.5 * results.low_pass && results.sum_error < 0.01, "{results:?}");
     }

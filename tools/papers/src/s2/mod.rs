@@ -17,10 +17,11 @@ use crate::{
 pub use relations::Results;
 use relations::{COLUMNS, Cell, Method, ROWS, errors_near_singularity, sensitivity, sphere_cells};
 
-/// Number of runs: one pass over the sphere.
+/// Number of simulation runs: one pass over the sphere.
 pub(crate) const RUN_COUNT: u64 = 1;
 
-/// Returns figures and a table of the relations. The paper has no measured figures.
+/// Returns the figures and a table of the relations, because the paper contains no measurements to
+/// compare with.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     let cells = sphere_cells();
     progress.step();

@@ -1,7 +1,8 @@
-//! Pitch and roll from a direction of gravity, by every stage of the accel slot, in the axes of S2.
+//! Pitch and roll from the direction of gravity, computed by every stage of the accel slot in the
+//! axes of S2.
 //!
-//! The axes of S2 are X forward, Y right and Z along the vertical, read as +g by the accelerometer.
-//! The stages use ξ right, η forward and ζ up, hence f_ξ = −gy, f_η = −gx, f_ζ = gz.
+//! The axes of S2 are X forward, Y right and Z along the vertical, where the accelerometer reads
+//! +g. The stages use ξ right, η forward and ζ up, hence f_ξ = −gy, f_η = −gx, f_ζ = gz.
 
 use attitude::{GRAVITY_M_S2, Vector3, accel::Accelerometer, stage::Stage, state::wrapped_rad};
 
@@ -12,7 +13,7 @@ pub(crate) const ROWS: usize = 36;
 /// One thousandth of g, m/s².
 const MILLI_G_M_S2: f64 = 1e-3 * GRAVITY_M_S2;
 
-/// Angles β and ψ, or differences of them, degrees.
+/// Angles β and ψ, or differences between such angles, degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tilt {
     /// Pitch β.
@@ -71,7 +72,7 @@ impl Method {
     }
 }
 
-/// Grid cell: a direction of gravity given by its true angles, and the estimates of all methods.
+/// Grid cell: a direction of gravity, given by its true angles, with the estimates of all methods.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cell {
     truth: Tilt,
@@ -100,8 +101,8 @@ pub(crate) fn sphere_cells() -> Vec<Cell> {
     (0..COLUMNS * ROWS).map(cell).collect()
 }
 
-/// Returns β from 80° up to 90° with the errors of both angles, for ψ = 0 and an error of 1 mg in
-/// gy.
+/// Returns β from 80° to just below 90°, each with the errors of both angles, for ψ = 0 and an
+/// error of 1 mg in gy.
 pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     let at = |step: i32| {
         let truth = Tilt { pitch_deg: 80.0 + f64::from(step) * 0.02, roll_deg: 0.0 };
@@ -111,7 +112,7 @@ pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     (0..500).map(at).collect()
 }
 
-/// Returns dβ/dgx and dψ/dgy by central differences, degrees per thousandth of g.
+/// Returns the sensitivities dβ/dgx and dψ/dgy by central differences, degrees per thousandth of g.
 pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     let step_m_s2 = 1e-3 * MILLI_G_M_S2;
     let gravity_m_s2 = Tilt { pitch_deg, roll_deg }.gravity_m_s2();
@@ -123,16 +124,16 @@ pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     (difference_along(Vector3::x()).pitch_deg * scale, difference_along(Vector3::y()).roll_deg * scale)
 }
 
-/// Largest differences over the sphere.
+/// Largest errors and differences over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Results {
-    /// Error of the matrix method.
+    /// Largest error of the matrix method.
     pub matrix: Tilt,
-    /// Error of the quaternion method.
+    /// Largest error of the quaternion method.
     pub quaternion: Tilt,
-    /// Error of the projection of S1.
+    /// Largest error of the projection of S1.
     pub projector: Tilt,
-    /// Difference between matrix and quaternion method.
+    /// Largest difference between the matrix and the quaternion method.
     pub matrix_vs_quaternion: Tilt,
 }
 

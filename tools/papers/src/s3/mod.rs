@@ -25,10 +25,11 @@ const FIGURES: [(&str, &str, SensorCase); 3] = [
     ("figure-2c", "Figure 2 c: no accelerometer noise, magnetic disturbance", SensorCase::MagneticDisturbance),
 ];
 
-/// Number of runs: the cases of the table, the parts of figure 2, and one pass over all stages.
+/// Number of simulation runs: the cases of the table, the parts of figure 2, and one pass over all
+/// stages.
 pub(crate) const RUN_COUNT: u64 = (TABLE_CASES.len() + FIGURES.len() + 1) as u64;
 
-/// RMS errors in the paper by axis: original, improved, and the printed gain, %.
+/// Published RMS errors by axis: original form, improved form, and the printed gain, %.
 const PUBLISHED: [(&str, f64, f64, f64); 3] =
     [("pitch", 1.9371, 0.9986, 48.7), ("roll", 0.3502, 0.2410, 33.12), ("yaw", 1.8198, 0.9465, 47.99)];
 
@@ -85,7 +86,8 @@ fn figure_1() -> Part {
     }
 }
 
-/// Returns quaternions over time, each with the sign that is closer to the previous one.
+/// Returns quaternions over time, each with that of its two signs that is closer to the previous
+/// quaternion.
 fn continuous_quaternions(samples: &[Sample], value: fn(&Sample) -> Quaternion<f64>) -> Vec<(f64, [f64; 4])> {
     let mut previous = Quaternion::new(1.0, 0.0, 0.0, 0.0);
     let next = |sample: &Sample| {
@@ -97,7 +99,8 @@ fn continuous_quaternions(samples: &[Sample], value: fn(&Sample) -> Quaternion<f
     samples.iter().map(next).collect()
 }
 
-/// Largest step of a plotted Euler angle, degrees. Larger steps are wraps or the singularity.
+/// Largest step between plotted values of an Euler angle, degrees. Larger steps are due to wrapping
+/// or to the singularity, so the curve is broken there.
 const MAX_STEP_DEG: f64 = 150.0;
 
 fn figure(name: &'static str, title: &str, sensors: SensorCase) -> Part {

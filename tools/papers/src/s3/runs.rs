@@ -1,4 +1,4 @@
-//! Simulation of S3 with the stages: one full turn about each axis, one after the other.
+//! Simulation of S3 with the stages: one full turn about each axis in sequence.
 
 use attitude::{
     Vector3,
@@ -13,18 +13,19 @@ use attitude::{
 };
 use scenario::{Scenario, s3};
 
-/// Original form with the gain of the paper, rad/s.
+/// Original form with the paper's gain, rad/s.
 pub(crate) const ORIGINAL: Filter = Filter { name: "madgwick", gain: Some(("beta_rad_s", 0.021)) };
-/// Improved form with the gain of the paper, 1/s.
+/// Improved form with the paper's gain, 1/s.
 pub(crate) const IMPROVED: Filter = Filter { name: "madgwick-improved", gain: Some(("beta_1_s", 0.029)) };
 /// Number of runs that are averaged for the table.
 pub(crate) const SEEDS: u64 = 40;
-/// Magnetic disturbance of figure 2 c, towards east, µT: as strong as the field towards north.
+/// Magnetic disturbance of figure 2 c towards east, µT. It is as strong as the northward component
+/// of the field.
 const DISTURBANCE_UT: f64 = 20.0;
-/// Interval of each turn in which the disturbance acts, s.
+/// Interval in each turn during which the disturbance acts, s.
 const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;
 
-/// Fuser stage, with the name and value of its gain if not the default.
+/// Fuser stage, with the name and the value of its gain; `None` keeps the default gain.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Filter {
     pub(crate) name: &'static str,
@@ -34,14 +35,15 @@ pub(crate) struct Filter {
 /// Sensor errors of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SensorCase {
-    /// Figure 2 a: gyro noise of 1 °/s only.
+    /// Figure 2 a: only gyro noise of 1 °/s.
     Ideal,
-    /// Figure 2 b: gyro noise, and accelerometer noise of 0.03.
+    /// Figure 2 b: gyro noise of 1 °/s, and accelerometer noise of 0.03 g.
     AccelNoise,
-    /// Figure 2 c: gyro noise and a magnetic disturbance.
+    /// Figure 2 c: gyro noise of 1 °/s, and a magnetic disturbance.
     MagneticDisturbance,
-    /// Table 1: noise of all sensors. The gyro noise is 1 °/s, or 1 rad/s as printed. The first
-    /// sample is exact or noisy.
+    /// Table 1: noise of all sensors. The gyro noise is 1 rad/s, as printed, if
+    /// `printed_gyro_noise` is set, otherwise 1 °/s. The first sample is noisy if `noisy_start` is
+    /// set, otherwise exact.
     Table { printed_gyro_noise: bool, noisy_start: bool },
 }
 
@@ -106,12 +108,12 @@ pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<
 /// RMS errors of a run, degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rms {
-    /// Errors of pitch, roll and yaw. They become very large near pitch ±90°.
+    /// Errors of pitch, roll and yaw. They become very large near a pitch of ±90°.
     pub angles_deg: [f64; 3],
     /// Components of the rotation vector from truth to estimate, about the body axes of pitch, roll
     /// and yaw.
     pub vector_deg: [f64; 3],
-    /// Total error: the angle of the rotation between estimate and truth.
+    /// Total error: the angle of the rotation from truth to estimate.
     pub total_deg: f64,
     /// Heading part of the error; `None` if the stage has no north reference.
     pub heading_deg: Option<f64>,
@@ -151,7 +153,7 @@ impl Rms {
         }
     }
 
-    /// Returns the mean over `SEEDS` runs.
+    /// Returns the mean errors over `SEEDS` runs.
     pub(crate) fn mean_over_seeds(filter: Filter, sensors: SensorCase) -> Self {
         let mut mean = Self::default();
         for seed in 1..=SEEDS {
@@ -172,9 +174,9 @@ impl Rms {
 /// Errors of the original and the improved form in one case of table 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
-    /// Gyro noise of 1 rad/s, as printed, instead of 1 °/s.
+    /// `true` for a gyro noise of 1 rad/s, as printed, instead of 1 °/s.
     pub printed_gyro_noise: bool,
-    /// Noisy first sample, from which the filter starts.
+    /// `true` if the first sample, from which the filter starts, is noisy.
     pub noisy_start: bool,
     /// Errors of the original form with β = 0.021 rad/s.
     pub original: Rms,

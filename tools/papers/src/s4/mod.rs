@@ -17,10 +17,11 @@ use crate::{
 use runs::{DURATION_S, ErrorSample, SEEDS, STAGES, StageErrors, run_flights};
 pub use runs::{GnssCoverage, SquaredErrors};
 
-/// Number of runs: every GNSS coverage with every seed.
+/// Number of simulation runs: one for each GNSS coverage and each seed.
 pub(crate) const RUN_COUNT: u64 = GnssCoverage::ALL.len() as u64 * SEEDS;
 
-/// Curve styles of the stages, in the order of `STAGES`. A curve that others cover is wider.
+/// Curve styles of the stages, in the order of `STAGES`. A curve that is covered by others is drawn
+/// wider.
 const STYLES: [(RGBColor, LineStyle); 4] =
     [(SKY, LineStyle::Wide), (PURPLE, LineStyle::Thick), (ORANGE, LineStyle::Thin), (BLUE, LineStyle::Thin)];
 
@@ -80,7 +81,7 @@ fn line(
 
 fn errors(name: &'static str, title: &str, range_deg: f64, flights: &[StageErrors], caption: &str) -> Part {
     let panel = |title: &str, label, value: fn(&ErrorSample) -> f64| {
-        // The most accurate stage is drawn last, on top.
+        // The most accurate stage is drawn last, so that its curve is on top.
         let curves = STAGES
             .iter()
             .zip(STYLES)
@@ -134,7 +135,8 @@ fn course(always: &[StageErrors], gaps: &[StageErrors]) -> Part {
         })
     };
     let levelling = always.first().map_or(&[][..], |errors| &errors.samples);
-    // The gyroscopic course starts at an arbitrary direction, so only its change is an error.
+    // The gyroscopic course starts at an arbitrary direction, so only its change since the start is
+    // an error.
     let start_deg = levelling.first().map_or(0.0, |sample| sample.heading_deg);
     let gyroscopic: Vec<_> = levelling
         .iter()

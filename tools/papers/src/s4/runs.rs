@@ -1,5 +1,5 @@
-//! Simulated cruise through the levelling stages: signed errors with continuous GNSS, with gaps and
-//! without GNSS.
+//! Runs the levelling stages on a simulated cruise. Collects signed errors with continuous GNSS,
+//! with gaps and without GNSS.
 
 use attitude::{
     accel::Projector,
@@ -11,9 +11,10 @@ use attitude::{
 };
 use scenario::Scenario;
 
-/// Duration of a flight, s: that of the paper.
+/// Duration of a flight, s, as in the paper.
 pub(crate) const DURATION_S: f64 = 3500.0;
-/// Compared stages. The first is the law of the paper with one attitude, the second its figure 7.
+/// Stages that are compared. The first is the paper's law on a single attitude, the second is
+/// figure 7 of the paper.
 pub(crate) const STAGES: [&str; 4] = ["levelling", "levelling-unified", "levelling-pi", "aided"];
 /// Number of flights that are averaged for the table.
 pub(crate) const SEEDS: u64 = 4;
@@ -51,9 +52,9 @@ pub(crate) struct ErrorSample {
     pub(crate) t_s: f64,
     pub(crate) roll_deg: f64,
     pub(crate) pitch_deg: f64,
-    /// Error of the heading of the stage itself.
+    /// Heading error of the stage itself.
     pub(crate) heading_deg: f64,
-    /// Error of the course of the stage `track` behind it.
+    /// Course error of the stage `track` that follows the stage.
     pub(crate) course_deg: f64,
 }
 
@@ -96,13 +97,13 @@ impl SquaredErrors {
         self.rms(self.pitch)
     }
 
-    /// Returns the RMS error of the heading of the stage, degrees, or `None` if no sample was
-    /// scored.
+    /// Returns the RMS heading error of the stage, degrees, or `None` if no sample was scored.
     pub fn heading_deg(&self) -> Option<f64> {
         self.rms(self.heading)
     }
 
-    /// Returns the RMS error of the complex course, degrees, or `None` if no sample was scored.
+    /// Returns the RMS error of the course from the stage `track`, degrees, or `None` if no sample
+    /// was scored.
     pub fn course_deg(&self) -> Option<f64> {
         self.rms(self.course)
     }
@@ -123,7 +124,7 @@ pub(crate) struct StageErrors {
 }
 
 impl StageErrors {
-    /// Adds the sums of `other`. The samples stay.
+    /// Adds the sums of `other`. The plotted samples of `self` are kept unchanged.
     pub(crate) fn combined(self, other: &Self) -> Self {
         let (aided, autonomous) = (self.aided.combined(other.aided), self.autonomous.combined(other.autonomous));
         Self { samples: self.samples, aided, autonomous }
@@ -187,7 +188,7 @@ pub(crate) fn run_flight(coverage: GnssCoverage, seed: u64) -> Option<Vec<StageE
     Some(errors)
 }
 
-/// Runs all stages over the flights of all seeds. The samples are those of the first seed.
+/// Runs all stages over the flights of all seeds. The returned samples are those of the first seed.
 ///
 /// `done` is called after each flight.
 pub(crate) fn run_flights(coverage: GnssCoverage, mut done: impl FnMut()) -> Vec<StageErrors> {

@@ -33,7 +33,7 @@ impl Curve {
         }
     }
 
-    /// Adds the value at a time, s. A value that is not finite breaks the curve.
+    /// Adds the value at a time, s. A value that is not finite interrupts the curve.
     pub(crate) fn push(&mut self, t_s: f64, value: f64) {
         self.count += 1;
         if value.is_finite() {
@@ -71,8 +71,8 @@ impl Curve {
         Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
     }
 
-    /// Returns the range of values without the outermost `percent` of the points at either end, so
-    /// that spikes are ignored.
+    /// Returns the range of the values, excluding the outermost `percent` of the points at both
+    /// ends, so that spikes are ignored.
     pub(crate) fn robust_range(&self, percent: f64) -> Option<(f64, f64)> {
         let mut values: Vec<_> = self.points.iter().map(|(_, value)| *value).filter(|value| !value.is_nan()).collect();
         values.sort_by(f64::total_cmp);

@@ -15,9 +15,9 @@
 //! | `NAME.v` | v of gyro, accelerometer and fused in one panel |
 //! | `NAME.angles` | yaw, pitch, roll and course |
 //! | `NAME.bias` | gyro bias: estimated, and true if known |
-//! | `NAME.error` | inclination error, with heading and total error if the heading is known |
-//! | `NAME.signed` | signed roll, pitch, yaw and course errors; yaw drift if the heading is arbitrary |
-//! | `NAME.bias-error` | error of the gyro bias, if the true bias is known |
+//! | `NAME.error` | inclination error; also heading and total error if the heading is known |
+//! | `NAME.signed` | signed roll, pitch, yaw and course errors; drift of an arbitrary yaw |
+//! | `NAME.bias-error` | gyro bias error, if the true bias is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |
 //! | `sweep.SETTING` | error over the range of a setting |
 
@@ -49,10 +49,10 @@ const PANEL_HEIGHT: u32 = 300;
 /// Height of a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
-/// Angle step above which a curve wraps around instead of moving, degrees.
+/// Angle step above which two consecutive points are separated by a wrap-around, degrees.
 const WRAP_DEG: f64 = 180.0;
 
-/// Options of the figures.
+/// Options for the figures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PlotOptions {
     /// Output folder.
@@ -303,7 +303,7 @@ fn chain_label(launch: &Launch) -> String {
     format!("{} + {} → {} → {}", gyro.stage, accel.stage, fuser.stage, course.stage)
 }
 
-/// Returns a chart of the curves over time with some margin; `None` without curves.
+/// Returns a chart of the curves over time with some margin; `None` if there are no curves.
 fn panel_chart(label: &'static str, from_s: f64, curves: &[(&Series<'_>, &Curve)]) -> Option<Chart> {
     let ranges = || curves.iter().filter_map(|(_, curve)| curve.range());
     let min = ranges().map(|range| range.0).reduce(f64::min)?;

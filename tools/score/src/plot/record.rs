@@ -17,7 +17,7 @@ use crate::{
     sensors::SensorSlots,
 };
 
-/// Largest |w| that is drawn. Beyond it the body is nearly upside down.
+/// Largest |w| that is drawn. At larger values the body is nearly upside down.
 const MAX_DRAWN_W: f64 = 3.0;
 
 /// Sources of an attitude, in drawing order.

@@ -124,7 +124,7 @@ where
     Ok(())
 }
 
-/// Returns the runs of consecutive visible points.
+/// Returns the sequences of consecutive visible points.
 fn visible_runs(
     ups: &[Vector3<f64>],
     project_up: impl Fn(&Vector3<f64>) -> Option<(f64, f64)>,
@@ -134,7 +134,7 @@ fn visible_runs(
     runs.map(|run| run.iter().copied().flatten().collect()).collect()
 }
 
-/// Returns w of an up vector as a point in the plane; `None` outside the drawn part.
+/// Returns w of an up vector as a point in the plane; `None` if it is outside the drawn part.
 fn plane_point(up: &Vector3<f64>) -> Option<Vector3<f64>> {
     let w = Vector3::new(up.x, up.y, 0.0) / (1.0 + up.z);
     (w.amax() <= PLANE_HALF_SIDE).then_some(w)

@@ -3,16 +3,16 @@
 //! Input: lines of points.
 //!
 //! Output: a self-contained `svg` element. The range of the vertical axis ignores the outermost
-//! points at either end. If points are above the axis, a note states the largest value.
+//! points at both ends. If a line exceeds the axis, a note states its largest value.
 
 use std::fmt::Write;
 
 use super::escape;
 use crate::plot::curve::Curve;
 
-/// Angle step above which a curve wraps around instead of moving, degrees.
+/// Angle step above which two consecutive points are separated by a wrap-around, degrees.
 const WRAP_DEG: f64 = 180.0;
-/// Percentage of points at either end that the range of the vertical axis ignores.
+/// Percentage of points at both ends that the range of the vertical axis ignores.
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Width and height of a chart, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];
@@ -42,7 +42,7 @@ pub(super) struct Line {
     /// Index of the stage; `None` for the reference.
     pub(super) stage: Option<usize>,
     pub(super) segments: Vec<Vec<(f64, f64)>>,
-    /// Range of the values without outliers.
+    /// Range of the values, excluding outliers.
     pub(super) y_range: Option<(f64, f64)>,
     /// `true` if each point has a marker.
     pub(super) has_markers: bool,

@@ -21,7 +21,7 @@ use crate::{
 };
 use chart::{Chart, Line, stage_class};
 
-/// Number of line styles for stages. Further stages reuse them in order.
+/// Number of line styles available for stages. Further stages reuse the styles in order.
 const STYLE_COUNT: usize = 6;
 
 /// Style sheet, with the colours of Okabe and Ito 2008. The reference has the colour of the text.
@@ -176,7 +176,7 @@ impl HtmlReport<'_> {
             ("difference from the first stage", "RMS", &overlay.differences, 1)
         };
         if !curves.is_empty() {
-            // With an arbitrary heading, the heading and total errors are undefined.
+            // If the heading is arbitrary, the heading and total errors are undefined.
             let is_meaningful = |at: usize, which: usize| {
                 let trial = self.scores.stages.get(at).and_then(|stage| stage.trials.get(index));
                 which == 0 || !overlay.has_reference() || trial.is_some_and(|trial| trial.heading_is_known)

@@ -47,7 +47,8 @@ impl Aided {
         } else {
             (0.0, settings.speed_sd_m_s)
         };
-        // A heading that is not counted from north defines the frame itself and has no error.
+        // If the heading is not counted from north, it defines the reference frame and therefore
+        // has no error.
         let heading_factor = if self.course_known { 1.0 } else { 0.0 };
         let mut error = ErrorState::zeros();
         let mut measure = |residual: f64, row: &[(usize, f64)], variance: f64| {
@@ -75,8 +76,8 @@ impl Aided {
 
     /// Updates the filter at standstill. Returns `true` if it was updated.
     ///
-    /// The mean rate is a measurement of the gyro bias. Without recent fixes, zero velocity is used
-    /// as a measurement, too.
+    /// At standstill the mean rate is a measurement of the gyro bias. If there are no recent fixes,
+    /// a velocity of zero is used as a measurement, too.
     pub(super) fn apply_standstill(&mut self, input: &FuserInput, force_m_s2: Option<Vector3<f64>>) -> bool {
         let (Some(motion), Some(force_m_s2), true) = (&input.motion, force_m_s2, input.rest_credible) else {
             self.standstill.reset();

@@ -5,13 +5,13 @@
 //! Navigation*, 5.4).
 //!
 //! - Sensors that are worse than their settings raise the mean. The reported deviations are
-//!   multiplied by the square root of the mean.
+//!   therefore multiplied by the square root of the mean.
 //! - A receiver that is better than its settings lowers the mean, but this reveals less about the
 //!   part of the error that the gyro causes. The reported deviations are then reduced by an
-//!   empirical law, fitted to cruise flights with a receiver of 0.05 m/s and with both good and bad
-//!   other sensors. The law holds only for the default noise settings.
+//!   empirical law, fitted to cruise flights with a receiver noise of 0.05 m/s and with both good
+//!   and bad other sensors. The law holds only for the default noise settings.
 //!
-//! The filter's own deviations stay unchanged, because its gains are to follow from the settings.
+//! The filter's own deviations are not scaled, because its gains must follow from the settings.
 
 use crate::scalars::Scalars;
 
@@ -49,7 +49,7 @@ impl Default for Consistency {
 
 impl Consistency {
     /// Records the normalised innovations of a velocity, one per axis. `interval_s` is the time
-    /// since the previous ones.
+    /// since the previous velocity.
     pub(super) fn record(&mut self, innovations: [f64; 3], interval_s: f64) {
         let square = |innovation: f64| innovation * innovation;
         let mean = innovations

@@ -1,8 +1,10 @@
 //! Covariance of the error (dv, φ, db, ds, dL) and its update by a scalar measurement.
 //!
-//! φ rotates the true attitude into the estimated one about reference axes. dv, db and ds are
-//! estimate less truth, dL is truth less estimate. Between measurements dv' = −[f ×] φ − R ds and
-//! φ' = −R db, with the specific force f in reference axes and R body → reference.
+//! The components are the errors of velocity, attitude, gyro bias b, accelerometer bias s and
+//! receiver latency L. φ rotates the true attitude into the estimated one about reference axes. dv,
+//! db and ds are estimate minus truth, dL is truth minus estimate. Between measurements
+//! dv' = −[f ×] φ − R ds and φ' = −R db, with the specific force f in reference axes and R body →
+//! reference.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -11,7 +13,7 @@ use crate::{Matrix3, Vector3, scalars::Scalars};
 /// Interval between two propagations of the covariance, s.
 pub(super) const INTERVAL_S: f64 = 0.05;
 
-/// Index of the velocity error, m/s. Each vector has three components.
+/// Index of the velocity error, m/s. This and every other vector occupies three components.
 pub(super) const VELOCITY: usize = 0;
 /// Index of the rotation about east, north and up, rad.
 pub(super) const ROTATION: usize = 3;

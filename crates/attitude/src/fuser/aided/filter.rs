@@ -14,8 +14,8 @@ use super::{
 };
 use crate::{Vector3, course::CourseReference, fuser::bias_handover::HandedOverBias, state::Attitude};
 
-/// Smallest horizontal part of the forward unit vector that defines a heading. Corresponds to 20°
-/// from the vertical.
+/// Smallest horizontal part of the forward unit vector that defines a heading. It corresponds to a
+/// direction 20° from the vertical.
 const MIN_HORIZONTAL_FORWARD: f64 = 0.34;
 
 /// Fuser stage `aided`.
@@ -29,7 +29,8 @@ pub struct Aided {
     pub(super) pending_rad: Vector3<f64>,
     pub(super) started: bool,
     pub(super) reference: CourseReference,
-    /// Set if the heading counts from north. Only then does it affect the velocity.
+    /// Set if the heading counts from north. A heading error affects the velocity only in this
+    /// case.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
     /// Velocity of the antenna relative to the sensors, R (ω × r), m/s, reference axes.

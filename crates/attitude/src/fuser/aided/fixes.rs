@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{GRAVITY_M_S2, Vector3, course::CourseReference, fuser::fused::Corrections, gnss::Fix, state::wrapped_rad};
 
-/// Largest standard deviation of the initial course due to wind, rad. Beyond it, the linearisation
+/// Largest standard deviation of the initial course due to wind, rad. Above it, the linearisation
 /// does not hold.
 const MAX_WIND_COURSE_SD_RAD: f64 = 0.8;
 /// Speed at which a body counts as moving, m/s.
@@ -20,7 +20,8 @@ const MAX_VELOCITY_M_S: f64 = 2e3;
 const MIN_SD_M_S: f64 = 0.02;
 
 impl Aided {
-    /// Processes a fix.
+    /// Updates the filter with a fix. While the course is unknown, a fix at sufficient speed starts
+    /// it.
     pub(super) fn on_fix(&mut self, fix: &Fix, corrections: &mut Corrections) {
         if fix.velocity_m_s.amax() > MAX_VELOCITY_M_S {
             return;
@@ -56,7 +57,7 @@ impl Aided {
     /// with little weight, with the track.
     ///
     /// The velocity error at that time differed from the present one by the effect that tilt error
-    /// and accelerometer bias have had since then.
+    /// and accelerometer bias have had since then, so the measurement includes these states.
     fn update_velocity(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
@@ -102,8 +103,8 @@ impl Aided {
         self.apply_correction(&error);
     }
 
-    /// Sets the velocity to the receiver's and, unless the heading counts from true north, the
-    /// heading to the track. Level and biases are kept.
+    /// Sets the velocity to that of the receiver. Also sets the heading to the track, unless it
+    /// already counts from true north. Level and biases are kept.
     fn start_course(&mut self, fix: &Fix) {
         let Some((_, course_rad)) = self.forward() else { return };
         if self.reference != CourseReference::True {

@@ -9,7 +9,7 @@ pub(in crate::fuser) const MAGNETOMETER_COUNT: usize = 4;
 settings! {
     /// Settings of the fuser stage `aided`.
     pub struct Settings {
-        /// White noise of the gyro (angle random walk), including scale errors in vibration.
+        /// White noise of the gyro (angle random walk), including scale errors under vibration.
         gyro_noise_deg_sqrt_s: 0.01 in 0.0001 .. 10.0, "°/√s";
         /// White noise of the accelerometer (velocity random walk), added to the measured noise.
         accel_noise_m_s_sqrt_s: 0.03 in 0.0001 .. 10.0, "m/s/√s";
@@ -25,8 +25,7 @@ settings! {
         accel_bias_sd_m_s2: 0.05 in 0.0001 .. 10.0, "m/s²";
         /// Standard deviation of the initial tilt about each horizontal axis.
         level_sd_deg: 2.0 in 0.01 .. 60.0, "°";
-        /// Standard deviation of the initial course relative to the track over ground, without
-        /// wind.
+        /// Standard deviation of the initial course relative to the track over ground in still air.
         course_sd_deg: 10.0 in 0.1 .. 90.0, "°";
         /// Standard deviation of a satellite velocity on each axis, used if the receiver reports
         /// none.

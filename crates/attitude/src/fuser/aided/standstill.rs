@@ -21,12 +21,12 @@ pub(super) struct StillnessLimits {
     mean_rad_s: f64,
 }
 
-/// Limits if the receiver reports a speed near zero: 0.8 °/s, 0.15 m/s². With tighter limits, an
-/// idling engine would count as motion.
+/// Limits if the receiver reports a speed near zero: 0.8 °/s and 0.15 m/s². They are wide enough
+/// that an idling engine does not count as motion.
 pub(super) const WITH_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.013_962_634, force_m_s2: 0.15, mean_rad_s: 0.087_266_463 };
-/// Limits without a receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s. They are tighter because
-/// a steady turn in still air looks like standstill.
+/// Limits if there is no receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s. They are tighter
+/// because a steady turn in still air looks like standstill.
 pub(super) const WITHOUT_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.005_235_988, force_m_s2: 0.08, mean_rad_s: 0.017_453_293 };
 

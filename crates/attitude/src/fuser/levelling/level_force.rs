@@ -3,7 +3,7 @@
 use super::limits::{MAX_FORCE_M_S2, limited};
 use crate::{Complex, accel::Inclination, state::Attitude};
 
-/// Maximum interval covered by one force, s. After a longer interval the level is not corrected.
+/// Maximum interval covered by one force, s. If the interval is longer, the level is not corrected.
 const MAX_FORCE_INTERVAL_S: f64 = 1.0;
 
 /// Horizontal force and the interval that it covers.

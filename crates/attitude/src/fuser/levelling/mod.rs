@@ -19,18 +19,18 @@
 //! gx = fx − V H',  gy = fy − V'                             aided — S4, (3), (4)
 //! ωx = −K gy,  ωy = K gx,  K = 1/(g τ)
 //!
-//! Without V the low-pass filtered f_P replaces (gx, gy): over half a minute the accelerations of a
-//! vehicle average out in a frame that does not rotate with it. S4 reports 0.2–0.5° RMS of roll and
-//! pitch aided and 0.3–1.0° autonomous, in cruise.
+//! If V is unknown, the low-pass filtered f_P replaces (gx, gy), because over half a minute a
+//! vehicle's accelerations average out in a frame that does not rotate with it. For cruise, S4
+//! reports RMS errors of roll and pitch of 0.2–0.5° aided and 0.3–1.0° autonomous.
 //!
 //! A loop with K alone converts the gyro bias b to a tilt of τ b: with 0.05 °/s it is 0.25° for τ =
-//! 5 s, and 3° in a gap with τ = 60 s. With such a gyro the published law gives about 0.5° aided
-//! and 2–4° autonomous. [`Levelling`] is that law. [`LevellingPi`] also estimates the bias, which
-//! accounts for the whole difference.
+//! 5 s, and 3° in a gap with τ = 60 s. With such a gyro the published law ([`Levelling`]) gives
+//! about 0.5° aided and 2–4° autonomous. [`LevellingPi`] also estimates the bias, which accounts
+//! for all of its advantage over the published law.
 //!
 //! In [`Levelling`] and in [`LevellingPi`] the aided and the autonomous law act on one attitude. At
-//! the start and end of a gap only the rate of the attitude changes, so nothing jumps. S4's figure
-//! 7 has two platforms that run all the time, and selects one of them. [`LevellingUnified`]
+//! the start and end of a gap only the rate of the attitude changes, so nothing jumps. Figure 7 of
+//! S4 instead runs two platforms all the time and selects one of them. [`LevellingUnified`]
 //! implements this figure.
 //!
 //! Both laws assume a vehicle that moves where its nose points. In wind the error of V H' is wind

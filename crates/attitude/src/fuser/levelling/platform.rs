@@ -27,12 +27,12 @@ pub(super) enum Law {
         speed_m_s: f64,
         /// V', m/s².
         speed_rate_m_s2: f64,
-        /// 1/(K g), s.
+        /// Time constant of levelling, 1/(K g), s.
         time_constant_s: f64,
     },
     /// Low-pass filtered force.
     Autonomous {
-        /// 1/(K g), s.
+        /// Time constant of levelling, 1/(K g), s.
         time_constant_s: f64,
     },
 }
@@ -40,9 +40,9 @@ pub(super) enum Law {
 /// Effect of an inclination on a platform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LevelUpdate {
-    /// The level was initialised.
+    /// The inclination initialised the level.
     Set,
-    /// The level was corrected.
+    /// The inclination corrected the level.
     Moved {
         /// Error of the level before the correction, rad.
         innovation_rad: f64,
@@ -58,7 +58,7 @@ pub(super) struct Platform {
     since_force_s: f64,
     /// Low-pass filtered f_P, platform axes, m/s².
     low_pass_m_s2: Complex<f64>,
-    /// Missing averaging time of the low-pass filter, up to its time constant, s.
+    /// Averaging time by which the low-pass filter still falls short of its time constant, s.
     averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.
@@ -137,7 +137,8 @@ impl Platform {
 
     /// Returns the standard deviation of the inclination, rad.
     ///
-    /// A first-order loop lags by τ b. The lag appears as a tilt that the loop never removes.
+    /// A first-order loop lags by τ b. The lag appears as a tilt that the loop never removes, so
+    /// the filtered tilt measures it.
     pub(super) fn inclination_sd_rad(&self) -> f64 {
         libm::hypot(MIN_INCLINATION_SD_RAD, libm::sqrt(self.lag_rad.norm_sqr()))
     }

@@ -4,8 +4,8 @@ use crate::{gnss::Fix, scalars::Scalars};
 
 /// Ground speed.
 ///
-/// The speed holds until the next fix. Its derivative holds for one interval between fixes only, so
-/// that an increment of speed is used once.
+/// The speed holds until the next fix. Its derivative holds for one fix interval only, so that each
+/// speed increment is used once.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct GroundSpeed {
     /// V, m/s.

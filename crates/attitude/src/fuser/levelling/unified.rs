@@ -13,12 +13,12 @@
 //! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T
 //!
 //! In a gap P1 keeps the last speed with V' = 0. The HΓ of each platform starts in an arbitrary
-//! direction. The offset between the azimuths of the selected platform and the output is recomputed
-//! at each change of k, so the course is continuous. Only roll and pitch jump, by the difference
-//! between the platforms. A jump above 0.03° is flagged as `aligned`.
+//! direction. The azimuth offset from the selected platform to the output is recomputed at each
+//! change of k, so the course is continuous. Only roll and pitch jump, by the difference between
+//! the platforms. A jump above 0.03° is flagged as `aligned`.
 //!
-//! The stages that keep a single attitude have no such jump, and no P2 in which the effect of the
-//! gyro bias persists for the whole flight.
+//! The stages that keep a single attitude do not have this jump. Nor do they have a second platform
+//! on which the effect of the gyro bias persists for the whole flight.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -49,13 +49,14 @@ settings! {
     pub struct UnifiedSettings {
         /// Time constant of the platform levelled with satellite velocity, 1/(K g).
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of the platform levelled without satellite velocity.
+        /// Time constant of the platform that is levelled without satellite velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force, without satellite velocity.
+        /// Low-pass time constant of the specific force, for the platform without satellite
+        /// velocity.
         low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
         /// Time after the last fix at which k becomes 0.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// Time constant T at which the complex course follows the track.
+        /// Time constant T with which the complex course follows the track.
         course_time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
         /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
@@ -66,9 +67,9 @@ settings! {
 const MIN_JUMP_RAD: f64 = 0.03 * PI / 180.0;
 /// Largest pitch at which the course is corrected, rad: 80°.
 const MAX_COURSE_PITCH_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
-/// Drift of the gyroscopic course, for the standard deviation, rad/s: 0.05 °/s.
+/// Assumed drift of the gyroscopic course in its standard deviation, rad/s: 0.05 °/s.
 const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
-/// RMS angle between a vehicle's nose and its track, rad: 3°.
+/// Assumed RMS angle between a vehicle's nose and its track, rad: 3°.
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
 /// Fuser stage `levelling-unified`.
@@ -146,7 +147,7 @@ impl LevellingUnified {
         let interval_s = core::mem::take(&mut self.since_track_s).min(self.settings.gap_s);
         let first = !core::mem::replace(&mut self.course_known, true);
         let gain = if first { 1.0 } else { -libm::expm1(-interval_s / self.settings.course_time_constant_s) };
-        // The course is clockwise, yaw and azimuth are not.
+        // The course is clockwise, whereas yaw and azimuth are counter-clockwise.
         let error_rad = wrapped_rad(-angles.yaw_rad - fix.track_rad());
         self.offset_rad = wrapped_rad(self.offset_rad + error_rad * gain);
         self.drift_sd_rad -= self.drift_sd_rad * gain;
@@ -269,8 +270,8 @@ impl Stage for LevellingUnified {
         }
     }
 
-    /// Continues both platforms from the handed-over attitude. A course that does not refer to true
-    /// north is set by the next track.
+    /// Continues both platforms from the handed-over attitude. If the course does not refer to true
+    /// north, the next track sets it.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.aided.adopt(common.attitude, self.settings.low_pass_s);

@@ -12,10 +12,10 @@
 //! system on the basis of the Madgwick filter, (1)–(4). With v = q* d q the gradient is 2 q ⊗ (|v|²
 //! − v·s, v × s). For two directions it is the sum of both gradients.
 //!
-//! For the specific force, d is ζ0. For the magnetic field it is (0, b_η, b_ζ), with the horizontal
-//! and the vertical part of the field in the frame of the last estimate. No map of the field is
-//! needed, and η0 is magnetic north — Madgwick, *An efficient orientation filter for inertial and
-//! inertial/magnetic sensor arrays*, 2010, (45), (46).
+//! For the specific force, d is ζ0. For the magnetic field, d is (0, b_η, b_ζ), where b_η and b_ζ
+//! are the horizontal and the vertical part of the field in the frame of the last estimate. No map
+//! of the field is needed, and η0 is magnetic north — Madgwick, *An efficient orientation filter
+//! for inertial and inertial/magnetic sensor arrays*, 2010, (45), (46).
 //!
 //! Here q_g is q(t−1) after the exact rotation from the gyro slot. The paper's (1), a single Euler
 //! step, differs from it only in third order.
@@ -50,8 +50,8 @@ const MAX_STEP: f64 = 0.125;
 settings! {
     /// Settings of `madgwick`.
     pub struct OriginalSettings {
-        /// Rate of the quaternion against the normalised gradient. The attitude rotates twice as
-        /// fast.
+        /// Rate at which the quaternion moves against the normalised gradient. The attitude rotates
+        /// at twice this rate.
         beta_rad_s: 0.08 in 0.0 .. 10.0, "rad/s";
     }
 }
@@ -59,8 +59,8 @@ settings! {
 settings! {
     /// Settings of `madgwick-improved`.
     pub struct ImprovedSettings {
-        /// Rate of the quaternion for a gradient of 1. A tilt decays with the time constant 1/(4
-        /// β).
+        /// Rate at which the quaternion moves for a gradient of 1. A tilt error decays with the
+        /// time constant 1/(4 β).
         beta_1_s: 0.2 in 0.0 .. 10.0, "1/s";
     }
 }
@@ -221,7 +221,8 @@ impl Stage for Madgwick {
             }
             if let Some(field) = directions.field {
                 let error_rad = heading_correction_rad(predicted, field);
-                // The steeper the field, the less its direction depends on the heading.
+                // The steeper the field, the less its direction depends on the heading, so the gain
+                // is reduced.
                 let gain = self.gain(&self.heading, self.since_field_s) * predicted.horizontal(field).norm_sqr();
                 self.heading.record_correction(error_rad, gain, self.since_field_s);
                 self.since_field_s = 0.0;

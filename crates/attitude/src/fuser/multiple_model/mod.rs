@@ -2,8 +2,9 @@
 //! attitude.
 //!
 //! `wz` assumes that the mean acceleration over some seconds is zero, as for a hand, a robot arm or
-//! a hovering vehicle. `aided` assumes a persistent velocity that is known from a receiver or,
-//! without one, inferred from turns, as for aircraft and cars. Both run all the time.
+//! a hovering vehicle. `aided` assumes a persistent velocity, as for aircraft and cars. This
+//! velocity is known from a receiver or, if there is none, inferred from turns. Both stages run all
+//! the time.
 //!
 //! The level is that of `aided` if ground motion was detected within the last five minutes: a
 //! velocity was used while the heading referred to true north, or a coordinated turn was detected
@@ -12,8 +13,8 @@
 //! The heading is that of `aided` if it refers to true north, unless the heading of `wz` refers to
 //! magnetic north and there is no ground motion. In all other cases the heading is that of `wz`.
 //!
-//! Switching between the stages does not change the attitude, unless they differ too much. The
-//! remaining difference is removed gradually (`transition`).
+//! A switch between the stages does not change the attitude at once, unless they differ too much.
+//! Their difference is removed gradually (`transition`).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -125,7 +126,8 @@ impl MultipleModel {
         self.turns = TurnDetector::default();
     }
 
-    /// Selects the stages by the references of their headings and by ground motion.
+    /// Selects a stage each for level and heading, by the references of their headings and by
+    /// ground motion.
     fn select(&self, wz: CourseReference, aided: CourseReference) -> ModelSelection {
         let has_ground_motion = self.since_ground_motion_s < GROUND_MOTION_HOLD_S;
         let heading = match (wz, aided) {

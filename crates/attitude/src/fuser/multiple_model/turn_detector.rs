@@ -12,8 +12,8 @@
 //!
 //! Time: the interval of the motion.
 //!
-//! Failure: a missing or implausible force, or an untrustworthy rate, ends the turn. A tick without
-//! a motion, or with an implausible rate, is ignored.
+//! Failure: a missing or implausible force, or a rate that cannot be trusted, ends the turn. A tick
+//! without a motion, or with an implausible rate, is ignored.
 
 use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::Scalars};
 
@@ -21,21 +21,21 @@ use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scala
 const AVERAGING_S: f64 = 3.0;
 /// Minimum averaging time before the mean is used, s.
 const MIN_AVERAGED_S: f64 = 2.0 * AVERAGING_S;
-/// Minimum relative excess of the mean force over that in straight motion. Corresponds to a bank of
-/// 7°.
+/// Minimum relative excess of the mean force over that in straight motion. It corresponds to a bank
+/// of 7°.
 const MIN_FORCE_EXCESS: f64 = 0.008;
 /// Minimum rate of a turn, rad/s: 1 °/s.
 const MIN_RATE_RAD_S: f64 = 0.017_453_293;
 /// Plausible speeds of a vehicle in a turn, m/s.
 const VEHICLE_SPEEDS_M_S: core::ops::Range<f64> = 5.0..300.0;
-/// Minimum duration of a turn, s. On the trials of BROAD no motion resembles one for more than 0.8
-/// s.
+/// Minimum duration of a turn, s. In the trials of BROAD no motion resembles a turn for more than
+/// 0.8 s.
 const MIN_TURN_S: f64 = 2.0;
-/// Limit of the recorded duration, s.
+/// Value at which the recorded duration of a turn saturates, s.
 const MAX_TURN_S: f64 = 5.0;
 /// Time constant of the estimated force in straight motion, s.
 const GRAVITY_TIME_CONSTANT_S: f64 = 30.0;
-/// Maximum relative deviation of the force in straight motion from g.
+/// Maximum relative deviation from g of the force in straight motion.
 const MAX_SCALE_ERROR: f64 = 0.03;
 /// Smallest norm of a usable mean force, m/s².
 const MIN_FORCE_M_S2: f64 = 1.0;
@@ -49,7 +49,7 @@ const MAX_RATE_RAD_S: f64 = 100.0;
 pub(super) struct TurnDetector {
     /// Mean force in body axes, m/s².
     force_m_s2: Vector3<f64>,
-    /// Averaging time so far, s.
+    /// Time averaged so far, s.
     averaged_s: f64,
     /// Mean rate about the mean force, rad/s.
     rate_rad_s: f64,

@@ -16,10 +16,10 @@ use crate::{
 };
 use vqf_rs::{Params, VQF};
 
-/// Field interval above which the field is not smoothed, s. The cut-off of the 0.05 s low-pass
-/// filter would then be above the Nyquist frequency.
+/// Field interval above which the field is not smoothed, s. Above it, the cut-off of the 0.05 s
+/// low-pass filter would exceed the Nyquist frequency.
 const MAX_SMOOTHED_INTERVAL_S: f64 = 0.1;
-/// Largest component of a sample, in its SI unit or µT. It is far beyond any sensor's range, and
+/// Largest component of a sample, in its SI unit or µT. It is far beyond any sensor's range, yet
 /// its square is finite.
 const MAX_READING: f64 = 1e6;
 
@@ -77,7 +77,8 @@ impl Vqf {
         self.motion_period.since_s += motion.dt_s;
         self.field_period.since_s += motion.dt_s;
         if self.motion_period.record_sample() {
-            // The state of the low-pass filter depends on the sampling time.
+            // The internal state of the low-pass filter depends on the sampling time, so it is
+            // converted.
             let low_pass = self.force_low_pass();
             self.rebuild();
             if let Some(low_pass) = low_pass {

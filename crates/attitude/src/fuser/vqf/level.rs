@@ -79,8 +79,8 @@ impl Vqf {
         state.acc_lp_state = core::array::from_fn(delayed);
     }
 
-    /// Returns the two delay elements of the low-pass filter after a single sample of 1 and at a
-    /// steady input of 1, and the filter's interval, s.
+    /// Returns the two delay elements of the low-pass filter after a single sample of 1, the same
+    /// two at a steady input of 1, and the filter's interval, s.
     fn low_pass_response(&self) -> ([f64; 2], [f64; 2], f64) {
         let coefficients = self.filter.coeffs();
         let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
@@ -92,6 +92,6 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Area of a one-sample pulse that would give a resting filter this rate of change, m/s.
+    /// Area of a one-sample pulse that would give a filter at rest this rate of change, m/s.
     velocity_m_s: Vector3<f64>,
 }

@@ -6,8 +6,9 @@
 //! Frames and signs are those of this crate: east, north, up. The heading is that of the
 //! magnetometer-free part until the first field sample.
 //!
-//! vqf-rs filters with a sampling time that is fixed on construction. Here it is the mean of the
-//! first intervals. The attitude itself is integrated over the actual length of each interval.
+//! vqf-rs filters with a sampling time that is fixed on construction. Here the mean of the first
+//! intervals serves as this sampling time. The attitude itself is integrated over the actual length
+//! of each interval.
 
 mod filter;
 mod level;
@@ -147,8 +148,8 @@ impl Stage for Vqf {
         let params = self.filter.params();
         let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
         let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
-        // VQF estimates the uncertainty of the bias as on a cold start, because the composition of
-        // the handed-over error is unknown.
+        // VQF treats the uncertainty of the bias as on a cold start, because the composition of the
+        // handed-over error is unknown.
         self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
         let state = self.filter.state_mut();
         state.delta = 0.0;

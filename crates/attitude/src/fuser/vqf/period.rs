@@ -6,7 +6,7 @@ use crate::scalars::Scalars;
 const MAX_INTERVALS: f64 = 16.0;
 /// Sampling time assumed before the first interval, s.
 pub(super) const DEFAULT_INTERVAL_S: f64 = 0.01;
-/// Limits that an interval is clamped to, s.
+/// Limits to which an interval is clamped, s.
 const INTERVAL_RANGE_S: (f64, f64) = (1e-5, 1.0);
 
 /// Mean of the first intervals of an input.

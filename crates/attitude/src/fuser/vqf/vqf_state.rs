@@ -87,7 +87,8 @@ pub(super) fn validation_error(state: &State) -> Option<&'static str> {
     if !symmetric {
         return Some("a covariance that is not symmetric");
     }
-    // Sylvester's criterion for every principal minor, because a variance may be zero.
+    // Sylvester's criterion for semidefiniteness: all principal minors are checked, not only the
+    // leading ones, because a variance may be zero.
     let minor = |i: usize, j: usize| p[i][i] * p[j][j] - p[i][j] * p[j][i];
     let determinant = p[0][0] * minor(1, 2) - p[0][1] * (p[1][0] * p[2][2] - p[1][2] * p[2][0])
         + p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0]);

@@ -1,6 +1,6 @@
 //! Kalman filter of gyro bias and scale, driven by the levelled specific force.
 //!
-//! Updates run at 5 Hz, and faster after an initial level.
+//! Updates run at 5 Hz, and more often just after the level was initialised.
 //!
 //! The gyro reads ω + b + m ∘ ω. A tilt error ε appears as a horizontal force g ε. Bias and scale
 //! drive it by −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of body axis i. The
@@ -15,9 +15,9 @@
 //!
 //! The levelling loop keeps its own dynamics. It is corrected only by the accumulated effect of the
 //! gyro errors and of the initial level error. If the estimated tilt itself were applied, the level
-//! would respond more slowly as the filter becomes more certain of the gyro. At rest the loop
-//! receives no such correction, because accelerations before the rest may have masked the effect,
-//! and the force shows the remaining error directly.
+//! would respond more slowly as the filter becomes more certain of the gyro. At rest, the
+//! correction is not based on that effect, because accelerations before the rest may have masked
+//! it. The force then shows the remaining error directly.
 
 use core::f64::consts::PI;
 
@@ -41,15 +41,15 @@ use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s. Slightly below 0.2 s to tolerate rounding in sums of intervals.
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
-/// First update interval after the level is initialised, s, and later intervals as a fraction of
-/// the time since then. Short intervals let the level follow the mean from the start.
+/// First update interval after the level is initialised, s. Later intervals are a fraction of the
+/// time since then. Short intervals let the level follow the mean from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
 /// Time after initialisation during which the level is a plain mean, whatever the estimated noise,
 /// s.
 const MEAN_ONLY_S: f64 = 0.6;
 /// Duration that the first sample represents in that mean, s. The acceleration of a hand does not
-/// change faster.
+/// change within a shorter time.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
 /// Factor on the standard deviation of a bias that is adopted together with a level. Their errors
 /// are correlated, and the correlation is not handed over.
@@ -57,7 +57,7 @@ const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
-/// Largest standard deviation of the scale error of a consumer MEMS gyro, and largest scale error
+/// Largest standard deviation of the scale error, for a consumer MEMS gyro, and largest scale error
 /// that is corrected. Data sheets allow at most 1 %.
 const MAX_SCALE_SD: f64 = 0.002;
 const MAX_SCALE: f64 = 0.01;
@@ -69,35 +69,37 @@ const SCALE_WALK: f64 = 1e-5;
 /// Additional random walk of the tilt per unit of rate, 1/√s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
 /// Largest rate used for the process noise, rad/s, and rate assumed during a gyro outage, rad/s.
-/// The latter is that of a hand turning the body over.
+/// The latter is the rate at which a hand turns the body over.
 const MAX_RATE_RAD_S: f64 = 100.0;
 const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
-/// Standard deviation of an initial level, rad. Allows for the body being handled, with an
-/// acceleration of 3 m/s², at that moment.
+/// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
+/// acceleration of 3 m/s², when the level is initialised.
 const INITIAL_LEVEL_SD_RAD: f64 = 0.3;
-/// Standard deviation of a level after a tilt fault, rad. Allows for a vehicle that accelerates by
-/// 1 m/s² at that moment.
+/// Standard deviation of a level after a tilt fault, rad. It allows for a vehicle that accelerates
+/// by 1 m/s² when the level is re-initialised.
 const REINITIALISED_LEVEL_SD_RAD: f64 = 0.1;
 /// Time constant of the velocity, s.
 const VELOCITY_MEMORY_S: f64 = 3.0;
-/// Time after an initial level during which only the force is used, s, and standard deviation of
-/// the velocity over g at its end, s.
+/// Time after an initial level during which only the force is used, s, and standard deviation at
+/// the end of that time of the velocity divided by g, s.
 const FORCE_ONLY_S: f64 = 2.0;
 const INITIAL_VELOCITY_SD_S: f64 = 0.1;
 /// Initial standard deviation of a velocity that is zero by definition, s.
 const ZERO_VELOCITY_SD_S: f64 = 1e-4;
-/// Smallest noise of the levelled force over g, and of the velocity over g, s.
+/// Smallest noise of the levelled force divided by g, and of the velocity divided by g, s.
 const MIN_FORCE_SD: f64 = 1e-3;
 const MIN_VELOCITY_SD_S: f64 = 5e-3;
-/// Initial standard deviations of the innovations: at a start, and in the middle of a movement.
+/// Initial standard deviations of the innovations of force and velocity, each for a start and for a
+/// hand-over in the middle of a movement.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
 const MOVING_FORCE_INNOVATION_SD: f64 = 0.1;
 const INITIAL_VELOCITY_INNOVATION_SD_S: f64 = 0.075;
 const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
-/// Minimum and maximum number of correlated successive innovations that count as one.
+/// Minimum and maximum number of correlated successive innovations that count as one independent
+/// innovation.
 ///
 /// Accelerations keep their direction for less than 1 s and cancel over longer times, because the
-/// velocity they cause ends. A velocity keeps its direction for seconds.
+/// velocity they cause comes to an end. A velocity keeps its direction for seconds.
 const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
 const VELOCITY_CORRELATION: (f64, f64) = (10.0, 20.0);
 
@@ -129,7 +131,8 @@ pub(super) struct GyroErrorFilter {
     /// of the filter's tilt.
     loop_sensitivity: [LoopError; GYRO_ERRORS],
     tilt_sensitivity: [f64; 2],
-    /// Horizontal rotation since the last update, per unit of bias and of scale.
+    /// Horizontal rotation since the last update caused by the gyro errors, per unit of bias and of
+    /// scale.
     drift: [Complex<f64>; GYRO_ERRORS],
     /// Duration of gyro outages since the last update.
     outage_s: f64,
@@ -139,8 +142,8 @@ pub(super) struct GyroErrorFilter {
     tilt_sd_rad: f64,
     force_noise: InnovationNoise,
     velocity_noise: InnovationNoise,
-    /// Set unless the level was adopted from another stage. The force may then show the error of
-    /// the level.
+    /// Set unless the level was adopted from another stage. If set, the force may show the error of
+    /// the initial level.
     is_initial_level: bool,
     /// Set if the level was set from one sample, rather than kept or corrected after an outage or a
     /// tilt fault.
@@ -303,8 +306,7 @@ impl GyroErrorFilter {
         self.since_update_s >= min_interval_s.min(UPDATE_INTERVAL_S)
     }
 
-    /// Returns the time for which innovations have been observed, s. It is limited by their
-    /// averaging time.
+    /// Returns the time for which innovations have been observed, s, at most their averaging time.
     #[inline]
     fn observed_s(&self) -> f64 {
         self.force_noise.memory_s() - noise::INITIAL_MEMORY_S
@@ -341,7 +343,8 @@ impl GyroErrorFilter {
         self.inflate_tilt_covariance();
         self.propagate_sensitivity(&drift, interval_s);
 
-        // The mean force refers to the middle of the interval.
+        // The mean force refers to the middle of the interval, by which half of the tilt correction
+        // had been applied.
         let innovation = force - self.tilt_rad + tilt_correction_rad * 0.5;
         self.tilt_rad -= tilt_correction_rad;
         if let Some(level_error_rad) = self.tilt_fault.observe(innovation, force, norm, interval_s) {
@@ -379,11 +382,11 @@ impl GyroErrorFilter {
     /// Updates with the force or the velocity, whichever is more informative, and returns the
     /// change of the state.
     ///
-    /// The innovations include the error of an initial level taken in motion. It cannot be
-    /// distinguished from noise until the averaging time of the innovations has passed. Until then
-    /// the gain is at least that of a mean, 1/(1 + number of updates). In the first phase the tilt
-    /// is exactly the mean over time, while its variance falls as if each update interval contained
-    /// one measurement.
+    /// The innovations include the error of an initial level that was set in motion. This error
+    /// cannot be distinguished from noise until the averaging time of the innovations has passed.
+    /// Until then the gain is at least that of a mean, 1/(1 + number of updates). In the first
+    /// phase the tilt is exactly the mean over time, while its variance falls as if each update
+    /// interval contained one measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
@@ -436,11 +439,11 @@ impl GyroErrorFilter {
         )
     }
 
-    /// Handles standstill, where the force reveals the entire error of the loop, whatever its
-    /// cause.
+    /// Returns the correction at standstill, where the force reveals the entire error of the loop,
+    /// whatever its cause.
     ///
-    /// Sets the loop's velocity to match its current tilt, so that it settles within T2.
-    /// Sensitivities to earlier errors are reset accordingly.
+    /// The correction matches the loop's velocity to its current tilt, so that the tilt settles
+    /// within T2. Sensitivities to earlier errors are adjusted accordingly.
     fn settle_at_rest(&mut self, loop_velocity_s: Complex<f64>, tilt_rad: Complex<f64>) -> LoopError {
         for sensitivity in &mut self.loop_sensitivity {
             sensitivity.velocity = sensitivity.tilt * T1_S;
@@ -452,7 +455,7 @@ impl GyroErrorFilter {
 
     /// Restarts the filter after a tilt fault and returns the error of the loop.
     ///
-    /// The error of the level exceeds the estimate by `level_error_rad`, so the velocity of the
+    /// The error of the level exceeds its estimate by `level_error_rad`, so the velocity of the
     /// loop is an artefact. Level and bias become as uncertain as they are after initialisation.
     #[cold]
     fn reset_after_tilt_fault(&mut self, level_error_rad: Complex<f64>, loop_velocity_s: Complex<f64>) -> LoopError {
@@ -490,7 +493,7 @@ impl GyroErrorFilter {
             p[(i, VELOCITY)] = decay * p[(i, VELOCITY)] + interval_s * p[(i, TILT)];
             p[(i, VELOCITY + 1)] = decay * p[(i, VELOCITY + 1)] + interval_s * p[(i, TILT + 1)];
         }
-        // Makes both halves equal to the last bit. They were summed in different orders.
+        // Makes both halves equal to the last bit, because they were summed in different orders.
         let summed = [TILT, TILT + 1, VELOCITY, VELOCITY + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| p[(*j, i)] = p[(i, *j)]);

@@ -2,9 +2,9 @@
 //!
 //! After a hand-over, the loop starts with the velocity of the previous loop or with zero. The
 //! velocity error tilts an initially correct level for as long as it persists in the loop. The
-//! effect of this error on the loop is known. The error can therefore be estimated from the tilt
-//! found by the gyro error filter, and corrected. The correction is smaller if the adopted level is
-//! less certain.
+//! effect of this error on the loop is known, so the error can be estimated from the tilt found by
+//! the gyro error filter, and corrected. The correction is smaller if the adopted level is less
+//! certain.
 
 use super::{
     level::{LoopError, LoopResponse},

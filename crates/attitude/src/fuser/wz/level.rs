@@ -43,9 +43,9 @@ pub(super) struct Level {
 /// Error of the levelling loop: its tilt and its velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct LoopError {
-    /// Tilt, rad: the horizontal force it causes, over g.
+    /// Tilt, rad, which is also the horizontal force that it causes, divided by g.
     pub(super) tilt: Complex<f64>,
-    /// Velocity over g, s.
+    /// Velocity divided by g, s.
     pub(super) velocity: Complex<f64>,
 }
 
@@ -70,7 +70,7 @@ impl LoopResponse {
         Self { c0, c1 }
     }
 
-    /// Returns tilt and velocity over g after the interval.
+    /// Returns the tilt and the velocity divided by g after the interval.
     pub(super) fn apply<T>(self, tilt: T, velocity: T) -> [T; 2]
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,
@@ -121,7 +121,7 @@ impl Level {
         LeakyVelocity::from_loop(self.velocity_m_s * self.azimuth.conj(), remaining_sd_m_s).rotated(z_rad)
     }
 
-    /// Returns the leaky velocity over g, s.
+    /// Returns the leaky velocity divided by g, s.
     pub(super) fn velocity_s(&self) -> Complex<f64> {
         self.velocity_m_s / GRAVITY_M_S2
     }

@@ -2,8 +2,8 @@
 //! errors.
 //!
 //! Real accelerations last for seconds, but their mean over a movement is zero. The specific force
-//! is therefore low-passed in full, without gating, in a horizontal frame, in which gravity is
-//! constant. Per tick:
+//! is therefore low-pass filtered without any gating. This is done in a horizontal frame, in which
+//! gravity is constant. Per tick:
 //!
 //! 1. w ← the exact step with gyro bias and scale error removed, while the level is tilted by κ dt
 //!    (`Level`).
@@ -58,8 +58,8 @@ use {
     settings::Settings,
 };
 
-/// Longest interval over which one rate sample may be integrated, s. Over longer intervals the
-/// motion of a body is unpredictable.
+/// Longest interval over which one rate sample may be integrated, s. The motion of a body over a
+/// longer interval is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
 /// Largest plausible specific force, m/s² (300 g). Larger values are discarded.
 const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
@@ -99,7 +99,7 @@ impl Wz {
 
     /// Returns the estimated hard iron, µT, body axes.
     ///
-    /// Above 3 µT, calibrate the magnetometer.
+    /// If it exceeds 3 µT, the magnetometer should be calibrated.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {
         self.heading.hard_iron().field_ut
     }

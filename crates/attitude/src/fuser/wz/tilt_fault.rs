@@ -12,11 +12,12 @@ use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// Smallest horizontal force over g at which the level is re-initialised.
 ///
-/// Above it, the square of the force exceeds the scale error of an accelerometer. The loop corrects
-/// smaller level errors by itself.
+/// Above it, the effect of an acceleration on the norm, which grows with the square of the
+/// horizontal force, exceeds the scale error of an accelerometer. The loop corrects smaller level
+/// errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Largest excess of the norm over g at which the level counts as wrong, as a fraction of the
-/// excess that an acceleration would cause, a²/2g².
+/// Largest excess of the force's norm over g at which the level counts as wrong, as a fraction of
+/// the excess a²/2g² that an acceleration a would cause.
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
 /// Sum of innovations that keep their direction.
@@ -24,7 +25,7 @@ const MAX_EXCESS_FRACTION: f64 = 0.5;
 pub(super) struct TiltFaultMonitor {
     /// ∫ innovation/g dt.
     innovation_sum_s: Complex<f64>,
-    /// ∫ levelled force/g dt, and ∫ (norm/g − 1) dt.
+    /// ∫ levelled force/g dt. The field below it is ∫ (norm/g − 1) dt.
     force_sum_s: Complex<f64>,
     excess_sum_s: f64,
     duration_s: f64,
@@ -38,8 +39,8 @@ impl Default for TiltFaultMonitor {
 }
 
 impl TiltFaultMonitor {
-    /// Processes the mean innovation of an interval, with the levelled force and its norm, all over
-    /// g.
+    /// Processes the mean innovation of an interval, with the levelled force and its norm, all
+    /// divided by g.
     ///
     /// Returns the error of the level, rad, if no acceleration explains the force.
     pub(super) fn observe(

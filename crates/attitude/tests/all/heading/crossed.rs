@@ -1,10 +1,10 @@
 //! Crossed trials: the movement of one trial of BROAD in the magnetic field of another.
 //!
-//! The largest error of a heading comes from the magnetic disturbance at the place of the movement,
-//! and each recording has only one place. The field of another trial is known in earth axes from
-//! motion capture, which gives each movement six more places. The field is mirrored at random, so
-//! that an estimator has no advantage from trusting its first heading. Random scale and axis errors
-//! are added to the gyro.
+//! The largest heading error comes from the magnetic disturbance at the place of the movement, and
+//! each recording has only one place. Motion capture gives the field of every other trial in earth
+//! axes, so each movement can be moved to six more places. The field is mirrored at random, so that
+//! an estimator has no advantage from trusting its first heading. Random scale and axis errors are
+//! added to the gyro.
 
 use super::{
     rng::Rng,
@@ -13,9 +13,9 @@ use super::{
 use attitude::{Matrix3, Vector3};
 use recording::Row;
 
-/// Largest added error of the gyro's scale per axis, like that of the recorded gyros.
+/// Largest scale error added to a gyro axis, similar to that of the recorded gyros.
 const MAX_SCALE_ERROR: f64 = 0.002;
-/// Largest added misalignment of the gyro's axes, rad, like that of the recorded gyros.
+/// Largest misalignment added to the gyro's axes, rad, similar to that of the recorded gyros.
 const MAX_SHEAR: f64 = 0.001;
 /// Noise of the magnetometer per axis, standard deviation, µT.
 const NOISE_UT: f64 = 0.4;
@@ -52,8 +52,8 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
 
 /// Magnetic field of a trial, µT, earth axes.
 ///
-/// The mean is taken over the movement. The other fields are differences from it: at rest, and in
-/// motion averaged over `CHUNK_ROWS` (0.2 s).
+/// The mean is taken over the movement. The other fields are differences from this mean: at rest,
+/// and in motion averaged over `CHUNK_ROWS` (0.2 s).
 struct PlaceField {
     mean_ut: Vector3<f64>,
     at_rest_ut: Vector3<f64>,

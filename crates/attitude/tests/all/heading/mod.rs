@@ -14,9 +14,9 @@ use trial::{Errors, Trial, trials, vqf_errors, wz_errors, wz_errors_with_scale};
 /// Numbers of the trials without magnetic disturbance.
 pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
 
-/// Kinds of trials, each given by words that the trial names contain.
+/// Kinds of trials, each given by words that the names of its trials contain.
 ///
-/// A rotation with breaks belongs to the kind `with_breaks` only.
+/// A rotation with breaks belongs only to the kind `with_breaks`.
 const KINDS: [&[&str]; 7] = [
     &["undisturbed", "rotation"],
     &["undisturbed", "translation"],
@@ -128,9 +128,11 @@ fn wz_on_crossed_trials_beats_vqf() {
     assert!(wz.total <= 1.50 && wz.total < vqf.total, "{wz}");
 }
 
-/// Emulates warm starts: each trial starts with the last gyro scale found, known within 0.2 %.
+/// Emulates warm starts: each trial starts with the last gyro scale found, assumed to be known
+/// within 0.2 %.
 ///
-/// The gyro errors differ between crossed trials, so there the kept scale must not do harm.
+/// The gyro errors differ between crossed trials, so there the kept scale is only required to do no
+/// harm.
 #[test]
 fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };
@@ -145,8 +147,8 @@ fn kept_gyro_scale_reduces_wz_error() {
     }
 }
 
-/// Returns the mean errors of `wz`. If `keeps_scale`, each trial starts with the scale found
-/// before.
+/// Returns the mean errors of `wz`. If `keeps_scale`, each trial starts with the scale found in
+/// earlier trials.
 fn mean_errors(trials: &[Vec<Row>], keeps_scale: bool) -> Errors {
     let mut scale = GyroScale::UNKNOWN;
     let errors = trials.iter().map(|rows| {

@@ -10,11 +10,11 @@ use recording::Row;
 /// Kind of magnetic disturbance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Disturbance {
-    /// 4 to 40 µT fixed to the body, added and removed during the movement.
+    /// Field of 4 to 40 µT fixed to the body, added and removed during the movement.
     BodyTemporary,
-    /// 4 to 40 µT fixed to the body, added 10 s before the movement.
+    /// Field of 4 to 40 µT fixed to the body, added 10 s before the movement.
     BodyBeforeMotion,
-    /// 2 to 20 µT fixed to the body, present from the start.
+    /// Field of 2 to 20 µT fixed to the body, present from the start.
     BodyPermanent,
     /// Eight passes of a magnet that is fixed to the ground: 5 to 40 µT for 0.5 to 3 s each.
     Passes,

@@ -81,11 +81,11 @@ pub(crate) fn into_earth(q: Quaternion<f64>, body: Vector3<f64>) -> Vector3<f64>
 /// Root-mean-square errors, degrees.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Errors {
-    /// 2 acos |e_w|.
+    /// Error of the whole rotation, 2 acos |e_w|.
     pub(crate) total: f64,
-    /// 2 atan |e_z/e_w|.
+    /// Heading error, 2 atan |e_z/e_w|.
     pub(crate) heading: f64,
-    /// 2 acos √(e_w² + e_z²).
+    /// Inclination error, 2 acos √(e_w² + e_z²).
     pub(crate) inclination: f64,
 }
 
@@ -103,7 +103,7 @@ impl std::fmt::Display for Errors {
     }
 }
 
-/// Returns the errors of an estimator over the scored rows, without the first `unscored_s` seconds.
+/// Returns the errors of an estimator over the scored rows after the first `unscored_s` seconds.
 pub(crate) fn errors(
     rows: &[Row],
     unscored_s: f64,
@@ -131,7 +131,7 @@ pub(crate) fn errors(
     Errors { total, heading, inclination }
 }
 
-/// Default stages from sensor readings to the fused attitude.
+/// Chain of default stages that compute the fused attitude from sensor readings.
 pub(crate) struct Chain {
     gyro: Gyro,
     accel: Projector,

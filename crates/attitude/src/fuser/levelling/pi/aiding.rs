@@ -83,7 +83,7 @@ impl Aiding {
     /// Returns the velocity increment and the track of a fix.
     ///
     /// There is no increment across a gap. While the azimuth is unknown, there is an increment only
-    /// if the velocity is nearly zero.
+    /// if the velocity is nearly zero, because its direction is then irrelevant.
     pub(super) fn process_fix(
         &mut self,
         fix: &Fix,

@@ -1,8 +1,8 @@
 //! Integral of the specific force between the validity times of two fixes.
 //!
 //! A receiver's velocity arrives late. Its change between two fixes is therefore compared with the
-//! force over the interval between their validity times, not their arrival times. Latency and
-//! smoothing cancel, and a lost interval does no harm.
+//! force over the interval between their validity times, not their arrival times. The receiver's
+//! latency and smoothing then have no effect, and a lost interval does no harm.
 
 use crate::{Complex, scalars::Scalars};
 
@@ -16,7 +16,7 @@ pub(super) const MAX_AGE_S: f64 = 0.8;
 /// Change of velocity over a time span.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Increment {
-    /// Platform axes, m/s.
+    /// Change of velocity, platform axes, m/s.
     pub(super) velocity_m_s: Complex<f64>,
     /// Duration, s.
     pub(super) span_s: f64,
@@ -36,7 +36,7 @@ impl Increment {
 /// Integral of the force with a memory of recent increments.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DelayMatchedIntegral {
-    /// Recent increments, newest first. The newest still grows.
+    /// Recent increments, newest first. The newest one is still growing.
     recent: [Increment; SLOTS],
     /// Increment since the validity time of the last fix.
     since_fix: Increment,

@@ -9,7 +9,7 @@ use crate::{Complex, Vector3, fuser::bias_handover::HandedOverBias, state::Attit
 pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
 /// Standard deviation below which the bias counts as known, rad/s.
 pub(super) const KNOWN_BIAS_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Largest component of the bias, rad/s: 5 °/s. A larger value has another cause than a bias.
+/// Largest component of the bias, rad/s: 5 °/s. A larger value must have another cause.
 pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 
 /// Fuser stage `levelling-pi`.
@@ -24,12 +24,12 @@ pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 /// | standstill | as in a gap | the mean rate |
 ///
 /// A velocity increment is used once. After a lost interval, the next two fixes start a new
-/// increment. The first two tracks that agree rotate the platform to north. This is a jump, and
-/// from then on the heading refers to true north. A handed-over magnetic heading is not used.
+/// increment. The first two tracks that agree rotate the platform to north, so the heading jumps
+/// and from then on refers to true north. A handed-over magnetic heading is not used.
 ///
-/// Without a receiver, the bias integral would follow accelerations instead of the bias. It
-/// therefore starts once fixes or a standstill have determined the bias. Until then the stage uses
-/// S4's autonomous law.
+/// If there is no receiver, the bias integral would follow accelerations instead of the bias. It
+/// therefore starts only once fixes or a standstill have determined the bias. Until then the stage
+/// uses S4's autonomous law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingPi {
     pub(super) settings: PiSettings,
@@ -47,7 +47,7 @@ pub struct LevellingPi {
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered remainder of the force in a gap, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
-    /// Missing averaging time of `low_pass_m_s2`, up to its time constant, s.
+    /// Averaging time by which `low_pass_m_s2` still falls short of its time constant, s.
     pub(super) averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

@@ -11,22 +11,22 @@ use super::settings::PiSettings;
 use crate::{Complex, fuser::low_pass::low_pass_gain, scalars::Scalars, state::arg};
 use core::f64::consts::PI;
 
-/// Acceleration above which its direction outweighs the noise of the velocity, m/s².
+/// Acceleration above which its direction can be determined despite the velocity noise, m/s².
 const SIGNIFICANT_ACCELERATION_M_S2: f64 = 1.0;
 /// Largest azimuth error inferred from one increment, rad.
 const MAX_AZIMUTH_ERROR_RAD: f64 = 0.3;
-/// Time of accelerated motion after which turns have determined the course, s.
+/// Duration of accelerated motion after which turns have determined the course, s.
 const FULL_TURNING_S: f64 = 40.0;
 /// Typical wind across the track, m/s.
 const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
 
-/// Amounts to subtract from the azimuth and to add to the bias about the vertical.
+/// Correction of the azimuth and of the bias about the vertical.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HeadingCorrection {
-    /// Azimuth error, rad, counter-clockwise.
+    /// Azimuth error to subtract, rad, counter-clockwise.
     pub(super) azimuth_rad: f64,
-    /// Bias increment about the vertical, rad/s. A gyro that reads too high rotates the azimuth too
-    /// far.
+    /// Increment to add to the bias about the vertical, rad/s. It has the sign of the azimuth
+    /// error, because a gyro that reads too high rotates the azimuth too far.
     pub(super) bias_rad_s: f64,
 }
 
@@ -66,7 +66,7 @@ impl Heading {
         HeadingCorrection { azimuth_rad: arg(forward * track.conj()), bias_rad_s: 0.0 }
     }
 
-    /// Returns the correction from a track, weighted by the duration `span_s`. `forward` is the
+    /// Returns the correction from a track, weighted by the interval `span_s`. `forward` is the
     /// forward direction in platform axes at the time of the track.
     pub(super) fn correct_by_track(
         &mut self,
@@ -114,7 +114,7 @@ impl Heading {
     }
 
     /// Returns the standard deviation at the given speed, rad. It combines the drift with the crab
-    /// angle in a typical wind. Turns reduce the crab angle's part by up to half.
+    /// angle in a typical wind. Turns reduce the part due to the crab angle by up to half.
     pub(super) fn sd_rad(&self, speed_m_s: f64) -> f64 {
         if !self.known {
             return PI;

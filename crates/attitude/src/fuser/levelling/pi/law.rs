@@ -69,7 +69,8 @@ impl LevellingPi {
         corrections
     }
 
-    /// Corrects the level and the bias by the difference between force and fixes.
+    /// Corrects level and bias by the difference between the increments from the force and from the
+    /// fixes.
     ///
     /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is its integral over 4 τ.
     fn level_by_increment(&mut self, increment: &MatchedIncrement) {
@@ -82,7 +83,7 @@ impl LevellingPi {
         self.learn_bias(azimuth(self.attitude).conj() * tilt_rad, 0.25 / settings.time_constant_s);
         let gain = low_pass_gain(span_s, settings.time_constant_s);
         self.lag_rad += (tilt_from_acceleration(unexplained_m_s / span_s) - self.lag_rad) * gain;
-        // Decreases at the rate of the slower of the two loops that estimate the bias.
+        // The variance decreases at the rate of the slower of the two loops that estimate the bias.
         self.bias_variance_rad2_s2 -=
             self.bias_variance_rad2_s2 * low_pass_gain(span_s, settings.track_time_constant_s);
         if self.heading.known {
@@ -157,7 +158,8 @@ impl LevellingPi {
         self.lag_rad += (measured_rad - self.lag_rad) * gain;
         if known {
             self.learn_bias(tilt_rad, 1.0 / settings.gap_integral_s);
-            // Compensates the random walk, so that a bias that was known once stays known.
+            // Compensates for the random walk, so that the bias stays known once it has become
+            // known.
             self.bias_variance_rad2_s2 -=
                 self.bias_variance_rad2_s2 * low_pass_gain(force.dt_s, settings.gap_integral_s);
         }

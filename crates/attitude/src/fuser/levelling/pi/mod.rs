@@ -5,8 +5,9 @@
 //!
 //! ε' = b − b̂ − ε/τ,  b̂' = ε/(4τ²)
 //!
-//! with two equal roots at 1/(2τ). With τ = 20 s the bias converges in minutes and then has no
-//! effect. What remains is the effect of the accelerometer bias: 0.12° for 0.02 m/s².
+//! with two equal roots at 1/(2τ). With τ = 20 s the bias estimate converges within minutes, and
+//! the bias then has no effect. What remains is the effect of the accelerometer bias: 0.12° for
+//! 0.02 m/s².
 //!
 //! While fixes arrive, V H' is not used. Instead, the force is compared with the change of velocity
 //! as a vector. This is correct in wind, too, provided that the platform's azimuth is correct.

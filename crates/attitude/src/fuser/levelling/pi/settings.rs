@@ -11,34 +11,35 @@ settings! {
         /// Time constant with which the track over ground corrects the azimuth. The time constant
         /// of the bias about the vertical is twice as long.
         track_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
-        /// Time constant of the correction by the track once turns have determined the azimuth, so
-        /// that a crab angle does not undo it.
+        /// Time constant of the correction by the track once turns have determined the azimuth. It
+        /// is longer so that a crab angle does not undo their correction.
         turned_track_time_constant_s: 100.0 in 5.0 .. 10000.0, "s";
         /// Time constant with which the direction of accelerations corrects the azimuth in a turn.
         turn_time_constant_s: 10.0 in 1.0 .. 10000.0, "s";
         /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// Age of a velocity on arrival if the receiver does not report it.
+        /// Assumed age of a velocity on arrival if the receiver does not report the age.
         latency_s: 0.2 in 0.0 .. 0.8, "s";
-        /// Maximum velocity standard deviation of a fix. Fixes above it are ignored.
+        /// Maximum velocity standard deviation of a fix. Fixes with a larger one are ignored.
         velocity_sd_max_m_s: 1.0 in 0.01 .. 100.0, "m/s";
-        /// Time over which a correction is applied.
+        /// Time over which a tilt correction is applied.
         feed_in_s: 0.3 in 0.0 .. 5.0, "s";
         /// Time after the last fix at which levelling becomes autonomous. A receiver with longer
-        /// intervals is not used.
+        /// intervals between its fixes is not used.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
         /// Time constant of levelling in a gap.
         gap_time_constant_s: 100.0 in 1.0 .. 10000.0, "s";
         /// Low-pass time constant of the remaining specific force in a gap.
         gap_low_pass_s: 30.0 in 0.0 .. 1000.0, "s";
-        /// Integral time of the gyro bias in a gap.
+        /// Integral time of the gyro bias estimate in a gap.
         gap_integral_s: 4000.0 in 100.0 .. 1000000.0, "s";
         /// Turn rate at which the weight of the force is halved during a gap in the fixes.
         gap_turn_deg_s: 1.0 in 0.01 .. 1000.0, "°/s";
-        /// Time constant of levelling without satellite velocity while the gyro bias is unknown.
+        /// Time constant of levelling if there is no satellite velocity and the gyro bias is
+        /// unknown.
         cold_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force without satellite velocity while the gyro
-        /// bias is unknown.
+        /// Low-pass time constant of the specific force if there is no satellite velocity and the
+        /// gyro bias is unknown.
         cold_low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
     }
 }

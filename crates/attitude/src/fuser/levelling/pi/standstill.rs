@@ -7,13 +7,14 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Time constant of the means and of the variances about them, s.
 const AVERAGING_S: f64 = 2.0;
-/// Largest RMS of the rate about its mean at standstill, rad/s: 0.3 °/s. Even in calm air a vehicle
-/// exceeds it.
+/// Largest RMS deviation of the rate from its mean at standstill, rad/s: 0.3 °/s. A moving vehicle
+/// exceeds it even in calm air.
 const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
-/// Largest RMS of the rate if a receiver reports standstill, rad/s: 0.8 °/s.
+/// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s: 0.8
+/// °/s.
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
-/// Largest RMS of the force about its mean at standstill, m/s²: without a receiver, and with one
-/// that reports standstill.
+/// Largest RMS deviations of the force from its mean at standstill, m/s²: if there is no receiver,
+/// and if a receiver reports standstill.
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
 /// Largest component of a mean rate that is accepted as a bias, rad/s: 1 °/s.
@@ -65,7 +66,7 @@ impl StandstillDetector {
         (self.quiet_s >= MIN_QUIET_S).then_some(self.rate_mean_rad_s)
     }
 
-    /// Restarts the detection because the sensors are not trustworthy.
+    /// Restarts the detection because the sensors cannot be trusted.
     pub(super) fn interrupt(&mut self) {
         *self = Self::default();
     }

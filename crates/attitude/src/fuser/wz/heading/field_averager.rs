@@ -1,7 +1,7 @@
 //! Averages the magnetic field over 0.2 s in the reference frame of the gyro heading.
 //!
 //! Samples are collected over windows of about 20 ms, in which a body rotates little: at 10 rad/s
-//! the mean of a rotating field is 0.2 % too short. The mean of a window refers to an earlier time,
+//! the mean of a rotating field is 0.2 % too short. The mean of a window refers to a time that is
 //! earlier by the magnetometer delay plus the mean age of the samples. The attitude is rotated back
 //! to that time. With this attitude R', each interval yields the means of R'm, of R' and of Ω =
 //! R'ω.
@@ -10,12 +10,12 @@ use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyA
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
-/// Duration of a window, s. This and the next duration are slightly shortened to tolerate rounding
-/// in sums of intervals.
+/// Duration of a window, s. This duration and the next one are slightly shortened to tolerate
+/// rounding in sums of intervals.
 const WINDOW_S: f64 = 0.0185;
 /// Duration of an interval, s.
 const INTERVAL_S: f64 = 0.1999;
-/// Largest rate, rad/s, and horizontal force, m/s², used in the means.
+/// Upper limits of the rate, rad/s, and of the horizontal force, m/s², used in the means.
 const MAX_RATE_RAD_S: f64 = 100.0;
 const MAX_FORCE_M_S2: f64 = 1000.0;
 /// Longest interval without a field sample, s.

@@ -20,10 +20,10 @@
 //!   the rotation about the vertical contributed by body axis i, and u is up in body axes. The
 //!   random walk of e acts along ζ0 × e, because gyro noise rotates the field and does not stretch
 //!   it.
-//! - κ models a drift that appears only while the body keeps turning one way: half a per cent of a
-//!   full turn is 2°. Without κ, β would follow this drift for a minute, although β represents
-//!   drift that does not depend on motion. The level filter estimates the scale error as well. The
-//!   variance found there limits the variance of κ.
+//! - κ models a drift that appears only while the body keeps turning one way: at an error of half a
+//!   per cent, a full turn causes 2°. Without κ, β would follow this drift for a minute, although β
+//!   represents drift that does not depend on motion. The level filter estimates the scale error as
+//!   well, and its variance limits the variance of κ.
 //! - d decays with the motion of the body and only slowly at rest, because a stationary sensor
 //!   learns nothing about the field elsewhere. It is reset whenever a movement or a rest starts.
 //! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
@@ -34,8 +34,8 @@
 //!
 //! Plain arrays and an unrolled factor of three rows are used because they are faster than
 //! nalgebra's `SMatrix` and `Cholesky`, although those read better. An update of the whole chain
-//! takes 0.39 times as long as with VQF in the same chain. With nalgebra it takes 0.42 times as
-//! long, 8 % more (`plumb score --fuser wz --fuser vqf`, four alternating runs of each).
+//! takes 0.39 times as long as an update of the same chain with VQF. With nalgebra it takes 0.42
+//! times as long, 8 % more (`plumb score --fuser wz --fuser vqf`, four alternating runs of each).
 
 use super::field_averager::IntervalMeans;
 use crate::{
@@ -54,19 +54,19 @@ const D: usize = 8;
 pub(super) const KAPPA: usize = 11;
 const SITE: usize = 14;
 
-/// Standard deviation of an unknown ambient field, µT: the strongest field on earth.
+/// Standard deviation of an unknown ambient field, µT: that of the strongest field on earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// Initial and largest standard deviation of the drift rate before a rest, rad/s: that of a
 /// consumer MEMS gyro.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
 /// Random walk of the drift rate while the body moves, rad/s/√s; its increase per unit of rate,
-/// 1/√s; and its increase while the body vibrates, rad/s/√s. The bias of a vibrating gyro differs
-/// from that at rest.
+/// 1/√s; and its increase while the body vibrates, rad/s/√s. The last one is needed because the
+/// bias of a vibrating gyro differs from that at rest.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
 const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
-/// Largest standard deviation of κ: a multiple of the level filter's standard deviation, plus a
-/// constant (root sum of squares).
+/// Largest standard deviation of κ: the root sum of squares of a multiple of the level filter's
+/// standard deviation and a constant.
 const SCALE_SD_FACTOR: f64 = 1.5;
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
@@ -76,21 +76,22 @@ const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro heading, rad/√s, and its increase per unit of rate.
 const HEADING_WALK_RAD: f64 = 2e-4;
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
-/// Random walk of the field, µT/√s.
+/// Random walk of the ambient field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
-/// Standard deviation of the local disturbance, µT: iron in a building, and the sensor's soft iron.
+/// Standard deviation of the local disturbance, µT, which is due to iron in a building and to the
+/// sensor's soft iron.
 const LOCAL_FIELD_SD_UT: f64 = 1.23;
-/// Decay of the local disturbance: at rest, 1/s; by rotation, 1/rad; by acceleration above a
+/// Decay rates of the local disturbance: at rest, 1/s; by rotation, 1/rad; by acceleration above a
 /// threshold, 1/s per m/s².
 const DECAY_AT_REST: f64 = 0.06;
 const DECAY_PER_TURN: f64 = 0.2;
 const DECAY_PER_ACCELERATION: f64 = 0.15;
 const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
-/// Noise of the field on each axis when the body rests at the same site again, µT, and gate for
-/// that measurement. The gate is tight because the field at another site may be similar.
+/// Noise on each axis of the comparison with the last rest site, µT, and gate for that measurement.
+/// The gate is tight because the field at another site may be similar.
 const REVISIT_SD_UT: f64 = 0.2;
 const REVISIT_GATE: f64 = 4.0;
-/// Range of magnetometer delays, s.
+/// Range to which the magnetometer delay is limited, s.
 const MIN_DELAY_S: f64 = -0.01;
 const MAX_DELAY_S: f64 = 0.04;
 
@@ -104,7 +105,7 @@ pub(super) struct Propagation {
     is_moving: bool,
     /// Set if a movement or a rest starts, which resets d.
     motion_changed: bool,
-    /// Increase of the variance of β, rad²/s², and largest variance of κ.
+    /// Variance added to β, rad²/s², and largest variance of κ.
     drift_variance_rad2_s2: f64,
     max_scale_variance: [f64; 3],
     /// Remaining fraction of d, and the variance added to it, µT².

@@ -24,17 +24,17 @@ use super::{
 };
 use crate::{fuser::wz::settings::Settings, scalars::Scalars};
 
-/// Standard deviation added to b or e of a challenger, µT. Corresponds to a magnet at a distance of
-/// some centimetres, or a loudspeaker in the same room.
+/// Standard deviation added to b or e of a challenger (B or E), µT. It corresponds to a magnet at a
+/// distance of some centimetres, or to a loudspeaker in the same room.
 const CHALLENGER_SD_UT: f64 = 15.0;
 /// Gate on the normalised innovation squared. Regular innovations exceed it in 1 % of cases.
 const GATE: f64 = 11.0;
 /// Largest normalised innovation squared used in a likelihood. Without this limit, a single
 /// disturbance would decide the test.
 const MAX_NIS: f64 = 30.0;
-/// Lead at which B wins, as twice the log-likelihood ratio.
+/// Lead at which B replaces M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
-/// Smallest change of the hard iron with which B can win, µT, and smallest rotation since the
+/// Smallest change of the hard iron with which B can replace M, µT, and smallest rotation since the
 /// challenge started, rad.
 const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
 const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
@@ -42,14 +42,14 @@ const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 const ALLOWANCE_PER_S: f64 = 5.5;
 /// Rate above which the body counts as turning, rad/s.
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
-/// Time outside the gate after which a challenger has failed, s, and time after which a challenge
-/// restarts, s.
+/// Time outside the gate after which a challenger has failed, s, and duration of a challenge after
+/// which it restarts, s.
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
-/// Time of turning outside the gate after which everything about the field is reset, s.
+/// Time of turning outside the gate after which all states that concern the field are reset, s.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time inside the gate that ends the probation of a new main filter, s, and shortest time outside
-/// the gate that resets the filter during probation, s.
+/// the gate that resets it during probation, s.
 ///
 /// A filter on probation is reset once it has been outside the gate for as long as inside.
 const PROBATION_S: f64 = 10.0;
@@ -60,9 +60,9 @@ const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 /// Result of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TestOutcome {
-    /// M used the field.
+    /// The main filter M used the field.
     pub(super) accepted: bool,
-    /// M was replaced or reset.
+    /// The main filter M was replaced or reset.
     pub(super) replaced: bool,
 }
 
@@ -128,8 +128,8 @@ impl HypothesisTest {
         (self.accepted_s, self.rejected_s, self.direction_invalidated) = (0.0, 0.0, true);
     }
 
-    /// Resets the drift rate on the first rest, when the gyro bias is observed. Earlier drift does
-    /// not predict later drift.
+    /// Resets the drift rate on the first rest, when the gyro bias is observed, because earlier
+    /// drift does not predict later drift.
     pub(super) fn on_first_rest(&mut self) {
         self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
@@ -199,8 +199,8 @@ impl HypothesisTest {
         (self.challenger_rejected_s, self.challenge_age_s, self.challenge_turn_rad) = (0.0, 0.0, 0.0);
     }
 
-    /// Returns `true` if B has found a different hard iron and the body has turned enough to show
-    /// it.
+    /// Returns `true` if hypothesis B has found a different hard-iron offset and the body has
+    /// turned enough to confirm it.
     fn has_new_hard_iron(&self) -> bool {
         let distance2_ut2 = self.body.hard_iron_distance2_ut2(&self.main);
         distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT

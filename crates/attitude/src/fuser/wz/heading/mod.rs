@@ -3,13 +3,13 @@
 //! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
 //! present.
 //!
-//! Output: the angle a by which the attitude is to be rotated about the vertical, counted from
-//! magnetic north, with its standard deviation.
+//! Output: the angle a by which the attitude must be rotated about the vertical so that its heading
+//! counts from magnetic north, with its standard deviation.
 //!
 //! Time: the intervals of the ticks.
 //!
-//! Failure: without a field, or with a field that no hypothesis explains, a is kept and the heading
-//! follows the gyro.
+//! Failure: if there is no field, or no hypothesis explains it, a is kept and the heading follows
+//! the gyro.
 //!
 //! In the frame of the gyro heading, north is fixed except for a slow drift. The field is therefore
 //! a linear measurement of the unknowns: the ambient field e, the drift rate β, the magnetometer
@@ -28,8 +28,8 @@
 //!
 //! - The delay matters: 13 ms at 7 rad/s are 5° of field direction.
 //! - A gate alone, on strength and dip or on the innovation, rejects passing magnets. Once a magnet
-//!   is attached to the body, however, it rejects the field permanently. At a dip of 70°, 1 µT is
-//!   4° of heading.
+//!   is attached to the body, however, such a gate rejects the field permanently. At a dip of 70°,
+//!   an error of 1 µT causes 4° of heading error.
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
@@ -68,22 +68,22 @@ const MIN_READING_UT: f64 = 1.0;
 const MAX_READING_UT: f64 = 500.0;
 /// Noise of the mean field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
-/// Additional noise per unit of rate, as a fraction of the field, s. Corresponds to a misalignment
-/// of half a millisecond between samples and attitude.
+/// Additional noise per unit of rate, as a fraction of the field, s. It corresponds to a time
+/// offset of half a millisecond between samples and attitude.
 const NOISE_PER_RATE_S: f64 = 4.5e-4;
-/// Tilt error after a start in motion, rad, and the time constant with which it settles, s.
+/// Tilt error after a start in motion, rad, and the time constant with which it decays, s.
 const SETTLING_TILT_RAD: f64 = 0.3;
 const SETTLING_S: f64 = 3.0;
 /// Tilt error below which the tilt counts as settled, rad.
 const SETTLED_TILT_RAD: f64 = 4e-4;
-/// Rate below which the heading does not count as started in motion, rad/s.
+/// Rate up to which a start does not count as a start in motion, rad/s.
 const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
-/// Rate assumed during a gyro outage, rad/s: that of a hand turning the body over.
+/// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
 const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
-/// one the direction is unknown.
+/// rotation the direction is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
 /// Largest heading correction that is applied gradually, rad: 1°. A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
@@ -117,9 +117,9 @@ pub(super) struct Heading {
     /// Part of the correction that the attitude does not contain yet, rad.
     pending_rad: f64,
     sd_rad: f64,
-    /// Drift of the gyro heading before the first field sample, rad/s.
+    /// Standard deviation of the gyro heading's drift rate before the first field sample, rad/s.
     drift_sd_rad_s: f64,
-    /// Reference of a heading adopted from another stage.
+    /// Set if the adopted heading refers to magnetic north or to true north, respectively.
     adopted_magnetic: bool,
     adopted_true: bool,
 }
@@ -170,7 +170,7 @@ impl Heading {
         self.sd_rad
     }
 
-    /// Returns the origin of the heading.
+    /// Returns the reference direction of the heading.
     pub(super) fn reference(&self) -> CourseReference {
         match (self.started || self.adopted_magnetic, self.adopted_true) {
             (true, _) => CourseReference::Magnetic,
@@ -197,7 +197,8 @@ impl Heading {
     /// Handles a loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
         self.field_averager = FieldAverager::default();
-        // Before the first field sample there is no known heading to invalidate.
+        // Before the first field sample, no heading from the field exists that would have to be
+        // invalidated.
         if self.started {
             self.invalidate_heading();
             self.update_correction();
@@ -306,8 +307,8 @@ impl Heading {
         }
     }
 
-    /// Initialises the heading with the first field. A heading that is known to be magnetic need
-    /// not jump.
+    /// Initialises the heading with the first field. If the heading is already known to be
+    /// magnetic, it need not jump.
     fn start(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> HeadingUpdate {
         let mut main = FieldFilter::new(settings);
         if self.heading_known && self.sd_rad < UNKNOWN_HEADING_SD_RAD {
@@ -328,8 +329,8 @@ impl Heading {
     /// Sets the heading correction to that of the main hypothesis. Returns `true` if the heading
     /// jumps.
     ///
-    /// A heading that was once known follows the gyro while the field's heading is unknown. Before
-    /// that, the field's heading is used however uncertain it is.
+    /// If the heading was known before, it follows the gyro while the heading from the field is
+    /// unknown. If it was never known, the heading from the field is used however uncertain it is.
     fn update_correction(&mut self) -> bool {
         let (correction_rad, variance_rad2) = self.hypothesis_test.main.heading_correction();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);

@@ -1,10 +1,10 @@
 //! Detects that a body at rest is back at its previous rest site.
 //!
-//! Input: the intervals of a rest that passed the gate.
+//! Input: those intervals of a rest that passed the gate of the filter.
 //!
-//! Output: once per rest, whether the site is the previous one.
+//! Output: once per rest, whether the rest site is the previous one.
 //!
-//! Time: the number of intervals.
+//! Time: counted in intervals.
 //!
 //! Failure: another site with the same field strength, dip and tilt of the body is taken for the
 //! previous one if its field points within some degrees of the expected direction.
@@ -18,8 +18,8 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Number of intervals at rest before the decision.
 const MIN_INTERVALS: f64 = 10.0;
-/// Repeatability of the field at a site, horizontal and vertical, µT, and of the up vector in body
-/// axes.
+/// Repeatability (standard deviation) of the horizontal and the vertical field at a site, µT, and
+/// of the up vector in body axes.
 const HORIZONTAL_SD_UT: f64 = 0.2;
 const VERTICAL_SD_UT: f64 = 0.25;
 const UP_SD: f64 = 0.01;
@@ -72,8 +72,8 @@ impl RestSite {
         }
     }
 
-    /// Processes an interval at rest. The arguments are the field without hard iron, µT, reference
-    /// axes, and up in body axes.
+    /// Processes an interval at rest. The arguments are the field with the hard iron removed, µT,
+    /// reference axes, and the up vector in body axes.
     pub(super) fn observe(&mut self, [across, along, vertical_ut]: [f64; 3], up: [f64; 3]) -> SiteMatch {
         let current = &mut self.current;
         current.intervals += 1.0;

@@ -2,10 +2,10 @@
 
 use crate::scalars::Scalars;
 
-/// Root mean square of the second difference of the force's norm above which a body counts as
-/// vibrating, m/s².
+/// Vibration threshold, m/s²: RMS of the second difference of the force's norm above which a body
+/// counts as vibrating.
 ///
-/// Measured with BROAD's sensor at 286 Hz: a vibrating phone causes 1.7, every movement less than
+/// Measured with BROAD's sensor at 286 Hz, a vibrating phone causes 1.7 and any movement less than
 /// 0.4.
 const VIBRATION_THRESHOLD_M_S2: f64 = 1.2;
 
@@ -29,7 +29,7 @@ impl VibrationDetector {
         self.last_norms_m_s2 = [norm_m_s2, last];
     }
 
-    /// Ends the interval. Returns `true` if the body vibrated in it.
+    /// Ends the interval. Returns `true` if the body vibrated during it.
     pub(super) fn end_interval(&mut self) -> bool {
         let (square, samples) = (core::mem::take(&mut self.square_m2_s4), core::mem::take(&mut self.samples));
         square > VIBRATION_THRESHOLD_M_S2 * VIBRATION_THRESHOLD_M_S2 * samples
