@@ -30,7 +30,7 @@ Exit codes: 0 no problem (warnings are possible), 1 a problem remains.")]
 pub(crate) struct DoctorCommand {
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Remove files of dead systems, or with --system of that one only
+    /// Remove files of dead systems (with --system, of that system only)
     #[arg(long)]
     fix: bool,
     /// Observation time of a running system, s, 0.001 to 1e8

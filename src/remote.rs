@@ -68,7 +68,7 @@ impl RemoteError {
 /// Command-line arguments that select the endpoint of remote vehicles.
 #[derive(Args, Clone)]
 pub(crate) struct RemoteEndpoint {
-    /// Endpoint of a gateway or router, repeatable [default: tcp/127.0.0.1:7447]
+    /// Gateway or router endpoint, repeatable [default: tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
     /// Folder of `plumb keys` with the certificate for quic/ endpoints

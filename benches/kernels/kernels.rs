@@ -41,10 +41,12 @@ use vqf_rs::VQF;
 
 const CALLS: usize = 1000;
 const DT_S: f64 = 0.01;
-/// Default gains of ahrs. They are given explicitly, because the default sampling rate of ahrs is
-/// not the one of these samples, [`DT_S`].
+/// Default gain of ahrs's Madgwick filter. The default gains of ahrs are given explicitly, because
+/// its default constructor sets a sampling rate other than that of these samples, [`DT_S`].
 const MADGWICK_BETA: f64 = 0.1;
+/// Default proportional gain of ahrs's Mahony filter.
 const MAHONY_KP: f64 = 0.5;
+/// Default integral gain of ahrs's Mahony filter.
 const MAHONY_KI: f64 = 0.0;
 
 #[library_benchmark(setup = gyro_inputs)]

@@ -9,7 +9,7 @@ use crate::{
     usage::cpu_s,
 };
 
-/// Time allowed for a process to become ready, and again for the report after the last sample.
+/// Time limit for a process to become ready, and for the report after the last sample.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// Starts a process of this benchmark and waits until it is ready.

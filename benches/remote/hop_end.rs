@@ -20,7 +20,7 @@ pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
 const IDLE_TIMEOUT_NS: u64 = 5_000_000_000;
 /// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
-/// Largest recorded latency, ns. Higher values are counted as this one.
+/// Largest recorded latency, ns. Higher latencies are counted as this value.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
 /// End of a hop.

@@ -55,7 +55,7 @@ impl System {
         format!("tcp/127.0.0.1:{}", self.port)
     }
 
-    /// Starts the gateway and waits until it has joined the bus and listens.
+    /// Starts the gateway and waits until it has joined the bus and is listening.
     pub(crate) fn gateway(&self) -> Result<Process, Failure> {
         let bus = Bus::join(&self.system_name, "bench")?;
         let health = bus.subscriber::<Health>(CONTROL_BUFFER)?;

@@ -88,7 +88,7 @@ impl fmt::Display for Table {
         writeln!(f, "medians over {} rounds of {} s; lost: sum", self.rounds, self.seconds)?;
         writeln!(
             f,
-            "| Hz | variant | p50 µs | p99 µs | CPU µs a sample | lost | p50 / zenoh | CPU / zenoh |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
+            "| Hz | variant | p50 µs | p99 µs | CPU µs per sample | lost | p50 / zenoh | CPU / zenoh |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
         )?;
         for Row { rate_hz, variant, cost: Cost { p50_us, p99_us, cpu_us, lost }, ratio_p50, ratio_cpu } in self.rows() {
             let name = format!("{variant:?}").to_lowercase();

@@ -20,7 +20,7 @@ use crate::topics::{POLL_INTERVAL, StopCondition, observer};
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
 /// Interval between two updates of the progress bar.
 const UPDATE_INTERVAL: Duration = Duration::from_millis(200);
-/// Interval between two attempts to finish once the coverage is complete.
+/// Interval between two attempts to compute the result once the coverage is complete.
 const ATTEMPT_INTERVAL: Duration = Duration::from_secs(2);
 /// Timeout for a topic that is not open yet.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);

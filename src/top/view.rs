@@ -21,7 +21,7 @@ use crate::{
 
 /// Interval between two frames.
 const FRAME_INTERVAL: Duration = Duration::from_millis(100);
-/// Interval between two attempts to attach to a restarted system.
+/// Interval between two attempts to attach to the system after it has ended.
 const REATTACH_INTERVAL: Duration = Duration::from_secs(1);
 const KEYS: &str = "q: quit   latencies in µs, of each service from its last input";
 

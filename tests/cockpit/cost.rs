@@ -17,7 +17,7 @@ use super::{
 use crate::common::wait_for;
 use rustix::net::sockopt::set_socket_recv_buffer_size;
 
-/// Number of bytes that is larger than the buffers at both ends of a connection.
+/// Upper bound on the number of bytes that the buffers at both ends of a connection can hold.
 const MAX_BUFFERED_BYTES: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 

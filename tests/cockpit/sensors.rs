@@ -102,8 +102,8 @@ fn calibration_reports_missing_data_and_finds_mounting() {
 
 #[test]
 fn mounting_check_detects_unit_on_its_side() {
-    // The launch file declares the unit's x axis to be forward. Therefore, nose down looks like a
-    // raised right side.
+    // The launch file wrongly declares the unit's x axis to be forward. A unit with its nose down
+    // therefore seems to have its right side raised.
     let mounting =
         "[ingest]\nsource = \"stdin\"\nstdin.rate_hz = 100\n[ingest.mounting]\naxes = \"x-forward-y-left\"\n";
     let (system, port) = with_cockpit_for_browser(mounting);

@@ -71,8 +71,8 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     assert!(beats.contains(&companion(ACTIVE)), "{report}");
     let number = |name: &str| report[name].as_f64().unwrap();
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "beyond single precision: {report}");
-    // Between two attitudes, the fuser applies corrections in addition to the rotation. They are
-    // usually small, but larger during the initial levelling.
+    // Between two attitudes, the fuser applies corrections in addition to the measured rotation.
+    // These corrections are usually small, but larger during the initial levelling.
     assert!(number("fastest_rad_s") > 0.5, "{report}");
     assert!(number("usual_rate_rad_s") < 0.006 && number("rate_rad_s") < 0.06, "{report}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
@@ -219,7 +219,7 @@ fn stalled_bridge_drops_old_attitudes_without_affecting_system() {
         let mut bytes = [0; 300];
         wait_for("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
     }
-    // One socket stays open but is never read; the other one is closed.
+    // One socket stays open but is never read. The second socket is closed.
     let [_stalled, closed] = sockets;
     drop(closed);
     let frozen = &bridges[1];

@@ -150,8 +150,8 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
-    // A request that is outdated by that decision is refused, and so is a request after its
-    // deadline.
+    // A request is refused if the decision on request `one` has outdated it, or if its deadline has
+    // passed.
     let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
@@ -310,8 +310,8 @@ fn stalled_station_and_dead_endpoint_do_not_affect_output() {
         let ticks = ticks(&tables.join(&system.name).join(format!("{name}.csv")));
         let (first, last) = (*ticks.first().unwrap(), *ticks.last().unwrap());
         let missing = last + 1 - first - ticks.len() as u64;
-        // Samples dropped while the gateway was connecting precede the first tick, so they are not
-        // missing from the table.
+        // Samples dropped while the gateway was connecting precede the first tick in the table, so
+        // they do not count as missing.
         let lost = number(topic, "lost_samples");
         assert!((lost..=lost + number(topic, "dropped")).contains(&missing), "{missing}: {topic}");
     }

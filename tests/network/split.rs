@@ -196,7 +196,7 @@ fn base_imports_only_from_hosts_it_connects_to() {
     let forger_running = forger.start(&[]);
     wait_for("forged ticks", || ticks(&forger) > 3000);
     assert_eq!(ticks(&base), 0);
-    // The base still receives ticks from the board that it connects to.
+    // The base still receives ticks from the honest board, to which it connects itself.
     let honest_running = honest.start(&[]);
     wait_for("ticks at the base", || ticks(&base) > 0);
     drop((forger_running, honest_running, base_running));

@@ -195,8 +195,8 @@ fn excessive_declarations_restart_gateway_with_message() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    // Several sessions are used, because each declaration takes longer the more its session has
-    // made.
+    // Several sessions are used, because a declaration takes longer the more declarations its
+    // session has already made.
     let sessions: Vec<_> = (0..32).map(|_| uncertified_session(&endpoint, "client")).collect();
     // The keys are close to the maximum length. Each one is compared with all keys declared before
     // it.

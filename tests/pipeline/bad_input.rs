@@ -205,7 +205,7 @@ fn duplicated_rows_are_rejected() {
         let duplicate = Row { rejected: true, ..bad.rows[index].clone() };
         bad.rows.insert(index + 1, duplicate);
     }
-    bad.assert_recovers("every row twice for 1 s", "rejected-before", 0.0);
+    bad.assert_recovers("every row twice for 1 s", "refused-before", 0.0);
 }
 
 #[test]
@@ -215,7 +215,7 @@ fn swapped_rows_are_rejected() {
         bad.rows.swap(index, index + 1);
         bad.rows[index + 1].rejected = true;
     }
-    bad.assert_recovers("every second pair swapped for 1 s", "rejected-before", 0.0);
+    bad.assert_recovers("every second pair swapped for 1 s", "refused-before", 0.0);
 }
 
 #[test]
@@ -228,7 +228,7 @@ fn stopped_clock_for_1_s_recovers() {
 fn clock_jump_by_minus_100_s_recovers() {
     let mut bad = Recording::with_clock_jump(-100);
     bad.rows[FAULT].rejected = true;
-    bad.assert_recovers("the clock set by −100 s", "clock-leap rejected-before", 0.0);
+    bad.assert_recovers("the clock set by −100 s", "clock-leap refused-before", 0.0);
 }
 
 #[test]

@@ -245,8 +245,8 @@ fn serial_sensors_are_read_with_one_command() {
         drop(task);
         let run = stop_and_assert_level(running, &out);
         assert_eq!(run.number("/lost"), 0.0, "{format}");
-        // Samples in formats without timestamps are timed by their count, so samples that arrive
-        // together are evenly spaced.
+        // If a format has no timestamps, the time of a sample is computed from its number. Samples
+        // that arrive together are therefore evenly spaced.
         let attitudes = attitudes(&out);
         let half = &attitudes[attitudes.len() / 2..];
         let longest = half.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);

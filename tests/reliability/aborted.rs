@@ -163,7 +163,8 @@ fn hanging_stage_ends_with_its_supervisor() {
     let mut client = plumb(&["swap", "course", "hangs-when-ready", "--system", &system.name]);
     let mut client = client.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     wait_for("the candidate to start", || children_of(running.pid()).len() == 6);
-    // After this time the candidate hangs, but it has not yet been killed for its silence.
+    // After this pause, the candidate already hangs, but it has not yet been killed for its
+    // silence.
     std::thread::sleep(Duration::from_millis(250));
     let children = children_of(running.pid());
     assert_eq!(children.len(), 6);

@@ -128,9 +128,9 @@ impl Frame {
 
     /// Converts native u, v and z.
     ///
-    /// w is the projection of the reference's third axis in body axes, and z is the rotation about
-    /// that axis. In the inverted chart, w and z are those of the body rotated by π about its right
-    /// axis, in every frame.
+    /// The point w = u + j v is the projection of the reference's third axis in body axes, and z is
+    /// the rotation about that axis. In the inverted chart, w and z are those of the body rotated
+    /// by π about its right axis, in every frame.
     pub fn point(self, [u, v]: [f64; 2], z_rad: f64) -> ([f64; 2], f64) {
         let (w, z_rad) = match self {
             Self::EnuRfu => return ([u, v], z_rad),

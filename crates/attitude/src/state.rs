@@ -215,7 +215,7 @@ impl Attitude {
         self.axes_from_tilt(azimuth, azimuth * self.up.w * scale, scale)
     }
 
-    /// Returns the body axes for `scale` = 2/(1 + ρ) and `scaled_tilt` = azimuth · w · scale.
+    /// Returns the body axes for `scale` = 2/(1 + |w|²) and `scaled_tilt` = azimuth · w · scale.
     #[inline]
     fn axes_from_tilt(self, azimuth: Complex<f64>, scaled_tilt: Complex<f64>, scale: f64) -> BodyAxes {
         let (w, sign) = (self.up.w, self.up.chart.sign());
@@ -270,7 +270,8 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
 fn wrap_large_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped.abs() > 4.0 {
-        // For this many revolutions the product with 2π is not exact.
+        // For this many revolutions the product with 2π is not exact, so the exact remainder is
+        // used.
         return libm::remainder(angle_rad, TAU);
     }
     if wrapped <= -PI { wrapped + TAU } else { wrapped }

@@ -7,9 +7,9 @@
 //! Failure: every error is returned to the caller. Another user who modifies the segment during the
 //! short time in which it is accessible can prevent the start, but cannot do any other harm.
 //!
-//! iceoryx2 creates that segment readable and writable for everybody regardless of the umask, and
-//! accepts an existing segment unchanged. Therefore the segment is created once and then replaced
-//! by a private copy before any other process joins.
+//! iceoryx2 creates the node segment readable and writable for every user, regardless of the umask,
+//! and accepts an existing segment unchanged. Therefore the segment is created once and then
+//! replaced by a private copy before any other process joins.
 
 use std::{
     fs::{self, File, OpenOptions},

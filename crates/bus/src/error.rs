@@ -76,7 +76,7 @@ pub enum BusError {
         OPEN_FILES_REMEDY
     )]
     OpenFileLimit {
-        /// Limit of this process.
+        /// Open-file limit of this process.
         allowed: u64,
     },
     /// Not enough shared memory is free.
@@ -125,7 +125,7 @@ pub enum BusError {
         /// Topic name.
         topic: &'static str,
     },
-    /// The topic was created with another payload layout, by a different version of the program.
+    /// The topic was created by a different version of the program, with another payload layout.
     #[error(
         "opening the topic `{topic}`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     )]
@@ -137,7 +137,7 @@ pub enum BusError {
         /// Layout with which the topic was created.
         there: String,
     },
-    /// The topic was created with a smaller buffer.
+    /// The topic was created with a smaller buffer than requested.
     #[error(
         "opening the topic `{topic}`: it was created with a buffer of {there} messages per subscriber, but {here} are requested; every publisher and subscriber of a path topic must request buffer_s x rate_hz of the launch file, rounded up, and at least 256"
     )]

@@ -9,8 +9,8 @@ use crate::{BusError, Publisher, SystemName, port::BusTopic, session::ObserverSe
 #[derive(Debug)]
 pub struct Feeder<M: Message> {
     session: ObserverSession,
-    /// Released when the feeder is dropped. The port comes first, so that it is dropped before its
-    /// node.
+    /// Publisher and its node, released when the feeder is dropped. The publisher comes first, so
+    /// that it is dropped before the node.
     endpoint: Option<(Publisher<M>, Node<ipc::Service>)>,
     buffer: usize,
 }

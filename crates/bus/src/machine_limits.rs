@@ -20,8 +20,8 @@ use signal_hook::{
 
 use crate::{BusError, system_name::SHARED_MEMORY};
 
-/// Number of files that a process must be allowed to open. Five services use 75; the gateway,
-/// candidates and leftovers of killed processes need more.
+/// Number of files that a process must be allowed to open. In a system of five services a process
+/// opens 75 files. The gateway, candidates and leftovers of killed processes need more.
 pub const REQUIRED_OPEN_FILES: u64 = 256;
 /// Advice for raising the open-file limit.
 pub const OPEN_FILES_REMEDY: &str =
@@ -29,10 +29,12 @@ pub const OPEN_FILES_REMEDY: &str =
 /// Advice for freeing or adding shared memory.
 pub const SHARED_MEMORY_REMEDY: &str =
     "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
-/// Spare open files below which a failure is attributed to the open-file limit. The threshold is
-/// above zero because the failed operation has closed the files that it had opened.
+/// A failure is attributed to the open-file limit if fewer than this number of files could still be
+/// opened. The threshold is above zero because the failed operation has closed the files that it
+/// had opened.
 const MIN_SPARE_FILES: u64 = 16;
-/// Free shared memory below which a failure is attributed to a lack of memory, bytes.
+/// A failure is attributed to a lack of memory if less than this amount of shared memory is free,
+/// bytes.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
 /// Shared memory of this machine.

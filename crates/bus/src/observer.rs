@@ -29,7 +29,7 @@ impl Observer {
         let (session, run_lock) = ObserverSession::open(system_name)?;
         let lock = lock_free_place(system_name)?;
         // Frees the ports of killed observers. An error is ignored, because the supervisor also
-        // removes them and retries.
+        // frees these ports and retries.
         let _ = system_name.remove_dead_nodes();
         let node = topic::create_node(system_name, process_name)?;
         drop(run_lock);

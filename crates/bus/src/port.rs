@@ -40,7 +40,8 @@ const MAX_SUBSCRIBERS: usize = 12 + 2 * MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
-/// Length of a piece of the layout text, bytes. iceoryx2 stores eight attributes of 256 bytes.
+/// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
+/// of the topic. iceoryx2 stores eight attributes of 256 bytes.
 const LAYOUT_CHUNK_BYTES: usize = 250;
 /// Alignment of payloads, bytes. A 64-bit processor reads aligned numbers in one access.
 const ALIGNMENT: usize = 8;

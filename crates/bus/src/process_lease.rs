@@ -48,8 +48,8 @@ impl ProcessLease {
     fn is_orphaned(&self) -> bool {
         self.owner_exited.load(Ordering::SeqCst) || {
             let stat = fs::read_to_string(format!("/proc/{}/stat", self.owner_pid)).unwrap_or_default();
-            // In this file the process state follows the process name, which is in parentheses and
-            // may contain any character.
+            // In `/proc/PID/stat` the process state follows the process name, which is in
+            // parentheses and may contain any character.
             let state = stat.rsplit_once(')').and_then(|(_, after)| after.trim_start().chars().next());
             self.owner_pid != 0 && matches!(state, None | Some('Z'))
         }

@@ -19,8 +19,8 @@ impl SystemName {
             let open = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
             open.filter_map(|fd| self.removed_target(&fd.path())).next()
         };
-        // A file that was open only because it is being cleaned up has been closed by the second
-        // check.
+        // The first check may find a file that is being cleaned up and is open only for that
+        // purpose. By the second check such a file has been closed.
         pids.iter().find_map(find)?;
         std::thread::sleep(POLL_INTERVAL);
         pids.iter().find_map(find)
@@ -32,7 +32,7 @@ impl SystemName {
         let is_of_system = path.starts_with(self.root())
             || path.to_str()?.strip_prefix(self.root().to_str()?).is_some_and(|rest| rest.starts_with('.'));
         let is_permanent = match path.extension()?.to_str()? {
-            // Normal: a connection file is removed as soon as one of its two ports is closed.
+            // Not a fault: a connection file is removed as soon as one of its two ports is closed.
             "connection" => false,
             // The data file of a publisher is removed with the publisher, but subscribers keep it
             // open for a while.

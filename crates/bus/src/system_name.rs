@@ -19,7 +19,7 @@ use crate::{
 
 /// Folder that contains the segments and folders of all systems.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// Prefix of the names of these segments and folders, followed by the system name.
+/// Prefix of the names of a system's segments and folder, followed by the system name.
 pub(crate) const NAME_PREFIX: &str = "plumbline.";
 /// Timeout for the services of a previous owner to exit.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);

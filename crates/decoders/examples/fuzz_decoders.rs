@@ -19,7 +19,7 @@ use streams::{Stream, decoded};
 /// Number of units per stream. The last [`INTACT_UNITS`] of them are not damaged.
 const UNITS: u32 = 8;
 const INTACT_UNITS: usize = 4;
-/// Number of zero bytes that completes any false frame, even one of the maximum length.
+/// Number of zero bytes that suffices to complete any false frame, even one of the maximum length.
 const FLUSH_BYTES: usize = 8300;
 
 fn main() {
@@ -72,7 +72,7 @@ fn run_case(stream: &Stream, rng: &mut FuzzRng) -> (Vec<Measurement>, Counts) {
     unsplit
 }
 
-/// Compares unequal values as text, so that NaN equals NaN.
+/// Returns `true` if the values are equal or have the same debug text, so that NaN equals NaN.
 fn is_same<T: PartialEq + std::fmt::Debug>(a: &T, b: &T) -> bool {
     a == b || format!("{a:?}") == format!("{b:?}")
 }

@@ -12,16 +12,16 @@
 //! Only one kind of IMU message is decoded: the selected one, or the first that arrives. Only one
 //! system is decoded: the selected one, or the first that sends a usable message.
 //!
-//! Axes: forward, right, down is converted to right, forward, up, and north, east, down to east,
-//! north, up. No mounting is needed, because the autopilot has already compensated for its own
-//! mounting.
+//! Axes: vectors of the IMU are converted from (forward, right, down) to (right, forward, up), and
+//! velocities from (north, east, down) to (east, north, up). No mounting is needed, because the
+//! autopilot has already compensated for its own mounting.
 //!
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
 //!
 //! Vertical velocity: GPS_RAW_INT has none. It is set to 0 with a standard deviation of at least
 //! [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground vehicles and boats. GLOBAL_POSITION_INT
-//! has one, but its estimate includes the autopilot's own IMU.
+//! has a vertical velocity, but its estimate includes the autopilot's own IMU.
 //!
 //! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with
 //! `common`) cannot be recognised and count as skipped bytes.
@@ -214,7 +214,7 @@ impl Header {
             MavlinkVersion::V1 => (header[3], u32::from(header[5])),
             MavlinkVersion::V2 => (header[5], u32::from_le_bytes([header[7], header[8], header[9], 0])),
         };
-        // Without the definition of the message its checksum cannot be verified.
+        // If the message is unknown, its checksum cannot be verified.
         if MavMessage::default_message_from_id(message).is_none() {
             return Err(ParseOutcome::Skip(1));
         }
@@ -296,7 +296,7 @@ impl RawScale {
     }
 }
 
-/// Converts forward, right, down to right, forward, up.
+/// Converts (forward, right, down) to (right, forward, up).
 fn frd_to_rfu([forward, right, down]: [f64; 3]) -> [f64; 3] {
     [right, forward, -down]
 }

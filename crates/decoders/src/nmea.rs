@@ -10,8 +10,8 @@
 //! boats. An aircraft needs a receiver that reports the vertical velocity, for example over UBX.
 //!
 //! Sentences with status V or with an estimated, manual, simulated or invalid mode yield no fix. A
-//! stationary receiver leaves the course field empty: below [`STATIONARY_SPEED_M_S`] the velocity
-//! is then 0, above it there is no fix.
+//! stationary receiver leaves the course field empty. Such a sentence yields velocity 0 if its
+//! speed is below [`STATIONARY_SPEED_M_S`], otherwise no fix.
 
 use crate::{
     ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,

@@ -1,8 +1,8 @@
 //! BNO08x on a serial line in robot vacuum cleaner mode (UART-RVC): 19-byte frames at 100 Hz.
 //!
-//! A frame consists of 0xAA 0xAA, a one-byte index, yaw, pitch and roll in 0.01° and acceleration
-//! in mg as little-endian 16-bit numbers, three unused bytes, and the sum of the bytes after the
-//! header (BNO08X datasheet, 1.3.5.2).
+//! A frame consists of 0xAA 0xAA, a one-byte index, six little-endian 16-bit numbers, three unused
+//! bytes and a checksum byte. The numbers are yaw, pitch and roll in 0.01° and the acceleration in
+//! mg. The checksum is the sum of the bytes after the 0xAA 0xAA (BNO08X datasheet, 1.3.5.2).
 //!
 //! **A frame contains no rate.** The body rate is computed as the rotation between the attitudes of
 //! two frames divided by their interval. It is the mean rate of the chip's own estimate. A single
@@ -18,8 +18,8 @@
 //! timestamp.
 //!
 //! Limits: the first frame, and a frame after more than [`MAX_LOST_FRAMES`] lost ones, yields no
-//! measurement. Near pitch ±90° yaw and roll jump, but the rate does not. With its 8-bit checksum
-//! one of 256 corrupted frames is accepted unless its angles are out of range.
+//! measurement. Near pitch ±90° yaw and roll jump, but the rate does not. Because the checksum has
+//! only 8 bits, one in 256 corrupted frames is accepted unless its angles are out of range.
 
 use crate::{
     DeviceTime, Measurement, Value,

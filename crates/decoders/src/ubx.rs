@@ -30,14 +30,14 @@ const SYNC_1: u8 = 0xb5;
 const SYNC_2: u8 = 0x62;
 const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 2;
-/// Maximum length of a payload. It exceeds the longest regular payloads, raw measurements of a
-/// hundred signals.
+/// Maximum length of a payload. It exceeds the longest regular payloads, which are the raw
+/// measurements of a hundred signals.
 const MAX_PAYLOAD_BYTES: usize = 4096;
 const CLASS_NAV: u8 = 0x01;
 const ID_PVT: u8 = 0x07;
-/// Lengths of a NAV-PVT payload before and since u-blox 8. A frame with any other length is
-/// rejected immediately, because the length is corrupted and waiting for the end of the frame would
-/// delay the next fixes.
+/// Lengths of a NAV-PVT payload before and since u-blox 8. If a frame has any other length, its
+/// length field is corrupted. Such a frame is rejected immediately, because waiting for its end
+/// would delay the next fixes.
 const PVT_LENGTHS_BYTES: [usize; 2] = [84, 92];
 
 /// UBX format. It has no settings.

@@ -19,8 +19,8 @@
 //! Time: `None` unless 0x50 is enabled. It is disabled by default.
 //!
 //! Limits: the device filters its measurements, and most models send at most 200 Hz. A rate without
-//! a force of the same cycle, or a force without a rate, is counted and yields no measurement. With
-//! its 8-bit checksum one of 256 corrupted frames is accepted.
+//! a force of the same cycle, or a force without a rate, is counted and yields no measurement.
+//! Because the checksum has only 8 bits, one in 256 corrupted frames is accepted.
 
 use crate::{
     DeviceTime, Measurement, Value,

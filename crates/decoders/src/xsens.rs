@@ -18,8 +18,8 @@
 //! (ENU, NED, NWU) has no effect.
 //!
 //! Limits: a message with only a rate or only a force yields no IMU measurement. Increments
-//! (0x8030, 0x4010) are not decoded. With its 8-bit checksum one of 256 corrupted messages is
-//! accepted if its packets are still well-formed.
+//! (0x8030, 0x4010) are not decoded. Because the checksum has only 8 bits, one in 256 corrupted
+//! messages is accepted if its packets are still well-formed.
 
 use crate::{
     DeviceTime, Measurement, Value,

@@ -25,7 +25,7 @@ const MAX_POINTS: usize = 512;
 /// Minimum interval between two points, ns. It ensures that the points span several seconds at any
 /// rate.
 const MIN_POINT_INTERVAL_NS: i64 = 10_000_000;
-/// Minimum span of the points above which the slope is estimated, ns.
+/// Span of the points from which on the slope is estimated, ns.
 pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 /// Maximum relative clock drift. No oscillator is worse.
 const MAX_CLOCK_DRIFT: f64 = 0.02;
@@ -236,8 +236,8 @@ impl Line {
     }
 }
 
-/// Returns the device time between two stamps, and the number of wraps that best fits the host's
-/// interval.
+/// Returns the device time between two stamps, and the number of wraps between them. The number of
+/// wraps is chosen so that the device time best fits the host's interval.
 fn elapsed(previous: Stamp, now: Stamp, host_ns: i64) -> (i64, u64) {
     let difference_ns = i128::from(now.count_ns) - i128::from(previous.count_ns);
     let saturated = |ns: i128| ns.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64;

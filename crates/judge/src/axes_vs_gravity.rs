@@ -1,9 +1,10 @@
 //! Check of the gyro's axes and unit against the rotation of gravity.
 //!
 //! When the force is rotated back by the integrated rate, its mean keeps its direction, because
-//! only gravity has a non-zero mean. Over windows in which the force rotates in body axes, the
-//! spread about that mean is compared between the unchanged rate and every other choice of axes and
-//! unit: all signed permutations, in rad/s, in °/s, and in rad/s converted to radians twice.
+//! only gravity has a non-zero mean. The spread of the rotated force about that mean is computed
+//! over windows in which the force rotates in body axes. The spread with the unchanged rate is
+//! compared with that for every other choice of axes and unit: all signed permutations, in rad/s,
+//! in °/s, and in rad/s converted to radians twice.
 
 use attitude::{Matrix3, Vector3};
 
@@ -24,18 +25,19 @@ const MIN_SPREAD: f64 = 0.04;
 /// their boundary.
 const MIN_WINDOWS: u32 = 3;
 /// Largest residual of the best hypothesis, as a share of the spread in body axes. A larger
-/// residual means that the spread was caused by accelerations, not by rotation. If there are few
-/// windows the limit is lower, as if one of them carried no information.
+/// residual means that the spread was caused by accelerations, not by rotation. For n windows the
+/// limit is multiplied by 1 − 1/n, as if one of the windows carried no information.
 const MAX_RESIDUAL: f64 = 0.5;
-/// Minimum ratio of the unchanged rate's residual to the best one. It is above 1, because the best
-/// of 144 hypotheses always fits slightly better than the true one.
+/// Minimum ratio of the unchanged rate's residual to the smallest residual. It is above 1, because
+/// the best of 144 hypotheses always fits slightly better than the true one.
 const MIN_RESIDUAL_RATIO: f64 = 1.5;
 /// Minimum amount by which the unchanged rate's residual must exceed [`MIN_RESIDUAL_RATIO`] times
-/// the best one. It prevents a diagnosis if both residuals are near zero, because then neither
-/// hypothesis is wrong.
+/// the smallest residual. It prevents a diagnosis if both residuals are near zero, because then
+/// neither hypothesis is wrong.
 const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
-/// Factor in the limit `TIE_RATIO` · best residual + `TIE_DIFFERENCE`. Hypotheses with a residual
-/// below this limit count as equally good. Several remain if the body rotates about few axes.
+/// Factor in the limit `TIE_RATIO` · smallest residual + `TIE_DIFFERENCE`. Hypotheses with a
+/// residual below this limit count as equally good. Several remain if the body rotates about few
+/// axes.
 const TIE_RATIO: f64 = 1.15;
 /// Offset in the limit given at [`TIE_RATIO`].
 const TIE_DIFFERENCE: f64 = 0.01;
@@ -53,8 +55,9 @@ pub(crate) struct Hypothesis {
 
 /// Hypotheses with the same unit and the same handedness.
 ///
-/// Axes `A` with determinant ±1 turn a rotation by `t` into `A R(±t) Aᵀ`, so all of them share the
-/// product of rotations over the window.
+/// A rotation by the vector `t` has the matrix `R(t)`. In axes `A` with determinant ±1 it becomes
+/// `A R(±t) Aᵀ`. All hypotheses of a group therefore share the product of the matrices `R(±t)` over
+/// the window.
 #[derive(Debug, Clone)]
 struct HypothesisGroup {
     scale: f64,
@@ -225,8 +228,9 @@ impl HypothesisGroup {
     }
 }
 
-/// Returns a larger value for a smaller change. Negating all axes counts as no more than negating
-/// one.
+/// Returns a value that is larger the less a hypothesis changes the axes and the unit.
+///
+/// Negating all axes counts as a smaller change than negating one.
 fn simplicity(Hypothesis { axes, scale, .. }: &Hypothesis) -> f64 {
     let negated = if axes == &-Matrix3::identity() { 5.0 } else { 0.0 };
     axes.trace() + negated - f64::from(u8::from(*scale != 1.0))

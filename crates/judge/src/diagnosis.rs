@@ -185,16 +185,17 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
         // motion a wider range is needed, but a force without gravity can also fall into it.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
-        // Less than the long-term mean force on any body near the Earth.
+        // The long-term mean force on any body near the Earth is larger than this.
         (_, ..0.5) => (
             InputIssue::GravityRemoved,
             vec![gravity_removed, cause("a wrong scale", scale_remedy("accel", per_g.recip()))],
         ),
-        // Too large by a factor of 9.8, with an allowance for scale errors.
+        // The force is too large by a factor of 9.8. The range allows for scale errors.
         (_, 8.0..12.0) => {
             (InputIssue::ForceUnit, vec![cause("m/s² read as g", unit_remedy("accel", GRAVITY_M_S2.recip(), "m/s2"))])
         }
-        // A value near 1000 at rest means thousandths of g, with an allowance for scale errors.
+        // A value near 1000 at rest means that the unit is a thousandth of g. The range allows for
+        // scale errors.
         (850.0..1200.0, _) => (
             InputIssue::ForceUnit,
             vec![cause("forces in thousandths of g", scale_remedy("accel", GRAVITY_M_S2 / 1000.0))],

@@ -14,8 +14,8 @@ const UPSIDE_DOWN_COSINE: f64 = -0.5;
 /// Largest relative deviation of |f| from its mean for the force to count as gravity. It
 /// corresponds to a turn at 25° bank.
 const GRAVITY_TOLERANCE: f64 = 0.1;
-/// Weight of each sample in the running mean of |f|, for a time constant of 1 s at 100 Hz. A weight
-/// per sample does not depend on the unit of time.
+/// Weight of each sample in the running mean of |f|. It gives a time constant of 1 s at 100 Hz. A
+/// weight per sample is used, because it does not depend on the unit of time, which may be wrong.
 const SMOOTHING: f64 = 0.01;
 /// Minimum observation time for a diagnosis, s. In aerobatics a vehicle is upside down for less
 /// time.

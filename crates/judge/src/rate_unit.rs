@@ -36,8 +36,9 @@ const MIN_MISMATCH_SHARE: f64 = 0.8;
 pub(crate) struct RateUnitCheck {
     dt_s: f64,
     step_s: f64,
-    /// Sums of rotation and force over the current step.
+    /// Rotation vector summed over the current step, rad.
     rotation_rad: Vector3<f64>,
+    /// Sum of the force over the current step.
     force: Vector3<f64>,
     /// Direction of the force at the start of the window.
     start_up: Option<Vector3<f64>>,

@@ -14,7 +14,8 @@ use crate::{Party, Role};
 const TELEMETRY_KEYS: &str = "plumbline/v1/**";
 /// Keys that may be queried: last values and schemas.
 const QUERYABLE_KEYS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
-/// Keys of liveliness tokens. `**` alone does not match a chunk that starts with `@`.
+/// Keys of liveliness tokens. They have their own pattern, because `**` does not match a chunk that
+/// starts with `@`.
 const LIVELINESS_KEYS: &str = "plumbline/v1/*/@live/**";
 /// Keys under which the hosts of split systems exchange ticks.
 const CARRY_KEYS: &str = "plumbline/v1/*/@carry";
@@ -114,8 +115,8 @@ impl AccessList {
     pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
         let mut list = Self::deny_all();
         let mut rules = reader_rules(ANONYMOUS);
-        // Without this rule no query would arrive, because between peers a query is sent only to
-        // peers that have declared a queryable.
+        // Between peers a query is sent only to peers that have declared a queryable. If this
+        // declaration were denied, no query would arrive.
         rules.push(allow(format!("{ANONYMOUS} see queryables"), "egress", &["declare_queryable"], QUERYABLE_KEYS));
         if exports {
             let carry = [format!("plumbline/v1/{vehicle}/@carry")];

@@ -77,8 +77,9 @@ pub struct Holder {
 }
 
 impl Keys {
-    /// Creates an authority in `folder` and a router certificate for `hosts`, which is valid for
-    /// `days`. The authority is valid for [`AUTHORITY_DAYS`](crate::certificate::AUTHORITY_DAYS).
+    /// Creates an authority in `folder` and issues a router certificate for `hosts`. The
+    /// certificate is valid for `days` days, the authority for
+    /// [`AUTHORITY_DAYS`](crate::certificate::AUTHORITY_DAYS).
     ///
     /// With `force` an existing authority is replaced. Its certificates become invalid and their
     /// folders are removed.
@@ -204,7 +205,8 @@ impl Keys {
 
     /// Revokes a party: removes it from the access list permanently.
     ///
-    /// Its name cannot be issued again, because the revoked certificate would then be accepted.
+    /// No further certificate can be issued for its name, because a new entry of the name on the
+    /// access list would also admit the revoked certificate.
     ///
     /// # Errors
     ///

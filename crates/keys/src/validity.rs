@@ -49,8 +49,8 @@ mod tests {
 
     use super::*;
 
-    /// Writes a certificate for `name` and returns its path. `hours` is the period of validity, in
-    /// hours from now.
+    /// Writes a certificate for `name` and returns its path. `hours` contains the start and the end
+    /// of validity, in hours from now.
     fn file(folder: &Path, name: &str, hosts: &[&str], hours: [i64; 2]) -> PathBuf {
         let mut params = CertificateParams::new(hosts.iter().map(|host| (*host).into()).collect::<Vec<_>>()).unwrap();
         params.distinguished_name.push(DnType::CommonName, name);

@@ -31,7 +31,7 @@ struct Security<'t> {
     tunnels: &'t [Network],
 }
 
-/// Reads endpoints. Outside the loopback, any host could listen or impersonate another, so only
+/// Reads endpoints. Outside the loopback, any host could eavesdrop or impersonate another, so only
 /// mutual TLS and the listed tunnels are allowed.
 fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_>, out: &mut Vec<String>) {
     let Some(listed) = section.spanned_strings(key, MAX_ENDPOINTS) else { return };

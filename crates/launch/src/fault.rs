@@ -7,8 +7,8 @@ use crate::{problem::Problem, toml_reader::Section};
 
 /// Maximum number of faults.
 pub const MAX_FAULTS: usize = 64;
-/// Maximum number of readings held back by [`FaultKind::Delayed`], for the longest delay at the
-/// highest rate.
+/// Maximum number of readings held back by [`FaultKind::Delayed`]. It covers the longest delay at
+/// the highest rate.
 pub const MAX_DELAYED_READINGS: usize = 20_000;
 
 /// Longest delay, s.

@@ -65,7 +65,7 @@ pub enum Port {
 pub struct PortSource {
     /// Port, or `None` if not set.
     pub port: Option<Port>,
-    /// Port, or `None` if it is not set.
+    /// Settings of the stream.
     pub stream: Stream,
 }
 

@@ -26,8 +26,8 @@ pub struct Position {
     pub latitude_deg: f64,
     /// Longitude, °, east positive.
     pub longitude_deg: f64,
-    /// Altitude above the ellipsoid or sea level, m. The difference does not affect the
-    /// declination.
+    /// Altitude above the ellipsoid or sea level, m. Either may be used, because the difference
+    /// between them does not affect the declination.
     pub altitude_m: f64,
 }
 

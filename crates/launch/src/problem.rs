@@ -47,7 +47,7 @@ impl Problem {
         Self { title: title.into(), span, label: label.into(), context: None, help: None, note: None }
     }
 
-    /// Creates the problem of an unknown name, with a suggestion and the allowed names.
+    /// Creates a problem that reports an unknown name, with a suggestion and the allowed names.
     pub(crate) fn unknown(span: Range<usize>, title: impl Into<String>, found: &str, allowed: &[&str]) -> Self {
         Self {
             help: nearest(found, allowed).map(|name| format!("did you mean {name:?}?")),
@@ -106,8 +106,8 @@ pub(crate) fn quoted(names: &[&str]) -> String {
 
 /// Returns the allowed name most similar to `found`, if any.
 ///
-/// Similar names differ in at most a third of their letters or begin with `found`, because a unit
-/// suffix is easily forgotten.
+/// A name is similar if it differs in at most a third of its letters. A name that begins with
+/// `found` is also similar, because a unit suffix is easily forgotten.
 pub fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
     let found = found.to_lowercase();
     let close = |name: &str, edits: usize| edits <= name.len().max(found.len()).max(3) / 3;

@@ -37,8 +37,8 @@ pub struct Endpoints {
     pub tls: Option<Tls>,
     /// File with Zenoh's `access_control`.
     pub access: Option<PathBuf>,
-    /// Permissions of clients without a certificate and of clients named in the list; `None` for no
-    /// restriction.
+    /// Permissions of clients without a certificate and of the clients named in the access list;
+    /// `None` for no restriction.
     pub plain_access: Option<AccessList>,
     /// `true` for a client session, which reaches vehicles through a router. Peers cannot do this,
     /// because a router does not forward between peers. A client session cannot be opened while its

@@ -51,7 +51,7 @@ const MIN_UNANSWERED_ATTEMPT: Duration = Duration::from_secs(5);
 /// Time to wait for a session at a port that is open but busy. In this time Zenoh can reject about
 /// 2,500 stalled connections, at 250 per second.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
-/// Delay between two attempts.
+/// Delay between two attempts to open a session.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Network session, as a peer or as a client.

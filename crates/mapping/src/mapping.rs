@@ -38,7 +38,7 @@ enum Unit {
     Rate(f64),
     Force(f64),
     Field(f64),
-    /// Number of decimal places that give a time in this unit nanosecond resolution.
+    /// Number of decimal places needed to write a time in this unit with nanosecond resolution.
     Time(usize),
 }
 
@@ -310,7 +310,7 @@ impl Mapping {
         self.body.to_native(values.map(|part| part * self.field))
     }
 
-    /// Returns the number of decimal places that give a time nanosecond resolution.
+    /// Returns the number of decimal places needed to write a time with nanosecond resolution.
     pub fn time_digits(&self) -> usize {
         self.time_digits
     }

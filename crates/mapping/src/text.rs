@@ -20,9 +20,9 @@ pub fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
 
 /// Parses a decimal time into nanoseconds, rounded half away from zero.
 ///
-/// `digits` is the number of decimal places that give the unit nanosecond resolution: 9 for
-/// seconds. A number with an exponent is parsed as `f64`. Returns `None` if the text is not a
-/// number or the time is not within ±9e9 s.
+/// `digits` is the number of decimal places needed to write a time in the given unit with
+/// nanosecond resolution: 9 for seconds. A number with an exponent is parsed as `f64`. Returns
+/// `None` if the text is not a number or the time is not within ±9e9 s.
 pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
     let limit_ns = TIME_LIMIT_S * 1_000_000_000;
     let (is_negative, unsigned) = match text.strip_prefix('-') {

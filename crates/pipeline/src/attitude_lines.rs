@@ -4,7 +4,7 @@
 //!
 //! Output: lines in tick order.
 //!
-//! Time: an attitude waits for its fused state until one of a later tick arrives.
+//! Time: an attitude is held until its fused state or one of a later tick arrives.
 //!
 //! Failure: an attitude without a fused state is written with empty values and counted.
 
@@ -14,8 +14,8 @@ use messages::{AttitudeOutput, FusedState};
 
 use crate::{CollectorError, attitude_csv::CsvWriter, columns::AttitudeFile};
 
-/// Maximum number of attitudes that wait for fused states, and vice versa: twice the capacity of a
-/// topic.
+/// Maximum number of attitudes held until their fused states arrive. It also limits the fused
+/// states held until their attitudes arrive. The number is twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
 pub(crate) struct AttitudeLines {
@@ -78,8 +78,8 @@ impl AttitudeLines {
                 self.fused.pop_front();
             }
             let fused = self.fused.pop_front_if(|state| state.header.tick == tick);
-            // Fused states arrive in tick order, so a later one shows that the one of this tick is
-            // missing.
+            // Fused states arrive in tick order. If one of a later tick has arrived, the one of
+            // this tick is missing.
             let may_arrive = self.fused.is_empty() && self.attitudes.len() < MAX_PENDING;
             if fused.is_none() && may_arrive {
                 return Ok(());

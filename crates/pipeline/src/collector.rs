@@ -13,10 +13,10 @@ use runtime::Sequence;
 
 use crate::{attitude_lines::AttitudeLines, columns::AttitudeFile};
 
-/// Maximum number of references that wait for their attitudes: twice the capacity of a topic.
+/// Maximum number of references held until their attitudes arrive: twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
-/// Largest latency recorded, ns. Larger ones are counted as this value.
+/// Largest latency recorded, ns. Larger latencies are counted as this value.
 const MAX_LATENCY_NS: u64 = 3_600_000_000_000;
 
 /// Error when evaluating or writing attitudes.

@@ -1,4 +1,5 @@
-//! Reconstructs from the `event` topic of a flight which stage owned each slot at each tick.
+//! Reconstructs which stage owned each slot at each tick of a flight. The source is the flight's
+//! `event` topic.
 //!
 //! Input: events in the order in which they were published.
 //!
@@ -163,7 +164,7 @@ impl Schedule {
 }
 
 impl SlotSchedule {
-    /// Returns the end, exclusive, of the ticks in which the stage instance is needed as owner or
+    /// Returns the first tick at which the stage instance is no longer needed, neither as owner nor
     /// as source of a checkpoint.
     pub(crate) fn needed_until(&self, instance: u32) -> u64 {
         let ends = self.owner_changes.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);

@@ -3,7 +3,8 @@
 //! Input: a file with one header line. Columns `t_s,ve,vn,vu` in s and m/s, optionally `lat_deg`,
 //! `lon_deg` and `alt_m`.
 //!
-//! Output: fixes, each assigned to the first row of the recording that is not earlier.
+//! Output: fixes. Each is assigned to the first row of the recording that is not earlier than the
+//! fix.
 //!
 //! Time: the time of arrival of a fix, on the recording's clock.
 //!
@@ -78,7 +79,7 @@ impl FixReader {
     ///
     /// # Errors
     ///
-    /// Returns an error if a row up to the first one after `t_ns` is malformed.
+    /// Returns an error if the first row after `t_ns`, or a row before it, is malformed.
     pub fn latest_until(&mut self, t_ns: i64) -> Result<Option<Fix>, RecordingError> {
         let mut newest = None;
         while let Some(fix) = self.next.take_if(|fix| fix.t_ns <= t_ns) {
@@ -110,7 +111,7 @@ pub fn find_for(recording: &Path) -> Option<PathBuf> {
     GNSS_SUFFIXES.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
 }
 
-/// Returns the path of a recording's fix file that [`find_for`] tries first.
+/// Returns the path that [`find_for`] tries first as the fix file of a recording.
 ///
 /// Returns `None` if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
 pub fn path_for(recording: &Path) -> Option<PathBuf> {

@@ -9,7 +9,7 @@ use crate::{
     time,
 };
 
-/// Rounding error of the length of a unit quaternion.
+/// Largest deviation of a quaternion's length from 1 that is attributed to rounding.
 const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// One sample of a recording.

@@ -61,12 +61,12 @@ impl References {
     /// Returns the interpolated attitude at `t_ns`.
     ///
     /// Returns `None` before the first row, after the last row, in a gap longer than
-    /// [`MAX_GAP_NS`], and next to a row without a quaternion. Also returns `None` if `t_ns`
-    /// precedes a row that was already passed.
+    /// [`MAX_GAP_NS`], and next to a row without a quaternion. Also returns `None` if an earlier
+    /// call has already moved the reader past `t_ns`.
     ///
     /// # Errors
     ///
-    /// Returns an error if a row up to the first one after `t_ns` is malformed.
+    /// Returns an error if the first row after `t_ns`, or a row before it, is malformed.
     pub fn interpolate(&mut self, t_ns: i64) -> Result<Option<Reference>, RecordingError> {
         while let Some(row_before) = self.after.take_if(|(row_ns, _)| *row_ns <= t_ns) {
             self.before = Some(row_before);

@@ -113,7 +113,7 @@ fn restore_checkpoint<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resu
     Ok(Resumed::Common)
 }
 
-/// Returns the common state in a checkpoint, by replacing the words of `common`.
+/// Returns `common` with its words replaced by those of the common state in a checkpoint.
 ///
 /// # Errors
 ///

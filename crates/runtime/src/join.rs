@@ -94,8 +94,8 @@ impl<M: TickStamped> JoinInput<M> {
         if tick < sequence.next_tick.max(self.next_tick) {
             return sequence.reject(publisher == self.publisher);
         }
-        // Only a sparse queue needs a limit, the capacity of a topic. If a dense queue is full, the
-        // next tick is overdue, so the queue is drained.
+        // Only a sparse queue needs a limit, which is the capacity of a topic. A dense queue does
+        // not exceed it: once the queue is full, the next tick is overdue, so the queue is drained.
         if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }
@@ -187,7 +187,7 @@ pub struct Join<I> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// Tick at which the backlog is given up as soon as any input reaches it.
+    /// The backlog is given up as soon as any input reaches this tick.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
@@ -252,7 +252,9 @@ impl<I: JoinInputs> Join<I> {
     }
 
     /// Extends the backlog to the newest tick of the other inputs while an awaited input has
-    /// delivered nothing, because the history of that input is then still in delivery.
+    /// delivered nothing.
+    ///
+    /// Until such an input delivers its first message, its history is still in delivery.
     fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
         self.inputs.each(&mut |input| {

@@ -63,8 +63,9 @@ const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd:
 
 /// Ageing of the gyro scale error.
 ///
-/// A fuser that has observed no rotation reports 0.002, which is not worth storing. The walk makes
-/// the estimate expire after 72 days, when the sensor may have been replaced.
+/// A fuser that has observed no rotation reports a standard deviation of 0.002. Such an estimate is
+/// not worth storing. The walk makes the estimate expire after 72 days, when the sensor may have
+/// been replaced.
 const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.0, uninformative_sd: 0.003 };
 /// Minimum standard deviation of a scale error from an earlier run. With a smaller value, the fuser
 /// would follow a temperature change of a few degrees too slowly.
@@ -103,7 +104,7 @@ impl Prior {
         (prior.has_estimate() && prior.is_valid()).then_some(prior)
     }
 
-    /// Returns the prior. If it has no scale error, takes that of `before`.
+    /// Returns this prior. If it has no scale error, the result has that of `before`.
     #[must_use]
     pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }

@@ -63,8 +63,8 @@ impl ServiceConfig {
         ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(MIN_BUFFER, MAX_TOPIC_MESSAGES)
     }
 
-    /// Returns the number of ticks by which another input must be ahead before a missing message is
-    /// given up.
+    /// Returns the number of ticks by which another input must be ahead of a missing message before
+    /// that message is given up.
     pub fn lateness_ticks(&self) -> u64 {
         ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, MAX_TOPIC_MESSAGES as u64)
     }
@@ -109,10 +109,10 @@ impl ServiceConfig {
 
     /// Returns the maximum number of ticks by which the source may be ahead of the last subscriber.
     ///
-    /// Normally this is no more than the time that a subscriber waits for one of two publishers,
-    /// and less than the capacity of a buffer. For an import only the second limit applies, because
-    /// its ticks can be lost for good and a subscriber gives up a lost tick only once later ticks
-    /// are far enough ahead.
+    /// Normally this lead is shorter than the time that a subscriber waits for one of two
+    /// publishers, and also less than the capacity of a buffer. For an import only the capacity
+    /// limits the lead. Imported ticks can be lost for good, and a subscriber gives up a lost tick
+    /// only once later ticks are far enough ahead of it.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;

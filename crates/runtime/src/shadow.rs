@@ -33,7 +33,8 @@ pub(crate) struct ShadowComparison<O: Ticked + Comparable> {
 
 #[derive(Default)]
 struct ErrorSums {
-    /// Sums of the differences in total angle, inclination and heading, rad.
+    /// Sums of the differences in total angle, inclination and heading, rad. `square` and `max`
+    /// have the same order.
     sum: [f64; 3],
     square: [f64; 3],
     max: [f64; 3],

@@ -29,8 +29,8 @@ pub struct SlotService<S: Slot> {
     /// after this tick.
     swapped_at: Option<u64>,
     /// Tick before which inputs are missing. Outputs carry the flag `LOST_BEFORE` up to and
-    /// including the first one at or after this tick, because subscribers already have the outputs
-    /// in which the loss occurred.
+    /// including the first one at or after this tick. The flag is repeated on later outputs,
+    /// because subscribers already have the outputs in which the loss occurred.
     missed_at: Option<u64>,
     /// Next tick of the restored checkpoint. `None` after the first output.
     resumed_tick: Option<u64>,
@@ -84,7 +84,8 @@ impl<S: Slot> SlotService<S> {
                 Role::Candidate => OutputGate::candidate(incarnation, epoch, capacity),
             },
             swapped_at: match (role, resumed) {
-                // The predecessor exited before it published any output as the owner.
+                // The predecessor exited before it published any output as the owner, so no output
+                // has been flagged as swapped yet.
                 (Role::Owner { from_tick }, Some(Resumed::Complete)) if swapped => Some(from_tick),
                 (_, Some(Resumed::Complete)) => None,
                 (Role::Candidate, _) => Some(0),

@@ -1,11 +1,12 @@
-//! Classical coning: a body axis describes a cone while the body does not turn about that axis.
+//! Classical coning: a body axis describes a cone, and after each cycle the body is back in its
+//! initial attitude.
 //!
 //! q(t) = (cos α/2, sin α/2 cos Ωt, sin α/2 sin Ωt, 0), which exactly gives the body rate
 //! ω = (−Ω sin α sin Ωt, Ω sin α cos Ωt, −Ω (1 − cos α)).
 //!
-//! The axis of rotation changes continuously. An integrator that treats the mean rate over an
-//! interval of length h as the rate of a rotation vector therefore drifts about ζ at about ½ Ω α²
-//! (1 − sin Ωh/Ωh).
+//! The axis of rotation changes continuously. An integrator that uses the integral of the rate over
+//! an interval of length h as its rotation vector therefore drifts about ζ, at a rate of
+//! approximately ½ Ω α² (1 − sin Ωh/Ωh).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 
@@ -19,8 +20,8 @@ pub struct Coning {
 }
 
 impl Default for Coning {
-    /// Returns a cone of 5° at 5 Hz. Sampled at 100 Hz and integrated without coning correction, it
-    /// causes a drift of 0.11 °/s.
+    /// Returns a cone with a half angle of 5° and a frequency of 5 Hz. Sampled at 100 Hz and
+    /// integrated without coning correction, it causes a drift of 0.11 °/s.
     fn default() -> Self {
         Self { half_angle_rad: 5f64.to_radians(), frequency_hz: 5.0 }
     }

@@ -1,12 +1,13 @@
 //! Aircraft in cruise at about 50 m/s: turns of 2 to 3 °/s for 20 to 60 s, 60 to 180 s apart.
 //!
 //! Airspeed V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s. Roll = atan(V H'/g) + 1° sin(2πt/7.3),
-//! where the first term is the bank of a coordinated turn. Pitch = 2° + 3° sin(2πt/55) + 0.7°
-//! sin(2πt/5.1). The flight is level. The specific force is f = A (a + g). The seed determines the
-//! phases and the turns, including their directions.
+//! where the first term is the bank of a coordinated turn with the course rate H'. Pitch = 2° + 3°
+//! sin(2πt/55) + 0.7° sin(2πt/5.1). The flight is level. The specific force is f = A (a + g), with
+//! the acceleration a, gravity g pointing up, and the matrix A from reference to body axes. The
+//! seed determines the phases and the turns, including their directions.
 //!
-//! Rates and accelerations are central differences of the attitude and of the velocity. The hard
-//! flight adds wind, gusts and side slip, which change the velocity over ground.
+//! Rates are central differences of the attitude, and accelerations are central differences of the
+//! velocity. The hard flight adds wind, gusts and side slip, which change the velocity over ground.
 
 use core::f64::consts::TAU;
 
@@ -23,7 +24,7 @@ const EDGE_TIME_CONSTANT_S: f64 = 1.5;
 const HALF_STEP_S: f64 = 1e-3;
 /// Wind speed of the hard flight, m/s.
 const WIND_M_S: f64 = 10.0;
-/// Gusts of the hard flight on each horizontal axis, m/s rms.
+/// RMS gust velocity of the hard flight on each horizontal axis, m/s.
 const GUST_RMS_M_S: f64 = 1.5;
 /// Periods of the gusts, s. Each period contributes the same power.
 const GUST_PERIODS_S: [f64; 4] = [7.0, 17.0, 41.0, 97.0];
@@ -149,7 +150,7 @@ impl FlightPlan {
         })
     }
 
-    /// Generates turns until the last one ends after `t_s`.
+    /// Generates turns until the last generated turn ends after `t_s`.
     fn extend_to(&mut self, t_s: f64) {
         while let Some(last) = self.turns.last().copied().filter(|last| last.end_s <= t_s) {
             let start_s = last.end_s + self.rng.uniform(60.0, 180.0);
@@ -185,7 +186,7 @@ impl AirMotion {
 
 /// Returns the logistic function at `x` and its integral, ln(1 + eˣ).
 fn logistic(x: f64) -> (f64, f64) {
-    // For larger x the two equal 1 and x in double precision.
+    // For larger x the logistic function and its integral equal 1 and x in double precision.
     if x > 40.0 {
         return (1.0, x);
     }

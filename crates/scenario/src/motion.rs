@@ -32,7 +32,7 @@ pub struct Truth {
     /// Body rate, rad/s.
     pub rate_rad_s: Vector3<f64>,
     /// Specific force, m/s², body axes. In all motions except the flights, the body rotates in
-    /// place.
+    /// place, so the force is due to gravity alone.
     pub force_m_s2: Vector3<f64>,
 }
 

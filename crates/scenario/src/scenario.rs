@@ -48,7 +48,8 @@ pub struct Parameter {
     pub max: f64,
     /// Short description with the unit.
     pub description: &'static str,
-    /// Sets the parameter. The error names the part that the scenario lacks.
+    /// Sets the parameter. If the scenario lacks the part to which the parameter belongs, the error
+    /// names that part.
     set: fn(&mut Scenario, f64) -> Result<(), &'static str>,
 }
 

@@ -24,7 +24,7 @@ pub(crate) struct CheckpointStore {
     ///
     /// A restarted process or a candidate may be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
-    /// First tick from which every tick is guaranteed to stay in the topics until read.
+    /// First tick of the range of ticks that are guaranteed to stay in the topics until read.
     held_from: u64,
     /// Services that recompute their output from the first tick on after the bus was renewed.
     ///
@@ -71,8 +71,8 @@ impl CheckpointStore {
         self.output_tick = Some(next_tick);
     }
 
-    /// Sets the positions of the live processes, and the first tick from which every tick is
-    /// guaranteed to stay in the topics until read.
+    /// Sets the positions of the live processes. From the tick `held_from` on, every tick is
+    /// guaranteed to stay in the topics until it is read.
     pub(crate) fn on_positions(&mut self, positions: [Option<u64>; Service::ALL.len()], held_from: u64) {
         (self.positions, self.held_from) = (positions, held_from);
     }
@@ -150,10 +150,10 @@ impl CheckpointStore {
 
     /// Returns the newest checkpoint at or before `needed_tick`.
     ///
-    /// If all checkpoints are later, returns the oldest, because the earlier output is on the bus.
-    /// It returns `None` instead if the output has to be recomputed, or if the topics still hold
-    /// every input. In the latter case the publisher of the earlier output may have exited, and a
-    /// fresh start can recompute that output.
+    /// If all checkpoints are later, returns the oldest of them, because the earlier output is on
+    /// the bus. There are two exceptions, in which the result is `None`: the output has to be
+    /// recomputed, or the topics still hold every input. In the second case the publisher of the
+    /// earlier output may have exited, and a fresh start can recompute that output.
     fn checkpoint_by(&self, service: Service, needed_tick: u64) -> Option<&Checkpoint> {
         let checkpoints = self.owner_checkpoints(service);
         let full_replay = self.full_replay[service as usize] || self.held_from == 0;
@@ -192,8 +192,8 @@ fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
     is_valid
 }
 
-/// Appends a checkpoint and removes those that are not older, because a new process may be behind
-/// its predecessor.
+/// Appends a checkpoint and removes those that are not older than it. There can be such
+/// checkpoints, because a new process may be behind its predecessor.
 fn push(checkpoints: &mut VecDeque<Checkpoint>, checkpoint: Checkpoint) {
     while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick)
         || checkpoints.len() >= MAX_CHECKPOINTS

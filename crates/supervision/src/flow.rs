@@ -7,17 +7,18 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// Time without output after which the remaining ticks are given up once the source has ended.
+/// Once the source has ended, the remaining ticks are given up after this time without output.
 ///
-/// Long enough for a killed or hung service to be restarted.
+/// It is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
-/// Drain timeout while a service is starting and no shutdown was requested.
+/// Value used instead of [`DRAIN_TIMEOUT`] while a service is starting and no shutdown was
+/// requested.
 ///
-/// Longer than any service takes to start.
+/// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// Time without output in lockstep after which missing ticks are considered lost although every
-/// service runs. It is added to `silence_s`.
+/// In lockstep, missing ticks are considered lost after this time plus `silence_s` without output,
+/// even if every service runs.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval between extra windows granted past missing ticks. It gives subscribers time to keep up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
@@ -35,7 +36,7 @@ pub(crate) struct Flow {
     last_progress: Duration,
     /// Most recent time at which a service was starting.
     last_starting: Duration,
-    /// Time at which a window was last granted without output.
+    /// Time at which an extra window was last granted despite missing output.
     last_extra_window: Duration,
 }
 
@@ -176,7 +177,8 @@ impl Supervision {
         }
     }
 
-    /// Returns the first tick from which every tick is guaranteed to stay in the topics until read.
+    /// Returns the tick from which on every tick is guaranteed to stay in the topics until it is
+    /// read.
     ///
     /// In lockstep, this includes all ticks for which credit was granted. Otherwise messages older
     /// than half of the buffer may be overwritten before they are read.

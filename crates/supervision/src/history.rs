@@ -25,8 +25,8 @@ pub(crate) struct StageInstance {
     restored_tick: Option<u64>,
     /// Number of the instance that wrote that checkpoint.
     restored_from: u32,
-    /// Tick before which the failed predecessor had published; `None` unless the instance replaced
-    /// a failed owner.
+    /// Tick after the newest one published by the failed predecessor; `None` unless the instance
+    /// replaced a failed owner.
     pub(crate) predecessor_end: Option<u64>,
 }
 

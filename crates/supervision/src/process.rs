@@ -21,7 +21,7 @@ const MAX_DIAGNOSTICS: usize = 16;
 pub struct ProcessTable {
     entries: [ProcessEntry; Service::ALL.len()],
     last_incarnation: u32,
-    /// Time of the newest call of [`take_stall`](Self::take_stall).
+    /// Time of the last call of [`take_stall`](Self::take_stall).
     last_polled: Duration,
 }
 
@@ -59,7 +59,8 @@ pub(crate) struct Process {
     /// First input tick that the process needs, if known.
     first_tick: Option<u64>,
     pub(crate) health: Option<Health>,
-    /// Time of the newest health report or, before the first one, of the start. A stall shifts it.
+    /// Time of the newest health report or, before the first report, of the start. A stall moves it
+    /// forward by the stall's duration.
     silent_since: Duration,
     /// Set once a stall has extended the deadline of the current silence.
     stall_credited: bool,

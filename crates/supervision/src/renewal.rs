@@ -31,7 +31,7 @@ impl Renewals {
         self.under_way
     }
 
-    /// Sets whether, since the previous timer event, a process has exited before joining the bus.
+    /// Records whether a process has exited before joining the bus since the previous timer event.
     pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
         self.join_failed = join_failed;
     }

@@ -16,7 +16,8 @@ use crate::{
 const MARGIN_S: f64 = 0.05;
 /// Maximum attempts per swap request.
 ///
-/// Each retry doubles the margin, because a stalled machine can deliver the decision too late.
+/// Each retry doubles the margin [`MARGIN_S`], because a stalled machine can deliver the decision
+/// too late.
 const MAX_ATTEMPTS: u32 = 3;
 
 /// Slots of a system.
@@ -482,9 +483,9 @@ fn limits(config: &Config) -> SwapLimits {
         shadow_ms: 100,
         commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_timeout_ms: 500,
-        // In lockstep the previous stage can linger for long, because a restarted subscriber finds
-        // all its inputs no matter how late it returns. The time covers a replacement that takes
-        // `ready_timeout_ms` to fail, and some processes started after it that take as long.
+        // In lockstep the previous stage can keep running for long, because a restarted subscriber
+        // finds all its inputs no matter how late it returns. The 60 s cover a replacement that
+        // takes `ready_timeout_ms` to fail, followed by some processes that take as long to start.
         linger_ms: if lockstep { 60_000 } else { 1_000 },
         stop_retry_ms: 400,
         max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),

@@ -122,8 +122,8 @@ impl Supervision {
         }
     }
 
-    /// Requests the watch's other stage, as a shadow or for takeover. Returns the ID of the
-    /// request.
+    /// Requests the stage of the watch that does not fill the slot, as a shadow or for takeover.
+    /// Returns the ID of the request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
         let (service, stage) = (rule.config.slot, rule.shadow_stage().clone());

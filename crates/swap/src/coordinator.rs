@@ -78,8 +78,9 @@ impl Coordinator {
     /// Returns `true` if a checkpoint with this next tick may replace the stored one of the
     /// service.
     ///
-    /// Until a hand-over is settled, checkpoints beyond its tick are rejected, because subscribers
-    /// may not have received the outputs that the active stage publishes from that tick on.
+    /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected.
+    /// Subscribers may not have received the outputs that the active stage publishes from that tick
+    /// on.
     pub fn admits_checkpoint(&mut self, incarnation: u32, next_tick: u64) -> bool {
         let limit = self.swap.as_ref().filter(|swap| swap.is_open()).and_then(|swap| swap.from_tick);
         let candidate = self.swap.as_ref().and_then(|swap| swap.candidate);

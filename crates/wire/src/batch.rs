@@ -12,8 +12,9 @@ use crate::{
     v1::Envelope,
 };
 
-/// Field numbers of every batch message.
+/// Field number of the envelope in every batch message.
 const ENVELOPE_FIELD: u32 = 1;
+/// Field number of the samples in every batch message.
 const SAMPLES_FIELD: u32 = 2;
 /// Maximum encoded size of an envelope: six 64-bit numbers, two enums, tag and length.
 const MAX_ENVELOPE_BYTES: usize = 74;
@@ -26,7 +27,7 @@ pub fn batch_name<M: Payload>() -> String {
 /// Encodes samples as fields of a batch. [`encode_batch`] adds the envelope.
 pub fn encode_samples<'m, M: Payload + 'm>(messages: impl IntoIterator<Item = &'m M>) -> Vec<u8> {
     let messages = messages.into_iter();
-    // A message has about the same size in protobuf as on the bus.
+    // The capacity is an estimate: a message has about the same size in protobuf as on the bus.
     let mut bytes = Vec::with_capacity(messages.size_hint().0 * (size_of::<M>() + 16));
     messages.for_each(|message| encoding::message::encode(SAMPLES_FIELD, &message.to_proto(), &mut bytes));
     bytes

@@ -29,7 +29,8 @@ pub struct DeliveryTracker {
     pub decimated: u64,
     /// Number of samples dropped on board because the bus or the gateway's queue overflowed.
     pub dropped: u64,
-    /// Start time, sequence number and number of preceding samples expected in the next envelope.
+    /// Expected contents of the next envelope: start time of the gateway, sequence number, and
+    /// number of preceding samples.
     next: Option<(u64, u64, u64)>,
 }
 

@@ -26,7 +26,7 @@ pub enum DecodeError {
         message: &'static str,
         /// Unit of the limit, such as `samples` or `bytes`.
         what: &'static str,
-        /// Limit.
+        /// Maximum number that is allowed.
         max: usize,
     },
     /// A required field is missing.

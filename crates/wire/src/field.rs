@@ -7,7 +7,8 @@ use crate::{
     v1::{self, Complex, Quaternion, Vector3},
 };
 
-/// Tolerance of a unit quaternion's norm, far above the rounding error of a long flight.
+/// Maximum deviation of a quaternion's norm from 1. It is far above the rounding error that
+/// accumulates in a long flight.
 const NORM_TOLERANCE: f64 = 1e-6;
 
 /// Payload field that is represented by `P` in the schema.

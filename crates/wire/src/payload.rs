@@ -51,7 +51,8 @@ const UNKNOWN_QUATERNION: v1::Quaternion = v1::Quaternion { w: f64::NAN, x: f64:
 /// Implements [`Payload`] field by field.
 ///
 /// `unchecked` fields may be NaN: raw sensor values, and values that may be unknown. `optional`
-/// quaternions may be missing, as they are in recordings of earlier versions, and are then NaN.
+/// quaternions may be missing, for example in recordings of earlier versions; a missing quaternion
+/// is read as NaN.
 macro_rules! payloads {
     ($($name:ident { $($field:ident),* } $(unchecked { $($unchecked:ident),* })? $(optional { $($optional:ident),* })?;)*) => { $(
         impl Payload for $name {

@@ -2,7 +2,7 @@
 //!
 //! Input: checked IMU samples.
 //!
-//! Output: the point w_acc.
+//! Output: the up direction as a point (u, v), and the trust in it.
 //!
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 #![forbid(unsafe_code)]

@@ -88,7 +88,7 @@ export class Calibration {
     if (sectors.length) this.drawSphere(sectors, calibration?.direction);
   }
 
-  /** @param {boolean[]} sectors Whether each is covered @param {import("./wire.js").Message | null} direction */
+  /** @param {boolean[]} sectors `true` for each covered sector @param {import("./wire.js").Message | null} direction */
   drawSphere(sectors, direction) {
     const { scene } = this;
     scene.begin();
@@ -111,7 +111,7 @@ export class Calibration {
       const at = (/** @type {number} */ size) => /** @type {Vec} */ (v.map((x) => (x / length) * size));
       scene.line([at(1.02), at(1.35)], tint("fault"), 2);
       scene.point(at(1.02), tint("fault"), 5);
-      scene.label(at(1.5), "now", "c-fault");
+      scene.label(at(1.5), "current", "c-fault");
     }
     scene.end();
   }

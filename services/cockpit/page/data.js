@@ -70,7 +70,7 @@ export class Data {
     /** Cursor, s; null shows the newest frame. @type {number | null} */ this.cursor = null;
     this.paused = false;
     /** Moves the cursor to a time, s, and pauses. @type {(t: number) => void} */ this.goTo = (t) => { this.paused = true; this.cursor = t; };
-    /** Time span of the strips and the time line, s. */ this.span_s = MAX_SPAN_S;
+    /** Time span of the strips and the timeline, s. */ this.span_s = MAX_SPAN_S;
     /** Length of the history, s. */ this.kept_s = MAX_SPAN_S;
     /** End of the time span shown, s. */ this.end = 0;
     /** Offset of the source's clock from the board's, s; null until a message contains both times. @type {number | null} */ this.clock_offset_s = null;
@@ -85,7 +85,7 @@ export class Data {
     /** Number of bytes received. */ this.bytes = 0;
   }
 
-  /** Discards the history, for a change to another vehicle. */
+  /** Discards the history before another vehicle is shown. */
   clear() {
     this.frames.length = 0;
     this.events.length = 0;
@@ -180,7 +180,7 @@ export class Data {
     return [...this.flagEvents.values()].filter((event) => event.fault && Math.abs(t - (event.until ?? NaN)) < FLAG_HOLD_S).map((event) => event.label);
   }
 
-  /** Records an event unless it is known. @param {Message} event */
+  /** Records an event unless it was recorded before. @param {Message} event */
   recordEvent(event) {
     const reported_s = event.t_told_ns * 1e-9;
     if (this.events.some((known) => known.number === event.number && known.reported_s === reported_s)) return;
@@ -218,7 +218,7 @@ export class Data {
     return this.frames.at(-1) ?? null;
   }
 
-  /** Returns the first frame that is not before `t`, else the last one. @param {number} t @returns {Frame | null} */
+  /** Returns the first frame at or after `t`, or the last frame. @param {number} t @returns {Frame | null} */
   nearest(t) {
     let [low, high] = [0, this.frames.length - 1];
     while (low < high) {

@@ -74,7 +74,7 @@ export class Fleet {
       q ? `${signed(roll / DEGREE, 1)}°` : "–", q ? `${signed(pitch / DEGREE, 1)}°` : "–",
       attitude ? `${degrees(attitude.course_rad)}° ${courseReference(attitude.course_reference)}` : "–",
       age_s === null ? "–" : `${age_s.toFixed(1)} s`, lost_ticks === null ? "–" : String(lost_ticks), String(lost_messages),
-      stage || "–", lives ? services.join(" ") : "out of reach",
+      stage || "–", lives ? services.join(" ") : "unreachable",
     ];
     cells.forEach((text, at) => write(row.children[at + 2], text));
     row.children[6].classList.toggle("c-fault", lost_ticks > 0);

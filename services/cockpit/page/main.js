@@ -25,7 +25,6 @@ const CHUNK = 2000;
 const SNAPSHOT_S = 0.033;
 /** Number of snapshots that fill the strips when seeking in a recording. */
 const SEEK_SNAPSHOTS = 1800;
-const PICTURE_S = 0.033;
 
 const data = new Data();
 const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
@@ -56,7 +55,7 @@ function sendCommand(command) {
   return null;
 }
 
-/** Opens a connection. The reason for its absence stays visible until the first message arrives. */
+/** Opens a connection. The reason for a missing connection is shown until the first message arrives. */
 function connect() {
   const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
   socket = opened;
@@ -196,7 +195,7 @@ function drawBar(now) {
   set("flags", flags.join(", "));
   get("reason").hidden = !state.reason;
   set("reason", state.reason);
-  // The list of vehicles marks each stale row by itself.
+  // The fleet view marks stale rows itself.
   get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
@@ -210,7 +209,7 @@ function togglePause() {
   if (!data.paused && data.recording.length && data.position + 1 >= data.recording.length) seek(0);
 }
 
-/** Moves the cursor, in a recording the position, to a time of the source and pauses. @param {number} t */
+/** Moves the cursor, in a recording the position, to a time on the source's clock and pauses. @param {number} t */
 function goTo(t) {
   data.paused = true;
   if (!data.recording.length) { data.cursor = t; return; }

@@ -25,7 +25,7 @@ export class Method {
     const grid = element("div", "grid method");
     const [sphere, plane, strips] = [element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
     this.plane = document.createElement("canvas");
-    this.plane.setAttribute("aria-label", "The plane of w");
+    this.plane.setAttribute("aria-label", "Plane of w");
     plane.append(this.plane);
     grid.append(sphere, plane, strips);
     parent.replaceChildren(grid);
@@ -38,8 +38,8 @@ export class Method {
       { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "u_gyro", name: "gyro", colour: "gyro" }, { quantity: "u", name: "fused", colour: "fused" }] },
       { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "v_gyro", name: "gyro", colour: "gyro" }, { quantity: "v", name: "fused", colour: "fused" }] },
       { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "z_gyro_rad", name: "gyro", colour: "gyro" }, { quantity: "z_rad", name: "fused", colour: "fused" }] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "innovation_rad", name: "accelerometer against fused", colour: "accel" }] },
-      { title: "std. dev.", unit: "° (sd)", scale: deg, digits: 2, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "innovation_rad", name: "accelerometer − fused", colour: "accel" }] },
+      { title: "std. dev.", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
       { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ quantity: "bias_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "bias_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};

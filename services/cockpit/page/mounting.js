@@ -103,4 +103,4 @@ function side(v) {
 }
 
 /** @param {Vec} up */
-const measuredUp = (up) => `Up is ${deg(angle(up, [0, 0, 1]))} from the top.`;
+const measuredUp = (up) => `The measured up vector is ${deg(angle(up, [0, 0, 1]))} from the top of the body.`;

@@ -1,5 +1,5 @@
-// A small 3-D scene of lines, triangles, points and labels. Without WebGL 2 it is drawn on a 2-D canvas, with the reason.
-// Space is right-handed with z up; the camera looks at the origin. The module knows nothing of attitude.
+// A small 3-D scene of lines, triangles, points and labels. Without WebGL 2 it is drawn on a 2-D canvas, and the reason is shown.
+// Space is right-handed with z up; the camera looks at the origin. The module does not depend on attitudes.
 
 import { write } from "./ui.js";
 
@@ -47,7 +47,7 @@ export class Scene {
     /** @type {Label[]} */ this.labels = [];
     /** Numbers of shapes drawn last, for tests. @type {{ lines: number, triangles: number, points: number }} */ this.count = { lines: 0, triangles: 0, points: 0 };
     this.azimuth = -0.9; this.elevation = 0.45; this.distance = distance;
-    /** Reason if WebGL is not used. */ this.fallbackReason = "";
+    /** Reason why WebGL is not used; empty if it is used. */ this.fallbackReason = "";
     /** @type {WebGLUniformLocation | null} */ this.camera = null;
     /** @type {WebGLUniformLocation | null} */ this.size = null;
     this.startWebGl();

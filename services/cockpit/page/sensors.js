@@ -50,9 +50,9 @@ export class Sensors {
       return [name, ...(v ? [...v.map(cell), (Math.hypot(...v) * scale).toFixed(digits)] : ["–", "–", "–", "–"]), v ? `${Math.max(0, age_s).toFixed(1)} s` : "–", v ? expected : "no data"];
     };
     fillTable(this.values, [
-      row("rate, °/s", rate, 1 / DEGREE, 2, ages_s[0], "≈ 0 at rest"),
-      row("specific force, m/s²", force, 1, 3, ages_s[1], "9.81 at rest, up"),
-      row("field, µT", field, 1, 1, ages_s[2], "25 to 65"),
+      row("angular rate, °/s", rate, 1 / DEGREE, 2, ages_s[0], "≈ 0 at rest"),
+      row("specific force, m/s²", force, 1, 3, ages_s[1], "9.81 upwards at rest"),
+      row("magnetic field, µT", field, 1, 1, ages_s[2], "25 to 65"),
       row("velocity, m/s (east, north, up)", velocity, 1, 2, ages_s[3], "vehicle speed"),
     ], ["", "number", "number", "number", "number", "number", "c-quiet"]);
     ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S)));

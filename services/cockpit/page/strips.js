@@ -14,7 +14,7 @@ export class Strips {
     this.strips = strips;
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("aria-label", `Strips of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, use the wheel to zoom`);
+    this.canvas.setAttribute("aria-label", `Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, use the wheel to zoom`);
     panel.append(this.canvas);
     this.canvas.addEventListener("click", (event) => {
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
@@ -149,7 +149,7 @@ export class Strips {
   }
 }
 
-/** Margins of each strip for its name and after it; the time line has the same. */
+/** Left and right margins of the strips and the timeline. The left one holds the titles. */
 export const LEFT = 118, RIGHT = 8;
 const FOOT = 20;
 

@@ -9,7 +9,7 @@ import { Strips } from "./strips.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
-/** How long a restarted service stays marked, ms. */
+/** Time for which a restarted service stays marked, ms. */
 const RESTART_MARK_MS = 3000;
 const PATH = ["ingest", "gyro", "accel", "fuser", "course"];
 
@@ -98,7 +98,7 @@ export class System {
       this.showOutcome("c-field", `committed: ${slot}: ${from} → ${to} from tick ${commit_tick}; lost ${lost}, duplicated ${duplicated}, longest interval ${(gap_s * 1e3).toFixed(1)} ms, jump ${(jump_rad / DEGREE).toFixed(3)}°`);
     } else {
       const label = outcome.replace("OUTCOME_", "").toLowerCase();
-      this.showOutcome("c-fault", `${label}: ${slot}: ${reason || "the current stage never stopped"}`);
+      this.showOutcome("c-fault", `${label}: ${slot}: ${reason || "the current stage kept running"}`);
     }
   }
 
@@ -126,7 +126,7 @@ export class System {
     if (other) this.stage.value = other;
   }
 
-  /** Returns whether a service was restarted recently. A restart takes only milliseconds and would not be noticed. @param {Message} status */
+  /** Returns whether a service was restarted recently. A restart takes only milliseconds and would otherwise go unnoticed. @param {Message} status */
   wasJustRestarted(status) {
     const known = this.restarts.get(status.service);
     const now = performance.now();
@@ -156,7 +156,7 @@ export class System {
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
       this.emptyNote.hidden = events.length > 0;
-      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "before" : `${event.t.toFixed(2)} s`, event.text]), ["number c-quiet", ""]);
+      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : `${event.t.toFixed(2)} s`, event.text]), ["number c-quiet", ""]);
       [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }

@@ -1,4 +1,4 @@
-// Time line of events below every view, with the common cursor and the values at the cursor for copying.
+// Timeline of events below every view, with the common cursor and the values at the cursor for copying.
 
 import { FRAMES } from "./attitude.js";
 import { QUANTITIES, RANGES, quaternion, valueIndex } from "./data.js";
@@ -18,7 +18,7 @@ export class Timeline {
   constructor(parent, data) {
     this.data = data;
     this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("aria-label", "Time line of events; click to set the cursor, use the wheel to zoom, press [ or ] for the previous or next event");
+    this.canvas.setAttribute("aria-label", "Timeline of events; click to set the cursor, use the wheel to zoom, press [ or ] for the previous or next event");
     this.description = element("output", "");
     this.frame = /** @type {HTMLSelectElement} */ (element("select", "", ...Object.keys(FRAMES).map((name) => element("option", "", name))));
     this.frame.id = "frame";
@@ -123,7 +123,7 @@ export class Timeline {
     }
     const selected = data.cursor !== null && at !== undefined ? this.nearestEvent(this.x(data.cursor)) : null;
     const event = selected ?? data.events.at(-1);
-    const text = event ? `${event.t === null || Number.isNaN(event.t) ? "before" : `${event.t.toFixed(2)} s`}: ${event.text}` : "No events yet.";
+    const text = event ? `${event.t === null || Number.isNaN(event.t) ? "earlier" : `${event.t.toFixed(2)} s`}: ${event.text}` : "No events yet.";
     write(this.description, text);
     this.description.className = event?.fault ? "c-fault" : event ? "" : "c-quiet";
   }

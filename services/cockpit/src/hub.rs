@@ -1,7 +1,8 @@
 //! Distribution of snapshots, status and calibration progress to the viewers.
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
-//! Output: a bounded message queue per viewer, preceded by the earlier events.
+//! Output: a bounded message queue per viewer. A new viewer first receives the status and the
+//! events so far.
 //! Failure: a viewer that is too slow loses messages. Nothing waits for a viewer.
 
 use std::{
@@ -18,8 +19,8 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Number of snapshots for which flags are kept, for viewers that missed them. They cover two
-/// seconds.
+/// Number of snapshots for which flags are kept, for viewers that missed these snapshots. The
+/// number covers two seconds.
 const MAX_STORED_FLAGS: usize = 64;
 /// Maximum number of messages queued per viewer, enough for a quarter of a second. A viewer that
 /// falls further behind loses the oldest messages.
@@ -144,7 +145,8 @@ impl Hub {
     /// never decimated. It also contains the calibration, because its result is sent only once.
     pub(crate) fn catch_up(&self, messages: u64) -> [Bytes; 2] {
         let backlog = self.backlog();
-        // More messages may be dropped from the queue before the viewer receives this summary.
+        // The flags of more snapshots than were missed are included, because more messages may be
+        // dropped from the queue before the viewer receives this summary.
         let picture = backlog.summary(messages as usize + MAX_QUEUED_MESSAGES);
         [Said::Picture(picture), Said::Calibration(backlog.calibration.clone().unwrap_or_default())].map(encode)
     }

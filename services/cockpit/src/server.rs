@@ -151,7 +151,7 @@ impl ServerState {
 }
 
 impl Server {
-    /// Binds to `address`, or to the next free port. With a certificate the server uses TLS.
+    /// Binds to `address`, or to the next free port. If `tls` is given, the server uses TLS.
     ///
     /// # Errors
     ///

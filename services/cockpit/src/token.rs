@@ -196,7 +196,7 @@ fn hex(bytes: &[u8]) -> String {
 /// directory specification.
 fn state_folder(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
     let absolute = |name| variable(name).filter(|path: &PathBuf| path.is_absolute());
-    // systemd separates several folders by colons.
+    // systemd separates several folders by colons. The first one is used.
     let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
     let user = || absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
     systemd.filter(|path| path.is_absolute()).or_else(|| user().map(|folder| folder.join("plumbline")))

@@ -62,7 +62,7 @@ pub struct CourseSlot {
     join: Join<Inputs>,
     stage: ResettingStage<AnyStage<Course>>,
     attitude: Attitude,
-    /// Reset counters of the fuser and of the course.
+    /// Number of resets of the fuser, followed by the number of resets of the course.
     reset_counts: [u64; 2],
     jump: [f64; 4],
     /// Epoch of the fuser's last output.

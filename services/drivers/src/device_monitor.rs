@@ -22,21 +22,22 @@ const CORRUPTED: &str = "corrupted";
 const SECOND_SENDER: &str = "second-sender";
 const CLOCK: &str = "clock";
 
-/// Duration of the evaluated window, s, with one report per second.
+/// Duration of the evaluated window, s. It is also the number of reports in the window, because
+/// there is one report per second.
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Number of bytes without a single valid message from which a wrong format or speed is reported.
-/// It is many times the length of a typical message.
+/// If this many bytes have arrived without a single valid message, a wrong format or speed is
+/// reported. The number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Number of messages without a measurement from which a problem is reported.
+/// If this many messages have arrived without a measurement, a problem is reported.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Number of clock steps in the window from which a problem is reported. A device that merely
-/// restarts causes fewer.
+/// If the clock has stepped this many times within the window, a problem is reported. A device that
+/// merely restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
 
 /// Reports of one device in the last seconds.

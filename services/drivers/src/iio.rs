@@ -167,7 +167,8 @@ impl OpenDevice {
             }
             Self::Separate { gyro, accel, pair } => {
                 wait_for(&[&*gyro, &*accel], timeout)?;
-                // The accelerometer is read first, because a rate waits for the next force.
+                // A rate is held until a later force has been read. Forces are therefore read
+                // first, so that rates older than the newest force are emitted at once.
                 let force_bytes = read(accel, bytes)?;
                 pair.push_accel(bytes.get(..force_bytes).unwrap_or_default(), measurements);
                 let rate_bytes = read(gyro, bytes)?;

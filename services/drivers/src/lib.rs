@@ -66,7 +66,7 @@ use stream_preamble::StreamPreamble;
 
 /// Maximum wait for bytes. It limits the time between two health messages.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
-/// Pause while ingest has no room for more readings.
+/// Pause before trying again while ingest has no room for more readings.
 const INGEST_WAIT: Duration = Duration::from_micros(500);
 /// Interval between two evaluations of the device reports.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);

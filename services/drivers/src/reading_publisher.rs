@@ -14,7 +14,7 @@ use runtime::{RuntimeError, ServiceContext};
 
 /// Publisher of readings and fixes, with a queue of those that ingest has no room for yet.
 pub(crate) struct ReadingPublisher {
-    /// `None` if another program publishes the readings.
+    /// Publisher of readings; `None` if another program publishes them.
     sensor: Option<Publisher<SensorReading>>,
     receiver: Publisher<ReceiverReading>,
     clock: Clock,

@@ -95,7 +95,7 @@ impl ReconnectingPort {
     }
 
     /// Reads the available bytes, waiting at most `timeout`. A closed port is reopened once its
-    /// pause has passed.
+    /// retry delay has elapsed.
     pub(crate) fn read(&mut self, timeout: Duration) -> Received<'_> {
         let now = Instant::now();
         if self.open.is_none() {

@@ -22,7 +22,7 @@ impl Decimator {
 
     /// Returns `true` if the sample at `t_ns` is selected.
     ///
-    /// The mean rate is met if the source's rate is at least as high.
+    /// The selected samples have the configured mean rate if the source's rate is at least as high.
     pub fn accept(&mut self, t_ns: i64) -> bool {
         let Some(period_ns) = self.period_ns else { return true };
         let t_ns = t_ns as f64;

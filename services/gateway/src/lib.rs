@@ -68,8 +68,8 @@ use crate::{
     tap::Taps,
 };
 
-/// Capacity of the queue between bus and network. It is enough for more than a second of every
-/// topic.
+/// Capacity of the queue between bus and network. It holds the batches of all topics for more than
+/// a second.
 const MAX_QUEUED_BATCHES: usize = 512;
 /// Niceness of the gateway. Services of the data path keep the default priority.
 const NICENESS: i32 = 5;
@@ -99,7 +99,7 @@ pub enum GatewayError {
     Memory {
         /// Memory used, MiB.
         used_mib: u64,
-        /// Limit, MiB.
+        /// Memory limit, MiB.
         limit_mib: u64,
     },
     /// The network thread panicked.

@@ -15,7 +15,7 @@ use crate::GatewayError;
 /// Interval between checks.
 const CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Maximum growth of private memory since the start, KiB. 64 connected stations that never read
-/// their messages use a third of it.
+/// their messages use a third of this limit.
 const MAX_GROWTH_KIB: u64 = 96 * 1024;
 /// Additional growth allowed for the tick cache of a split system, KiB.
 const TICK_CACHE_KIB: u64 = 256 * 1024;

@@ -1,8 +1,8 @@
 //! Schedule for polling the bus.
 //!
 //! If the tick rate does not exceed the message rate, the gateway waits for each tick and sends it
-//! immediately. The system call that wakes the next service on the data path then wakes the
-//! gateway, too.
+//! immediately. This needs no additional system call by the publisher, because the call that wakes
+//! the next service on the data path also wakes the gateway.
 //!
 //! If ticks are faster, the bus is polled at the message rate, so that publishers on the bus need
 //! no system call to wake the gateway.
@@ -31,8 +31,8 @@ impl PollTimer {
     pub(crate) fn new(config: &ServiceConfig) -> Self {
         let Gateway { messages_hz, import, .. } = &config.launch.gateway;
         let is_event_driven = import.is_some() || (!config.is_lockstep() && config.rate_hz <= *messages_hz);
-        // Awaited ticks arrive unevenly, and in bursts after a stall. The pause is therefore only
-        // half an interval.
+        // Awaited ticks arrive unevenly, and in bursts after a stall. The minimum interval between
+        // two polls is therefore only half a message interval.
         let interval_s = if is_event_driven { 0.5 } else { 1.0 } / messages_hz;
         Self {
             is_event_driven,

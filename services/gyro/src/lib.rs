@@ -2,7 +2,7 @@
 //!
 //! Input: checked IMU samples.
 //!
-//! Output: the rotation of the step and the open-loop attitude.
+//! Output: the rotation of the body over the tick's interval, and the open-loop attitude.
 //!
 //! Time: the timestamps of the samples.
 //!

@@ -16,7 +16,7 @@ use crate::source::ReceiverFix;
 const SANITY_FACTOR: f64 = 10.0;
 /// Maximum plausible speed of a vehicle, m/s. Fixes with a larger velocity component are invalid.
 const MAX_SPEED_M_S: f64 = 3000.0;
-/// Maximum plausible magnitude of an altitude, m. Larger ones are discarded.
+/// Maximum plausible magnitude of an altitude, m. Altitudes beyond it are discarded.
 const MAX_ALTITUDE_M: f64 = 1e6;
 
 /// Returns the fix without implausible values, or `None` with a flag if its velocity is invalid.

@@ -19,9 +19,9 @@
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
 //! | the stamp and values of the previous reading | rejected |
 //! | the stamp of the previous reading with other values | a sample one typical interval later, flagged |
-//! | a stamp before the previous one | rejected; if the next stamp follows it, the clock was set back: time continues, flagged |
-//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is initialised again |
-//! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
+//! | a stamp before the previous one | rejected; if the next stamp is later than the rejected one, the clock was set back: time continues, flagged |
+//! | a stamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
+//! | a stamp more than 10 s after the previous one | the clock leapt: time continues, flagged |
 
 use attitude::{
     Matrix3, Quaternion,
@@ -36,7 +36,7 @@ use crate::{
     source::{Reading, ReceiverFix, Truth},
 };
 
-/// Longest step that counts as a gap, ns. A longer one is a leap of the clock.
+/// Longest step of the stamps that counts as a gap, ns. A longer step is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
 /// Maximum magnitude of the first stamp, ns (285 years), so that time can run for years without
 /// overflow.
@@ -77,12 +77,12 @@ pub struct Conditioner {
     offset_ns: i64,
     typical_interval_ns: i64,
     last: Option<LastSample>,
-    /// Stamp of the previous reading if it was rejected as outdated, and the number of readings
-    /// rejected in a row.
+    /// Stamp of the previous reading and the number of readings rejected in a row, if the previous
+    /// reading was rejected as outdated.
     backward_run: Option<(i64, i64)>,
     rejected: u64,
     rejected_before: bool,
-    /// `true` if the conditioner resumes from the state of an earlier one.
+    /// `true` if the conditioner resumes from the state of an earlier conditioner.
     is_resumed: bool,
 }
 
@@ -270,8 +270,9 @@ impl Conditioner {
     /// Returns the interval to use if the clock was set back, ns, or `None` until a set-back is
     /// certain.
     ///
-    /// A set-back is certain after two consecutive earlier stamps in increasing order, or after
-    /// [`MAX_BACKWARD_STAMPS`] earlier stamps in any order.
+    /// A stamp is outdated if it is earlier than that of the last accepted reading. A set-back is
+    /// certain after two consecutive outdated stamps in increasing order, or after
+    /// [`MAX_BACKWARD_STAMPS`] outdated stamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {
             Some((before_ns, count))

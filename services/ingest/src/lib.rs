@@ -92,16 +92,17 @@ struct Ingest {
     raw_readings: Option<RawReadingPublisher>,
     checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
-    /// Next tick of the previous incarnation; ticks before this one have been published.
+    /// First tick that this incarnation publishes. A previous incarnation has published the ticks
+    /// before it.
     resume_tick: u64,
-    /// Exclusive end of the ticks that subscribers may still lack. Earlier ticks are published
+    /// Exclusive end of the ticks that subscribers may still lack. These ticks are published
     /// without pacing.
     catch_up_end_tick: u64,
     /// Time at which the first tick was due, CLOCK_MONOTONIC, ns; 0 before the first tick.
     start_ns: u64,
     next_checkpoint_tick: u64,
     allowed_ticks: u64,
-    /// Tick before which publication ends; `None` until a stop has been requested.
+    /// Publication ends before this tick. `None` until a stop has been requested.
     end_tick: Option<u64>,
     published_ticks: u64,
     flags: Flags,
@@ -351,8 +352,8 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // The end is not before the topic's next tick, so that ticks which an earlier
-            // incarnation published are published again.
+            // The end is the topic's next tick, not that of this incarnation. All ticks that an
+            // earlier incarnation has published are therefore published again.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }

@@ -19,8 +19,8 @@ pub(crate) struct RawReadingPublisher {
     publisher: Publisher<TakenReading>,
     incarnation: u32,
     number: u64,
-    /// First tick for which readings are published. An earlier incarnation published those before
-    /// it.
+    /// First tick for which readings are published. An earlier incarnation has published the
+    /// readings of the ticks before it.
     first_tick: u64,
 }
 

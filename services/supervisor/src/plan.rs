@@ -18,7 +18,7 @@ const LAUNCH_FILE: &str = "launch.toml";
 /// Built-in launch file, used if there is no default launch file.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
 
-/// Rounding tolerance within which a duration counts as a whole number of ticks, ticks.
+/// Difference up to which a duration counts as a whole number of ticks despite rounding, ticks.
 const ROUNDING_TICKS: f64 = 1e-6;
 
 /// Command-line options of a run.

@@ -46,8 +46,8 @@ const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 const MAX_UNREAPED: usize = 64;
 /// Delay between the exit of a process and its reaping, during which its threads clean up.
 ///
-/// Reaping earlier would spin in the kernel until they have finished, on the processor that they
-/// need. The delay is skipped at shutdown.
+/// Reaping earlier would spin in the kernel until the threads have finished, on the processor that
+/// the threads need. The delay is skipped at shutdown.
 const REAP_DELAY: Duration = Duration::from_millis(300);
 const REAP_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Time limit for reaping at shutdown.

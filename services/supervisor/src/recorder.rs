@@ -29,7 +29,7 @@ pub trait Recorder {
     fn on_overflow(&mut self, topic: Topic);
     /// Ends a round of messages. Called several times per second.
     fn end_round(&mut self);
-    /// Returns why the recording has failed, or `None` while it works.
+    /// Returns the reason why the recording has failed, or `None` if it has not failed.
     fn failure(&self) -> Option<String>;
     /// Finishes the recording with the report of the run.
     fn finish(&mut self, report: &Report) -> RecordingReport;
@@ -42,7 +42,7 @@ pub struct RecordingReport {
     pub file: PathBuf,
     /// Number of recorded messages.
     pub messages: u64,
-    /// Minimum number of published messages that are missing from the file.
+    /// Lower bound on the number of published messages that are missing from the file.
     pub missed: u64,
     /// File size in bytes.
     pub bytes: u64,

@@ -18,14 +18,15 @@ use rustix::{
     thread::{CapabilitySet, capabilities},
 };
 
-/// Time slice of processes on the data path, ns. Processing a tick takes less.
+/// Time slice of processes on the data path, ns. Processing one tick takes less time than this.
 const PATH_SLICE_NS: u64 = 100_000;
-/// Time slice of the supervisor, ns. Longer than on the data path, but shorter than the default of
-/// some milliseconds.
+/// Time slice of the supervisor, ns. It is longer than on the data path, but shorter than the
+/// kernel's default of some milliseconds.
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
 /// Increase of the nice value for starting and exiting processes.
 ///
-/// Such a process keeps a tenth of its weight, so that it can start even on a loaded machine.
+/// With this increase a process keeps a tenth of its scheduling weight, so that it can start even
+/// on a loaded machine.
 const NICE_INCREMENT: i32 = 10;
 const MAX_NICE: i32 = 19;
 /// Process ID that denotes the calling thread.
@@ -46,7 +47,7 @@ pub(crate) enum SchedulingClass {
 
 /// Sets the scheduling of a process or of the calling thread.
 ///
-/// A starting process whose priority could not be restored later keeps the default priority.
+/// The priority of a starting process is not lowered if it could not be restored later.
 pub(crate) fn set_class(pid: u32, class: SchedulingClass) {
     let Ok(own) = attributes_of(CALLING_THREAD) else { return };
     let class =

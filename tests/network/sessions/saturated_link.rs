@@ -76,7 +76,7 @@ fn saturated_secured_link_delivers_all_messages() {
     let hosts = ["127.0.0.1".parse().unwrap()];
     site.keys.issue(&alpha, &hosts, &[], 30, false).unwrap();
     site.keys.issue(&beta, &[], std::slice::from_ref(&alpha), 30, false).unwrap();
-    // Each side may import what the other one exports.
+    // Each vehicle may import what the other vehicle exports.
     site.keys.issue(&alpha, &hosts, &[beta], 30, true).unwrap();
     let (alpha, beta) = (site.listening("vehicle.alpha"), site.session("vehicle.beta"));
     let at_beta: SampleSubscriber = beta.declare_subscriber(TO_BETA).wait().unwrap();

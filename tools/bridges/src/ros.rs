@@ -17,9 +17,10 @@ use messages::{AttitudeOutput, ImuSample};
 use runtime::frames::attitude_to_frame;
 use serde::Serialize;
 
-/// Type name in keys, and hash of the type definition.
+/// Type name of `sensor_msgs/msg/Imu` in keys, and hash of its definition.
 const IMU_TYPE_AND_HASH: [&str; 2] =
     ["sensor_msgs::msg::dds_::Imu_", "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"];
+/// Type name of `sensor_msgs/msg/MagneticField` in keys, and hash of its definition.
 const MAGNETIC_FIELD_TYPE_AND_HASH: [&str; 2] = [
     "sensor_msgs::msg::dds_::MagneticField_",
     "RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",

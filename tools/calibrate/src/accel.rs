@@ -1,9 +1,10 @@
 //! Accelerometer bias, scale and misalignment, from gravity. At rest, the accelerometer measures
 //! gravity, which has the same strength in every position.
 //!
-//! The model is |M (f − b)| = g over the rests, each weighted by the inverse variance of its mean;
-//! see `ellipsoid` for M. Six positions, with each axis up and down, determine bias and scale.
-//! Twelve or more positions also determine the misalignment.
+//! The model is |M (f − b)| = g. Here f is the mean force of a rest, b is the bias, g is gravity,
+//! and the matrix M corrects scale and misalignment; see `ellipsoid`. Each rest is weighted by the
+//! inverse variance of its mean. Six positions, with each axis up and down, determine bias and
+//! scale. Twelve or more positions also determine the misalignment.
 //!
 //! If there are no such rests, the errors are estimated while the unit is slowly rotated by hand
 //! through all positions; see `motion`. This is less accurate. Every direction has about the same
@@ -45,7 +46,8 @@ const MIN_WINDOWS: usize = 24;
 const BLOCK_WINDOWS: usize = 2;
 /// Threshold of the Huber weights, standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
-/// Maximum weight of windows in a sparsely covered sector of the sphere.
+/// Maximum weight of a window, for sparsely covered sectors of the sphere. A window in a sector
+/// with the mean number of windows has the weight 1.
 const MAX_SECTOR_WEIGHT: f64 = 2.0;
 
 /// Accelerometer calibrator.
@@ -77,9 +79,9 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests equal in number to the unknowns.
+    /// Rests. The number of rests equals the number of unknowns of the model.
     MinimalRests,
-    /// More rests than unknowns.
+    /// Rests. The number of rests exceeds the number of unknowns of the model.
     Rests,
     Motion,
 }

@@ -1,11 +1,11 @@
 //! Delay of the magnetometer relative to the gyro, from back-and-forth turns. In the sensor axes, a
 //! constant field rotates as measured by the gyro, but with the magnetometer's delay.
 //!
-//! The model is dm/dt = −ω × m, where the m read at time t belongs to time t − τ. Over a quarter of
-//! a second this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the
-//! gyro from t₁ − τ to t₂ − τ, and b is the residual hard iron. τ, b and the gyro bias are fitted
-//! by least squares with Huber weights. Only changes of the rate determine τ; a steady turn does
-//! not.
+//! The model is dm/dt = −ω × m for the field m in sensor axes and the rate ω. The field read at
+//! time t belongs to time t − τ, where τ is the delay. Over a quarter of a second, from t₁ to t₂,
+//! this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the gyro from
+//! t₁ − τ to t₂ − τ, and b is the residual hard iron. τ, b and the gyro bias are fitted by least
+//! squares with Huber weights. Only changes of the rate determine τ; a steady turn does not.
 
 use attitude::{Vector3, calibration::Calibration};
 use nalgebra::{SVector, UnitQuaternion};
@@ -19,7 +19,8 @@ use crate::{
 
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 250_000_000;
-/// Minimum interval between field samples, ns. Every field sample kept can start a window.
+/// Minimum interval between the field samples that are kept, ns. Each of these samples can start a
+/// window.
 const MIN_INTERVAL_NS: i64 = 25_000_000;
 /// Maximum number of field samples.
 const MAX_SAMPLES: usize = 80_000;
@@ -33,7 +34,7 @@ const CORRELATION_NS: i64 = 2_000_000_000;
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 20;
-/// Change of τ used for the numerical derivative, s.
+/// Change of the delay τ used for the numerical derivative, s.
 const DERIVATIVE_STEP_S: f64 = 5e-4;
 /// Largest delay that can be estimated, s.
 const MAX_DELAY_S: f64 = 0.2;
@@ -261,8 +262,8 @@ impl ClockCalibrator {
         Some((normal, sd_ut.max(1e-9)))
     }
 
-    /// Returns the apparent rotation of a fixed vector in sensor axes between two times, computed
-    /// from the gyro readings taken `delay_s` earlier.
+    /// Returns the apparent rotation of a fixed vector in sensor axes between two times. It is
+    /// computed from the gyro readings taken `delay_s` before these times.
     ///
     /// The result is `None` if a time is outside the gyro history or if there is a gap between the
     /// times.

@@ -1,12 +1,13 @@
 //! Model shared by accelerometer and magnetometer: a vector of constant length, distorted by a bias
 //! and a matrix.
 //!
-//! The model is |M (v − b)| = R for readings v in any direction. M is symmetric, because a common
-//! rotation of all readings does not change their lengths. Parameters: b (3), the diagonal of M (3)
-//! and, if N = 9, the elements xy, xz, yz of M (3).
+//! The model is |M (v − b)| = R for a reading v in any direction, with the bias b, the matrix M and
+//! the constant length R. M is symmetric, because a common rotation of all readings does not change
+//! their lengths. The model has N = 6 or N = 9 parameters: b (3), the diagonal of M (3) and, only
+//! if N = 9, the elements xy, xz, yz of M (3).
 //!
-//! The fit uses Gauss-Newton steps on the lengths themselves, because their noise equals that of
-//! the readings.
+//! The fit uses Gauss-Newton steps on the lengths themselves, because the noise of a length equals
+//! the noise of a reading.
 //!
 //! Merayo et al. 2000, Scalar calibration of vector magnetometers, Meas. Sci. Technol. 11, 120;
 //! Olivares et al. 2013.

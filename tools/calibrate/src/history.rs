@@ -7,7 +7,7 @@ use nalgebra::UnitQuaternion;
 
 /// Maximum number of readings kept: half an hour at 500 Hz. Later readings are ignored.
 const MAX_READINGS: usize = 900_000;
-/// Longest interval that is integrated, ns. After a longer one, a new segment starts.
+/// Longest interval that is integrated, ns. After a longer interval, a new segment starts.
 const MAX_GAP_NS: i64 = 100_000_000;
 
 /// Integrated gyro readings.

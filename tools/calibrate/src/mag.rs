@@ -1,11 +1,12 @@
 //! Magnetometer hard and soft iron, from a field of constant strength. The unit is turned in one
 //! place, so that the magnetometer measures the field from all directions.
 //!
-//! The model is |M (m − b)| = F over the samples. Every direction has about the same weight,
-//! however long the unit remained in it. Huber weights reduce the effect of outliers, for example
-//! from iron that passes by. If F is unknown, M is scaled to det M = 1, which preserves the mean
-//! strength. The standard deviations assume that errors are correlated over a second, which allows
-//! for field gradients in a room.
+//! The model is |M (m − b)| = F for every sample m, with the hard iron b, the soft-iron correction
+//! M and the field strength F. Every direction has about the same weight, however long the unit
+//! remained in it. Huber weights reduce the effect of outliers, for example from iron that passes
+//! by. If F is unknown, M is scaled to det M = 1, which preserves the mean strength. The standard
+//! deviations assume that errors are correlated over a second, which allows for field gradients in
+//! a room.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::SMatrix;
@@ -248,8 +249,8 @@ impl MagCalibrator {
         (radius.is_finite() && radius > 0.0).then_some((mean + centre, radius))
     }
 
-    /// Returns the weights that balance the directions. A sample in a sparse sector has at most
-    /// twice the mean weight.
+    /// Returns the weights that balance the directions. A sample in a sector with the mean number
+    /// of samples has the weight 1; a sample in a sparse sector has at most the weight 2.
     fn weights(&self, model: &Ellipsoid<9>) -> Vec<f64> {
         let directions: Vec<_> = self.samples.iter().map(|(_, m)| model.matrix() * (m - model.bias())).collect();
         let sphere = Sphere::from_directions(&directions);

@@ -5,8 +5,10 @@
 //! caused by the hand nearly cancel in a common frame, and gravity remains. The forces are weighted
 //! by a raised cosine (Hann), so that the velocities at both ends have no effect.
 //!
-//! The mean of R f is linear in the calibration parameters of f, where R is the rotation since the
-//! first reading in the window.
+//! Let f be a specific force in the window, and R the rotation from its axes to those of the first
+//! reading in the window. The corrected force is M (f − b), with the correction matrix M and the
+//! bias b; see `accel`. The mean of R M (f − b) is linear in M and M b, so only the means of R and
+//! of R times each component of f are stored.
 
 use attitude::{GRAVITY_M_S2, Matrix3, Vector3, calibration::Calibration};
 use nalgebra::UnitQuaternion;
@@ -48,7 +50,7 @@ impl MeanForce {
         Self { component_means, mean_rotation: Matrix3::identity(), sides_up }
     }
 
-    /// Returns the mean of R M (f − b).
+    /// Returns the mean of R M (f − b), where M is `matrix` and b is `bias`.
     pub(crate) fn corrected(&self, matrix: &Matrix3<f64>, bias: &Vector3<f64>) -> Vector3<f64> {
         let sum: Vector3<f64> = (0..3).map(|axis| self.component_means[axis] * matrix.column(axis)).sum();
         sum - self.mean_rotation * (matrix * bias)

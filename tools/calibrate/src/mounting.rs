@@ -23,8 +23,8 @@ use crate::{
 const MIN_POSE_S: f64 = 2.0;
 /// Allowed range of the angle between the two poses, degrees.
 const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
-/// Largest angle from a named mounting at which that mounting is reported, degrees. A named
-/// mounting has its axes along those of the body.
+/// Maximum angle between the estimated mounting and a named one, degrees. Within this angle, the
+/// named mounting is reported. A named mounting has its axes along those of the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
 
 /// Mounting calibrator.

@@ -93,7 +93,8 @@ impl fmt::Display for Report {
     }
 }
 
-/// Formats values with two significant digits of the largest standard deviation.
+/// Formats a value with as many decimals as the largest standard deviation needs for two
+/// significant digits.
 fn format_value(value: f64, sd: &[f64]) -> String {
     let largest = sd.iter().copied().fold(0.0, f64::max);
     let decimals = if largest > 0.0 { (1.0 - largest.log10().floor()).clamp(0.0, 7.0) as usize } else { 6 };

@@ -19,22 +19,25 @@ const MIN_BLOCK_SAMPLES: u32 = 5;
 const MAX_BLOCKS: usize = 200_000;
 /// Longest interval between readings within a rest, ns.
 const MAX_GAP_NS: i64 = 500_000_000;
-/// Minimum number of blocks in a rest, not counting the first and the last one of the run: one
-/// second.
+/// Minimum number of blocks in a rest: one second. The first and the last block of the run are not
+/// counted.
 const MIN_REST_BLOCKS: usize = 4;
 
-/// Maximum ratio of the standard deviation of a quiet block to that of the quietest tenth.
+/// Maximum ratio of the standard deviation of a quiet block to that of the quietest tenth of all
+/// blocks.
 const QUIET_FACTOR: f64 = 3.0;
-/// Ranges to which the limits for a quiet block are clamped, rad/s and m/s².
+/// Range to which the limit for the rate's standard deviation in a quiet block is clamped, rad/s.
 const RATE_SD_RANGE_RAD_S: (f64, f64) = (0.005, 0.06);
+/// Range to which the limit for the force's standard deviation in a quiet block is clamped, m/s².
 const FORCE_SD_RANGE_M_S2: (f64, f64) = (0.05, 0.6);
 /// Largest rate that can be a bias, rad/s. This is 20 °/s, as allowed by data sheets of consumer
 /// gyros.
 const MAX_BIAS_RAD_S: f64 = 0.35;
-/// Maximum deviation of a block's mean rate from that of its rest, in addition to noise, rad/s.
+/// Maximum deviation of a block's mean rate from the mean rate of its rest, in addition to noise,
+/// rad/s.
 const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
-/// Maximum deviation of a block's mean force from that of its rest, in addition to noise, m/s².
-/// Corresponds to a tilt of 0.3°.
+/// Maximum deviation of a block's mean force from the mean force of its rest, in addition to noise,
+/// m/s². Corresponds to a tilt of 0.3°.
 const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 
 /// Minimum number of differences for an Allan variance.
@@ -85,8 +88,9 @@ pub(crate) struct RestFinder {
 pub(crate) struct Rest {
     pub(crate) start_s: f64,
     pub(crate) end_s: f64,
-    /// Block means in time order.
+    /// Mean rate of each block, in time order.
     pub(crate) rates_rad_s: Vec<Vector3<f64>>,
+    /// Mean force of each block, in time order.
     pub(crate) forces_m_s2: Vec<Vector3<f64>>,
 }
 
@@ -210,9 +214,9 @@ impl<'a> Run<'a> {
 /// Uncertainty of the mean of a series of blocks, computed from the Allan deviations of the blocks
 /// (IEEE 952-1997, annex C).
 ///
-/// For white noise, the standard deviation of the mean of K blocks is σ(m) √(m/K) for every
-/// averaging length m. Flicker noise and drift make σ(m) decrease more slowly, so the largest value
-/// over all m is used.
+/// Let σ(m) be the Allan deviation of means of m blocks. For white noise, the standard deviation of
+/// the mean of K blocks is σ(m) √(m/K), whatever m is. With flicker noise and drift, σ(m) decreases
+/// more slowly, so the largest value over all m is used.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct MeanNoise {
     /// Allan variances of means of 1, 2, 4, … blocks, per axis.

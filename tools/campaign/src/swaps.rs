@@ -63,8 +63,8 @@ pub struct SwapCampaignReport {
     pub same_bytes: Option<bool>,
     /// Longest interval between two attitudes during each swap.
     pub gap_ms: DistributionMs,
-    /// Longest interval between two attitudes in a period of the same length after each swap, for
-    /// comparison.
+    /// Longest interval between two attitudes during a period without a swap, for comparison with
+    /// `gap_ms`. One such period follows each swap and is as long as its response time.
     pub baseline_gap_ms: DistributionMs,
     /// Time from each request to its response.
     pub response_ms: DistributionMs,
@@ -210,7 +210,7 @@ fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
     intervals.max().unwrap_or(0)
 }
 
-/// Counts the lines of an attitude file that have no later time than the previous line.
+/// Counts the lines of an attitude file with a time equal to or before that of the previous line.
 fn count_out_of_order(attitudes: &[u8]) -> u64 {
     let time_s = |line: &[u8]| str::from_utf8(line.split(|byte| *byte == b',').next()?).ok()?.parse::<f64>().ok();
     let times_s: Vec<_> = attitudes.split(|byte| *byte == b'\n').skip(1).filter_map(time_s).collect();

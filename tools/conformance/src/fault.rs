@@ -184,14 +184,14 @@ fn non_finite_vector(i: usize) -> Vector3<f64> {
     vector
 }
 
-/// Adds the velocity gained in a fall of this duration to the fix.
+/// Adds to the fix the velocity gained in a fall that lasts `duration_s`.
 fn add_fall_velocity(tick: &mut Tick, duration_s: f64) {
     if let Some(fix) = &mut tick.fix {
         fix.velocity_m_s.z -= GRAVITY_M_S2 * duration_s;
     }
 }
 
-/// Adds the velocity gained by lateral acceleration of this duration to the fix.
+/// Adds to the fix the velocity gained by a lateral acceleration that lasts `duration_s`.
 fn add_lateral_velocity(tick: &mut Tick, duration_s: f64) {
     if let Some(fix) = &mut tick.fix {
         fix.velocity_m_s.x += LATERAL_ACCELERATION_M_S2 * duration_s;

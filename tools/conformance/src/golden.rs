@@ -2,9 +2,9 @@
 //!
 //! Input: a stage.
 //!
-//! Output: a table of its outputs on scenario S1 with sensor errors, magnetic field and velocities.
 //! Output: a table of the stage's outputs on scenario S1 with sensor errors, magnetic field and
 //! velocities.
+//!
 //! Time: 30 s at 100 Hz, one row per second.
 //!
 //! Failure: the first number that differs is reported.

@@ -1,8 +1,8 @@
 //! Checks how long the inclination error takes to recover after each fault.
 //!
 //! `recovery.csv` lists the limits for each stage. A fuser without its own column uses the column
-//! `any`. A stage of another slot uses the column of the slot's first stage instead. Gyro stages
-//! have no limits, because an open-loop attitude never recovers.
+//! `any`. A stage of any other slot without its own column uses that of the slot's first stage.
+//! Gyro stages have no limits, because an open-loop attitude never recovers.
 //!
 //! Failure: an invalid output also fails the check.
 

@@ -32,7 +32,7 @@ pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
 /// the same ticks.
 ///
 /// A copy of an external stage is another process with the same state. Data that a program keeps
-/// outside its state would be missing there. The repeatability checks detect such data.
+/// outside its state would be missing in the copy. The repeatability checks detect such data.
 pub(crate) struct PrefixRun<L: SlotSpec, S> {
     stage: S,
     /// Number of inputs processed.

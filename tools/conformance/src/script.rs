@@ -58,7 +58,7 @@ pub struct Script {
 pub(crate) static S1: LazyLock<Script> =
     LazyLock::new(|| Script::new("S1 at 100 Hz", Motion::S1, SensorErrors::S1, 100.0, 100.0));
 
-/// Other motions and sample rates for the validity checks.
+/// Scripts for the validity checks, with motions or sample rates other than those of [`S1`].
 pub(crate) static SHORT_SCRIPTS: LazyLock<[Script; 3]> = LazyLock::new(|| {
     let tumble = Motion::Tumble(Vector3::new(2.4, -1.6, 0.8));
     [

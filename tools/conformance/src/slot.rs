@@ -401,8 +401,9 @@ fn invalid_attitudes() -> Vec<(&'static str, Attitude)> {
     ]
 }
 
-/// Returns why an attitude is invalid, or `None` if it is valid. The chart changes at |w| = 1.2,
-/// and the tolerance covers rounding.
+/// Returns the reason why an attitude is invalid, or `None` if it is valid.
+///
+/// The limits allow for rounding. |w| is at most 1.2, because the chart changes there.
 fn attitude_error(attitude: Attitude) -> Option<&'static str> {
     if attitude.up.w.norm_sqr() > 1.44 + 1e-9 {
         return Some("a point outside its chart");

@@ -48,7 +48,7 @@ pub enum FlightError {
     MissedMessages {
         /// Path of the file.
         path: PathBuf,
-        /// Minimum number of missing messages.
+        /// Lower bound on the number of missing messages.
         missed: u64,
     },
     /// The file cannot be read.

@@ -52,7 +52,7 @@ pub struct FlightInfo {
     pub messages: u64,
     /// Channels, sorted by topic.
     pub topics: Vec<ChannelInfo>,
-    /// Minimum number of published messages that are not in the file, by channel.
+    /// Lower bound on the number of published messages that are missing from the file, by channel.
     pub missed: BTreeMap<String, u64>,
     /// Reason why the recording ended, if known.
     pub end_reason: Option<String>,

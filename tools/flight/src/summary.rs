@@ -18,7 +18,7 @@ pub struct RecordingSummary {
     pub bytes: u64,
     /// Number of bus messages in the file.
     pub messages: u64,
-    /// Minimum number of published messages that are not in the file.
+    /// Lower bound on the number of published messages that are missing from the file.
     pub missed: u64,
     /// Results of the recorded topics.
     pub topics: Vec<TopicSummary>,
@@ -33,7 +33,7 @@ pub struct TopicSummary {
     pub topic: &'static str,
     /// Number of messages in the file.
     pub messages: u64,
-    /// Minimum number of published messages that are not in the file.
+    /// Lower bound on the number of published messages that are missing from the file.
     pub missed: u64,
 }
 

@@ -15,8 +15,8 @@ use crate::{ImportError, row_writer::RowWriter};
 
 /// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// Maximum time between a rate sample and the force sample used for it if interpolation is not
-/// possible, ns.
+/// Maximum time between a rate sample and the nearest force sample, ns. It applies if interpolation
+/// is not possible and the force is used unchanged.
 const MAX_HOLD_NS: u64 = 20_000_000;
 /// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;

@@ -21,7 +21,8 @@ const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
 /// Maximum number of intervals from which the median is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
-/// Value of 1 − cos of half the rotation angle below which linear interpolation replaces slerp.
+/// Threshold for the value of 1 − cos(θ/2), where θ is the angle between two attitudes. Below the
+/// threshold, slerp is replaced by linear interpolation.
 const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
 
 /// Attitude at a time, in native axes.
@@ -140,8 +141,8 @@ impl<'a> RowWriter<'a> {
             let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row, a field sample near that row is kept until the row is
-                // pending.
+                // Before the first row, only samples that are too far from that row are taken here.
+                // A nearer sample is kept until the row is pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };

@@ -80,15 +80,15 @@ pub struct FlowReport {
     pub duration_s: f64,
     /// Messages per second; `None` before the second message.
     pub rate_hz: Option<f64>,
-    /// Bytes per second; for a remote observer, those received over the network. `None` before the
-    /// second message.
+    /// Bytes per second; `None` before the second message. For a remote observer, only the bytes
+    /// received over the network count.
     pub bytes_per_s: Option<f64>,
     /// Size of a message on the bus, bytes.
     pub message_bytes: usize,
     /// Intervals between messages; `None` before the second message.
     pub interval_ms: Option<IntervalStats>,
-    /// Clock of the rate and the intervals: `sent` for publisher timestamps, `arrival` for the
-    /// observer's clock.
+    /// Clock by which the rate and the intervals are measured: `sent` for publisher timestamps,
+    /// `arrival` for the observer's clock.
     pub measured_by: &'static str,
     /// Ticks that never reached the publisher; `None` for a topic that does not have a message on
     /// every tick.

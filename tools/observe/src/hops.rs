@@ -1,7 +1,8 @@
 //! Latency of each service, from the timestamps in the messages.
 //!
 //! - Input: tick, birth and publication time of every message of the data path.
-//! - Output: time from the last input that a service waited for to its output.
+//! - Output: time from the publication of a service's latest input to the publication of its
+//!   output.
 //! - Time: CLOCK_MONOTONIC of the timestamps.
 //! - Failure: a tick with a missing input is skipped.
 

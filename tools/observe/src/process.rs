@@ -4,8 +4,8 @@ use std::{collections::HashMap, fs};
 
 use runtime::clock::cpu_time_ns;
 
-/// Samples the resource usage of processes. Stores the last sample time and CPU time of each
-/// process, ns.
+/// Samples the resource usage of processes. For each process, stores the time and the CPU time of
+/// its last sample, ns.
 #[derive(Debug, Default)]
 pub struct ProcessMonitor(HashMap<u32, (u64, u64)>);
 

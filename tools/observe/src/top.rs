@@ -16,8 +16,8 @@ use crate::{
 /// Monitors the data path of a running system.
 #[derive(Debug)]
 pub struct SystemMonitor {
-    /// Taps in reverse path order. An output is read before its inputs, so that the inputs of every
-    /// output read are available.
+    /// Taps in reverse path order. The output of a service is read before its inputs, so that the
+    /// inputs of every output that was read can be read as well.
     taps: Vec<(Service, Tap)>,
     events: Tap,
     hops: HopLatencies,
@@ -230,8 +230,8 @@ struct Column {
     drop_order: u8,
 }
 
-/// Columns of the table. All of them fit into a terminal of 121 columns. If the three that are
-/// omitted first are left out, the others fit into 80.
+/// Columns of the table. All of them fit into a terminal of 121 columns. Without the three columns
+/// that are omitted first, they fit into 80.
 const COLUMNS: [Column; 13] = [
     Column { header: "service", width: 11, drop_order: 0 },
     Column { header: "stage", width: 25, drop_order: 10 },

@@ -1,4 +1,5 @@
-//! Reproduces the figures and tables of the four papers behind the stages, using the stages.
+//! Reproduces the figures and tables of the four papers on which the stages are based, using these
+//! stages.
 //!
 //! Input: a paper and a folder.
 //!

@@ -14,8 +14,8 @@ use plotters::{
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// Azimuth from which the scene is viewed, about the vertical axis and from the first axis,
-    /// degrees.
+    /// Azimuth from which the scene is viewed, degrees: the angle about the vertical axis, counted
+    /// from the first axis.
     pub(crate) azimuth_deg: f64,
     /// Elevation from which the scene is viewed, above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
@@ -159,7 +159,8 @@ pub(crate) fn circle(point: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f6
     (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| point(cos, sin)).collect()
 }
 
-/// Returns an arc of `angle_rad` from one unit vector towards another perpendicular to it.
+/// Returns an arc that spans `angle_rad`. It starts at the unit vector `from` and turns towards the
+/// unit vector `towards`, which is perpendicular to `from`.
 pub(crate) fn arc(from: Vector3<f64>, towards: Vector3<f64>, angle_rad: f64, radius: f64) -> Vec<Vector3<f64>> {
     let point_at = |share: f64| {
         let (sin, cos) = (share * angle_rad).sin_cos();

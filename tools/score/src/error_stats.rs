@@ -80,7 +80,8 @@ pub struct ErrorStats {
     gyro_bias: SquareSum,
     drift: DriftFit,
     ratios: RatioHistograms,
-    /// `true` if the heading was known at the last scored tick; `None` before the first one.
+    /// `true` if the heading was known at the last scored tick; `None` before the first scored
+    /// tick.
     heading_is_known: Option<bool>,
 }
 

@@ -5,8 +5,8 @@
 //! Output: the ratios that 68 % and 95 % of the samples do not exceed, both as such and relative to
 //! their ideal values.
 //!
-//! Failure: samples with a negative or NaN standard deviation are not counted. A standard deviation
-//! of 0 counts as the largest ratio.
+//! Failure: samples with a negative standard deviation or an undefined ratio are not counted. If
+//! only the standard deviation is 0, the sample is counted in the bin of the largest ratios.
 //!
 //! If the standard deviation of a single axis is correct, 68 % of the ratios are below 1 and 95 %
 //! below 2. The inclination error is the length of a vector with two such components, so its ratios

@@ -5,7 +5,7 @@
 //! Output: curves of the angles and errors. If there is no reference, curves of the difference
 //! between each chain and the first one.
 //!
-//! Time: sample timestamps, relative to the first one.
+//! Time: sample timestamps, relative to that of the first sample.
 //!
 //! Failure: a missing value interrupts a curve.
 

@@ -6,7 +6,7 @@
 //!
 //! Time: sample timestamps.
 //!
-//! Failure: the first error ends the run. Every recording is validated before the first one is
+//! Failure: the first error ends the run. Every recording is validated before any recording is
 //! scored.
 
 use std::{
@@ -230,8 +230,8 @@ pub(crate) fn evaluate(
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Returns the errors of each launch configuration over a trial, and `false` if its heading is
-/// unknown at the end.
+/// Returns the errors of each launch configuration over a trial. The flag of a configuration is
+/// `true` if its heading is known at the end.
 fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
     let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
@@ -380,9 +380,10 @@ fn draw(
     if records.len() > 1 { plotter.draw_comparison(&comparison_path, &trial.name, &launches, &records) } else { Ok(()) }
 }
 
-/// Warnings about a trial that has a reference but no score.
+/// Warning about a simulation that ends before the first scored sample.
 const SIMULATION_TOO_SHORT: &str =
     "no sample is scored: the simulation ends before scoring starts; set a longer duration_s";
+/// Warning about a recording in which no scored sample has a reference.
 const NO_SCORED_REFERENCE: &str = "no sample is scored: no sample with mov = 1 has a reference; check that --reference uses the clock of the recording";
 
 /// Returns a warning if readings were rejected or timestamps do not increase.

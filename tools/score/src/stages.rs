@@ -162,7 +162,8 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
     match slots.len() {
         1 => Ok(applied),
         0 => {
-            // If no selected stage matches the prefix, list the parameters of all of them.
+            // If no selected stage matches the prefix of the key, the parameters of all selected
+            // stages are listed.
             let known = if known.is_empty() { others } else { known };
             let closest =
                 closest_name(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));

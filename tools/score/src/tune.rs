@@ -31,7 +31,7 @@ const SWEEP_VALUES: [u32; 1] = [25];
 const SEARCH_VALUES: [u32; 3] = [13, 7, 7];
 /// Number of times a search reads the trials.
 pub(crate) const SEARCH_PASSES: u64 = SEARCH_VALUES.len() as u64;
-/// Minimum ratio of the ends of a range for its values to be spaced logarithmically.
+/// If the ratio of the two ends of a range is at least this, its values are spaced logarithmically.
 const MIN_LOG_RATIO: f64 = 10.0;
 
 /// A setting and its range, written as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`.

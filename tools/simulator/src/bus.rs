@@ -60,8 +60,8 @@ impl Bus {
         }
     }
 
-    /// Returns an empty bus with topics that continue at their present positions, as after a
-    /// renewal.
+    /// Returns an empty bus like the one after a renewal. Its topics continue at the present
+    /// positions.
     pub(crate) fn renewed(&self) -> Self {
         let mut bus = Self::new(self.imu.buffer);
         bus.imu.next_tick = self.imu.next_tick;
@@ -72,7 +72,7 @@ impl Bus {
         bus
     }
 
-    /// Returns the number of a new subscriber.
+    /// Allocates the number of a new subscriber.
     pub(crate) fn next_subscriber(&mut self) -> SubscriberId {
         self.last_subscriber += 1;
         self.last_subscriber
@@ -101,7 +101,7 @@ pub(crate) struct Topic<M> {
     buffer: usize,
     publishers: Vec<Publisher<M>>,
     subscribers: Vec<Subscriber<M>>,
-    /// Tick after the newest one for which any publisher has started to publish a message.
+    /// Tick after the newest tick for which any publisher has started to publish a message.
     pub(crate) next_tick: u64,
     /// Number of messages that were overwritten before they were read.
     pub(crate) overwritten: u64,

@@ -1,4 +1,5 @@
-//! Collector of the attitudes, which, like the supervisor's, delivers each tick once and in order.
+//! Collector of the attitudes. Like the supervisor's collector, it delivers each tick once and in
+//! order.
 
 use std::convert::Infallible;
 
@@ -16,12 +17,12 @@ pub(crate) struct Collector {
     subscriber: SubscriberId,
     stream: OrderedStream<AttitudeOutput>,
     pub(crate) sequence: Sequence,
-    /// Received attitudes, with those values removed that differ between runs.
+    /// Received attitudes. Values that differ between runs are removed from them.
     pub(crate) attitudes: Vec<AttitudeOutput>,
     /// Epoch of the newest attitude.
     epoch: u32,
-    /// Number of attitudes with an older epoch than their predecessor, because two stages published
-    /// alternately.
+    /// Number of attitudes with an older epoch than their predecessor. They occur when two stages
+    /// publish alternately.
     pub(crate) superseded: u64,
 }
 

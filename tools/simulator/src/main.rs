@@ -46,7 +46,7 @@ Examples:
   simulator --seeds 1000 --threads 2 --json
   simulator --from 42 --seeds 1               # prints each event of the seed")]
 struct Arguments {
-    /// Number of seeds, 1 to 2^62; with one seed, the run is traced
+    /// Number of seeds, 1 to 2^62; a single seed also prints its events
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=MAX_SEEDS))]
     seeds: u64,
     /// First seed, 0 to 2^62
@@ -79,8 +79,8 @@ struct Report {
 }
 
 const MAX_FAILURES: usize = 50;
-/// Maximum number of seeds, and maximum first seed. It is small enough for the sum of both to fit
-/// into a `u64`.
+/// Upper limit for both the number of seeds and the first seed. It is small enough that their sum
+/// fits into a `u64`.
 const MAX_SEEDS: u64 = 1 << 62;
 
 fn main() -> ExitCode {

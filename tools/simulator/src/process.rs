@@ -64,8 +64,8 @@ impl ProcessState {
 }
 
 impl Process {
-    /// Returns the time of the next poll, ms; 0 for an exited process, which is removed
-    /// immediately.
+    /// Returns the time of the next poll, ms. It is 0 for an exited process, so that the process is
+    /// removed immediately.
     pub(crate) fn next_poll_ms(&self) -> u64 {
         if self.exit_status.is_some() { 0 } else { self.wake_ms.max(self.frozen_until_ms) }
     }

@@ -59,12 +59,12 @@ impl SwapRecord {
 pub(crate) struct Candidate {
     pub(crate) service: Service,
     pub(crate) stage: String,
-    /// Set if the stage differs from the current one of the slot.
+    /// Set if the stage differs from the slot's current stage.
     pub(crate) changes_stage: bool,
     /// Next tick of the checkpoint from which the process resumed.
     pub(crate) checkpoint_tick: Option<u64>,
     /// Set if the process was started in place of an exited owner, without a hand-over.
     pub(crate) replaces_exited_owner: bool,
-    /// First tick that the process owns according to the decision; `None` before the decision.
+    /// First tick that the process owns, as decided by the supervisor; `None` before the decision.
     pub(crate) decided_from_tick: Option<u64>,
 }

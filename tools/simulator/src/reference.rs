@@ -105,7 +105,7 @@ impl<S: Slot> SlotChain<S> {
         Self { service, stages: vec![first], swaps }
     }
 
-    /// Starts the stages that resume from a checkpoint with the next tick `tick`.
+    /// Starts the stages that resume from the checkpoint with `tick` as its next tick.
     fn start_candidates(&mut self, tick: u64, slot_of: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };

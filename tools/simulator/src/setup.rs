@@ -119,8 +119,8 @@ impl Setup {
         if !calm {
             setup.add_faults(random, flight_ms, lockstep);
             if lockstep || !strict {
-                // The rare faults have their own generator, so that the random choices of all other
-                // runs stay unchanged.
+                // The rare faults have their own generator, so that they do not affect any other
+                // random choice.
                 let mut rare = Random::new(random.clone().between(0, 1 << 60));
                 setup.add_renewal_at_stop(&mut rare);
                 setup.add_kills_at_owner_change(&mut rare);
@@ -148,7 +148,7 @@ impl Setup {
             let shadow_ms = random.chance(250).then(|| random.between(50, 3000));
             let expected_epoch = random.chance(100).then(|| random.between(1, 3) as u32);
             self.faults.push((at_ms, Fault::Swap { service, stage, shadow_ms, expected_epoch }));
-            // The client then requests the stage without a shadow, which promotes an existing
+            // A later request asks for the same stage without a shadow. It promotes an existing
             // shadow or repeats the first request.
             if random.chance(300) {
                 let again = Fault::Swap { service, stage, shadow_ms: None, expected_epoch: None };
@@ -210,7 +210,8 @@ impl Setup {
         self.faults.extend([(at_ms, Fault::RemoveFiles), (at_ms, kill)]);
     }
 
-    /// Adds kills, at about the time of a swap, of the owner of a slot and of its subscriber.
+    /// Adds two kills at about the time of a swap: one of the slot's owner and one of a process
+    /// that subscribes to the slot.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
             Fault::Swap { service, shadow_ms: None, .. } => Some((*at_ms, *service)),
@@ -235,10 +236,10 @@ impl Setup {
         self.faults.iter().filter(|(_, fault)| *fault == Fault::Stop).map(|(at_ms, _)| *at_ms).min()
     }
 
-    /// Removes requests and long faults before a stop.
+    /// Removes requests and long faults shortly before a stop.
     ///
     /// They are removed because, after a stop request, the supervisor gives up on services that do
-    /// not return soon.
+    /// not respond soon.
     fn drop_long_faults_before_stop(&mut self) {
         let Some(stop_ms) = self.stop_ms().filter(|_| self.strict) else { return };
         let is_short = |fault: &Fault| match fault {

@@ -186,14 +186,14 @@ impl World {
         if let (Service::Fuser, Role::Owner { .. }) = (service, role) {
             self.record_epoch_change(epoch);
         }
-        // If the owner resumes before the swap, it recomputes ticks that the previous stage has
-        // published, so the output is ambiguous.
+        // If the owner resumes at a tick before the swap, it recomputes ticks that the previous
+        // stage has already published. The output is then ambiguous.
         if let (Role::Owner { from_tick }, Some(swaps)) = (role, self.swaps.committed.get(service.name())) {
             self.swaps.ambiguous |=
                 swaps.iter().any(|committed| committed.changes_stage && from_tick < committed.from_tick);
         }
-        // The checkpoint belongs to another stage if no checkpoint from the current stage has
-        // arrived yet.
+        // If no checkpoint from the current stage has arrived yet, the checkpoint belongs to
+        // another stage. The output is then ambiguous.
         if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(current_stage)) =
             (&resume, self.supervision.launch().stage(service))
         {
@@ -295,7 +295,7 @@ impl World {
                 candidate;
             match (checkpoint_tick, decided_from_tick) {
                 // The exited owner may have sent different numbers of ticks to different
-                // subscribers.
+                // subscribers, so the output may be ambiguous.
                 _ if replaces_exited_owner => self.swaps.ambiguous |= changes_stage || checkpoint_tick.is_none(),
                 (Some(checkpoint_tick), Some(from_tick)) => {
                     let committed = CommittedSwap { stage, changes_stage, checkpoint_tick, from_tick };
@@ -335,7 +335,7 @@ impl World {
         self.requests.push_back((number, request));
     }
 
-    /// Disconnects the clients that are due to end their shadows.
+    /// Disconnects the clients that have reached their disconnect time. This ends their shadows.
     pub(crate) fn disconnect_clients(&mut self) {
         for (number, client) in &mut self.clients {
             let is_due = client.disconnect_ms.is_some_and(|at_ms| self.now_ms >= at_ms);

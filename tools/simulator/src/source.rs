@@ -93,8 +93,8 @@ impl Source {
 
     /// Returns `true` if the next tick is due.
     ///
-    /// Repeated ticks are due immediately. After a stall the schedule is shifted instead of
-    /// releasing the backlog.
+    /// Repeated ticks are due immediately. After a long stall the schedule is shifted, so that the
+    /// backlog is not released at once.
     fn is_due(&mut self, now_ms: u64) -> bool {
         if self.next_tick < self.catch_up_end_tick {
             return true;

@@ -30,7 +30,8 @@ pub(crate) struct World {
     pub(crate) reference_run: &'static ReferenceRun,
     pub(crate) now_ms: u64,
     pub(crate) bus: Bus,
-    /// Set if the files of the bus were removed. A process that then starts is alone on a new bus.
+    /// Set if the files of the bus were removed. A process that starts after the removal is alone
+    /// on a new bus.
     pub(crate) files_removed: bool,
     pub(crate) processes: Vec<Process>,
     pub(crate) supervision: Supervision,
@@ -211,7 +212,7 @@ impl World {
         self.processes.iter_mut().rfind(matches)
     }
 
-    /// Prints an event if the run is traced.
+    /// Prints an event if `verbose` is set.
     pub(crate) fn trace(&self, line: impl FnOnce(&Self) -> String) {
         if self.verbose {
             eprintln!("{:6} {}", self.now_ms, line(self));

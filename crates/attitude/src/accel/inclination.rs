@@ -22,8 +22,8 @@ pub struct Inclination {
     pub norm_m_s2: f64,
     /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 where |f| differs from g by g.
     ///
-    /// It is 0 if `up` was not computed from this force. It rates a single instant only; to
-    /// suppress the forces of motion, averaging works better than rejecting samples.
+    /// It is 0 if `up` was not computed from this force. It rates a single instant only. To
+    /// suppress forces due to motion, averaging works better than rejecting samples with low trust.
     pub trust: f64,
 }
 

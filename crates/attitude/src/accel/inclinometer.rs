@@ -7,7 +7,8 @@
 //!
 //! g_x = −f_η, g_y = −f_ξ, g_z = f_ζ.
 //!
-//! Pitch β is nose up, roll ψ right side down: ϑ and γ of Matveev 2025, (22).
+//! Pitch β is positive nose up and roll ψ positive right side down. They are ϑ and γ of Matveev
+//! 2025, (22).
 //!
 //! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation
 //! measuring systems with three-component accelerometers (matrix and quaternion methods).

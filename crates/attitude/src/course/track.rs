@@ -5,10 +5,11 @@
 //! ("S4": *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8
 //! helicopter*.)
 //!
-//! In the short term the course follows the gyro, in the long term the receiver. A gyro bias b
-//! about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The state is the
-//! difference H − HΓ, in terms of which the equation above can be rewritten. Unlike H and HΓ, which
-//! flip at the top of an aerobatic loop, this difference is continuous.
+//! Here H is the course, HΓ the gyroscopic course, H_track the track and h the interval since the
+//! previous track. In the short term the course follows the gyro, in the long term the receiver. A
+//! gyro bias b about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The state is
+//! the difference H − HΓ, in terms of which the equation above can be rewritten. Unlike H and HΓ,
+//! which flip at the top of an aerobatic loop, this difference is continuous.
 //!
 //! Each track is used once, at the tick of its fix, and weighted by the interval since the previous
 //! track. It is compared with the course at the time at which the velocity was valid. In a gap, and
@@ -108,8 +109,8 @@ impl Default for TrackCourse {
 }
 
 impl TrackCourse {
-    /// Handles a change of the gyroscopic course's reference, including the first one. Returns
-    /// `true` if the course jumps.
+    /// Handles a change of the gyroscopic course's reference, including the first reference.
+    /// Returns `true` if the course jumps.
     fn change_reference(&mut self, gyroscopic_rad: f64, reference: CourseReference) -> bool {
         let jumps = core::mem::replace(&mut self.has_previous, true);
         self.reference = reference;

@@ -13,9 +13,9 @@ use super::{
 };
 use crate::{Vector3, accel::Inclination, scalars::Scalars, stage::bias_validation_error};
 
-/// Largest plausible specific force, m/s² (300 g), and rate, rad/s. Samples above either limit are
-/// ignored.
+/// Largest plausible specific force, m/s² (300 g). Samples with a larger force are not used.
 const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
+/// Largest plausible component of the rate, rad/s. Samples with a larger component are not used.
 const MAX_PLAUSIBLE_RATE_RAD_S: f64 = 1e3;
 /// Largest speed over ground at which the body may be at rest, m/s.
 const MAX_REST_SPEED_M_S: f64 = 0.7;

@@ -9,8 +9,8 @@ use crate::{Complex, scalars::Scalars};
 
 /// Largest velocity that is accepted, m/s. A loop with a larger velocity has lost its level.
 const MAX_VELOCITY_M_S: f64 = 100.0;
-/// Largest velocity that is handed over, m/s. It is below the accepted limit, because rotating the
-/// frame can increase it by rounding.
+/// Largest velocity that is handed over, m/s. It is below the accepted limit, because rounding
+/// during a rotation of the frame can increase the velocity.
 const MAX_HANDED_OVER_M_S: f64 = 99.0;
 /// Standard deviation of a loop's velocity, m/s. It corresponds to a level that was wrong by 2° for
 /// some seconds.

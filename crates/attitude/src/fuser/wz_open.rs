@@ -106,7 +106,7 @@ impl WzOpen {
     fn set_offset(&mut self, fused: Attitude, gyro: Attitude) {
         self.w_offset = fused.up.w_in_chart(gyro.up.chart, MAX_POINT_MODULUS) - gyro.up.w;
         self.gyro_attitude = gyro;
-        // The remaining difference between the two is a rotation about the vertical.
+        // The remaining difference between the two attitudes is a rotation about the vertical.
         let rotation = fused.quaternion() * self.fused_attitude().quaternion().conjugate();
         self.z_offset_rad = wrapped_rad(self.z_offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
     }

@@ -10,14 +10,16 @@
 //! AES* 7, 1971. If the rate is a polynomial in time, the integral is a sum of cross products of
 //! samples:
 //!
-//! - for means, with a rate that is linear through this interval's mean and the previous one: φ =
-//!   Δθ + h³/(6 (h₀ + h)) ω₀ × ω, which for equal intervals is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k —
-//!   Savage, Strapdown inertial navigation integration algorithm design, *Journal of Guidance,
-//!   Control, and Dynamics* 21, 1998. It is the two-sample algorithm of Miller, *ibid.* 6, 1983,
-//!   applied at every sample instead of every other one;
-//! - for instants, with a rate that is quadratic through the last three: ω₀ + b t + c t². Δθ = h ω₀
-//!   + h²/2 b + h³/3 c also comes from the quadratic, because the mean of both ends would attenuate
-//!   every vibration, and any error in the amplitude of Δθ is an error in the area of the cone.
+//! - for means, the rate is taken as linear through the mean ω₀ of the previous interval, of length
+//!   h₀, and the mean ω of this interval, of length h: φ = Δθ + h³/(6 (h₀ + h)) ω₀ × ω. For equal
+//!   intervals this is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k — Savage, Strapdown inertial navigation
+//!   integration algorithm design, *Journal of Guidance, Control, and Dynamics* 21, 1998. It is the
+//!   two-sample algorithm of Miller, *ibid.* 6, 1983, applied at every sample instead of every
+//!   other one;
+//! - for instants, the rate is taken as quadratic through the last three samples: ω₀ + b t + c t²,
+//!   where ω₀ is the rate at the start of the interval. Δθ = h ω₀ + h²/2 b + h³/3 c is also
+//!   computed from the quadratic. The mean of the rates at both ends would attenuate every
+//!   vibration, and any error in the amplitude of Δθ is an error in the area of the cone.
 //!
 //! The ratio of the residual drift to the drift without correction is of the order (Ω h)², with Ω
 //! the frequency of the coning.

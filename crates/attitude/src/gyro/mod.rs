@@ -42,7 +42,7 @@ enum Method {
 ///   rotation axis, which it estimates from the previous samples.
 /// - `rk4` is the method of simulation S1 of Matveev 2025. In a rotation of 4 rad/s sampled at 286
 ///   Hz it drifts by about 2e-6° per minute.
-/// - `euler` drifts by tens of degrees per minute at 4 rad/s. It is included because the article
+/// - `euler` drifts by tens of degrees per minute at 4 rad/s. It is included because Matveev 2025
 ///   counts operations for this method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {

@@ -179,7 +179,8 @@ fn adopted_estimate_is_continued() {
             };
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");
-            // The heading of the gyro slot's attitude is unrelated to that of the adopted one.
+            // The heading of the gyro slot's attitude is unrelated to the heading of the adopted
+            // attitude.
             let mut gyro = Gyro::from_name("mobius").unwrap();
             gyro.align(Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
             let mut attitude = start;
@@ -190,9 +191,10 @@ fn adopted_estimate_is_continued() {
                 input.motion = Some(gyro.step(&sample));
                 input.field_ut = None;
                 let out = fuser.step(&input);
-                // `madgwick` steps by β dt, however large the error is, and compares the force with
-                // the attitude of the previous interval. `wz-open` low-passes the difference from
-                // the gyro slot's attitude, which is not constant if the two attitudes differ.
+                // `madgwick` corrects the attitude by its gain times the interval, however large
+                // the error is, and compares the force with the attitude of the previous interval.
+                // `wz-open` low-passes the difference from the gyro slot's attitude, which is not
+                // constant if the two attitudes differ.
                 let limit_deg = match name {
                     "madgwick" => 1.0,
                     "wz-open" if tick > 0 && rate_rad_s == moving_rad_s => 180.1,

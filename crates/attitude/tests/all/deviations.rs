@@ -122,7 +122,8 @@ const CRUISE: [(&str, f64); 7] = [
     ("accel_bias_walk_m_s2_sqrt_s", 0.0),
     ("scale_noise", 0.0),
 ];
-/// Sensor errors of `cruise-hard`: those of `cruise` plus a scale error of 1 % and a drifting bias.
+/// Sensor errors of `cruise-hard` as parameters of `aided`: the errors of `cruise` plus a scale
+/// error of 1 % and a drifting bias.
 const CRUISE_HARD: [(&str, f64); 5] = [CRUISE[0], CRUISE[1], CRUISE[3], CRUISE[4], ("scale_noise", 0.003)];
 /// Sensor errors of `s1` as parameters of `wz`: constant gyro bias and white accelerometer noise.
 const S1: [(&str, f64); 3] =

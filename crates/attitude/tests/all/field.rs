@@ -19,8 +19,7 @@ struct World {
     field_interval_ticks: u64,
     delay_s: f64,
     rest_s: f64,
-    /// Speed of the movement as a multiple of that of [`attitude_at`], which has a mean rate of 1.4
-    /// rad/s.
+    /// Speed of the movement relative to [`attitude_at`], which has a mean rate of 1.4 rad/s.
     speed_factor: f64,
     /// Magnetic field, east, north, up, µT.
     field_ut: [f64; 3],
@@ -195,7 +194,7 @@ fn gyro_drift_is_corrected() {
     let max_error = max_error_deg(world, 60.0, 600.0, unchanged);
     println!("0.1 °/s for 600 s: {max_error:.2}°");
     // The drift starts with the movement. It is nearly three times the bias error left by a rest,
-    // so the limit is wide.
+    // so a large heading error is accepted.
     assert!(max_error < 2.5, "{max_error}°");
 }
 

@@ -105,8 +105,9 @@ fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
 
 #[test]
 fn coning_compensation_removes_coning_drift() {
-    // With n samples per revolution of the cone, the remaining drift falls with n⁴, the
-    // uncompensated drift with n², so the gain rises with n².
+    // Let n be the number of samples per revolution of the cone. The compensated drift is
+    // proportional to n⁻⁴ and the uncompensated drift to n⁻², so their ratio, `gain`, rises with
+    // n².
     for (rate_hz, gain) in [(100.0, 40.0), (200.0, 150.0), (1000.0, 3000.0)] {
         for kind in [RateKind::Mean, RateKind::Instant] {
             let drift = |name| coning_drift_deg_s(name, kind, rate_hz);

@@ -17,21 +17,23 @@
 //! - Every fuser hands over a gyro bias: its own estimate, the one received, or the mean rate at
 //!   rest. The scale is handed over as received.
 //! - `wz`, `multiple-model` and `vqf` hand over the leaky velocity that tilts their level.
-//! - After a fuser with a small error (`wz`, `multiple-model`, `vqf`), on all six trials, the error
-//!   over the whole trial is at most that of the worse fuser plus 0.05°. For a swap to `vqf`, which
-//!   does not estimate the error of a received velocity, the margins are 0.07° for the level and
-//!   0.1° for the heading. Between `wz` and `multiple-model`, which are equal on these trials,
-//!   `SAME_FUSER` applies. From the swap on, the margin is 0.05° for the level (0.12° for that of
-//!   `vqf`) and up to 0.25° for the heading, because `wz` hands over an error of 1.6° at one of the
-//!   swaps. The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
+//! - After a fuser with a small error (`wz`, `multiple-model` or `vqf`), on all six trials, the
+//!   error over the whole trial is at most that of the worse fuser plus a margin of 0.05°. For a
+//!   swap to `vqf`, which does not estimate the error of a received velocity, this margin is 0.07°
+//!   for the level and 0.1° for the heading. For swaps between `wz` and `multiple-model`, which
+//!   have equal errors on these trials, the margins are in `SAME_FUSER`.
+//! - After such a fuser, the margin of the error from the swap on is 0.05° for the level (0.12° for
+//!   the level of `vqf`) and up to 0.25° for the heading, because `wz` hands over an error of 1.6°
+//!   at one of the swaps. The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
 //! - After any other fuser, on the trials without disturbance, the level of `wz`, `multiple-model`,
 //!   `vqf` and `levelling-pi` has a margin of 0.05°. The heading has a margin of 0.05° for `wz` and
 //!   `multiple-model` and 0.25° for `vqf`. The margins of the other fusers are in `LIMITS`. A fuser
 //!   that is wrong by up to 30° at the swap hands over that error, and a successor with fixed gains
 //!   removes it with its own time constant. `aided` assumes the sum of its own initial uncertainty
 //!   and the reported one.
-//! - In the trial next to the magnet, nothing is asserted after such a fuser, because `wz-closed`
-//!   is wrong by 70° there and `madgwick` keeps the attitude it receives.
+//! - In the trial next to the magnet, nothing is asserted after a fuser other than the three
+//!   accurate ones, because `wz-closed` is wrong by 70° there and `madgwick` keeps the attitude it
+//!   receives.
 #[allow(dead_code, reason = "each test file uses its part")]
 use std::ops::Add;
 

@@ -154,7 +154,7 @@ fn worse_axis(errors: [Rms; 2]) -> f64 {
 fn levelling_is_within_0_5_degrees_aided_2_5_in_gaps() {
     let aided = flight_errors("levelling", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // T b of the stage `track`: 50 s times 0.05 °/s.
+    // The error is the time constant of the stage `track` times the gyro bias: 50 s times 0.05 °/s.
     assert!((2.0..3.0).contains(&aided.course.value()), "{}", aided.course.value());
     let gaps = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
     assert!(worse_axis(gaps.unaided) < 2.5);
@@ -172,7 +172,8 @@ fn levelling_without_receiver_keeps_bias_error() {
 fn unified_levelling_matches_levelling_unless_in_gaps() {
     let aided = flight_errors("levelling-unified", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // T b of the complex course: 50 s times 0.05 °/s.
+    // The error is the time constant of the complex course times the gyro bias: 50 s times 0.05
+    // °/s.
     assert!((2.0..3.0).contains(&aided.heading.value()), "{}", aided.heading.value());
     let gaps = flight_errors("levelling-unified", "cruise?gnss=gaps", 1..=8);
     let printed = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
@@ -203,8 +204,8 @@ fn unified_levelling_announces_jump_between_platforms() {
         previous = Some(errors);
     }
     println!("{announced:.2?}");
-    // The first jump sets the level at the first sample, the second sets the course at the first
-    // fix. The others are at the start and the end of the gaps at 300 s and 540 s.
+    // The first jump sets the level at the first sample. The second jump sets the course at the
+    // first fix. The other jumps are at the start and the end of the gaps at 300 s and 540 s.
     let [_, _, edges @ ..] = &announced[..] else { panic!("{announced:?}") };
     let near = |t_s: f64| edges.iter().any(|edge| (edge.0 - t_s).abs() < 2.0);
     assert!(edges.len() == 4 && [301.5, 360.0, 541.5, 600.0].into_iter().all(near), "{announced:?}");

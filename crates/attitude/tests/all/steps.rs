@@ -7,9 +7,9 @@
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!
-//! The limit applies to stages that keep a level and correct it gradually. `wz-closed`, `wz-open`,
-//! `madgwick` and `vqf` follow each accelerometer sample, so their step is proportional to the
-//! difference that the sample shows.
+//! The limit on the step applies to stages that keep a level and correct it gradually. `wz-closed`,
+//! `wz-open`, `madgwick` and `vqf` follow each accelerometer sample, so their step is proportional
+//! to the difference between the sample and the estimate.
 use std::path::{Path, PathBuf};
 
 use attitude::{
@@ -170,9 +170,9 @@ fn broad_trials_have_no_unannounced_step() {
     }
 }
 
-/// At 50 Hz in aerobatics the level correction exceeds the limit in one tick, but changes little
-/// between ticks. Therefore the change of the correction is limited instead: for `wz`, `aided` and
-/// `multiple-model` to twice the limit, and for the others to their known values.
+/// At 50 Hz in aerobatics, the level correction exceeds `MAX_STEP_DEG` in one tick, but changes
+/// little between ticks. Therefore, the change of the correction is limited instead: for `wz`,
+/// `aided` and `multiple-model` to twice `MAX_STEP_DEG`, and for the others to their known values.
 #[test]
 fn aerobatic_flight_has_no_unannounced_step() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
@@ -183,7 +183,7 @@ fn aerobatic_flight_has_no_unannounced_step() {
         let limit_deg = match name {
             "wz" | "aided" | "multiple-model" => 2.0 * MAX_STEP_DEG,
             "levelling-pi" => 0.5,
-            // Limit for the level, as for `levelling`, plus a step of the complex course.
+            // This is the limit of `levelling` for the level, plus a step of the complex course.
             "levelling-unified" => 1.0,
             _ => 0.9,
         };

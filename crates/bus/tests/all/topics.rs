@@ -305,7 +305,7 @@ fn buffer_mismatch_reports_required_size() {
         let message = error.to_string();
         assert!(message.contains("`imu`") && message.contains("buffer_s x rate_hz of the launch file"), "{message}");
     }
-    // A smaller request uses the existing buffer.
+    // A request for a smaller buffer uses the existing, larger one.
     there.publisher::<ImuSample>(BUFFER / 2).unwrap();
 }
 

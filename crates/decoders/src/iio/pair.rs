@@ -5,8 +5,8 @@
 //! Output: a measurement per gyro record. Its force is interpolated between the two surrounding
 //! accelerometer records if they are close to each other, else taken from the nearest one.
 //!
-//! Time: the timestamp of the gyro record. Both devices use the same clock. A gyro record waits for
-//! a later force for at most [`MAX_WAIT_NS`], measured on the gyro's clock.
+//! Time: the timestamp of the gyro record. Both devices use the same clock. A gyro record is held
+//! until a later force arrives, for at most [`MAX_WAIT_NS`] on the gyro's clock.
 //!
 //! Failure: a rate without a force is counted as rejected. If either clock steps back, both queues
 //! are cleared.
@@ -16,10 +16,11 @@ use std::collections::VecDeque;
 use super::{IioError, Layout, records::Sample};
 use crate::{Counts, Measurement, Value};
 
-/// Maximum wait of a gyro record for a later force, on the gyro's clock, ns.
+/// Maximum time for which a gyro record is held until a later force arrives, on the gyro's clock,
+/// ns.
 pub const MAX_WAIT_NS: u64 = 200_000_000;
-/// Maximum time between a rate and the force used for it, and between two forces that are
-/// interpolated, ns.
+/// Maximum interval between two forces that are interpolated, ns. Also the maximum time between a
+/// rate and the nearest force, which is used if interpolation is not possible.
 pub const MAX_GAP_NS: u64 = 100_000_000;
 /// Maximum number of queued records per device.
 const MAX_QUEUED_RECORDS: usize = 8192;

@@ -26,8 +26,8 @@ const CHANNEL_FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
 const QUANTITIES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 const TIMESTAMP: &str = "in_timestamp";
-/// Maximum deviation of a mounting matrix from a rotation. It is this large because drivers print
-/// few digits.
+/// Maximum deviation of a mounting matrix from a rotation. It is large, because drivers print the
+/// matrix with few digits.
 const ROTATION_TOLERANCE: f64 = 0.01;
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -60,7 +60,7 @@ pub fn find(root: &Path, name: &str) -> Result<PathBuf, IioError> {
 ///
 /// # Errors
 ///
-/// Returns an error that names the file that cannot be read or written or is malformed.
+/// Returns an error if a file cannot be read or written, or is malformed. The error names the file.
 pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Result<Layout, IioError> {
     let buffer = device.join("buffer");
     let buffer = if buffer.is_dir() { buffer } else { device.join("buffer0") };
@@ -250,7 +250,7 @@ fn is_rotation(&[a, b, c]: &[[f64; 3]; 3]) -> bool {
         && [dot(a, b), dot(b, c), dot(c, a)].into_iter().all(|found| is_near(found, 0.0))
 }
 
-/// Reads the number from the first of the files that exists.
+/// Reads the number from the first existing file.
 fn first_number(device: &Path, names: &[String]) -> Result<Option<f64>, IioError> {
     let Some(path) = names.iter().map(|name| device.join(name)).find(|path| path.exists()) else { return Ok(None) };
     let text = read_text(&path)?;

@@ -27,7 +27,8 @@ fn every_undamaged_unit_is_measured() {
     for stream in streams::all(UNITS) {
         let (found, counts) = decoded((stream.decoder)(), [&stream.units.concat()[..]]);
         let imus = found.iter().filter(|found| !matches!(found.value, Value::Field(_))).count();
-        // The first rvc frame has no predecessor, and the first line may be partial.
+        // The first rvc frame has no predecessor, and the first line may be partial, so neither
+        // yields a measurement.
         let expected = UNITS as usize - usize::from(matches!(stream.name, "rvc" | "lines"));
         assert!(imus >= expected, "{}: {imus}", stream.name);
         assert_eq!(counts.rejected, 0, "{}", stream.name);
@@ -36,7 +37,7 @@ fn every_undamaged_unit_is_measured() {
 
 proptest! {
     // The seed is fixed, because with other seeds an 8-bit checksum could accept a corrupted frame
-    // by chance (one of 256).
+    // by chance (one in 256).
     #![proptest_config(ProptestConfig { cases: 512, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Default::default() })]
 
     #[test]

@@ -11,8 +11,8 @@ use crate::streams::decoded;
 
 /// Creates a device with a gyro, an accelerometer, a magnetometer and a timestamp.
 ///
-/// The gyro has 16 bits, big-endian, the accelerometer the upper 12 of 16 bits, little-endian, the
-/// magnetometer 32 bits.
+/// The gyro values are 16-bit big-endian numbers. The accelerometer values occupy the upper 12 bits
+/// of 16-bit little-endian numbers. The magnetometer values have 32 bits.
 fn device(root: &Path) -> std::path::PathBuf {
     let device = root.join("iio:device0");
     fs::create_dir_all(device.join("scan_elements")).unwrap();
@@ -230,9 +230,9 @@ fn device_pair_handles_accel_loss_and_clock_reset() {
         gyro(&mut pair, t_ms);
     }
     // The records up to 390 ms (590 − 200) have been decided: those within 100 ms of the force were
-    // used, the others rejected. Later records still wait.
+    // used, the others rejected. Later records are still held.
     assert_eq!((pair.counts().frames, pair.counts().rejected), (60, 28));
-    // After a clock reset the waiting records are discarded, and decoding continues.
+    // After a clock reset the records held are discarded, and decoding continues.
     gyro(&mut pair, 5);
     pair.push_accel(&record_of_one_quantity(4, 2), &mut unused);
     assert_eq!(pair.counts().rejected, 28 + 21);

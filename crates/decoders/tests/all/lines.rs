@@ -55,7 +55,7 @@ fn columns_are_converted_by_name_unit_and_axis() {
     let maps = ["t=ms,gx=p,gy=q,gz=r,ax=u,ay=v,az=w,mx=a,my=b,mz=c"];
     let text = "ms;p;q;r;u;v;w;battery;a;b;c\n1000,5;90;0;0;0;1;0;3,7;0,5;0;0\n";
     let (found, _) = read(&settings_of(&maps, "deg/s,g,gauss,ms", "flu"), text);
-    // Forward, left, up becomes right, forward, up.
+    // (forward, left, up) becomes (right, forward, up).
     let quarter = 90f64.to_radians();
     let time = Some(DeviceTime::SinceBoot { now_ns: 1_000_500_000 });
     assert_eq!(found, [imu(time, [0.0, quarter, 0.0], [-9.80665, 0.0, 0.0], Some([0.0, 50.0, 0.0]))]);

@@ -159,7 +159,8 @@ pub(crate) fn in_mavlink_1(message: &dialect::MavMessage, sequence: u8) -> Vec<u
     raw.raw_bytes().to_vec()
 }
 
-/// IMU message, in every fourth unit followed by a fix, alternating between MAVLink 1 and 2.
+/// Returns an IMU message, followed by a fix in every fourth unit. Units alternate between MAVLink
+/// 1 and 2.
 fn mavlink_frames(n: u32) -> Vec<u8> {
     let value = |index| f32::from(number(n, index)) / 1000.0;
     let imu = dialect::MavMessage::HIGHRES_IMU(dialect::HIGHRES_IMU_DATA {

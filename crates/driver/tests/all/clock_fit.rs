@@ -13,7 +13,7 @@ struct Device {
     drift: f64,
     start_ns: u64,
     period_ns: Option<u64>,
-    /// Delay of each sample, as a fraction of the maximum.
+    /// Delay of each sample, as a fraction of the maximum delay.
     delays: Vec<f64>,
     max_delay_ns: i64,
     /// `true` for each sample that is lost.

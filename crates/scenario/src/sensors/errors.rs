@@ -67,7 +67,8 @@ pub enum Coverage {
     /// Fixes at all times.
     #[default]
     Always,
-    /// Fixes at all times except in gaps of 60 s, the first at 300 s and then one every 240 s.
+    /// Fixes at all times except in gaps of 60 s. The first gap starts at 300 s, and another one
+    /// starts every 240 s.
     Gaps,
     /// Fixes during the first ten minutes only.
     Start,
@@ -80,7 +81,7 @@ impl Coverage {
     pub const BY_NAME: [(&'static str, Self); 4] =
         [("always", Self::Always), ("gaps", Self::Gaps), ("start", Self::Start), ("never", Self::Never)];
 
-    /// Returns `true` if a fix that arrives at `t_s` is covered.
+    /// Returns `true` if the receiver delivers a fix that is due at `t_s`.
     pub fn covers(self, t_s: f64) -> bool {
         match self {
             Self::Always => true,
@@ -112,8 +113,8 @@ impl SensorErrors {
         receiver: None,
     };
 
-    /// Returns the errors of S3. On each axis, the gyro noise is 1 °/s and the noise of force and
-    /// field is 0.03 times gravity and field strength.
+    /// Returns the errors of S3. On each axis, the gyro noise is 1 °/s, the force noise 0.03 g, and
+    /// the field noise 0.03 times the field strength.
     pub fn s3() -> Self {
         let reference_ut = Vector3::from(crate::s3::FIELD_UT);
         Self {

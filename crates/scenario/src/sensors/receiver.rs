@@ -25,7 +25,8 @@ impl SimulatedReceiver {
     pub(super) fn poll(&mut self, body: &mut Body, t_s: f64) -> Option<Fix> {
         let Receiver { interval_s, latency_s, noise_m_s, antenna_m, coverage, latitude_rad } = self.receiver;
         let mut fix = None;
-        // The tolerance allows for rounding, so that a fix due exactly at a sample arrives with it.
+        // The tolerance allows for rounding, so that a fix that is due exactly at the time of a
+        // sample arrives with that sample.
         while self.count as f64 * interval_s + latency_s <= t_s + 1e-9 {
             let measured_s = self.count as f64 * interval_s;
             let noise = self.noise.normals() * noise_m_s;
@@ -41,7 +42,8 @@ impl SimulatedReceiver {
     }
 }
 
-/// Returns the velocity of the antenna over ground, m/s: v + Aᵀ (ω × r).
+/// Returns the velocity of the antenna over ground, m/s: v + Aᵀ (ω × r), with r the position of the
+/// antenna relative to the sensors.
 fn antenna_velocity_m_s(body: &mut Body, antenna_m: Vector3<f64>, t_s: f64) -> Vector3<f64> {
     let velocity_m_s = body.velocity_m_s(t_s);
     let truth = body.at(t_s);

@@ -32,7 +32,8 @@ settings! {
 
 /// Complementary filter: the attitude follows the gyro, and the accelerometer corrects its tilt.
 ///
-/// Each tick corrects a fraction 1 − e^{−dt/T} of the tilt difference.
+/// Each tick of length dt corrects a fraction 1 − e^{−dt/T} of the tilt difference, where T is the
+/// time constant.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,

@@ -62,8 +62,7 @@ impl Coordinator {
         actions.push(Action::SpawnOwner { stage, epoch, from_tick });
     }
 
-    /// Commits once the new stage has published a new tick and has run for as long as a shadow
-    /// must.
+    /// Commits once the new stage has published a new tick and at least `shadow_ms` have passed.
     pub(super) fn confirm_takeover(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &self.swap else { return };
         let (Some(newest_tick), Some(candidate)) = (swap.takeover_tick, swap.candidate) else { return };

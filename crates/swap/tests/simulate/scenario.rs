@@ -19,7 +19,8 @@ pub(crate) struct Scenario {
     pub(crate) supervisor_exits_ms: Option<u64>,
     /// Lateness of the subscribers, ticks.
     pub(crate) lateness_ticks: u64,
-    /// Number of outputs that a process keeps. In some worlds it is too small.
+    /// Number of outputs that a process keeps. In some worlds it is too small for every hand-over
+    /// to succeed.
     pub(crate) history_ticks: usize,
     /// Upper limit of the regular delay from a process to its subscribers, ms.
     pub(crate) max_link_delay_ms: u64,

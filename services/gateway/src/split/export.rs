@@ -25,8 +25,8 @@ use super::{
 };
 use crate::{Shared, locked, worker_pool::WorkerPool};
 
-/// Maximum number of frames in one reply, which hold a few seconds of ticks. A client queries again
-/// for more.
+/// Maximum number of frames in one reply. These frames hold a few seconds of ticks. A client
+/// requests the remaining ticks with another query.
 const MAX_FRAMES_PER_REPLY: usize = 64;
 /// Longest wait for new records.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -226,7 +226,8 @@ impl<M: Ticked> Tap<M> {
         reorder_buffer: Option<ReorderBuffer<M>>,
     ) -> Result<Box<dyn Source>, RuntimeError> {
         let buffer = context.config.buffer_ticks();
-        // A restarted gateway refills its cache from the backlog of the topics.
+        // In a restarted gateway the subscriber also receives the messages that the topic still
+        // holds, which refill the cache.
         Ok(Box::new(Self { index, subscriber: context.subscriber()?, buffer, reorder_buffer }))
     }
 }

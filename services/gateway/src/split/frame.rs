@@ -1,4 +1,5 @@
-//! Network format of records: a header followed by contiguous records, bit for bit.
+//! Network format of records: a header followed by contiguous records, which are copied bit for
+//! bit.
 //!
 //! Both ends run the same program, so layouts are only compared, not translated. Frames from the
 //! network are validated before use.
@@ -10,7 +11,8 @@ use super::record::{Record, index_of, message_header, topics_in};
 
 /// Maximum size of a frame, bytes.
 pub const MAX_FRAME_BYTES: usize = 1 << 20;
-/// Total size of the records at which a frame is closed, bytes. The last record may exceed it.
+/// A frame is closed once its records reach this total size, bytes. The last record may take the
+/// total above it.
 pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
 /// Header of a frame.

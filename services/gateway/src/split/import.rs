@@ -30,16 +30,16 @@ use crate::{Shared, locked, notify_supervisor};
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a frame after which newer ticks are requested.
+/// Time without a frame after which all ticks from the next one on are requested.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Minimum interval between requests.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 /// Time to wait for a reply.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum number of frames processed before missing ticks are requested.
+/// Maximum number of frames processed before it is checked whether ticks are missing.
 const MAX_FRAMES_PER_POLL: usize = 256;
-/// Time without credit after which ticks are published anyway. A stalled slot must not block the
-/// others for longer.
+/// Time without credit after which ticks are published anyway, so that a stalled slot does not
+/// block the other slots for longer.
 const CREDIT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Minimum interval between reports of lost ticks.
@@ -53,12 +53,12 @@ pub(crate) struct Import {
     /// topics.
     granted_tick: Option<u64>,
     window_ticks: u64,
-    /// Tick before which publication ends; `None` until the system is to end.
+    /// Publication ends before this tick. `None` until the end of the system has been requested.
     end_tick: Option<u64>,
-    /// Start of a window of ticks that may be published without credit. Moved forward after a loss
-    /// or a timeout, because no earlier tick is pending then.
+    /// Start of a window of ticks that may be published without credit. It is moved forward after a
+    /// loss or a timeout, because then no tick before it remains to be published.
     floor_tick: u64,
-    /// Time at which publication last made progress or was last not limited by credit.
+    /// Last time at which publication made progress or was not limited by credit.
     blocked_since: Instant,
     progress: ProgressCheckpoints,
     pub(crate) next_tick: u64,

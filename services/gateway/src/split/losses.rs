@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-/// Maximum number of spans listed in a summary. The others are only counted.
+/// Maximum number of spans listed in a summary. Further spans are only counted.
 const MAX_LISTED_SPANS: usize = 8;
 
 /// Lost spans that have not been reported yet.

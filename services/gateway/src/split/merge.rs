@@ -45,8 +45,8 @@ impl Merge {
 
     /// Creates a join that starts at the first tick that all dense topics still hold.
     ///
-    /// Ticks before `backlog_end` have already been published but are still being delivered, so
-    /// they are given up later than other ticks.
+    /// Ticks before `backlog_end` have already been published, but their messages are still being
+    /// delivered. These ticks are therefore given up later than other ticks.
     pub fn with_unknown_start(mask: u8, lateness_ticks: u64, backlog_end: u64) -> Self {
         let topics = topics_in(mask).map(|(index, topic)| (index, JoinInput::new(topic.flag)));
         let mut join = Join::with_empty_ticks(TopicInputs(topics.collect()), lateness_ticks);

@@ -14,7 +14,7 @@
 //! | `garbage` | any value | any value, at each new value | all four sensors |
 //! | `miscalibrated` | factor · value + offset | factor · value + offset | all four sensors |
 //! | `slow` | every n-th value, repeated in between | every n-th value | every n-th reading |
-//! | `delayed` | the value before the delay | the value before the delay | all four sensors |
+//! | `delayed` | the value one delay earlier | the value one delay earlier | all four sensors |
 //! | `intermittent` | NaN at random | no value at random | no reading at random |
 //!
 //! Faults are applied in sequence, each to the result of the previous ones, except that `delayed`
@@ -29,7 +29,8 @@ use launch::{Fault, FaultKind, Sensor};
 use crate::source::{Reading, ReceiverFix};
 use {delay_line::DelayLine, fault_rng::FaultRng};
 
-/// Longest step of the stamps that counts as elapsed time, ns. A longer one is a leap of the clock.
+/// Longest step of the stamps that counts as elapsed time, ns. A longer step is a leap of the
+/// clock.
 const MAX_STEP_NS: i64 = 10_000_000_000;
 
 /// Injector of all faults of a source.
@@ -213,7 +214,7 @@ const EMPTY_READING: Reading = Reading {
     reference: None,
 };
 
-/// Returns the reading with the values of one sensor, or of all sensors, taken from another one.
+/// Returns `reading` with the values of one sensor, or of all sensors, taken from `other`.
 fn with_sensor_from(reading: Reading, sensor: Sensor, other: &Reading) -> Reading {
     match sensor {
         Sensor::Gyro => Reading { rate_rad_s: other.rate_rad_s, ..reading },

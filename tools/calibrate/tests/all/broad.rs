@@ -152,7 +152,9 @@ fn estimated_errors_match_added_errors() {
     };
     let added = value(Kind::Gyro, &raw) - value(Kind::Gyro, &exact);
     assert!((added - errors.gyro_bias_rad_s).amax() < 2e-4, "{added}");
-    // M⁻¹ (m − b) + h has its centre at M⁻¹ b + h.
+    // A distorted reading is M⁻¹ m + h, with the added soft iron M and hard iron h. The original
+    // readings m have their centre at b, their own hard iron, so the distorted ones have it at M⁻¹
+    // b + h.
     let centre = errors.soft_iron.try_inverse().unwrap() * value(Kind::Mag, &exact) + errors.hard_iron_ut;
     assert!((value(Kind::Mag, &raw) - centre).amax() < 0.5, "{} {centre}", value(Kind::Mag, &raw));
 }

@@ -51,7 +51,8 @@ impl Noise {
     }
 }
 
-/// Sensor errors: a raw reading is M⁻¹ true + bias, so that M (raw − bias) is the true value.
+/// Sensor errors. A raw reading is M⁻¹ v + b for the true vector v, a matrix M (`accel` or
+/// `soft_iron`) and a bias b, so that M (raw − b) restores v.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Errors {
     pub(crate) gyro_bias_rad_s: Vector3<f64>,

@@ -22,7 +22,8 @@ use mcap::{
 use super::{Message, ReadError, topics::Topic};
 use crate::{csv_reader::CountingReader, error::open_error};
 
-/// Maximum length of a record or chunk, bytes. Reading stops at the first longer one.
+/// Maximum length of a record or chunk, bytes. Reading stops at the first record or chunk that is
+/// longer.
 const MAX_RECORD_BYTES: usize = 1 << 27;
 /// Maximum length of a message record, bytes. Longer messages are ignored.
 const MAX_MESSAGE_BYTES: usize = 1 << 16;

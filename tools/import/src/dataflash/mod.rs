@@ -201,7 +201,8 @@ impl Source for Log {
     }
 }
 
-/// Selects the instance of a kind to read: `preferred`, or else the first one with valid messages.
+/// Selects the instance of a kind to read. This is `preferred`, or else the first instance with
+/// valid messages.
 fn select_instance(
     counts: &Counts,
     kind: Kind,

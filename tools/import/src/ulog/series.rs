@@ -127,8 +127,8 @@ pub(super) fn stream<T: Send + 'static>(
     let (sender, samples) = sync_channel(MAX_QUEUED);
     thread::spawn(move || {
         let send = |sender: &SyncSender<_>, sample| {
-            // Sending fails only if the consumer has stopped. The error returned then only ends the
-            // thread.
+            // Sending fails only if the consumer has stopped. In that case, the returned error
+            // merely ends this thread.
             sender.send(sample).map_err(|_| open_error(&path, io::ErrorKind::BrokenPipe.into()))
         };
         let read = messages::read(&path, &[topic], &mut |_| {}, &mut |message| {

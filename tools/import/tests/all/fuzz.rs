@@ -152,7 +152,7 @@ fn mutated_database_read_or_rejected() {
 }
 
 /// The log has no checksum, so a changed type or instance can turn any message into a row. The
-/// limit is therefore the length of the log.
+/// number of rows is therefore limited only by the length of the log in bytes.
 #[test]
 fn mutated_ardupilot_log_read_or_rejected() {
     let log = dataflash_log(ROWS).0;
@@ -164,7 +164,8 @@ fn mutated_ulog_read_or_rejected() {
     run(&ulog(), ROWS, None);
 }
 
-/// A changed byte can split a line into two rows. The limit therefore exceeds the number of rows.
+/// A changed byte can split a line into two rows. The limit therefore exceeds the number of rows in
+/// the unchanged file.
 #[test]
 fn mutated_csv_read_or_rejected() {
     run(&table(), ROWS + 8, Some("t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w"));

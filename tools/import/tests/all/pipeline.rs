@@ -11,7 +11,7 @@ use attitude::{
 
 use crate::common::{Folder, log};
 
-/// Maximum interval between two rows that may be integrated, s.
+/// Maximum interval between two rows, s. Across a longer interval, the rate is not integrated.
 const MAX_GAP_S: f64 = 0.1;
 
 #[test]

@@ -115,8 +115,8 @@ fn old_log_field_in_sensor_combined_not_repeated() {
 #[test]
 fn force_interpolated_at_time_of_rate() {
     let mut log = Log::new(&[COMBINED]);
-    // The accelerometer lags by 1 ms and has half the rate of the gyro. The force grows by 1 m/s²
-    // per ms.
+    // The accelerometer lags by 1 ms and has half the sampling rate of the gyro. The force grows by
+    // 1 m/s² per ms.
     for (i, relative_us) in [(0u64, -1000), (2, -3000), (4, -1000), (6, -3000), (8, -1000), (10, i32::MAX)] {
         let t_ms = i as f64 + f64::from(relative_us) / 1000.0;
         log.combined(1_000_000 + 1000 * i, GYRO, relative_us, [t_ms as f32, 0.0, 0.0]);

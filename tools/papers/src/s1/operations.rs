@@ -3,8 +3,8 @@
 //! Output: multiplications, additions, divisions and square roots of one step, counted by a number
 //! type.
 //!
-//! S1 claims that three equations instead of four need up to 30 % less computation, which these
-//! counts check.
+//! S1 claims that three equations instead of four need up to 30 % less computation. The counts
+//! check this claim.
 
 use std::{
     cell::Cell,
@@ -119,14 +119,14 @@ fn normalized(q: [Counted; 4]) -> [Counted; 4] {
     q.map(|x| x * inverse)
 }
 
-/// Operation counts of one step by (u, v, z) and by the normalised quaternion.
+/// Operation counts of one integration step with (u, v, z) and with the normalised quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OperationComparison {
     /// Integration method.
     pub method: &'static str,
-    /// Operations by (18)–(20).
+    /// Operations with (u, v, z), by (18)–(20).
     pub point: Operations,
-    /// Operations by q' = ½ q ⊗ (0, ω), including the normalisation.
+    /// Operations with the quaternion, by q' = ½ q ⊗ (0, ω), including the normalisation.
     pub quaternion: Operations,
 }
 

@@ -49,13 +49,13 @@ pub(crate) fn noise_free() -> Vec<NoiseFreeSample> {
 pub(crate) struct NoisySample {
     pub(crate) t_s: f64,
     pub(crate) truth: Attitude,
-    /// Attitude of the gyro channel: (18)–(20) in open loop.
+    /// Attitude of the gyro channel: equations (18)–(20) in open loop.
     pub(crate) gyro: Attitude,
-    /// Attitude of the accelerometer channel: (27), (28).
+    /// Attitude of the accelerometer channel: equations (27), (28).
     pub(crate) accel: Attitude,
-    /// LPF(v) of the gyro channel.
+    /// LPF(v): low-pass filtered v of the gyro channel.
     pub(crate) low_pass_gyro: f64,
-    /// LPF(v_a) of the accelerometer channel.
+    /// LPF(v_a): low-pass filtered v of the accelerometer channel.
     pub(crate) low_pass_accel: f64,
     /// Fused attitude by figure 9 as published, stage `wz-open`.
     pub(crate) open: Attitude,
@@ -64,12 +64,12 @@ pub(crate) struct NoisySample {
 }
 
 impl NoisySample {
-    /// Returns HPF(v) = v − LPF(v).
+    /// Returns the high-pass filtered v of the gyro channel, HPF(v) = v − LPF(v).
     pub(crate) fn high_pass(&self) -> f64 {
         self.gyro.up.w.im - self.low_pass_gyro
     }
 
-    /// Returns v_c = HPF(v) + LPF(v_a).
+    /// Returns the fused v, v_c = HPF(v) + LPF(v_a).
     pub(crate) fn sum(&self) -> f64 {
         self.high_pass() + self.low_pass_accel
     }
@@ -136,13 +136,13 @@ pub struct Results {
     pub closed_deg: f64,
     /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,
-    /// Error at 100 s of v in the gyro channel.
+    /// Error of v in the gyro channel at 100 s.
     pub drift_v: f64,
-    /// RMS of HPF(v) from 5 s on.
+    /// RMS of HPF(v), the high-pass filtered v of the gyro channel, from 5 s on.
     pub high_pass: f64,
-    /// RMS of LPF(v_a) from 5 s on.
+    /// RMS of LPF(v_a), the low-pass filtered v of the accelerometer channel, from 5 s on.
     pub low_pass: f64,
-    /// RMS error of v_c from 5 s on.
+    /// RMS error of the fused v, v_c, from 5 s on.
     pub sum_error: f64,
 }
 

@@ -101,8 +101,9 @@ pub(crate) fn sphere_cells() -> Vec<Cell> {
     (0..COLUMNS * ROWS).map(cell).collect()
 }
 
-/// Returns β from 80° to just below 90°, each with the errors of both angles, for ψ = 0 and an
-/// error of 1 mg in gy.
+/// Returns the errors of pitch and roll near the singularity, for ψ = 0 and an error of 1 mg in gy.
+///
+/// Each entry consists of a true pitch β, from 80° to just below 90°, and the errors at this pitch.
 pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     let at = |step: i32| {
         let truth = Tilt { pitch_deg: 80.0 + f64::from(step) * 0.02, roll_deg: 0.0 };

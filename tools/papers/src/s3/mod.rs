@@ -86,8 +86,8 @@ fn figure_1() -> Part {
     }
 }
 
-/// Returns quaternions over time, each with that of its two signs that is closer to the previous
-/// quaternion.
+/// Returns quaternions over time. Each has two possible signs, of which the one closer to the
+/// previous quaternion is used.
 fn continuous_quaternions(samples: &[Sample], value: fn(&Sample) -> Quaternion<f64>) -> Vec<(f64, [f64; 4])> {
     let mut previous = Quaternion::new(1.0, 0.0, 0.0, 0.0);
     let next = |sample: &Sample| {

@@ -19,8 +19,8 @@ pub(crate) const ORIGINAL: Filter = Filter { name: "madgwick", gain: Some(("beta
 pub(crate) const IMPROVED: Filter = Filter { name: "madgwick-improved", gain: Some(("beta_1_s", 0.029)) };
 /// Number of runs that are averaged for the table.
 pub(crate) const SEEDS: u64 = 40;
-/// Magnetic disturbance of figure 2 c towards east, µT. It is as strong as the northward component
-/// of the field.
+/// Eastward magnetic disturbance in figure 2 c, µT. It is as strong as the northward component of
+/// the field.
 const DISTURBANCE_UT: f64 = 20.0;
 /// Interval in each turn during which the disturbance acts, s.
 const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;

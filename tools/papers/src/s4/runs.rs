@@ -54,7 +54,7 @@ pub(crate) struct ErrorSample {
     pub(crate) pitch_deg: f64,
     /// Heading error of the stage itself.
     pub(crate) heading_deg: f64,
-    /// Course error of the stage `track` that follows the stage.
+    /// Error of the course that the stage `track` computes from the attitude of this stage.
     pub(crate) course_deg: f64,
 }
 
@@ -234,7 +234,7 @@ mod tests {
             axes(&unified.aided).into_iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
         assert!(differences.fold(0.0, f64::max) < 1e-9, "P1 is the printed law");
         assert!(worse(&pi.aided) < 0.2 && worse(&aided.aided) < 0.1);
-        // T b = 50 s · 0.05 °/s = 2.5°.
+        // The expected course error is T b = 50 s · 0.05 °/s = 2.5°.
         assert!((2.0..3.0).contains(&printed.aided.course_deg().unwrap()));
     }
 

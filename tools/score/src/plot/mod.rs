@@ -5,7 +5,7 @@
 //!
 //! Output: SVG or PNG files with at most about 2000 points per curve.
 //!
-//! Time: sample timestamps, relative to the first one.
+//! Time: sample timestamps, relative to that of the first sample.
 //!
 //! Failure: an error if a file cannot be written, or if no typeface for PNG is installed.
 //!
@@ -44,12 +44,13 @@ use sphere::Sphere;
 
 /// Width of a figure over time, pixels.
 const WIDTH: u32 = 1200;
-/// Height of each panel if there are several, pixels.
+/// Height of each panel in a figure with several panels, pixels.
 const PANEL_HEIGHT: u32 = 300;
-/// Height of a single panel, pixels.
+/// Height of the panel in a figure with a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
-/// Angle step above which two consecutive points are separated by a wrap-around, degrees.
+/// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
+/// curve is interrupted there.
 const WRAP_DEG: f64 = 180.0;
 
 /// Options for the figures.

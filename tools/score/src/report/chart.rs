@@ -10,16 +10,20 @@ use std::fmt::Write;
 use super::escape;
 use crate::plot::curve::Curve;
 
-/// Angle step above which two consecutive points are separated by a wrap-around, degrees.
+/// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
+/// line is interrupted there.
 const WRAP_DEG: f64 = 180.0;
 /// Percentage of points at both ends that the range of the vertical axis ignores.
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Width and height of a chart, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];
-/// Margins of a chart for labels, pixels.
+/// Left margin of a chart, with the labels of the vertical axis, pixels.
 const LEFT: f64 = 64.0;
+/// Right margin of a chart, pixels.
 const RIGHT: f64 = 12.0;
+/// Top margin of a chart, pixels.
 const TOP: f64 = 12.0;
+/// Bottom margin of a chart, with the labels of the horizontal axis, pixels.
 const BOTTOM: f64 = 40.0;
 
 /// Lines in one pair of axes.
@@ -49,7 +53,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// Creates a line from a curve of degrees over time.
+    /// Creates a line from the curve of an angle over time, degrees.
     pub(super) fn from_curve(curve: &Curve, stage: Option<usize>) -> Self {
         let segments = curve.segments(WRAP_DEG).map(<[_]>::to_vec).collect();
         Self { stage, segments, y_range: curve.robust_range(OUTLIER_PERCENT), has_markers: false }

@@ -1,9 +1,9 @@
 //! Assumed velocity: the remembered speed along the course, and zero across it and vertically.
 //!
-//! The variances are large, and larger while the body turns. With fixed gains, this would be the
-//! autonomous law of platform levelling: the low-passed specific force minus V H'. An assumed
-//! velocity must not steer the course, so its gains for the heading and for the gyro bias about the
-//! body's vertical are zero.
+//! The variances are large, and they increase further while the body turns. With fixed gains, this
+//! would be the autonomous law of platform levelling: the low-passed specific force minus V H', the
+//! speed times the turn rate. An assumed velocity must not steer the course, so its gains for the
+//! heading and for the gyro bias about the body's vertical are zero.
 
 use super::{
     covariance::{ErrorState, GYRO, GYRO_UP, HEADING, Measurement, VELOCITY},

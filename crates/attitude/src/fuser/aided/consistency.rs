@@ -17,11 +17,13 @@ use crate::scalars::Scalars;
 
 /// Averaging time of the mean, s.
 const MEMORY_S: f64 = 60.0;
-/// Limits to which the mean is clamped.
+/// Lower limit to which the mean is clamped.
 const MIN_MEAN: f64 = 0.05;
+/// Upper limit to which the mean is clamped.
 const MAX_MEAN: f64 = 16.0;
-/// Constants of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
+/// Factor of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
 const DEFLATION_FACTOR: f64 = 1.44;
+/// Exponent of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
 const DEFLATION_EXPONENT: f64 = 0.7;
 /// Limit to which a normalised innovation is clamped, in standard deviations.
 const MAX_INNOVATION: f64 = 8.0;

@@ -50,7 +50,7 @@ pub(super) struct PropagationInterval {
     pub(super) noise: ErrorState,
 }
 
-/// Scalar measurement e = h·δ + noise.
+/// Scalar measurement e = h·δ + noise of the error state δ.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measurement<'a> {
     /// Measured value e.
@@ -80,16 +80,16 @@ impl Covariance {
             tilt_coupling.column_mut(2).fill(0.0);
         }
         let bias_coupling = to_reference * -*dt_s;
-        // Rows. The velocity comes first, because it needs the rotation rows before they are
-        // updated.
+        // F P: first the rows. The velocity rows come first, because they need the rotation rows
+        // before these are updated.
         let velocity = tilt_coupling * self.0.fixed_rows::<3>(ROTATION) + bias_coupling * self.0.fixed_rows::<3>(ACCEL);
         let rotation = bias_coupling * self.0.fixed_rows::<3>(GYRO);
         let mut rows = self.0.fixed_rows_mut::<3>(VELOCITY);
         rows += velocity;
         let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
         rows += rotation;
-        // Columns. Those of the biases do not change, so only the corner of velocity and rotation
-        // remains.
+        // (F P) Fᵀ: then the columns. The columns of the biases do not change, so only the block of
+        // velocity and rotation remains to be updated.
         let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilt_coupling.transpose()
             + self.0.fixed_view::<6, 3>(0, ACCEL) * bias_coupling.transpose();
         let rotation = self.0.fixed_view::<6, 3>(0, GYRO) * bias_coupling.transpose();
@@ -108,12 +108,13 @@ impl Covariance {
         }
     }
 
-    /// Updates δ += K (e − h δ) and returns the innovation over its standard deviation.
+    /// Updates the error δ with the gain K, δ += K (e − h δ). Returns the innovation divided by its
+    /// standard deviation.
     ///
     /// An innovation above `limit` standard deviations has no more effect than one at the limit.
     ///
-    /// The covariance is P ← (1 − K h) P (1 − K h)ᵀ + K R Kᵀ. This holds for every gain, including
-    /// one that is zero for considered states.
+    /// The covariance is P ← (1 − K h) P (1 − K h)ᵀ + K R Kᵀ, with the noise variance R. This holds
+    /// for every gain, including one that is zero for considered states.
     pub(super) fn update(&mut self, error: &mut ErrorState, limit: f64, measurement: &Measurement<'_>) -> f64 {
         let Measurement { residual, row, variance, considered } = *measurement;
         let mut p_h = ErrorState::zeros();

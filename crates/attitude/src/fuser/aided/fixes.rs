@@ -12,7 +12,7 @@ use crate::{GRAVITY_M_S2, Vector3, course::CourseReference, fuser::fused::Correc
 const MAX_WIND_COURSE_SD_RAD: f64 = 0.8;
 /// Speed at which a body counts as moving, m/s.
 const MIN_MOVING_SPEED_M_S: f64 = 1.5;
-/// Time for which the track must be usable before the course is set from it, s.
+/// Time for which the track must be usable before it sets the course, s.
 const MIN_TRACK_DURATION_S: f64 = 0.35;
 /// Largest plausible velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 2e3;
@@ -20,8 +20,8 @@ const MAX_VELOCITY_M_S: f64 = 2e3;
 const MIN_SD_M_S: f64 = 0.02;
 
 impl Aided {
-    /// Updates the filter with a fix. While the course is unknown, a fix at sufficient speed starts
-    /// it.
+    /// Updates the filter with a fix. If the course is unknown, a fix at sufficient speed
+    /// initialises the course.
     pub(super) fn on_fix(&mut self, fix: &Fix, corrections: &mut Corrections) {
         if fix.velocity_m_s.amax() > MAX_VELOCITY_M_S {
             return;
@@ -56,8 +56,8 @@ impl Aided {
     /// Updates the filter with the antenna's velocity v + R (ω × r) at the time of measurement and,
     /// with little weight, with the track.
     ///
-    /// The velocity error at that time differed from the present one by the effect that tilt error
-    /// and accelerometer bias have had since then, so the measurement includes these states.
+    /// Since that time, tilt error and accelerometer bias have changed the velocity error. The
+    /// measurement therefore includes these states.
     fn update_velocity(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));

@@ -10,7 +10,8 @@
 //!
 //! The state consists of (w, z), the velocity v, the biases b and s, the receiver's latency L, and
 //! the covariance of their errors. Attitude corrections are applied over
-//! [`smoothing_s`](Settings::smoothing_s), as a rotation rate like ω_c of a levelled platform.
+//! [`smoothing_s`](Settings::smoothing_s), as a rotation rate, like the rate ω_c of a levelled
+//! platform.
 //!
 //! The heading counts from true north once the body has moved over ground faster than
 //! `track_speed_m_s`. The initial heading is that of the track, so it is wrong for a body that

@@ -56,7 +56,7 @@ impl Aided {
             Some(force_m_s2) => {
                 self.sums.update_force_noise(force_m_s2, dt_s);
                 let force_m_s2 = to_reference * (force_m_s2 - self.accel_bias_m_s2);
-                // Equivalent to levelling with the pending correction applied.
+                // Levels the force as if the pending correction had been applied.
                 force_m_s2 - pending_rad.cross(&force_m_s2)
             }
             None => {

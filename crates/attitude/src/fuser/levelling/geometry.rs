@@ -23,14 +23,14 @@ pub(super) fn forward(attitude: Attitude) -> Complex<f64> {
 }
 
 /// Returns the acceleration (V H', V') of a vehicle that moves where its nose points, in the level
-/// frame, m/s².
+/// frame, m/s². V is its speed and H' its turn rate.
 pub(super) fn vehicle_acceleration_m_s2(
     attitude: Attitude,
     centripetal_m_s2: f64,
     speed_rate_m_s2: f64,
 ) -> Complex<f64> {
     let clamped = |x: f64| x.clamp(-MAX_FORCE_M_S2, MAX_FORCE_M_S2);
-    // Right of forward is forward rotated by −90°.
+    // The rightward direction is the forward direction rotated by −90°.
     forward(attitude) * Complex::new(clamped(speed_rate_m_s2), -clamped(centripetal_m_s2))
 }
 

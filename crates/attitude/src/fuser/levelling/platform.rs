@@ -23,9 +23,9 @@ use crate::{
 pub(super) enum Law {
     /// Force minus the acceleration known from a receiver.
     Aided {
-        /// V, m/s.
+        /// Speed over ground V, m/s.
         speed_m_s: f64,
-        /// V', m/s².
+        /// Derivative V' of the speed, m/s².
         speed_rate_m_s2: f64,
         /// Time constant of levelling, 1/(K g), s.
         time_constant_s: f64,
@@ -56,7 +56,7 @@ pub(super) struct Platform {
     pub(super) started: bool,
     /// Time since the last force, s.
     since_force_s: f64,
-    /// Low-pass filtered f_P, platform axes, m/s².
+    /// Low-pass filtered horizontal force f_P, platform axes, m/s².
     low_pass_m_s2: Complex<f64>,
     /// Averaging time by which the low-pass filter still falls short of its time constant, s.
     averaging_deficit_s: f64,
@@ -79,7 +79,8 @@ impl Platform {
         self.realign();
         self.attitude = attitude;
         self.started = true;
-        // The previous stage's level may lag, so the mean of the remaining force is not zero.
+        // The previous stage's level may lag. The mean of the remaining force is then not zero, so
+        // the low-pass filter starts as a plain mean.
         self.averaging_deficit_s = low_pass_s;
     }
 
@@ -137,8 +138,8 @@ impl Platform {
 
     /// Returns the standard deviation of the inclination, rad.
     ///
-    /// A first-order loop lags by τ b. The lag appears as a tilt that the loop never removes, so
-    /// the filtered tilt measures it.
+    /// Because of a gyro bias b, a first-order loop with the time constant τ lags by τ b. The lag
+    /// appears as a tilt that the loop never removes, so the filtered tilt measures it.
     pub(super) fn inclination_sd_rad(&self) -> f64 {
         libm::hypot(MIN_INCLINATION_SD_RAD, libm::sqrt(self.lag_rad.norm_sqr()))
     }

@@ -8,9 +8,9 @@ use crate::{gnss::Fix, scalars::Scalars};
 /// speed increment is used once.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct GroundSpeed {
-    /// V, m/s.
+    /// Speed V, m/s.
     speed_m_s: f64,
-    /// V', m/s².
+    /// Derivative V' of the speed, m/s².
     speed_rate_m_s2: f64,
     /// Time for which the derivative still holds, s.
     rate_remaining_s: f64,
@@ -24,12 +24,12 @@ impl GroundSpeed {
         self.has_fix && self.since_fix_s <= gap_s
     }
 
-    /// Returns V, m/s.
+    /// Returns the speed V, m/s.
     pub(super) fn speed_m_s(&self) -> f64 {
         self.speed_m_s
     }
 
-    /// Returns V', m/s².
+    /// Returns the derivative V' of the speed, m/s², or zero if it no longer holds.
     pub(super) fn rate_m_s2(&self) -> f64 {
         if self.rate_remaining_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 }
     }

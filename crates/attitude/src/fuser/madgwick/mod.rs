@@ -8,9 +8,10 @@
 //! - original: q(t) = q_g(t) − β dt ∇F(q(t−1))/|∇F|
 //! - improved: q(t) = q_g(t) − β dt ∇F(q_g(t))
 //!
-//! F = q* ⊗ (0, d) ⊗ q − (0, s), ∇F = Jᵀ F — Improved orientation of a UAV by a MEMS inertial
-//! system on the basis of the Madgwick filter, (1)–(4). With v = q* d q the gradient is 2 q ⊗ (|v|²
-//! − v·s, v × s). For two directions it is the sum of both gradients.
+//! F = q* ⊗ (0, d) ⊗ q − (0, s), ∇F = Jᵀ F, with the expected direction d in the reference frame,
+//! the measured direction s in body axes and the Jacobian J of F — Improved orientation of a UAV by
+//! a MEMS inertial system on the basis of the Madgwick filter, (1)–(4). With v = q* d q the
+//! gradient is 2 q ⊗ (|v|² − v·s, v × s). For two directions it is the sum of both gradients.
 //!
 //! For the specific force, d is ζ0. For the magnetic field, d is (0, b_η, b_ζ), where b_η and b_ζ
 //! are the horizontal and the vertical part of the field in the frame of the last estimate. No map
@@ -44,7 +45,7 @@ use crate::{
 use gradient::{ReferenceDirections, normalized};
 
 /// Largest β dt of the improved form. A larger step overshoots the minimum if both directions are
-/// at right angles to its axis.
+/// at right angles to the axis of the step.
 const MAX_STEP: f64 = 0.125;
 
 settings! {

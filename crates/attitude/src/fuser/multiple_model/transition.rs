@@ -6,7 +6,8 @@
 //!
 //! Time: the interval of the tick.
 //!
-//! Failure: a larger difference causes a jump, which is reported to the caller.
+//! Failure: a difference that is too large for a gradual transition causes a jump, which is
+//! reported to the caller.
 
 use crate::{
     Complex, Quaternion,
@@ -15,7 +16,7 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 
-/// Largest difference that is removed gradually, rad: 1°. A larger one is a jump.
+/// Largest difference that is removed gradually, rad: 1°. A larger difference causes a jump.
 const MIN_JUMP_RAD: f64 = 0.017_453_293;
 /// Time constant of the removal, s.
 const BLEND_TIME_CONSTANT_S: f64 = 0.5;

@@ -3,8 +3,8 @@
 //! In a coordinated turn at a bank angle φ, the norm of the force is g/cos φ and its direction in
 //! the vehicle is constant. The force on a hand-held body or a robot, in contrast, averages to g
 //! over seconds in any frame. The force is therefore averaged in the frame propagated by the gyro.
-//! The tilt of this frame does not affect the norm of the mean. With the rate H' about that mean,
-//! √(f̄² − g²) = V H' gives a speed, which must be plausible for a vehicle.
+//! The tilt of this frame does not affect the norm of the mean. With the mean force f̄ and the rate
+//! H' about it, √(f̄² − g²) = V H' gives the speed V, which must be plausible for a vehicle.
 //!
 //! Input: force and rotation of a tick.
 //!

@@ -35,8 +35,9 @@ pub struct Vqf {
     /// Standard deviation of the effect that a handed-over velocity still has on the low-pass
     /// filter, m/s.
     pub(super) velocity_sd_m_s: f64,
-    /// Handed-over gyro scale and hard iron, which are passed on unchanged.
+    /// Handed-over gyro scale, which is passed on unchanged.
     pub(super) gyro_scale: GyroScale,
+    /// Handed-over hard iron, which is passed on unchanged.
     pub(super) hard_iron: HardIron,
 }
 

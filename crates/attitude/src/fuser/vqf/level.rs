@@ -92,6 +92,6 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Area of a one-sample pulse that would give a filter at rest this rate of change, m/s.
+    /// Area of the one-sample pulse that would give a filter at rest the same rate of change, m/s.
     velocity_m_s: Vector3<f64>,
 }

@@ -3,8 +3,8 @@
 //! Updates run at 5 Hz, and more often just after the level was initialised.
 //!
 //! The gyro reads ω + b + m ∘ ω. A tilt error ε appears as a horizontal force g ε. Bias and scale
-//! drive it by −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of body axis i. The
-//! levelling loop reduces it by the known tilt rate κ:
+//! change the tilt error at the rate −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of
+//! body axis i. The levelling loop reduces the tilt error by the known tilt rate κ:
 //!
 //! ε' = −j Σ a_i (b_i + m_i ω_i) − κ,   h/g = ε + acceleration/g.
 //!
@@ -41,9 +41,10 @@ use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s. Slightly below 0.2 s to tolerate rounding in sums of intervals.
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
-/// First update interval after the level is initialised, s. Later intervals are a fraction of the
-/// time since then. Short intervals let the level follow the mean from the start.
+/// First update interval after the level is initialised, s. Short intervals let the level follow
+/// the mean from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
+/// Length of a later update interval as a fraction of the time since the level was initialised.
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
 /// Time after initialisation during which the level is a plain mean, whatever the estimated noise,
 /// s.
@@ -57,20 +58,20 @@ const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
-/// Largest standard deviation of the scale error, for a consumer MEMS gyro, and largest scale error
-/// that is corrected. Data sheets allow at most 1 %.
+/// Largest standard deviation of the scale error, for a consumer MEMS gyro.
 const MAX_SCALE_SD: f64 = 0.002;
+/// Largest scale error that is corrected. Data sheets allow at most 1 %.
 const MAX_SCALE: f64 = 0.01;
 /// Additional random walk of the bias per unit of rate, 1/√s: the effect of misaligned axes at a
 /// changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
 /// Random walk of the scale error, 1/√s: the effect of some degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Additional random walk of the tilt per unit of rate, 1/√s.
+/// Additional random walk of the tilt per unit of rate, √s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
-/// Largest rate used for the process noise, rad/s, and rate assumed during a gyro outage, rad/s.
-/// The latter is the rate at which a hand turns the body over.
+/// Largest rate used for the process noise, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
+/// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
 const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
 /// acceleration of 3 m/s², when the level is initialised.
@@ -78,37 +79,46 @@ const INITIAL_LEVEL_SD_RAD: f64 = 0.3;
 /// Standard deviation of a level after a tilt fault, rad. It allows for a vehicle that accelerates
 /// by 1 m/s² when the level is re-initialised.
 const REINITIALISED_LEVEL_SD_RAD: f64 = 0.1;
-/// Time constant of the velocity, s.
+/// Time constant of the leaky velocity, s.
 const VELOCITY_MEMORY_S: f64 = 3.0;
-/// Time after an initial level during which only the force is used, s, and standard deviation at
-/// the end of that time of the velocity divided by g, s.
+/// Time after an initial level during which only the force is used, s.
 const FORCE_ONLY_S: f64 = 2.0;
+/// Standard deviation of the velocity divided by g after [`FORCE_ONLY_S`], s.
 const INITIAL_VELOCITY_SD_S: f64 = 0.1;
 /// Initial standard deviation of a velocity that is zero by definition, s.
 const ZERO_VELOCITY_SD_S: f64 = 1e-4;
-/// Smallest noise of the levelled force divided by g, and of the velocity divided by g, s.
+/// Smallest noise of the levelled force divided by g.
 const MIN_FORCE_SD: f64 = 1e-3;
+/// Smallest noise of the velocity divided by g, s.
 const MIN_VELOCITY_SD_S: f64 = 5e-3;
-/// Initial standard deviations of the innovations of force and velocity, each for a start and for a
-/// hand-over in the middle of a movement.
+/// Initial standard deviation of the force innovations after a start.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
+/// Initial standard deviation of the force innovations after a hand-over, which may happen in the
+/// middle of a movement.
 const MOVING_FORCE_INNOVATION_SD: f64 = 0.1;
+/// Initial standard deviation of the velocity innovations after a start, s.
 const INITIAL_VELOCITY_INNOVATION_SD_S: f64 = 0.075;
+/// Initial standard deviation of the velocity innovations after a hand-over, s.
 const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
-/// Minimum and maximum number of correlated successive innovations that count as one independent
-/// innovation.
+/// Lower and upper limit for the number of successive force innovations that count as one
+/// independent innovation, because they are correlated.
 ///
-/// Accelerations keep their direction for less than 1 s and cancel over longer times, because the
-/// velocity they cause comes to an end. A velocity keeps its direction for seconds.
+/// Accelerations keep their direction for less than 1 s. Over longer times they cancel, because the
+/// velocity they cause comes to an end.
 const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
+/// Lower and upper limit for the number of successive velocity innovations that count as one
+/// independent innovation. It is large because a velocity keeps its direction for seconds.
 const VELOCITY_CORRELATION: (f64, f64) = (10.0, 20.0);
 
-/// Number of states and index of the first state of each part: ε (two axes), rad; b, rad/s; m; χ
-/// (two axes), s.
+/// Number of states.
 const STATES: usize = 10;
+/// Index of the tilt error ε (two axes), rad.
 const TILT: usize = 0;
+/// Index of the gyro bias b, rad/s.
 const BIAS: usize = 2;
+/// Index of the gyro scale error m.
 const SCALE: usize = 5;
+/// Index of χ, the velocity caused by the tilt error (two axes), s.
 const VELOCITY: usize = 8;
 /// Number of gyro errors, bias and scale of three axes.
 const GYRO_ERRORS: usize = 6;
@@ -123,16 +133,17 @@ pub(super) struct GyroErrorFilter {
     bias_rad_s: Vector3<f64>,
     scale: Vector3<f64>,
     tilt_rad: Complex<f64>,
-    /// V and χ, both over g, s.
+    /// Leaky velocity V divided by g, s.
     velocity_s: Complex<f64>,
+    /// Part χ of the leaky velocity that the tilt error caused, divided by g, s.
     tilt_velocity_s: Complex<f64>,
     covariance: Covariance,
-    /// Error of the levelling loop per unit of bias and of scale about each body axis, and per unit
-    /// of the filter's tilt.
+    /// Error of the levelling loop per unit of bias and of scale about each body axis.
     loop_sensitivity: [LoopError; GYRO_ERRORS],
+    /// Tilt and velocity error of the levelling loop per unit of the filter's tilt.
     tilt_sensitivity: [f64; 2],
-    /// Horizontal rotation since the last update caused by the gyro errors, per unit of bias and of
-    /// scale.
+    /// Horizontal rotation that the gyro errors caused since the last update, per unit of bias and
+    /// of scale.
     drift: [Complex<f64>; GYRO_ERRORS],
     /// Duration of gyro outages since the last update.
     outage_s: f64,
@@ -384,9 +395,9 @@ impl GyroErrorFilter {
     ///
     /// The innovations include the error of an initial level that was set in motion. This error
     /// cannot be distinguished from noise until the averaging time of the innovations has passed.
-    /// Until then the gain is at least that of a mean, 1/(1 + number of updates). In the first
-    /// phase the tilt is exactly the mean over time, while its variance falls as if each update
-    /// interval contained one measurement.
+    /// Until then the gain is at least that of a mean, 1/(1 + number of updates). If the level was
+    /// set from one sample, the tilt is then exactly the mean over time, while its variance falls
+    /// as if each update interval contained one measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
@@ -493,7 +504,8 @@ impl GyroErrorFilter {
             p[(i, VELOCITY)] = decay * p[(i, VELOCITY)] + interval_s * p[(i, TILT)];
             p[(i, VELOCITY + 1)] = decay * p[(i, VELOCITY + 1)] + interval_s * p[(i, TILT + 1)];
         }
-        // Makes both halves equal to the last bit, because they were summed in different orders.
+        // Makes both halves of the covariance equal to the last bit, because they were summed in
+        // different orders.
         let summed = [TILT, TILT + 1, VELOCITY, VELOCITY + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| p[(*j, i)] = p[(i, *j)]);

@@ -3,8 +3,8 @@
 //! After a hand-over, the loop starts with the velocity of the previous loop or with zero. The
 //! velocity error tilts an initially correct level for as long as it persists in the loop. The
 //! effect of this error on the loop is known, so the error can be estimated from the tilt found by
-//! the gyro error filter, and corrected. The correction is smaller if the adopted level is less
-//! certain.
+//! the gyro error filter, and corrected. The less certain the adopted level, the smaller the
+//! correction.
 
 use super::{
     level::{LoopError, LoopResponse},
@@ -37,7 +37,8 @@ impl InitialVelocityEstimator {
     pub(super) fn observe(&mut self, tilt_rad: Complex<f64>, tilt_variance_rad2: f64, interval_s: f64) -> LoopError {
         let [tilt, velocity] = self.sensitivity;
         self.sensitivity = LoopResponse::new(interval_s).apply(tilt, velocity);
-        // Other tilt errors of the loop stay correlated over its time constant.
+        // Other tilt errors of the loop stay correlated over its time constant, which raises their
+        // effective variance.
         let noise_rad2 = (LOOP_TILT_SD_RAD * LOOP_TILT_SD_RAD + tilt_variance_rad2) * (T2_S / interval_s).max(1.0);
         let [tilt, velocity] = self.sensitivity;
         let gain = self.variance_s2 * tilt / (tilt * tilt * self.variance_s2 + noise_rad2);

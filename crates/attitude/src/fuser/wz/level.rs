@@ -49,7 +49,8 @@ pub(super) struct LoopError {
     pub(super) velocity: Complex<f64>,
 }
 
-/// Evolution of the loop's own error over an interval: E' = −W/(T1 T2), W' = E − W/T1.
+/// Evolution of the loop's own error over an interval: E' = −W/(T1 T2), W' = E − W/T1, with the
+/// tilt error E and the velocity error W divided by g.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LoopResponse {
     c0: f64,

@@ -45,7 +45,7 @@ impl InnovationNoise {
     ///
     /// Successive innovations with correlation coefficient ρ contain as much information as fewer
     /// independent ones: the variance of their mean is (1 + ρ)/(1 − ρ) times that of independent
-    /// innovations. `correlation` is the minimum and maximum of this factor.
+    /// innovations. `correlation` holds the lower and the upper limit of this factor.
     pub(super) fn update(&mut self, innovation: Complex<f64>, interval_s: f64, correlation: (f64, f64)) -> f64 {
         self.memory_s = (self.memory_s + interval_s).min(MEMORY_S);
         let gain = (interval_s / self.memory_s).min(1.0);

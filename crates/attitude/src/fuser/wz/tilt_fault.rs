@@ -16,8 +16,8 @@ const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// horizontal force, exceeds the scale error of an accelerometer. The loop corrects smaller level
 /// errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Largest excess of the force's norm over g at which the level counts as wrong, as a fraction of
-/// the excess a²/2g² that an acceleration a would cause.
+/// Fraction of the excess a²/2g² of the force's norm over g that an acceleration a would cause. If
+/// the measured excess is below this fraction, the level counts as wrong.
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
 /// Sum of innovations that keep their direction.
@@ -25,8 +25,9 @@ const MAX_EXCESS_FRACTION: f64 = 0.5;
 pub(super) struct TiltFaultMonitor {
     /// ∫ innovation/g dt.
     innovation_sum_s: Complex<f64>,
-    /// ∫ levelled force/g dt. The field below it is ∫ (norm/g − 1) dt.
+    /// ∫ levelled force/g dt.
     force_sum_s: Complex<f64>,
+    /// ∫ (norm/g − 1) dt, with the norm of the force.
     excess_sum_s: f64,
     duration_s: f64,
 }

@@ -128,8 +128,8 @@ fn wz_on_crossed_trials_beats_vqf() {
     assert!(wz.total <= 1.50 && wz.total < vqf.total, "{wz}");
 }
 
-/// Emulates warm starts: each trial starts with the last gyro scale found, assumed to be known
-/// within 0.2 %.
+/// Emulates warm starts. Each trial starts with the gyro scale found last, which is assumed to be
+/// known within 0.2 %.
 ///
 /// The gyro errors differ between crossed trials, so there the kept scale is only required to do no
 /// harm.

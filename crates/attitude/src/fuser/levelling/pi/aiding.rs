@@ -40,7 +40,8 @@ pub(super) struct Aiding {
     matched: DelayMatchedIntegral,
     /// Velocity of the last fix, east + j north, m/s.
     velocity_m_s: Complex<f64>,
-    /// Set if the force has been integrated without interruption since the last fix was valid.
+    /// Set if the force has been integrated without interruption since the validity time of the
+    /// last fix.
     is_increment_complete: bool,
     since_fix_s: f64,
     has_fix: bool,

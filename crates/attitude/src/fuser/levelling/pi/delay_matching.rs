@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn increment_covers_the_delayed_interval() {
         let mut matched = DelayMatchedIntegral::default();
-        // f = t: from 0.8 to 1.3 s its integral is (1.3² − 0.8²)/2.
+        // The force is f = t. Its integral from 0.8 to 1.3 s is (1.3² − 0.8²)/2.
         for tick in 0..200 {
             matched.push(Complex::new((f64::from(tick) + 0.5) * 0.01, 0.0), 0.01);
             if tick == 99 {

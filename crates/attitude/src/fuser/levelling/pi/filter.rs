@@ -16,20 +16,22 @@ pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 ///
 /// | input | correction of tilt or azimuth | correction of the bias |
 /// | --- | --- | --- |
-/// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the validity times of the fixes, τ = 20 s | its integral in body axes over 4 τ |
-/// | track | azimuth by (H − H_track)/T, T = 50 s, 100 s after turns | about the vertical, over 4 T |
-/// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, over 10 s of turning | about the vertical |
-/// | gap | low-pass filtered f_P minus V H' of the last speed, over 100 s, with less weight in a turn | its integral over 4000 s |
-/// | cold start | low-pass filtered f_P over 60 s, as in S4 | unchanged |
+/// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the validity times of the fixes, τ = 20 s | this correction in body axes, divided by 4 τ |
+/// | track | azimuth by (H − H_track)/T, T = 50 s, or 100 s after turns | about the vertical: this correction divided by 4 T |
+/// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, with a time constant of 10 s of turning | about the vertical |
+/// | gap | low-pass filtered f_P minus V H' of the last speed, with a time constant of 100 s and less weight in a turn | this correction divided by 4000 s |
+/// | cold start | low-pass filtered f_P with a time constant of 60 s, as in S4 | unchanged |
 /// | standstill | as in a gap | the mean rate |
+///
+/// Here f_P is the force in platform axes, ΔV the velocity change between the fixes, V the speed, H
+/// the course, H' the turn rate and H_track the track.
 ///
 /// A velocity increment is used once. After a lost interval, the next two fixes start a new
 /// increment. The first two tracks that agree rotate the platform to north, so the heading jumps
 /// and from then on refers to true north. A handed-over magnetic heading is not used.
 ///
-/// If there is no receiver, the bias integral would follow accelerations instead of the bias. It
-/// therefore starts only once fixes or a standstill have determined the bias. Until then the stage
-/// uses S4's autonomous law.
+/// The bias is integrated only once fixes or a standstill have determined it. Before that, the
+/// integral would follow accelerations instead of the bias, so the stage uses S4's autonomous law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingPi {
     pub(super) settings: PiSettings,

@@ -85,8 +85,9 @@ impl Heading {
         HeadingCorrection { azimuth_rad: error_rad * gain, bias_rad_s: error_rad * share_per_s2 * span_s }
     }
 
-    /// Returns the correction from a velocity increment over `span_s`. The increment is given as
-    /// measured by the force and by the fixes, platform axes, m/s.
+    /// Returns the correction from a velocity increment over `span_s`. `by_force_m_s` and
+    /// `by_fixes_m_s` are this increment as measured by the force and by the fixes, platform axes,
+    /// m/s.
     pub(super) fn correct_by_acceleration(
         &mut self,
         by_force_m_s: Complex<f64>,

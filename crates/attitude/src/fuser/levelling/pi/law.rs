@@ -31,9 +31,11 @@ const STANDSTILL_BIAS_SD_RAD_S: f64 = 0.01 * PI / 180.0;
 const BIAS_RANDOM_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
 /// Time constant with which the bias follows the mean rate at standstill, s.
 const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
-/// Largest unexplained velocity increment: a constant, m/s, plus an acceleration, m/s², times the
-/// duration. Larger increments are limited to it, which bounds the effect of an outlier.
+/// Constant part of the limit for unexplained velocity increments, m/s. The limit bounds the effect
+/// of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
+/// Part of the limit for unexplained velocity increments that is proportional to their duration,
+/// m/s².
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {
@@ -72,7 +74,8 @@ impl LevellingPi {
     /// Corrects level and bias by the difference between the increments from the force and from the
     /// fixes.
     ///
-    /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is its integral over 4 τ.
+    /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is the tilt correction
+    /// divided by 4 τ.
     fn level_by_increment(&mut self, increment: &MatchedIncrement) {
         let settings = self.settings;
         let MatchedIncrement { by_force_m_s, by_fixes_m_s, span_s } = *increment;
@@ -135,8 +138,8 @@ impl LevellingPi {
 
     /// Corrects the level without a fix.
     ///
-    /// If the bias is known, the correction uses the low-pass filtered force minus V H' of the last
-    /// speed. Otherwise it follows S4's autonomous law.
+    /// If the bias is known, the correction uses the low-pass filtered force minus the acceleration
+    /// V H' of a vehicle that keeps its last speed V. Otherwise it follows S4's autonomous law.
     pub(super) fn level_without_fix(&mut self, force: LevelForce, turn_rate_rad_s: f64) {
         let settings = self.settings;
         let known = self.is_bias_known();

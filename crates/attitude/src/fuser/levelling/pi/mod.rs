@@ -230,7 +230,8 @@ impl Stage for LevellingPi {
             let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
             adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
         }
-        // The previous stage's level may lag, so the mean of the remaining force is not zero.
+        // The previous stage's level may lag. The mean of the remaining force is then not zero, so
+        // the low-pass filter starts as a plain mean.
         adopted.averaging_deficit_s = self.settings.cold_low_pass_s;
         adopted.bias_handover = HandedOverBias::from_estimate(common);
         if common.reference == CourseReference::True {

@@ -13,9 +13,9 @@ const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
 /// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s: 0.8
 /// °/s.
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
-/// Largest RMS deviations of the force from its mean at standstill, m/s²: if there is no receiver,
-/// and if a receiver reports standstill.
+/// Largest RMS deviation of the force from its mean at standstill if there is no receiver, m/s².
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;
+/// Largest RMS deviation of the force from its mean if a receiver reports standstill, m/s².
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
 /// Largest component of a mean rate that is accepted as a bias, rad/s: 1 °/s.
 const MAX_BIAS_RAD_S: f64 = 0.017_453;

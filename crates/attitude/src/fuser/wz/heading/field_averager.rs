@@ -10,13 +10,13 @@ use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyA
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
-/// Duration of a window, s. This duration and the next one are slightly shortened to tolerate
-/// rounding in sums of intervals.
+/// Duration of a window, s. Slightly shortened to tolerate rounding in sums of intervals.
 const WINDOW_S: f64 = 0.0185;
-/// Duration of an interval, s.
+/// Duration of an interval, s. Slightly shortened to tolerate rounding in sums of intervals.
 const INTERVAL_S: f64 = 0.1999;
-/// Upper limits of the rate, rad/s, and of the horizontal force, m/s², used in the means.
+/// Limit to which each component of the rate is clamped, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
+/// Limit to which the horizontal force is clamped, m/s².
 const MAX_FORCE_M_S2: f64 = 1000.0;
 /// Longest interval without a field sample, s.
 const MAX_FIELD_GAP_S: f64 = 1.0;
@@ -53,11 +53,15 @@ pub(super) struct IntervalMeans {
 /// Accumulator of samples for the means of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FieldAverager {
-    /// Sums over the current window: samples, their ages, rotation.
+    /// Sum of the field samples in the current window, µT.
     field_sum_ut: Vector3<f64>,
+    /// Sum of the ages of the field samples in the current window, s.
     age_sum_s: f64,
+    /// Number of field samples in the current window.
     samples: f64,
+    /// Rotation in the current window, rad.
     rotation_rad: Vector3<f64>,
+    /// Duration of the current window so far, s.
     window_s: f64,
     /// Mean rate over the previous window, rad/s.
     last_rate_rad_s: Vector3<f64>,

@@ -20,11 +20,10 @@
 //!   the rotation about the vertical contributed by body axis i, and u is up in body axes. The
 //!   random walk of e acts along ζ0 × e, because gyro noise rotates the field and does not stretch
 //!   it.
-//! - κ models a drift that appears only while the body keeps turning one way: at an error of half a
-//!   per cent, a full turn causes 2°. Without κ, β would follow this drift for a minute, although β
-//!   represents drift that does not depend on motion. The level filter estimates the scale error as
-//!   well, and its variance limits the variance of κ.
-//! - d decays with the motion of the body and only slowly at rest, because a stationary sensor
+//! - κ models a drift that appears only while the body keeps turning one way: at a scale error of
+//!   half a per cent, a full turn causes 2° of drift. Without κ, β would follow this drift for a
+//!   minute, although β represents drift that does not depend on motion. The level filter estimates
+//!   the scale error as well, and its variance limits the variance of κ.
 //!   learns nothing about the field elsewhere. It is reset whenever a movement or a rest starts.
 //! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
 //!   + v reveals the drift of the gyro since the previous rest there.
@@ -44,14 +43,21 @@ use crate::{
     scalars::Scalars,
 };
 
-/// Number of states and index of the first state of each part.
+/// Number of states.
 pub(super) const STATES: usize = 16;
+/// Index of the ambient field e.
 pub(super) const E: usize = 0;
+/// Index of the drift rate β.
 pub(super) const BETA: usize = 3;
+/// Index of the magnetometer delay τ.
 pub(super) const TAU: usize = 4;
+/// Index of the hard iron b.
 pub(super) const B: usize = 5;
+/// Index of the local disturbance d.
 const D: usize = 8;
+/// Index of the gyro scale error κ.
 pub(super) const KAPPA: usize = 11;
+/// Index of the field p at the last rest site.
 const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient field, µT: that of the strongest field on earth.
@@ -59,40 +65,49 @@ const FIELD_SD_UT: f64 = 60.0;
 /// Initial and largest standard deviation of the drift rate before a rest, rad/s: that of a
 /// consumer MEMS gyro.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s; its increase per unit of rate,
-/// 1/√s; and its increase while the body vibrates, rad/s/√s. The last one is needed because the
-/// bias of a vibrating gyro differs from that at rest.
+/// Random walk of the drift rate while the body moves, rad/s/√s.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
+/// Additional random walk of the drift rate per unit of rate, 1/√s.
 const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
+/// Additional random walk of the drift rate while the body vibrates, rad/s/√s. It is needed because
+/// the bias of a vibrating gyro differs from that at rest.
 const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
-/// Largest standard deviation of κ: the root sum of squares of a multiple of the level filter's
-/// standard deviation and a constant.
+/// Factor on the level filter's standard deviation of the scale error. The result and
+/// [`SCALE_SD_FLOOR`] are combined as a root sum of squares, which is the largest standard
+/// deviation of κ.
 const SCALE_SD_FACTOR: f64 = 1.5;
+/// Part of the largest standard deviation of κ that does not depend on the level filter.
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
 /// Random walk of κ, 1/√s: the effect of some degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Random walk of the gyro heading, rad/√s, and its increase per unit of rate.
+/// Random walk of the gyro heading, rad/√s.
 const HEADING_WALK_RAD: f64 = 2e-4;
+/// Increase of the gyro heading's random walk per unit of rate, √s.
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the ambient field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
 /// Standard deviation of the local disturbance, µT, which is due to iron in a building and to the
 /// sensor's soft iron.
 const LOCAL_FIELD_SD_UT: f64 = 1.23;
-/// Decay rates of the local disturbance: at rest, 1/s; by rotation, 1/rad; by acceleration above a
-/// threshold, 1/s per m/s².
+/// Decay rate of the local disturbance at rest, 1/s.
 const DECAY_AT_REST: f64 = 0.06;
+/// Increase of the local disturbance's decay rate per unit of rotation rate, 1/rad.
 const DECAY_PER_TURN: f64 = 0.2;
+/// Increase of the local disturbance's decay rate per unit of acceleration above
+/// [`ACCELERATION_THRESHOLD_M_S2`], 1/s per m/s².
 const DECAY_PER_ACCELERATION: f64 = 0.15;
+/// Acceleration above which the local disturbance decays faster, m/s².
 const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
-/// Noise on each axis of the comparison with the last rest site, µT, and gate for that measurement.
-/// The gate is tight because the field at another site may be similar.
+/// Noise of the comparison with the last rest site on each axis, µT.
 const REVISIT_SD_UT: f64 = 0.2;
+/// Gate for the normalised innovation squared when the field is compared with the last rest site.
+/// It is tight because the field at another site may be similar.
 const REVISIT_GATE: f64 = 4.0;
-/// Range to which the magnetometer delay is limited, s.
+/// Lower limit of the magnetometer delay, s.
 const MIN_DELAY_S: f64 = -0.01;
+/// Upper limit of the magnetometer delay, s.
 const MAX_DELAY_S: f64 = 0.04;
 
 /// Time update between two measurements, common to all hypotheses.
@@ -103,21 +118,25 @@ pub(super) struct Propagation {
     vertical_rotation_rad: [f64; 3],
     /// Set if the body moved, so that the gyro heading drifted.
     is_moving: bool,
-    /// Set if a movement or a rest starts, which resets d.
+    /// Set if a movement or a rest starts with the interval. The local disturbance d is then reset.
     motion_changed: bool,
-    /// Variance added to β, rad²/s², and largest variance of κ.
+    /// Variance added to the drift rate β, rad²/s².
     drift_variance_rad2_s2: f64,
+    /// Largest variance of the gyro scale error κ on each axis.
     max_scale_variance: [f64; 3],
-    /// Remaining fraction of d, and the variance added to it, µT².
+    /// Fraction of the local disturbance d that remains.
     local_field_decay: f64,
+    /// Variance added to the local disturbance d, µT².
     local_field_variance_ut2: f64,
+    /// Variance added to the gyro heading, rad².
     heading_variance_rad2: f64,
+    /// Variance added to the ambient field e, µT².
     field_variance_ut2: f64,
 }
 
 impl Propagation {
     /// Creates the time update of an interval. `motion_changed` is `true` if a movement or a rest
-    /// starts with it.
+    /// starts with the interval.
     pub(super) fn from_interval(interval: &IntervalMeans, motion_changed: bool) -> Self {
         let (t_s, rate_rms_rad_s) = (interval.duration_s, interval.rate_rms_rad_s);
         let acceleration_m_s2 = (interval.acceleration_rms_m_s2 - ACCELERATION_THRESHOLD_M_S2).max(0.0);
@@ -240,7 +259,7 @@ impl FieldFilter {
     /// Sets the field so that the present heading is kept, with the standard deviation `sd_rad`.
     ///
     /// The local disturbance adds to the uncertainty. The strength of the field is taken from the
-    /// sample and stays unknown.
+    /// sample, but its variance is left unchanged.
     pub(super) fn set_north(&mut self, field_ut: [f64; 3], sd_rad: f64) {
         let horizontal = libm::hypot(field_ut[0], field_ut[1]);
         (self.x[E], self.x[E + 1], self.x[E + 2]) = (0.0, horizontal, field_ut[2]);

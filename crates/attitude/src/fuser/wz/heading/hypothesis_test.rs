@@ -34,25 +34,24 @@ const GATE: f64 = 11.0;
 const MAX_NIS: f64 = 30.0;
 /// Lead at which B replaces M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
-/// Smallest change of the hard iron with which B can replace M, µT, and smallest rotation since the
-/// challenge started, rad.
+/// Smallest difference between the hard irons of B and M with which B can replace M, µT.
 const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
+/// Smallest rotation since the challenge started with which B can replace M, rad.
 const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 /// Evidence subtracted per second of turning.
 const ALLOWANCE_PER_S: f64 = 5.5;
 /// Rate above which the body counts as turning, rad/s.
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
-/// Time outside the gate after which a challenger has failed, s, and duration of a challenge after
-/// which it restarts, s.
+/// Time outside the gate after which a challenger has failed, s.
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
+/// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// Time of turning outside the gate after which all states that concern the field are reset, s.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
-/// Time inside the gate that ends the probation of a new main filter, s, and shortest time outside
-/// the gate that resets it during probation, s.
-///
-/// A filter on probation is reset once it has been outside the gate for as long as inside.
+/// Time inside the gate that ends the probation of a new main filter, s.
 const PROBATION_S: f64 = 10.0;
+/// Shortest time outside the gate that resets a main filter on probation, s. The filter is reset
+/// once it has been outside the gate for this time and for as long as inside.
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
@@ -72,8 +71,9 @@ pub(super) struct HypothesisTest {
     pub(super) main: FieldFilter,
     body: FieldFilter,
     environment: FieldFilter,
-    /// Lead of B over M and over E, as twice the log-likelihood ratio.
+    /// Lead of B over M, as twice the log-likelihood ratio.
     lead_over_main: f64,
+    /// Lead of B over E, as twice the log-likelihood ratio.
     lead_over_environment: f64,
     challenger_rejected_s: f64,
     challenge_age_s: f64,
@@ -169,8 +169,8 @@ impl HypothesisTest {
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
-            // The first fields after the direction was invalidated were levelled while the level
-            // was still wrong.
+            // The first fields after the invalidation were levelled with a level that was still
+            // wrong, so the direction is invalidated once more.
             self.invalidate_direction();
             self.direction_invalidated = false;
             replaced = true;

@@ -63,16 +63,18 @@ use {
     rest_site::{RestSite, SiteMatch},
 };
 
-/// Range of plausible field readings, µT. Other readings are ignored.
+/// Smallest plausible field reading, µT. Smaller readings are ignored.
 const MIN_READING_UT: f64 = 1.0;
+/// Largest plausible field reading, µT. Larger readings are ignored.
 const MAX_READING_UT: f64 = 500.0;
 /// Noise of the mean field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
 /// Additional noise per unit of rate, as a fraction of the field, s. It corresponds to a time
 /// offset of half a millisecond between samples and attitude.
 const NOISE_PER_RATE_S: f64 = 4.5e-4;
-/// Tilt error after a start in motion, rad, and the time constant with which it decays, s.
+/// Tilt error after a start in motion, rad.
 const SETTLING_TILT_RAD: f64 = 0.3;
+/// Time constant with which the tilt error after a start in motion decays, s.
 const SETTLING_S: f64 = 3.0;
 /// Tilt error below which the tilt counts as settled, rad.
 const SETTLED_TILT_RAD: f64 = 4e-4;
@@ -119,8 +121,9 @@ pub(super) struct Heading {
     sd_rad: f64,
     /// Standard deviation of the gyro heading's drift rate before the first field sample, rad/s.
     drift_sd_rad_s: f64,
-    /// Set if the adopted heading refers to magnetic north or to true north, respectively.
+    /// Set if the adopted heading refers to magnetic north.
     adopted_magnetic: bool,
+    /// Set if the adopted heading refers to true north.
     adopted_true: bool,
 }
 

@@ -18,10 +18,11 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Number of intervals at rest before the decision.
 const MIN_INTERVALS: f64 = 10.0;
-/// Repeatability (standard deviation) of the horizontal and the vertical field at a site, µT, and
-/// of the up vector in body axes.
+/// Repeatability (standard deviation) of the horizontal field at a site, µT.
 const HORIZONTAL_SD_UT: f64 = 0.2;
+/// Repeatability of the vertical field at a site, µT.
 const VERTICAL_SD_UT: f64 = 0.25;
+/// Repeatability of the up vector in body axes at a site.
 const UP_SD: f64 = 0.01;
 /// Largest squared distance between two signatures of the same site, in standard deviations.
 const MAX_DISTANCE2: f64 = 9.0;
