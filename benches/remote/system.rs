@@ -75,7 +75,7 @@ impl System {
     }
 }
 
-/// Returns the capacity of a topic on the path, in messages.
+/// Returns the capacity of a topic on the data path, in messages.
 pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
     config(Launch::default(), rate_hz).buffer_ticks()
 }

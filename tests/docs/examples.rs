@@ -16,8 +16,7 @@ use std::{
 
 use super::{
     exceptions::{
-        FLIGHT_FROM_LOG, FOLDERS_WITHOUT_EXAMPLES, LOG, MAY_FAIL, NEEDS_SYSTEM, NOT_EXAMPLES, NOT_RUN, PREPARATION,
-        UNLIMITED,
+        FLIGHT_FROM_LOG, FOLDERS_WITHOUT_EXAMPLES, LOG, MAY_FAIL, NEEDS_SYSTEM, NOT_EXAMPLES, NOT_RUN, UNLIMITED,
     },
     markdown::{self, Block},
     root,
@@ -60,7 +59,8 @@ impl Block {
         if ["import", "from"].contains(&word) {
             return Some(Language::Python);
         }
-        let is_shell = word == "plumb" || NOT_RUN.iter().any(|(beginning, _)| first.starts_with(beginning));
+        let is_shell =
+            ["plumb", "python3"].contains(&word) || NOT_RUN.iter().any(|(beginning, _)| first.starts_with(beginning));
         assert!(is_shell, "{}: block is neither an example nor listed in exceptions.rs:\n{}", self.location, self.text);
         Some(Language::Shell)
     }
@@ -265,11 +265,8 @@ fn without_optional_arguments(line: &str) -> String {
 
 /// Runs the shell examples of the files that `is_selected` selects by name.
 fn run_shell_examples(is_selected: impl Fn(&str) -> bool) {
-    for (file, blocks) in files().into_iter().filter(|(file, _)| is_selected(file)) {
+    for (_, blocks) in files().into_iter().filter(|(file, _)| is_selected(file)) {
         let mut scratch = Scratch::new();
-        for (_, command) in PREPARATION.iter().filter(|(prepared, _)| *prepared == file) {
-            scratch.run(&file, command);
-        }
         scratch.run_examples(&blocks);
         scratch.stop();
     }
@@ -319,7 +316,7 @@ fn python_clients_print_attitudes() {
     let mut scratch = Scratch::new();
     scratch.start("plumb up");
     scratch.wait_until_running();
-    // Programs that feed a system are parts of examples/sensor.py, which has a test of its own.
+    // Examples of programs that feed a system are parts of examples/sensor.py, which another test runs.
     for block in examples(&Language::Python).iter().filter(|block| block.text.contains("import zenoh")) {
         scratch.write("client.py", &scratch.replace(&block.text));
         let mut client = scratch.command(python).args(["-u", "client.py"]).stdout(Stdio::piped()).spawn().unwrap();

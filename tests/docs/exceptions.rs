@@ -7,6 +7,7 @@
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
+    ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("export CARGO_TARGET_", "configures a cross compiler"),
     ("sudo apt ", "installs packages"),
@@ -46,6 +47,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb score walk.mcap", "needs an MCAP file; tested by tools/import"),
     ("plumb score bag/", "needs a ROS 2 bag; tested by tools/import"),
     ("plumb import bag/", "needs a ROS 2 bag; tested by tools/import"),
+    ("plumb up my-fuser/launch.toml", "runs until it is interrupted; tested by `own_stage`"),
+    ("plumb swap fuser my-fuser", "needs a system with the stage; tested by `own_stage`"),
     ("plumb stage test my-fuser", "tests a Python stage for minutes; tested by `own_stage`"),
 ];
 
@@ -58,18 +61,14 @@ pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("topics ─► gateway", "drawing"),
     ("RMSE, degrees", "output"),
     ("gyro: 1 rest", "output"),
-    ("checkpoints of the fuser ─►", "drawing"),
     ("let mut sensor", "part of examples/driver.rs, which is built with the tests"),
     ("scrape_configs:", "configuration of Prometheus; tested by `cockpit`"),
     ("request_id:", "fields of a message; tested by tests/foreign/client.py"),
 ];
 
-/// Folders whose Markdown files have no examples, with the reason.
+/// Folders of Markdown files that have no examples, with the reason.
 pub(super) const FOLDERS_WITHOUT_EXAMPLES: &[(&str, &str)] =
     &[("crates/sdk/templates/", "contains placeholders; tested by `own_stage`")];
-
-/// Commands that run before the examples of a file.
-pub(super) const PREPARATION: &[(&str, &str)] = &[("docs/how-to/split.md", "plumb keys init --router 192.168.1.5")];
 
 /// Beginnings of commands that run until they are interrupted, unless `--seconds` limits them.
 pub(super) const UNLIMITED: &[&str] =

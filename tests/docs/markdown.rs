@@ -20,7 +20,7 @@ pub(super) enum Line<'t> {
 pub(super) struct Block {
     /// File and line.
     pub(super) location: String,
-    /// Word after the opening fence; empty if there is none and for indented blocks.
+    /// Word after the opening fence; empty for indented blocks and for a fence without a word.
     pub(super) language: String,
     pub(super) text: String,
 }
@@ -126,7 +126,7 @@ pub(super) fn anchors(text: &str) -> Vec<String> {
 
 /// Returns the anchor of a heading.
 pub(super) fn slug(title: &str) -> String {
-    // Of a link only the text counts.
+    // A link contributes only its text.
     let mut text = String::new();
     let mut rest = title;
     while let Some((before, after)) = rest.split_once("](") {

@@ -27,7 +27,7 @@ impl Scalars for bool {
     }
 }
 
-/// Visited as a presence flag, then the numbers of the value, or of the default value if absent.
+/// Visits a presence flag, then the numbers of the value, or those of the default value for `None`.
 impl<T: Scalars + Default> Scalars for Option<T> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let mut present = self.is_some();

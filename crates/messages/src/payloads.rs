@@ -591,8 +591,8 @@ payload! {
         incarnation: u32,
         /// Epoch of the decision.
         epoch: u32,
-        /// Number of the stage instance in its slot: 0 is the launch file's, each candidate adds
-        /// one, a restart keeps the number.
+        /// Sequence number of the stage instance in its slot. The instance from the launch file is
+        /// 0; each candidate gets the next number, and a restart keeps it.
         filling: u32,
         /// Number of the stage instance that the adopted state comes from.
         adopted_filling: u32,

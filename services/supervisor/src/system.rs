@@ -239,7 +239,7 @@ impl<'r> System<'r> {
         Ok(())
     }
 
-    /// Passes an event to the supervision and performs the resulting actions.
+    /// Passes an event to [`Supervision`] and performs the resulting actions.
     fn handle(&mut self, event: Event, collector: &mut Collector) -> Result<(), UpError> {
         for action in self.supervision.handle(self.started.elapsed(), event) {
             self.perform(action, collector)?;

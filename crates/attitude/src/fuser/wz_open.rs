@@ -82,7 +82,8 @@ impl WzOpen {
         Attitude { up, z_rad: wrapped_rad(self.gyro_attitude.z_rad + self.z_offset_rad) }.normalised()
     }
 
-    /// Adopts the latest attitude of the gyro slot, after setting the offset if that is still due.
+    /// Adopts the latest attitude of the gyro slot. Sets the offset first if it has not been set
+    /// yet.
     fn follow_gyro(&mut self, motion: &Motion) {
         if self.adopted {
             self.set_offset(self.gyro_attitude.rotated(motion.rotation).attitude, motion.attitude);

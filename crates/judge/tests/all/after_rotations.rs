@@ -42,7 +42,8 @@ fn rotations(rate_hz: f64) -> Vec<Reading> {
             let angle_rad = |t_s: f64| FRAC_PI_2 * (1.0 - (FRAC_PI_2 * 2.0 * (t_s / ROTATION_S).min(1.0)).cos()) / 2.0;
             let t_s = f64::from(step) / rate_hz;
             let step_rad = angle_rad(t_s + 1.0 / rate_hz) - angle_rad(t_s);
-            // The axis is level, so up rotates the opposite way in the plane perpendicular to it.
+            // The body rotates about a level axis. In body axes, the up vector therefore rotates
+            // about the same axis by the opposite angle.
             up = up * step_rad.cos() - axis.cross(&up) * step_rad.sin();
             // A real sensor has noise on every axis.
             let noise = Vector3::new(31.0, 37.0, 41.0).map(|rad_s| (rad_s * t_s).sin());

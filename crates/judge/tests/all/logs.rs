@@ -21,7 +21,7 @@ const ALWAYS_VISIBLE: [&str; 9] = [
     "a sensor mounted upside down",
 ];
 
-/// Log file, the tenth of the log to start from, and further visible errors.
+/// Log file, start within the log in tenths of its length, and further visible errors.
 const LOGS: [(&str, usize, &[&str]); 3] = [
     // A few seconds in flight, then on the ground.
     ("logs/px4_sample.ulg", 0, &["rates in °/s"]),

@@ -90,8 +90,9 @@ impl Coordinator {
         actions.push(Action::PublishDecision(decision));
     }
 
-    /// Returns the slot to the active stage and stops the candidate. After the commitment this has
-    /// no effect.
+    /// Cancels the swap: the active stage keeps the slot, and the candidate is stopped.
+    ///
+    /// Has no effect once the swap is committed.
     pub(super) fn abort(&mut self, now_ms: u64, reason: FailureReason, actions: &mut Vec<Action>) {
         let Some(swap) = self.swap.as_mut().filter(|swap| swap.is_open() && swap.state != SwapState::Aborting) else {
             return;

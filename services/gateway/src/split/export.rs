@@ -250,7 +250,7 @@ impl<M: Ticked> Source for Tap<M> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The outcome is ignored, because the caller polls whether or not a message has arrived.
+        // The result is ignored, because the caller polls in either case.
         self.subscriber.wait(limit);
     }
 

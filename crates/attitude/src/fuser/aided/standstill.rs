@@ -13,9 +13,9 @@ const INTERVAL_S: f64 = 0.5;
 /// Limits within which the body counts as standing still.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StillnessLimits {
-    /// Largest deviation of the rate from its mean, rad/s rms.
+    /// Upper limit of the RMS deviation of the rate from its mean, rad/s.
     rate_rad_s: f64,
-    /// Largest deviation of the specific force from its mean, m/s² rms.
+    /// Upper limit of the RMS deviation of the specific force from its mean, m/s².
     force_m_s2: f64,
     /// Largest component of the mean rate that is accepted as a bias, rad/s.
     mean_rad_s: f64,

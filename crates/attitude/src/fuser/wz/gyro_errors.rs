@@ -329,9 +329,9 @@ impl GyroErrorFilter {
         (self.since_update_s, self.force_dt_m_s)
     }
 
-    /// Updates the filter and returns the error of the loop to be corrected.
+    /// Updates the filter and returns the loop error that remains to be corrected.
     ///
-    /// That error is the effect of the gyro errors and of the initial level error up to now.
+    /// This error is the accumulated effect of the gyro errors and of the initial level error.
     /// `tilt_correction_rad` is the tilt that the loop has applied since the last update.
     /// `loop_velocity_s` is the loop's leaky velocity over g.
     #[inline(never)]
@@ -530,7 +530,8 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Increases the variance of the tilt by the rotation assumed during gyro outages.
+    /// Increases the tilt variance to account for rotation that was not observed during gyro
+    /// outages.
     fn inflate_tilt_covariance(&mut self) {
         let unobserved_rad = (ASSUMED_UNOBSERVED_RATE_RAD_S * core::mem::take(&mut self.outage_s)).min(1.0);
         for i in [TILT, TILT + 1] {

@@ -2,7 +2,8 @@
 //!
 //! A receiver's velocity arrives late. Its change between two fixes is therefore compared with the
 //! force over the interval between their validity times, not their arrival times. The receiver's
-//! latency and smoothing then have no effect, and a lost interval does no harm.
+//! latency and smoothing then have no effect. Lost samples do no harm, because each increment
+//! carries the time that it spans.
 
 use crate::{Complex, scalars::Scalars};
 

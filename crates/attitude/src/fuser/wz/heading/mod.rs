@@ -310,8 +310,10 @@ impl Heading {
         }
     }
 
-    /// Initialises the heading with the first field. If the heading is already known to be
-    /// magnetic, it need not jump.
+    /// Initialises the heading with the first field sample.
+    ///
+    /// If the heading is already known relative to magnetic north, the filter starts at that
+    /// heading and the output does not jump.
     fn start(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> HeadingUpdate {
         let mut main = FieldFilter::new(settings);
         if self.heading_known && self.sd_rad < UNKNOWN_HEADING_SD_RAD {

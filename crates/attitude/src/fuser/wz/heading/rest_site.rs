@@ -73,8 +73,10 @@ impl RestSite {
         }
     }
 
-    /// Processes an interval at rest. The arguments are the field with the hard iron removed, µT,
-    /// reference axes, and the up vector in body axes.
+    /// Processes an interval at rest.
+    ///
+    /// The first argument is the magnetic field in reference axes with the hard iron removed, µT.
+    /// The second is the up vector in body axes.
     pub(super) fn observe(&mut self, [across, along, vertical_ut]: [f64; 3], up: [f64; 3]) -> SiteMatch {
         let current = &mut self.current;
         current.intervals += 1.0;
