@@ -316,7 +316,7 @@ fn python_clients_print_attitudes() {
     let mut scratch = Scratch::new();
     scratch.start("plumb up");
     scratch.wait_until_running();
-    // Examples of programs that feed a system are parts of examples/sensor.py, which another test runs.
+    // Programs that feed a system are parts of examples/sensor.py, which another test runs.
     for block in examples(&Language::Python).iter().filter(|block| block.text.contains("import zenoh")) {
         scratch.write("client.py", &scratch.replace(&block.text));
         let mut client = scratch.command(python).args(["-u", "client.py"]).stdout(Stdio::piped()).spawn().unwrap();
