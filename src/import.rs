@@ -42,7 +42,7 @@ pub(crate) struct Import {
 #[derive(Args, Default)]
 #[command(next_help_heading = "Foreign recordings")]
 pub(crate) struct ReadOptions {
-    /// CSV column of a quantity, such as gx=gyro_x; repeat or separate by commas
+    /// CSV column of a quantity, such as gx=gyro_x; repeat or use commas
     #[arg(long = "map", value_name = "NAME=COLUMN")]
     maps: Vec<String>,
     /// Units of the CSV, in any order [default: rad/s,m/s2,uT,s]

@@ -218,9 +218,16 @@ impl Scratch {
         assert!(!(printed + &messages).trim().is_empty(), "{location}: {command} prints nothing");
     }
 
-    /// Runs the shell examples of a file.
+    /// Runs the shell examples of a file. A Python block that is a complete stage is written to the
+    /// folder that `plumb stage new` has created, as the text around it requests.
     fn run_examples(&mut self, blocks: &[Block]) {
-        for block in blocks.iter().filter(|block| block.example_language() == Some(Language::Shell)) {
+        for block in blocks {
+            if block.text.contains("plumbline.run(MyFuser)") {
+                self.write("my-fuser/my_fuser.py", &block.text);
+            }
+            if block.example_language() != Some(Language::Shell) {
+                continue;
+            }
             for line in block.text.lines().filter(|line| !line.is_empty()) {
                 let lacks_log = !self.has_log && (line.contains(LOG) || line.contains(FLIGHT_FROM_LOG));
                 if !lacks_log && !NOT_RUN.iter().any(|(beginning, _)| line.starts_with(beginning)) {
