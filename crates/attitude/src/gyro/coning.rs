@@ -60,8 +60,8 @@ impl Coning {
         // The series is valid only for small angles.
         let small = self.started && rate.norm_squared().max(self.rates_rad_s[0].norm_squared()) * h * h < 1.0;
         let rotation = match sample.kind {
-            RateKind::Mean => self.from_means(rate, h, comparable && small),
-            RateKind::Instant => self.from_instants(rate, h, comparable, small),
+            RateKind::Mean => self.rotation_from_means(rate, h, comparable && small),
+            RateKind::Instant => self.rotation_from_instants(rate, h, comparable, small),
         };
         self.rates_rad_s = [rate, self.rates_rad_s[0]];
         self.interval_s = if self.started { h } else { 0.0 };
@@ -73,7 +73,7 @@ impl Coning {
         (self.interval_s < 0.0).then_some("a negative interval")
     }
 
-    fn from_means(&self, rate: Vector3<f64>, h: f64, usable: bool) -> IntervalRotation {
+    fn rotation_from_means(&self, rate: Vector3<f64>, h: f64, usable: bool) -> IntervalRotation {
         let coning = if usable {
             self.rates_rad_s[0].cross(&rate) * (h * h * h / (6.0 * (self.interval_s + h)))
         } else {
@@ -82,7 +82,7 @@ impl Coning {
         IntervalRotation { vector_rad: rate * h + coning, mean_rate_rad_s: rate }
     }
 
-    fn from_instants(&self, rate: Vector3<f64>, h: f64, comparable: bool, small: bool) -> IntervalRotation {
+    fn rotation_from_instants(&self, rate: Vector3<f64>, h: f64, comparable: bool, small: bool) -> IntervalRotation {
         let [latest, earlier] = self.rates_rad_s;
         if !small {
             let mean = if self.started { latest * 0.5 + rate * 0.5 } else { rate };
