@@ -1,5 +1,5 @@
 //! Cost of the page for the browser and the board. The measured figures are printed;
-//! docs/how-to/cockpit.md quotes them.
+//! docs/evidence.md quotes them.
 use std::{
     fs,
     io::{Read as _, Write as _},
