@@ -99,11 +99,18 @@ fn hiroz_node_receives_attitudes_of_output_file() {
     let expected: Vec<[f64; 4]> = rows.into_iter().map(|row| product(row, quarter)).collect();
     let of = |imu: &Imu| [imu.orientation.w, imu.orientation.x, imu.orientation.y, imu.orientation.z];
     let first = of(&received[0]);
-    let start_row = (0..expected.len()).min_by(|a, b| max_difference(first, expected[*a]).total_cmp(&max_difference(first, expected[*b]))).unwrap();
-    let largest_difference = received.iter().zip(expected[start_row..].iter().step_by(10)).map(|(imu, row)| max_difference(of(imu), *row));
+    let start_row = (0..expected.len())
+        .min_by(|a, b| max_difference(first, expected[*a]).total_cmp(&max_difference(first, expected[*b])))
+        .unwrap();
+    let largest_difference =
+        received.iter().zip(expected[start_row..].iter().step_by(10)).map(|(imu, row)| max_difference(of(imu), *row));
     let largest_difference = largest_difference.fold(0.0, f64::max);
     println!("{} messages, at most {largest_difference} from the file", received.len());
-    assert!(expected.len() >= start_row + 10 * received.len() && largest_difference < 1e-15, "from row {start_row} of {}", expected.len());
+    assert!(
+        expected.len() >= start_row + 10 * received.len() && largest_difference < 1e-15,
+        "from row {start_row} of {}",
+        expected.len()
+    );
     let nanoseconds = |imu: &Imu| i64::from(imu.header.stamp.sec) * 1_000_000_000 + i64::from(imu.header.stamp.nanosec);
     assert!(received.windows(2).all(|two| nanoseconds(&two[1]) > nanoseconds(&two[0])));
     let step_ns = (nanoseconds(&received[199]) - nanoseconds(&received[0])) / 199;
@@ -161,7 +168,8 @@ fn hiroz_node_feeds_readings_to_system() {
     let rows = system.attitudes();
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let expected_up = [-lean.sin(), 0.0, lean.cos()];
-    let up_error = |row| up(row).into_iter().zip(expected_up).map(|(a, b): (f64, f64)| (a - b).abs()).fold(0.0, f64::max);
+    let up_error =
+        |row| up(row).into_iter().zip(expected_up).map(|(a, b): (f64, f64)| (a - b).abs()).fold(0.0, f64::max);
     let worst = rows[rows.len() / 2..].iter().map(|row| up_error(*row)).fold(0.0, f64::max);
     assert!(worst < 0.01, "error of the up vector: {worst}");
 }
