@@ -181,15 +181,12 @@ fn session_memory_does_not_grow() {
         (heap, resident)
     };
     let first = measure(kept_s + 5.0);
-    let middle = measure((kept_s + 5.0 + session_s) / 2.0);
+    measure((kept_s + 5.0 + session_s) / 2.0);
     let last = measure(session_s);
     // A page that kept every snapshot would grow by 3 KiB 30 times a second.
     let sent = 90.0 * (session_s - kept_s - 5.0);
     assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
-    // A leak grows in both halves of the session. A buffer that is allocated once, for example when
-    // a browser on a busy machine falls behind, grows in one of them.
-    let growth = (middle.1 - first.1).min(last.1 - middle.1);
-    assert!(growth < 1024.0, "{first:?} → {middle:?} → {last:?} KiB");
+    assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");
     page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();
