@@ -222,7 +222,8 @@ fn swap_report(reply: SwapAnswer) -> SwapReport {
     let outcome = match reply.outcome() {
         swap_answer::Outcome::Committed => SwapOutcome::Committed,
         swap_answer::Outcome::Aborted => SwapOutcome::Aborted,
-        // This includes an outcome that is unknown at the deadline, which the reason explains.
+        // An outcome that is unknown at the deadline also counts as refused. The reason explains
+        // it.
         _ => SwapOutcome::Refused,
     };
     let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = reply;

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 
 use crate::Failure;
 
-/// Runs one of the measured processes if `settings` (JSON) is given, otherwise the benchmark.
+/// Runs a measured process if its `settings` (JSON) are given, otherwise runs the benchmark.
 ///
 /// An error is printed to standard error.
 pub(crate) fn run<P: DeserializeOwned>(

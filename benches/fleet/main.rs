@@ -9,7 +9,7 @@
 //!
 //! Time: every wait has a timeout, and no process outlives the run.
 //!
-//! Failure: if a fleet does not connect, the run ends with its error.
+//! Failure: if a fleet does not connect, the run ends with an error.
 //!
 //! The router and the station are one process each, and up to 250 vehicles share a process. Each
 //! vehicle has its own session with the settings of `link` over tcp/127.0.0.1 and publishes

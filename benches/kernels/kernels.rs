@@ -4,8 +4,8 @@
 //!
 //! Input: 1000 samples of scenario S1 at 100 Hz, generated before counting starts.
 //!
-//! Output: the number of instructions (`Ir`) for 1000 calls, including the loop and the stores.
-//! There is no allocation.
+//! Output: the number of instructions (`Ir`) for 1000 calls, including the loop and the stores. The
+//! measured code does not allocate memory.
 //!
 //! Time: the counts do not depend on the load of the machine.
 //!

@@ -9,7 +9,7 @@
 //! without magnetometer, and the ratio of the two.
 //!
 //! Time: CPU time, as medians over interleaved rounds with the same samples. Load from other
-//! processes therefore affects both equally.
+//! processes therefore affects both filters equally.
 //!
 //! Failure: without the recordings, only S1 is timed.
 

@@ -31,8 +31,8 @@ struct Condition {
     variant: Variant,
 }
 
-/// Row of the table. Each value is the median over the rounds, except for the largest `max` and the
-/// sum of `lost`.
+/// Row of the table. Each value is the median over the rounds, except that `max` is the largest
+/// value and `lost` is the sum.
 #[derive(Serialize)]
 struct Row {
     #[serde(flatten)]
@@ -41,6 +41,7 @@ struct Row {
     cost: Cost,
     /// Ratio of the median latency to that of `raw` in the same round.
     ratio_p50: f64,
+    /// Ratio of the CPU time to that of `raw` in the same round.
     ratio_cpu: f64,
     /// Ratios of `real` to `other` in the same round: median latency and CPU time.
     #[serde(skip_serializing_if = "Option::is_none")]

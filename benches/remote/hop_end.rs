@@ -85,8 +85,8 @@ pub(crate) fn send(
 
 /// Runs the far end.
 ///
-/// `receive` waits for at most [`MAX_WAIT`] and passes the tick and the sending time (ns) of each
-/// sample to its argument.
+/// `receive` waits for at most [`MAX_WAIT`]. It calls the function passed to it with the tick and
+/// the sending time (ns) of each sample.
 pub(crate) fn receive(
     settings: &ProcessSettings,
     mut receive: impl FnMut(&mut dyn FnMut(u64, u64)) -> Result<(), Failure>,

@@ -23,7 +23,7 @@ struct Run {
     cost: Cost,
 }
 
-/// Row of the table. Each value is the median over the rounds, except for the sum of `lost`.
+/// Row of the table. Each value is the median over the rounds, except that `lost` is the sum.
 #[derive(Serialize)]
 struct Row {
     rate_hz: u32,
@@ -32,6 +32,7 @@ struct Row {
     cost: Cost,
     /// Ratio of the median latency to that of `zenoh` in the same round.
     ratio_p50: f64,
+    /// Ratio of the CPU time to that of `zenoh` in the same round.
     ratio_cpu: f64,
 }
 

@@ -80,7 +80,8 @@ struct LatencyUs {
     p99: f64,
 }
 
-/// Result of a source in one round, or the medians over all rounds and the sum of `lost`.
+/// Result of a source in one round or over all rounds. Over all rounds, each value is a median,
+/// except that `lost` is the sum.
 #[derive(Clone, Copy, Serialize)]
 struct Cost {
     source: &'static str,
@@ -88,6 +89,7 @@ struct Cost {
     from_ingest_p99_us: f64,
     /// Median latency from the device, µs; NaN for a simulation.
     from_device_p50_us: f64,
+    /// 99th percentile of the latency from the device, µs; NaN for a simulation.
     from_device_p99_us: f64,
     cpu_s_per_s: f64,
     cpu_to_sim: f64,

@@ -98,8 +98,8 @@ fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> 
     }
 }
 
-/// Processes all available messages. Overwritten messages leave a gap, which ends a rest or a
-/// rotation.
+/// Processes all available messages. Overwritten messages leave a gap, which ends the current rest
+/// or rotation.
 fn drain(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
     tap.drain(&mut |bytes| readings::decode_sample(topic, bytes).iter().for_each(|sample| calibrator.push(sample)))?;
     Ok(())

@@ -66,7 +66,8 @@ pub(super) fn show(monitor: &mut VehicleMonitor, vehicle: Option<&str>) -> Resul
 }
 
 impl View {
-    /// Selects another vehicle by its index in the list.
+    /// Selects another vehicle. `other` converts the index of the selected vehicle to the new
+    /// index.
     fn select(&mut self, vehicles: &Vehicles, other: impl Fn(usize) -> usize) {
         let at =
             self.selected.as_ref().and_then(|name| vehicles.keys().position(|one| one == name)).unwrap_or_default();

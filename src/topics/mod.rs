@@ -26,7 +26,7 @@ use remote::{RemoteTopic, RemoteVehicle};
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
 /// messages than arrive in one interval.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Interval between two checks whether the system is running.
+/// Interval between two checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Callback for a message and, if known, the frame of its attitude. Returns `false` to stop.

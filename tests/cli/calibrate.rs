@@ -27,7 +27,7 @@ fn with_sensor_errors(exact: [f64; 3], scale: [f64; 3], bias: [f64; 3]) -> [f64;
     std::array::from_fn(|i| exact[i] / scale[i] + bias[i])
 }
 
-/// Returns a recording at 100 Hz of a unit with sensor errors.
+/// Returns a recording at 100 Hz from a unit that has sensor errors.
 ///
 /// The unit rests for three seconds in each of the positions given by the up directions `ups`. It
 /// is moved between these rests.
@@ -85,7 +85,7 @@ fn assert_fails(arguments: &[&str], code: i32, expected: &[&str]) {
     assert!(json["error"].is_string() && json.get("block").is_none(), "{json}");
 }
 
-/// Returns a BROAD recording as text: first unchanged, then with sensor errors.
+/// Returns the text of a BROAD recording twice: unchanged, and with sensor errors.
 fn broad(folder: &Path) -> (String, String) {
     let mut exact = String::new();
     let file = folder.join("broad/02_undisturbed_slow_rotation_B.csv.gz");
@@ -126,7 +126,7 @@ fn pasted_calibration_restores_accuracy() {
     assert!((delay_ms - 13.0).abs() < 2.0, "{delay_ms} ms");
 }
 
-/// Returns the magnetometer delay report, measured with the given calibrations.
+/// Measures the magnetometer delay with the given calibrations and returns the report.
 fn calibrated_clock(system: &System, blocks: &str, file: &str) -> Value {
     let launch = write_file(system, "calibrated.toml", blocks);
     let clock = calibrated(&["clock", file, "--launch", &launch]);

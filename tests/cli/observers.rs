@@ -13,7 +13,7 @@ use messages::{Layout, Message};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Timeout for a state that may be reached late on a busy machine. It elapses only if a test fails.
+/// Timeout for waiting until a system reaches a state. It elapses only if a test fails.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns a `plumb` command for a system, with JSON output.
@@ -420,8 +420,8 @@ fn doctor_removes_leftovers_of_killed_system() {
     assert_eq!(dead.leftovers(), Vec::<String>::new());
     assert_eq!(leftovers(&run_json(&dead, &["doctor"]))["found"], "none");
 
-    // The supervisor removes such leftovers periodically, possibly before `plumb doctor` finds
-    // them.
+    // The supervisor periodically removes the leftovers of killed observers, possibly before `plumb
+    // doctor` finds them.
     let after_an_observer = |arguments: &[&str]| {
         let observer = Observer::start(&living, &["topic", "hz", "imu"]);
         observer.wait_until_reading(&living, "imu");

@@ -38,7 +38,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// Checks the exit code, that standard error contains `texts`, and the output.
+/// Runs a command. Checks its exit code and output, and checks that standard error contains
+/// `texts`.
 ///
 /// With `--json`, standard output must contain the same message in its report; otherwise, standard
 /// output must be empty. Returns standard error.
@@ -65,8 +66,8 @@ fn gzip(text: &str) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Checks that a recording with these contents is rejected, with and without `--in-process`, and
-/// that the message has its name and these texts.
+/// Checks that a recording with these contents is rejected, with and without `--in-process`. The
+/// message must contain the name of the recording and `texts`.
 fn assert_recording_rejected(name: &str, contents: &[u8], texts: &[&str]) {
     let system = System::new("");
     let file = system.path(name);

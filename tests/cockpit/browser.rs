@@ -17,8 +17,8 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Folder with the npm packages, which are installed once. If they are unavailable, prints the
-/// cause and is `None`.
+/// Folder with the npm packages, which are installed on first use; `None` if they are unavailable.
+/// The cause is then printed.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
@@ -49,7 +49,7 @@ fn packages() -> Result<PathBuf, String> {
 /// are rendered in software.
 static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// Permission to open pages. It is released when the test's thread ends.
+/// Permission for one test to open pages. It is released when the test's thread ends.
 struct BrowserSlot;
 
 impl BrowserSlot {

@@ -34,9 +34,13 @@ fn processor_s(pid: u32) -> f64 {
     (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
 }
 
-fn resident_kib(pid: u32) -> f64 {
+/// Returns the private resident memory of a process, KiB.
+///
+/// Shared memory is excluded: the segments of the topics become resident in the cockpit when their
+/// publishers first use them, which may be late on a busy machine. Their sizes are fixed.
+fn private_kib(pid: u32) -> f64 {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
@@ -176,9 +180,9 @@ fn session_memory_does_not_grow() {
             thread::sleep(SECOND / 5);
             page.heap() / 1024.0
         });
-        let (heap, resident) = (heaps.fold(f64::INFINITY, f64::min), resident_kib(cockpit));
-        println!("after {at_s:.0} s: {heap:.0} KiB of script in the browser, {resident:.0} KiB on board");
-        (heap, resident)
+        let (heap, private) = (heaps.fold(f64::INFINITY, f64::min), private_kib(cockpit));
+        println!("after {at_s:.0} s: {heap:.0} KiB of script in the browser, {private:.0} KiB on board");
+        (heap, private)
     };
     let first = measure(kept_s + 5.0);
     measure((kept_s + 5.0 + session_s) / 2.0);
@@ -186,7 +190,7 @@ fn session_memory_does_not_grow() {
     // A page that kept every snapshot would grow by 3 KiB 30 times a second.
     let sent = 90.0 * (session_s - kept_s - 5.0);
     assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
-    assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");
+    assert!(last.1 - first.1 < 1024.0, "{first:?} → {last:?} KiB");
     page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();

@@ -67,7 +67,7 @@ fn calibration_reports_missing_data_and_finds_mounting() {
     page.until("plumb.state().kind === 'live'");
     page.key("3");
 
-    // One of the six sides is up.
+    // So far, the unit has rested in only one of the six positions.
     start_calibration(&mut page, "accel");
     page.until("plumb.drawn().calibration.covered === 4 && plumb.drawn().calibration.share > 0");
     let message = page.text("document.getElementById('coverage').textContent");

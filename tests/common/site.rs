@@ -44,7 +44,7 @@ pub(crate) fn system_with_gateway(gateway: &str) -> System {
     ))
 }
 
-/// Creates a system with a gateway that listens at `port` and uses the keys of vehicle `alpha`.
+/// Creates a system with a gateway that listens on `port` and uses the keys of vehicle `alpha`.
 pub(crate) fn listening_vehicle(site: &Site, port: u16) -> System {
     let access = site.holder_folder("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");

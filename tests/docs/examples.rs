@@ -86,7 +86,7 @@ fn free_endpoint() -> String {
 /// Folder in which the examples of a file run.
 struct Scratch {
     system: System,
-    /// Texts of examples, and their replacements: names and ports that are unique on the machine.
+    /// Pairs of a text that occurs in examples and its replacement, such as a unique name or port.
     replacements: Vec<(String, String)>,
     /// Running systems with their names, in start order.
     running: Vec<(String, Running)>,
@@ -108,7 +108,7 @@ impl Scratch {
             ("tcp/127.0.0.1:7452", base),
             ("--remote plumbline", format!("--remote {name} --connect {own}")),
             ("plumb station", format!("plumb station --connect {own}")),
-            // Shorter runs.
+            // Shorter durations.
             ("--seconds 10", "--seconds 1".into()),
             ("--seconds 60", "--seconds 2".into()),
             // Paths that the reader replaces.
@@ -218,8 +218,9 @@ impl Scratch {
         assert!(!(printed + &messages).trim().is_empty(), "{location}: {command} prints nothing");
     }
 
-    /// Runs the shell examples of a file. A Python block that is a complete stage is written to the
-    /// folder that `plumb stage new` has created, as the text around it requests.
+    /// Runs the shell examples of a file. If a Python block is a complete stage, writes it to the
+    /// folder that `plumb stage new` has created. In the documentation, the reader is asked to do
+    /// the same.
     fn run_examples(&mut self, blocks: &[Block]) {
         for block in blocks {
             if block.text.contains("plumbline.run(MyFuser)") {
@@ -238,7 +239,7 @@ impl Scratch {
         }
     }
 
-    /// Interrupts the systems in start order and checks that each succeeds.
+    /// Interrupts the systems in start order and checks that each exits successfully.
     fn stop(self) {
         self.wait_until_running();
         for (name, running) in self.running {

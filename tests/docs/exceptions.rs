@@ -3,7 +3,7 @@
 //! Add a line here if an example needs a device, another machine or several minutes. A test fails
 //! if no example matches a line any more.
 
-/// Beginnings of shell lines that do not run, with the reason.
+/// Beginnings of shell lines that the test does not run, with the reason.
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),

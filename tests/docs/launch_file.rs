@@ -1,5 +1,5 @@
-//! Chapter on the launch file: keys, defaults and comments of `launch.toml`, and the allowed values
-//! that the launch crate reports for invalid ones.
+//! Chapter on the launch file. It lists the keys, defaults and comments of `launch.toml`, and the
+//! allowed values that the launch crate reports when a value is invalid.
 
 use launch::Launch;
 
@@ -9,7 +9,7 @@ use super::reference::{self, code, plain, table, wrap};
 const BUILT_IN: &str = include_str!("../../launch.toml");
 /// Key that no section has.
 const UNKNOWN: &str = "__";
-/// Settings that make further keys known in a section, tried one at a time.
+/// Settings that make further keys valid in a section. They are tried one at a time.
 const CONTEXTS: &[&str] = &[
     "",
     "format = \"witmotion\"",
@@ -164,7 +164,7 @@ fn parse(text: &str) -> Vec<Section> {
             // A remark before an empty line belongs to the section before it.
             last.introduction.append(&mut remarks);
         } else if content.trim().is_empty() {
-            // The comment of the previous key continues.
+            // This line continues the comment of the previous key.
             let key = last.keys.last_mut().unwrap();
             key.comment = format!("{} {comment}", key.comment);
         } else if let Some(header) = content.strip_prefix('[') {
@@ -219,7 +219,7 @@ impl Section {
         }
     }
 
-    /// Returns the problems of the section with these lines, in each context.
+    /// Parses the section with these lines once in each context and returns the reported problems.
     fn problems(&self, lines: &str) -> impl Iterator<Item = String> {
         let header = self.header();
         CONTEXTS.iter().filter_map(move |context| {
@@ -246,7 +246,8 @@ impl Section {
         known
     }
 
-    /// Returns the values that are expected of a key instead of an invalid `value`.
+    /// Returns the values that the launch crate expects for a key, as reported for an invalid
+    /// `value`.
     fn expected(&self, key: &str, value: &str) -> Option<String> {
         let full_key = if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) };
         let found = |problems: String| {
@@ -270,7 +271,7 @@ fn allowed_values(section: &Section, key: &str) -> String {
         ("watch", "stage") => return "[stage](stages.md) of the slot".into(),
         _ => {}
     }
-    // No key has a date with a time.
+    // No key accepts a date with a time, so the problem states the expected type.
     let kind = section.expected(key, "1979-05-27T07:32:00").unwrap_or_default();
     let invalid = INVALID.iter().filter(|(name, _)| *name == kind);
     let values = invalid.filter_map(|(_, value)| section.expected(key, value)).next();

@@ -42,7 +42,7 @@ fn without_code(line: &str) -> String {
     text + rest
 }
 
-/// Returns what is wrong with a link in `file`, or `None` if its target exists.
+/// Returns the fault of a link in `file`, or `None` if the link's target exists.
 fn link_fault(file: &str, target: &str, anchors: &HashMap<String, Vec<String>>) -> Option<String> {
     if EXTERNAL.iter().any(|scheme| target.starts_with(scheme)) {
         return None;

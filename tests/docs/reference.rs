@@ -70,7 +70,7 @@ fn command_line() -> String {
     format!("{}\n{}{sections}", chapter("Command line", introduction), table(["command", "purpose"], rows))
 }
 
-/// Renders a command and its subcommands. `path` are the words of the command.
+/// Renders a command and its subcommands. `path` contains the words of the command.
 fn render_command(command: &Command, path: &[&str], rows: &mut Vec<[String; 2]>, sections: &mut String) {
     let name = path.join(" ");
     let about = command.get_about().map(ToString::to_string).unwrap_or_default();

@@ -332,8 +332,8 @@ fn outage_beyond_cache_lists_lost_ticks() {
     assert_eq!(missing, listed, "{}", run.stderr);
 }
 
-/// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`,
-/// where A and B are inclusive.
+/// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`.
+/// The ticks A and B themselves are also lost.
 fn parse_lost_ticks(stderr: &str) -> HashSet<u64> {
     let lines = stderr.lines().filter_map(|line| line.split_once("no longer cached by the other host: "));
     let spans = lines.flat_map(|(_, spans)| spans.split(';').next().unwrap().split(", "));

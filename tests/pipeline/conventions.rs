@@ -102,7 +102,8 @@ fn point_and_z_give_matrix_quaternion_and_angles() {
         let angles = attitude.angles();
         assert_angle(name, angles.pitch_rad, vector.pitch_rad);
         if vector.near_gimbal {
-            // Yaw and roll are ambiguous at this attitude, but together they determine it.
+            // Yaw and roll are ambiguous at this attitude, but their combination must yield the
+            // attitude.
             assert!(
                 (Attitude::from_angles(angles).matrix() - vector.matrix()).amax() < TOLERANCE,
                 "{name}: {angles:?}"

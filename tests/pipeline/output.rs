@@ -125,7 +125,7 @@ fn unknown_columns_are_rejected_with_suggestions() {
 }
 
 /// Prints PX4's own attitude estimates with pyulog, independently of the importer. Each line has
-/// the time and w x y z, from forward-right-down to north-east-down.
+/// the time and the quaternion w x y z of the rotation from forward-right-down to north-east-down.
 const PRINT_ESTIMATES: &str = "
 import sys
 from pyulog import ULog

@@ -89,7 +89,7 @@ fn recording_gives_same_bytes_packed_or_plain() {
     }
 }
 
-/// Converts a recording, including its reference, to that of a sensor with the axes forward, right,
+/// Converts a recording, including its reference, as if the sensor had the axes forward, right,
 /// down.
 fn to_frd_sensor(text: &str) -> String {
     let mut lines = text.lines();

@@ -36,7 +36,8 @@ struct BackgroundTask {
 }
 
 impl BackgroundTask {
-    /// Calls `each` with the index of the call until it returns `false` or the task is dropped.
+    /// Calls `each` repeatedly with the number of the call. Stops when `each` returns `false` or
+    /// the task is dropped.
     fn start(pause: Duration, each: impl FnMut(u64) -> bool + Send + 'static) -> Self {
         Self::start_on_thread(pause, || each)
     }
@@ -522,6 +523,6 @@ fn silent_device_is_reported() {
     wait_for_finding(&system, "is open but sends no data");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    // This call keeps the device open until here.
+    // The use of the device here keeps it open until this point.
     let _ = device.read(&mut []);
 }

@@ -169,7 +169,7 @@ fn killed_recorder_leaves_readable_file() {
         info_report["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "/attitude").unwrap();
     assert_eq!(attitudes["messages"], found["topics"]["/attitude"]["messages"]);
     assert_eq!(info_report["metadata"]["plumbline"]["system"].as_str(), Some(&*system.name));
-    // The system must be unaffected.
+    // The killed recorder must not have affected the system.
     running.interrupt();
     running.wait().assert_complete();
     assert_eq!(system.leftovers(), Vec::<String>::new());

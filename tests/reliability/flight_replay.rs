@@ -41,7 +41,7 @@ impl RecordedFlight {
         Self { out: system.path("out.csv"), flight: files[0].clone(), run }
     }
 
-    /// Returns `true` if nothing was lost and the replay does not warn that it may differ.
+    /// Returns `true` if nothing was lost and the replay does not warn that its output may differ.
     ///
     /// On a machine that stalls for seconds, the recorder misses messages and swaps are aborted.
     fn is_exact(&self) -> bool {

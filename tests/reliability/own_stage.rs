@@ -304,8 +304,8 @@ fn stage_with_defects_fails_their_checks() {
     let system = system_with_stage("cc", "");
     let path = system.path("my-fuser/my_fuser.c");
     let mut text = fs::read_to_string(&path).unwrap();
-    // The first change keeps a value outside the state. The second makes the output NaN if there is
-    // no inclination.
+    // The first change makes the stage keep a value outside its state. The second makes the output
+    // NaN if the input has no inclination.
     for (from, to) in [
         (
             "state.attitude = plumbline_rotated(",
@@ -364,7 +364,7 @@ fn invalid_output_resets_stage_and_is_flagged() {
 
 #[test]
 fn permanent_failure_stops_system_if_configured() {
-    // These limits give a program that exits time to report the reason.
+    // With these limits, a program that exits has enough time to report the reason.
     let rule = "[restart]\nsilence_s = 2\nmin_uptime_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";
     for (fault, text) in [
         ("gives-nan-always", "`own` returned a course outside [0, 2π), also after a reset"),

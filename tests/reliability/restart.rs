@@ -218,7 +218,7 @@ fn successor_frozen_at_start_is_replaced_without_loss() {
 #[test]
 fn machine_stall_restarts_no_service() {
     let run = assert_undisturbed("", &[], |running| {
-        // The last stall is longer than the topic buffers.
+        // The last stall is longer than the time that the topic buffers cover.
         for stall_ms in [900, 900, 3000] {
             pause(500);
             let services = running.all_services();

@@ -173,7 +173,7 @@ impl Slot for Faulty {
 }
 
 impl Faulty {
-    /// Sleeps once a decision names this incarnation as the owner.
+    /// Sleeps if a decision has been received that names this incarnation as the owner.
     fn sleep_when_decided(&mut self) {
         let (mut named, incarnation) = (false, self.incarnation);
         self.control.drain(64, |control| named |= control.owner == incarnation).unwrap();

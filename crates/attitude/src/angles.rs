@@ -48,7 +48,7 @@ impl Attitude {
         let level = libm::hypot(2.0 * u, 1.0 - rho);
         if level < MIN_PITCH_COSINE * (1.0 + rho) {
             // Only the sum or the difference of yaw and roll is defined. It is computed from the
-            // first row of A and assigned to yaw; roll is set to 0.
+            // first row of the direction cosine matrix A and assigned to yaw; roll is set to 0.
             let across = 1.0 - u * u + v * v;
             let yaw_rad = libm::atan2(across * sin - north * cos, across * cos + north * sin);
             return Angles { yaw_rad, pitch_rad: libm::atan2(sign * 2.0 * v, level), roll_rad: 0.0 };

@@ -183,7 +183,8 @@ impl Mounting {
 
     /// Returns the attitude of the body for a given attitude of the sensor.
     ///
-    /// Both are unit quaternions that convert own axes to the reference frame.
+    /// The sensor's attitude is a unit quaternion sensor → reference, and the result is a unit
+    /// quaternion body → reference.
     ///
     /// Because v_ref = q v_sensor q* and v_body = M v_sensor, q_body = q m*, with m the quaternion
     /// of M.

@@ -250,7 +250,8 @@ fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
 /// Quaternion b with v_external = b v_native b* for the axes forward, left, up: a quarter turn
 /// about the third axis.
 const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
-/// Quaternion b for the axes forward, right, down: a half turn about (1, 1, 0).
+/// Quaternion b with v_external = b v_native b* for the axes forward, right, down: a half turn
+/// about (1, 1, 0).
 const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
@@ -264,10 +265,11 @@ impl Body {
     }
 }
 
-/// Converts a native quaternion w x y z to the quaternion e q b* from `body` axes to `earth` axes.
+/// Converts a native quaternion w x y z to the quaternion from `body` axes to `earth` axes.
 ///
-/// If body and reference differ from the native axes by the same permutation, only signs and order
-/// change.
+/// The result is e q b*, where q is the native quaternion, b converts native body axes to `body`,
+/// and e converts native reference axes to `earth`. If b and e are the same permutation of axes,
+/// only signs and order change.
 pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f64; 4] {
     if body.matching_earth() == earth {
         return body.rotation(native);
@@ -276,7 +278,8 @@ pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f6
         .map(without_negative_zero)
 }
 
-/// Converts a quaternion w x y z from `body` axes to `earth` axes to the native quaternion e* q b.
+/// Converts a quaternion q, w x y z, from `body` axes to `earth` axes to the native quaternion e* q
+/// b, with b and e as in [`quaternion_from_native`].
 pub fn quaternion_to_native(earth: Earth, body: Body, external: [f64; 4]) -> [f64; 4] {
     let [w, x, y, z] = external;
     match (earth, body) {

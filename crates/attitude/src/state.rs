@@ -40,8 +40,8 @@ pub struct Attitude {
 pub struct AttitudeUpdate {
     /// New attitude.
     pub attitude: Attitude,
-    /// Factor e^{−j Δz} for horizontal vectors in the level frame, because that frame was rotated
-    /// by Δz.
+    /// Factor e^{−j Δz} by which horizontal vectors in the level frame are multiplied, because the
+    /// level frame was rotated by Δz.
     pub level_frame_rotation: Complex<f64>,
 }
 
@@ -192,8 +192,8 @@ impl Attitude {
     pub fn realigned(self, up: Point) -> AttitudeUpdate {
         let direction = up.direction();
         let vertical = 1.0 + direction.dot(&self.up.direction());
-        // For an exactly inverted level the shortest rotation is not unique, so the choice of the
-        // horizontal axis is arbitrary.
+        // If `up` is opposite to the present up vector, the shortest rotation is not unique, so the
+        // choice of its horizontal axis is arbitrary.
         let tilt = if vertical > 1e-9 { self.horizontal(direction) / vertical } else { Complex::new(1e9, 0.0) };
         self.tilted(tilt)
     }
@@ -209,7 +209,8 @@ impl Attitude {
         plane - w * (2.0 / (1.0 + w.norm_sqr()) * (f.z + w.re * plane.re + w.im * plane.im))
     }
 
-    /// Returns the body axes in the level frame rotated by `azimuth`, a unit number.
+    /// Returns the body axes in the level frame rotated by `azimuth`, a complex number of modulus
+    /// 1.
     pub(crate) fn axes(self, azimuth: Complex<f64>) -> BodyAxes {
         let scale = 2.0 / (1.0 + self.up.w.norm_sqr());
         self.axes_from_tilt(azimuth, azimuth * self.up.w * scale, scale)

@@ -5,7 +5,7 @@ use messages::Message;
 
 use crate::{BusError, Publisher, SystemName, port::BusTopic, session::ObserverSession, topic};
 
-/// Publisher of `M` in one run of a system, without being part of the system.
+/// Publisher of `M` that is connected to one run of a system without being part of the system.
 #[derive(Debug)]
 pub struct Feeder<M: Message> {
     session: ObserverSession,

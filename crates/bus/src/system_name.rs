@@ -27,7 +27,7 @@ const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 const OWNER_EXIT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Timeout for an owner to record its process identifier, and for a new segment to receive a size.
 pub(crate) const OWNER_START_TIMEOUT: Duration = Duration::from_millis(100);
-/// Timeout for observers that are attaching or detaching when the owner ends.
+/// Timeout for observers to finish attaching or detaching when the owner ends.
 const OBSERVERS_TIMEOUT: Duration = Duration::from_millis(200);
 /// Interval between two attempts to acquire a lock.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(2);
@@ -78,7 +78,7 @@ impl SystemName {
 
     /// Claims the name like [`claim_within`](Self::claim_within), but only if a previous owner has
     /// left its shared state. If another process has removed that state, the call fails instead of
-    /// creating a new one.
+    /// creating a new shared state.
     pub(crate) fn claim_orphaned(&self, members_limit: Duration) -> Result<Claim, BusError> {
         self.acquire(members_limit, false).map(|(claim, _)| claim)
     }
@@ -87,8 +87,8 @@ impl SystemName {
     fn acquire(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
         self.files().iter().try_for_each(|path| owned_files::check_owner(path))?;
         let deadline = Instant::now() + OWNER_EXIT_TIMEOUT;
-        // An owner removes this file when it ends. If that happened before the file was locked
-        // here, the locked file is stale, and the next iteration opens the new one.
+        // An owner removes the shared-state file when it ends. If that happened before the file was
+        // locked here, the locked file is stale, and the next iteration opens the new one.
         for _ in 0..1000 {
             let file = self.open_shared_state(create)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
@@ -183,8 +183,8 @@ impl SystemName {
         Some(file).filter(|file| is_same_file(file, &self.members_path())).ok_or_else(|| self.absence_error())
     }
 
-    /// Waits until the services of a previous owner have exited. Otherwise they would remove files
-    /// that the new owner has created under the same names.
+    /// Waits until the services of a previous owner have exited. Without this wait, they could
+    /// remove files that the new owner has created under the same names.
     fn wait_for_members(&self, timeout: Duration) -> Result<File, BusError> {
         let file = owned_files::open_file(&self.members_path(), true)?;
         let deadline = Instant::now() + timeout;

@@ -36,8 +36,9 @@ impl Graph {
     }
 
     /// Returns the topics that can be carried to another host, in publication order.
-    /// Within one tick, topics with messages for some ticks come before those with a message for
-    /// every tick.
+    ///
+    /// Within one tick, topics with messages for only some ticks come before those with a message
+    /// for every tick.
     pub fn carried(self) -> impl Iterator<Item = &'static Entry> {
         let by_density = move |dense: bool| {
             let presence = move |topic: &&Entry| (topic.presence == Presence::EveryTick) == dense;

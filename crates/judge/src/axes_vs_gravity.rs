@@ -2,9 +2,10 @@
 //!
 //! When the force is rotated back by the integrated rate, its mean keeps its direction, because
 //! only gravity has a non-zero mean. The spread of the rotated force about that mean is computed
-//! over windows in which the force rotates in body axes. The spread with the unchanged rate is
-//! compared with that for every other choice of axes and unit: all signed permutations, in rad/s,
-//! in °/s, and in rad/s converted to radians twice.
+//! over windows in which the force rotates in body axes. The spread obtained with the unchanged
+//! rate is compared with the spreads obtained under all other hypotheses. These combine every
+//! signed permutation of the axes with a unit of the rate: correct, in °/s but read as rad/s, or
+//! converted to radians twice.
 
 use attitude::{Matrix3, Vector3};
 
@@ -210,12 +211,13 @@ impl HypothesisGroup {
         self.moments.iter_mut().zip(force.iter()).for_each(|(moment, force)| *moment += self.to_start * *force);
     }
 
-    /// Adds the spread of the finished window. `spread` computes it from a sum of forces.
+    /// Adds the spread of the finished window to the sum of each hypothesis. `spread` computes it
+    /// from the sum of the forces over the window.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
-            // The sum in rotated axes has the same length as in body axes. Only its sign may
-            // differ.
+            // The sum of the forces under this hypothesis, apart from a rotation and possibly the
+            // sign. The spread depends only on the length of the sum.
             let terms = moments.iter().zip(sum.axes.row_iter());
             let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             sum.spread += spread(&force);

@@ -9,7 +9,7 @@ const MIN_STUCK_SAMPLES: u64 = 500;
 /// its sample rate still reaches this share.
 const ACTIVE_SHARE: f64 = 0.5;
 /// Number of consecutive samples at the extreme value that count as a run. Noise reaches the
-/// extreme in one sample, or in two if the sensor is read at twice its rate.
+/// extreme in only one sample, or in two if the sensor is read at twice its rate.
 const RUN_LENGTH: u32 = 3;
 /// Minimum number of runs for a diagnosis. A shock causes a single run.
 const MIN_RUNS: u32 = 3;
@@ -27,7 +27,8 @@ pub(crate) struct AxisMonitor {
     extremes: [[Extreme; 2]; 3],
 }
 
-/// Extreme value of an axis in one direction, and its runs while other axes changed.
+/// Extreme value of an axis in one direction, and the runs of samples at this value while other
+/// axes changed.
 #[derive(Debug, Clone, Copy, Default)]
 struct Extreme {
     limit: f64,

@@ -135,8 +135,8 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
     let import =
         |unit: &str| format!("`--units {unit}` of `plumb import`; a driver on the bus sends t_sensor_ns in ns");
     let causes = match median_s {
-        // After a clock leap, ingest continues with the usual sample interval, so only a median
-        // longer than that reveals the unit.
+        // After a clock leap, ingest continues with the usual sample interval, so a median below
+        // 0.6 s does not reveal the unit.
         _ if leaps * 2 > samples && !(0.6..).contains(&median_s) => {
             let remedy = "`--units ms` or `--units us` of `plumb import`; a driver on the bus sends t_sensor_ns in ns, increasing with each reading";
             vec![cause("constant timestamps, or timestamps in another unit", remedy)]
@@ -185,7 +185,7 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
         // motion a wider range is needed, but a force without gravity can also fall into it.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
-        // The long-term mean force on any body near the Earth is larger than this.
+        // The long-term mean force on any body near the Earth is larger than 0.5 g.
         (_, ..0.5) => (
             InputIssue::GravityRemoved,
             vec![gravity_removed, cause("a wrong scale", scale_remedy("accel", per_g.recip()))],

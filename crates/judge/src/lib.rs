@@ -39,8 +39,8 @@ use rate_unit::RateUnitCheck;
 
 /// Interval between two evaluations, s of the samples' time. It equals the longest window.
 const EVALUATION_INTERVAL_S: f64 = 2.0;
-/// Minimum number of samples for an evaluation, in total and since the previous one. The 10 %
-/// quantile needs that many.
+/// Minimum number of samples for an evaluation, both in total and since the previous evaluation.
+/// The 10 % quantile needs that many.
 const MIN_EVALUATION_SAMPLES: u64 = 100;
 /// Minimum number of samples before the first evaluation. It is needed because a few samples appear
 /// to span seconds if their times are in a wrong unit.

@@ -34,8 +34,8 @@ const MIN_COUNT: u64 = 50;
 /// A smaller share indicates single faults.
 const LEAP_FACTOR: u64 = 2;
 /// Minimum number of rejected field samples for a diagnosis, and also the minimum ratio of rejected
-/// to accepted samples. If the fields are in nT, all samples exceed the limit, while a magnet
-/// affects only some.
+/// to accepted samples. If the fields are in nT, all samples are rejected as out of range, while a
+/// magnet causes the rejection of only some.
 const MIN_REJECTED_FIELDS: u64 = 10;
 
 /// Quantiles of interval, force and field.
@@ -93,7 +93,8 @@ impl MagnitudeCheck {
     }
 }
 
-/// Number of bins per decade. A bin of 5 % is much finer than any bound above.
+/// Number of bins per decade. A bin has a relative width of 5 %, which is fine enough for every
+/// bound above.
 const BINS_PER_DECADE: f64 = 50.0;
 /// Decimal exponent of the lowest bin: 0.1 ns.
 const MIN_EXPONENT: f64 = -10.0;

@@ -20,8 +20,8 @@ const SMOOTHING: f64 = 0.01;
 /// Minimum observation time for a diagnosis, s. In aerobatics a vehicle is upside down for less
 /// time.
 const MIN_OBSERVED_S: f64 = 4.0;
-/// Minimum share of the observation time upside down. A body that is turned over by hand stays
-/// below it.
+/// Minimum share of the observation time for which the body must be upside down for a diagnosis. A
+/// body that is turned over by hand stays below it.
 const MIN_UPSIDE_DOWN_SHARE: f64 = 0.9;
 /// Minimum number of field samples for the field to be used. A single sample has up to 45° of
 /// noise.

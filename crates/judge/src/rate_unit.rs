@@ -24,8 +24,8 @@ const MIN_ROTATION_RAD: f64 = 1.0;
 /// Largest ratio of the force's rotation to the gyro's that counts as a mismatch. Rates in °/s give
 /// 1/57, plus the effect of accelerations.
 const MAX_FORCE_SHARE: f64 = 0.1;
-/// Minimum number of mismatches for a diagnosis. If a body swings back within a window, the force
-/// shows less rotation than the body made.
+/// Minimum number of mismatches for a diagnosis. A few mismatches occur even with the right unit:
+/// if a body swings back within a window, the force shows less rotation than the body made.
 const MIN_MISMATCHES: u32 = 5;
 /// Minimum share of mismatches among the windows that count. With a wrong unit nearly all windows
 /// mismatch, with the right one only a few.

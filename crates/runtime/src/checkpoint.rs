@@ -143,7 +143,8 @@ fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeErro
     Ok(record)
 }
 
-/// Replaces the words that `visit` passes to its callback. Fails unless their number matches.
+/// Replaces the words that `visit` passes to its callback by those in `words`. Fails if the two
+/// numbers of words differ.
 fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;
     visit(&mut |word| {

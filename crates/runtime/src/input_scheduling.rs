@@ -34,8 +34,8 @@ mod tests {
 
     use super::*;
 
-    /// Polls two inputs, which have `available` messages. Returns the final positions, and the
-    /// largest lead of one input over the other.
+    /// Polls two inputs that contain `available` messages each, starting from the positions
+    /// `start`. Returns the final positions, and the largest lead of one input over the other.
     fn poll_two(available: [usize; 2], batch_size: usize, start: [usize; 2]) -> ([usize; 2], usize) {
         let (mut read, mut lead) = (start, 0);
         let awaited_input = |read: &[usize; 2]| usize::from(read[1] < read[0]);

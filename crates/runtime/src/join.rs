@@ -23,7 +23,7 @@ pub const MAX_QUEUED: usize = launch::MAX_TOPIC_MESSAGES;
 pub trait TickStamped {
     /// Returns the tick that the message belongs to.
     fn tick(&self) -> u64;
-    /// Returns the flags of that tick.
+    /// Returns the flags of the tick that the message belongs to.
     fn flags(&self) -> Flags;
     /// Returns the incarnation of the publisher.
     fn publisher(&self) -> u32;
@@ -337,7 +337,7 @@ impl<I: JoinInputs> Join<I> {
         newest - tick >= self.lateness_ticks && !in_backlog
     }
 
-    /// Returns the index of the input that is furthest behind, of those that are dense and have a
+    /// Returns the index of the input that is furthest behind among the dense inputs that have a
     /// publisher.
     fn slowest_input(&self) -> usize {
         let (mut index, mut slowest) = (0, None);
@@ -391,7 +391,8 @@ mod tests {
             self.offer(|inputs| Some(&mut inputs.gnss), message);
         }
 
-        /// Returns the tick, the inputs with a message and the number of missing ticks before it.
+        /// Returns all ticks that can be released. Each entry contains the tick, the inputs with a
+        /// message, and the number of ticks missing before it.
         fn drain(&mut self) -> Vec<(u64, &'static str, u64)> {
             let name = |Tick { gyro, accel, mag, gnss }: &Tick| match (gyro, accel, mag, gnss) {
                 (Some(_), Some(_), None, None) => "both",

@@ -81,9 +81,9 @@ const VALUE_NAMES: [[&str; 4]; 3] = [
 impl Prior {
     /// Extracts the estimates that are worth storing from a fuser checkpoint.
     ///
-    /// These are estimates whose standard deviation is less than half of the uninformative one.
-    /// Returns `None` if there are no such estimates, or if the checkpoint is invalid or belongs to
-    /// another slot.
+    /// These are estimates whose standard deviation is less than half of the value at which the
+    /// estimate is useless. Returns `None` if there are no such estimates, or if the checkpoint is
+    /// invalid or belongs to another slot.
     pub fn from_checkpoint(record: &Checkpoint) -> Option<Self> {
         if record.service != Service::Fuser as u32 {
             return None;
@@ -97,8 +97,8 @@ impl Prior {
         let prior = Self {
             bias_rad_s: informative(bias_rad_s.into(), bias_sd_rad_s, BIAS),
             hard_iron_ut: informative(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
-            // An axis without rotation still has its initial standard deviation, so the minimum is
-            // used.
+            // An axis about which the body has not rotated still has its initial standard
+            // deviation, so the minimum over the axes is used.
             gyro_scale: informative(scale.into(), gyro_scale.sd.min(), SCALE),
         };
         (prior.has_estimate() && prior.is_valid()).then_some(prior)

@@ -9,8 +9,8 @@ use crate::{
     slot_service::SlotService,
 };
 
-/// Longest time between two health reports and checks for decisions, regardless of the number of
-/// queued messages.
+/// Longest time for which inputs are polled before health is reported and decisions are checked,
+/// regardless of the number of queued messages.
 const MAX_POLL_NS: u64 = 50_000_000;
 
 /// Runs a slot until the service receives a stop request.

@@ -109,10 +109,10 @@ impl ServiceConfig {
 
     /// Returns the maximum number of ticks by which the source may be ahead of the last subscriber.
     ///
-    /// Normally this lead is shorter than the time that a subscriber waits for one of two
-    /// publishers, and also less than the capacity of a buffer. For an import only the capacity
-    /// limits the lead. Imported ticks can be lost for good, and a subscriber gives up a lost tick
-    /// only once later ticks are far enough ahead of it.
+    /// Normally this lead is shorter than the time for which a subscriber with two publishers waits
+    /// for one of them. It is also less than the capacity of a buffer. For an import only the
+    /// capacity limits the lead. Imported ticks can be lost for good, and a subscriber gives up a
+    /// lost tick only once later ticks are far enough ahead of it.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;

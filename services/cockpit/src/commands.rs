@@ -24,7 +24,8 @@ use crate::{
     token::{Role, Tokens},
 };
 
-/// Maximum number of commands in progress, over all viewers. A shadow counts until it ends.
+/// Maximum number of commands in progress, over all viewers. A shadow counts as in progress until
+/// it ends.
 pub(crate) const MAX_CONCURRENT_COMMANDS: usize = 8;
 
 /// Executor of the commands of all viewers.

@@ -22,7 +22,8 @@ pub const MAX_EVENTS: usize = 256;
 const MAX_REFERENCES: usize = 4096;
 /// Maximum number of attitudes per snapshot that are compared with references.
 const MAX_ATTITUDES: usize = 4096;
-/// Length of an array indexed by [`Quantity`], including the unspecified one.
+/// Length of an array indexed by [`Quantity`]. The array has an element for the unspecified
+/// quantity.
 const QUANTITY_COUNT: usize = Quantity::LatencyS as usize + 1;
 
 /// Collector that reduces messages to snapshots.

@@ -16,7 +16,7 @@ use crate::{
     source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 
-/// Topics to observe. On the data path, each output is listed before its inputs.
+/// Topics to observe. For each slot of the data path, the output is listed before the inputs.
 pub const TOPICS: [Topic; 11] = [
     Topic::Attitude,
     Topic::Fused,

@@ -26,7 +26,7 @@ pub trait Source {
     /// Calls `on_message` for each message since the previous poll, in its bus layout, and returns
     /// the state.
     ///
-    /// On the data path, the messages of an output come before those of its inputs.
+    /// For each slot of the data path, the messages of its output come before those of its inputs.
     fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
 
     /// Returns `true` if the source delivers every tick, without decimation.
@@ -55,8 +55,8 @@ pub struct SystemDescription {
 
 /// Status and commands of a system.
 ///
-/// The methods may block, because they are called from threads that may wait. Errors are reasons
-/// for display.
+/// The methods may block, because they are called from threads that may wait. Each error is a
+/// reason that can be shown to the user.
 pub trait CommandTarget: Send + Sync {
     /// Returns the properties of the system.
     ///

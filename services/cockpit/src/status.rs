@@ -147,7 +147,7 @@ impl StatusMonitor {
         self.state.as_ref() != Some(state)
     }
 
-    /// Returns the current status, with measurements over the time since the previous ones.
+    /// Returns the current status. Its measurements cover the time since the previous measurements.
     pub(crate) fn status(&mut self, state: SourceState) -> Standing {
         let (reply, vehicles) = {
             let report = lock(&self.report);

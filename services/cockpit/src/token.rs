@@ -33,7 +33,7 @@ pub enum TokenError {
         /// Operating system error.
         cause: io::Error,
     },
-    /// The file may have been created or read by another user, or is not a token.
+    /// The file may have been created or read by another user, or it does not contain a token.
     #[error("cannot use the cockpit's token in {path}: {reason}; remove the file to create a new token")]
     Insecure {
         /// Path of the file.
@@ -192,8 +192,8 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Returns the folder for state files: systemd's if it is set, otherwise that of the XDG base
-/// directory specification.
+/// Returns the folder for state files: the one set by systemd, if any, otherwise the one defined by
+/// the XDG base directory specification.
 fn state_folder(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
     let absolute = |name| variable(name).filter(|path: &PathBuf| path.is_absolute());
     // systemd separates several folders by colons. The first one is used.

@@ -164,7 +164,7 @@ mod tests {
 
     /// Test values of NOAA NCEI and BGS, "WMM2020 Test Values" and "WMM2025 Test Values".
     ///
-    /// They are the tables of the two reports (2025: table 6, doi 10.25923/prbc-s316) and six
+    /// The values are the tables of the two reports (2025: table 6, doi 10.25923/prbc-s316) and six
     /// entries of the list published with the coefficients of 2025. Columns: year, height in km,
     /// latitude, longitude and declination in degrees.
     const PUBLISHED: [(f64, f64, f64, f64, f64); 30] = [

@@ -15,11 +15,17 @@ use crate::input::DeviceReport;
 
 /// Problem kind: the port cannot be opened or read.
 pub(crate) const UNAVAILABLE: &str = "unavailable";
+/// Problem kind: the device is open but sends no bytes.
 const SILENT: &str = "silent";
+/// Problem kind: many bytes have arrived, but no valid message.
 const FORMAT: &str = "format";
+/// Problem kind: the messages contain no measurement.
 const NO_MEASUREMENT: &str = "no-measurement";
+/// Problem kind: too many messages are rejected, or too many bytes belong to no message.
 const CORRUPTED: &str = "corrupted";
+/// Problem kind: a second sender sends datagrams to the same port.
 const SECOND_SENDER: &str = "second-sender";
+/// Problem kind: the device's clock often jumps, steps back or stands still.
 const CLOCK: &str = "clock";
 
 /// Duration of the evaluated window, s. It is also the number of reports in the window, because

@@ -22,7 +22,7 @@ pub(crate) struct ReadingPublisher {
     interval_s: f64,
     /// Number of readings without a device timestamp.
     unstamped_count: u64,
-    /// Separately sent magnetic field, to be combined with the next reading.
+    /// Magnetic field that arrived separately and will be combined with the next reading.
     field_ut: Option<[f64; 3]>,
     queue: VecDeque<Outgoing>,
     /// Maximum number of readings that are sent but not yet consumed by ingest; `None` if the

@@ -14,6 +14,7 @@ const BUFFER_BYTES: usize = 1 << 16;
 /// Initial pause before reopening a port. It doubles after each failed attempt, up to
 /// [`MAX_RETRY_PAUSE`].
 const MIN_RETRY_PAUSE: Duration = Duration::from_millis(100);
+/// Maximum pause before reopening a port.
 const MAX_RETRY_PAUSE: Duration = Duration::from_secs(5);
 
 /// Port that may currently be closed.

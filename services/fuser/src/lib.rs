@@ -310,7 +310,8 @@ impl FuserSlot {
     /// Returns the motion since the last fused tick.
     ///
     /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
-    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`] it is the identity, with `dt_s` 0.
+    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
+    /// `dt_s` is 0.
     fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
         let header = gyro.header;
         let mut motion = convert::motion(gyro, header.dt_s())?;

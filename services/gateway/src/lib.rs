@@ -20,7 +20,7 @@
 //! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
 //! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
-//! | `network_publisher` | publishes messages in envelopes, liveliness tokens and the report |
+//! | `network_publisher` | publishes liveliness tokens, the report, and messages in envelopes |
 //! | `queries` | replies to queries: last messages, schema, services, swaps |
 //! | `worker_pool` | threads that reply, so that the network never waits for a client |
 //! | `memory_limit` | memory limit of the gateway |

@@ -1,4 +1,4 @@
-//! Publishes to the network: messages in envelopes, liveliness tokens, and the gateway's report.
+//! Publishes to the network: liveliness tokens, the gateway's report, and messages in envelopes.
 
 use std::{
     collections::BTreeMap,

@@ -32,7 +32,7 @@ impl Taps {
         self.0.iter_mut().try_for_each(|tap| tap.poll(queue))
     }
 
-    /// Waits up to `limit` for a tick of the tapped dense topic that is last on the data path.
+    /// Waits up to `limit` for a tick on one topic: the last tapped dense topic on the data path.
     pub(crate) fn wait(&self, limit: Duration) {
         match self.0.iter().rfind(|tap| tap.is_dense()) {
             Some(tap) => tap.wait(limit),
@@ -152,7 +152,7 @@ impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> TopicTap for Tap<M, O> {
     }
 
     fn wait(&self, limit: Duration) {
-        // The outcome is ignored, because the caller polls whether or not a message has arrived.
+        // The outcome is ignored, because the caller polls in either case.
         self.subscriber.wait(limit);
     }
 

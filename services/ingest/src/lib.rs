@@ -95,8 +95,8 @@ struct Ingest {
     /// First tick that this incarnation publishes. A previous incarnation has published the ticks
     /// before it.
     resume_tick: u64,
-    /// Exclusive end of the ticks that subscribers may still lack. These ticks are published
-    /// without pacing.
+    /// Ticks before this one may still be missing at some subscribers and are published without
+    /// pacing.
     catch_up_end_tick: u64,
     /// Time at which the first tick was due, CLOCK_MONOTONIC, ns; 0 before the first tick.
     start_ns: u64,

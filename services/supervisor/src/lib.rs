@@ -10,7 +10,7 @@
 //! | --- | --- |
 //! | [`plan`] | the validated configuration of a run |
 //! | [`system`] | services as processes on the bus, driven by the decisions of `supervision` |
-//! | [`in_process`] | the same slots in this process, without the bus |
+//! | [`in_process`] | all slots in this process, without the bus |
 //! | [`flight`] | replay of a recorded flight |
 //! | [`report`] | report of a run, as JSON and as text |
 //! | [`recorder`] | interface of the flight recorder |
@@ -69,8 +69,9 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     // Signals received after this point end the run with a report.
     let stop_requested = install_signal_handlers()?;
     let plan = Plan::new(request)?;
-    // An external stage rejects invalid parameters before any service starts. A stage that fails to
-    // start is handled by the restart rule instead.
+    // If there are external stages, all stages are created once here, so that invalid parameters
+    // are rejected before any service starts. Other errors are ignored here, because the restart
+    // rule handles a stage that fails to start.
     if !plan.config.launch.stages.is_empty()
         && let Err(error @ RuntimeError::Parameter { .. }) = pipeline::Path::new(&plan.config)
     {

@@ -18,7 +18,7 @@ const LAUNCH_FILE: &str = "launch.toml";
 /// Built-in launch file, used if there is no default launch file.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
 
-/// Difference up to which a duration counts as a whole number of ticks despite rounding, ticks.
+/// Maximum excess over a whole number of ticks that is treated as a rounding error, ticks.
 const ROUNDING_TICKS: f64 = 1e-6;
 
 /// Command-line options of a run.
@@ -38,15 +38,16 @@ pub struct Request {
     pub pace: Option<Pace>,
     /// Duration of the run in the source's time, s; `None` for unlimited.
     pub duration_s: Option<f64>,
-    /// Runs all slots in this process, without the bus.
+    /// `true` to run all slots in this process, without the bus.
     pub in_process: bool,
     /// Path of the output file for the attitude of each tick.
     pub out: Option<PathBuf>,
     /// Columns of the output file after time and quaternion.
     pub columns: Vec<Column>,
-    /// Ignores the state kept from an earlier run.
+    /// `true` to ignore the state kept from an earlier run.
     pub cold: bool,
-    /// Publishes the raw readings of the source, so that the recorded flight can be replayed.
+    /// `true` to publish the raw readings of the source, so that the recorded flight can be
+    /// replayed.
     pub publish_readings: bool,
 }
 
@@ -67,7 +68,7 @@ pub struct Plan {
     pub out: Option<AttitudeFile>,
     /// Path of the state file that is kept across runs; `None` if the run uses none.
     pub state_file: Option<PathBuf>,
-    /// Cold start: an existing state file is ignored.
+    /// `true` for a cold start, which ignores an existing state file.
     pub cold: bool,
 }
 
@@ -181,7 +182,7 @@ fn today() -> Result<Date, UpError> {
     date.ok_or_else(|| UpError::NoModel { today: today.to_string() })
 }
 
-/// Returns the output file, in the frame of the launch file.
+/// Returns the output file. Its attitudes are in the frame that the launch file specifies.
 fn out_file(request: &Request, launch: &Launch) -> Option<AttitudeFile> {
     let (path, columns) = (request.out.clone()?, request.columns.clone());
     Some(AttitudeFile { path, output: launch.output, columns })

@@ -112,8 +112,8 @@ impl Report {
         let partial = (without_fused > 0).then_some(UpError::WithoutFused { without_fused });
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();
-        // `totals.ticks_in` may be older than the newest output.
         let ticks_out = totals.ticks_out.unwrap_or(collector.ticks() + not_recorded);
+        // `totals.ticks_in` may be outdated, so it is raised to the number of ticks already output.
         let ticks_in = totals.ticks_in.max(collector.next_tick()).max(ticks_out);
         let lost = ticks_in - ticks_out;
         let losses = (lost > 0).then_some(UpError::Lost { lost, ticks_in });

@@ -25,8 +25,8 @@ const PATH_SLICE_NS: u64 = 100_000;
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
 /// Increase of the nice value for starting and exiting processes.
 ///
-/// With this increase a process keeps a tenth of its scheduling weight, so that it can start even
-/// on a loaded machine.
+/// The increase reduces a process's scheduling weight to a tenth, which still allows the process to
+/// start on a loaded machine.
 const NICE_INCREMENT: i32 = 10;
 const MAX_NICE: i32 = 19;
 /// Process ID that denotes the calling thread.
@@ -82,8 +82,8 @@ fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr
     }
 }
 
-/// Returns `true` if the supervisor is permitted to undo an increase of a process's nice value,
-/// restoring the supervisor's own priority.
+/// Returns `true` if the supervisor is permitted to set the priority of a process with an increased
+/// nice value back to the supervisor's own priority.
 fn can_restore(own: &libc::sched_attr) -> bool {
     let allowed = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
     capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_NICE))
@@ -152,7 +152,7 @@ mod tests {
         let (sleeper, policy) = (Sleeper::new(), libc::SCHED_OTHER as u32);
         assert_eq!(own.sched_policy, policy, "this test requires the default policy");
         let nice = (own.sched_nice + NICE_INCREMENT).min(MAX_NICE);
-        // Kernels before 6.12 always report 0.
+        // Kernels before 6.12 always report a slice of 0.
         let slice_ns = if own.sched_runtime == 0 { 0 } else { PATH_SLICE_NS };
         assert_eq!(sleeper.apply(SchedulingClass::Path), (policy, own.sched_nice, slice_ns));
         if can_restore(&own) {

@@ -164,7 +164,7 @@ impl<'r> System<'r> {
         }
     }
 
-    /// Passes everything that has happened since the previous round to the supervision.
+    /// Passes everything that has happened since the previous round to [`Supervision`].
     fn poll_round(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         let exits = self.processes.reap();
         let has_exits = !exits.is_empty();
@@ -175,7 +175,8 @@ impl<'r> System<'r> {
         if self.supervision.local_next_tick().is_none() {
             connection.collect(collector)?;
         }
-        // The recorder reads before the source receives new credit.
+        // The recorder reads before the source receives new credit, so that in lockstep each round
+        // is complete.
         if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
             topics.poll(&mut **recorder);
         }
@@ -204,7 +205,8 @@ impl<'r> System<'r> {
         Ok(())
     }
 
-    /// Returns the failure of the recording, or `None` while the flight is recorded.
+    /// Returns the reason why the recording failed. `None` if it has not failed or nothing is
+    /// recorded.
     fn recording_failure(&self) -> Option<String> {
         self.recorder.as_ref().and_then(|recorder| recorder.failure())
     }
@@ -287,7 +289,7 @@ impl<'r> System<'r> {
             }
             Action::Stopping => {
                 self.notifier.notify_stopping();
-                // Measured before the first process is reaped.
+                // The CPU usage is measured before the first process is reaped.
                 self.cpu_usage.cpu_s_per_s = Some(self.cpu_s_per_s());
             }
             Action::RenewBus => {
@@ -430,7 +432,7 @@ impl<'r> System<'r> {
     }
 }
 
-/// Creates the configuration of the supervision.
+/// Creates the configuration of [`Supervision`].
 fn supervision_config(plan: &Plan) -> Config {
     let config = &plan.config;
     Config {

@@ -156,7 +156,7 @@ fn silent_peer_is_detected_before_default_lease() {
     let mut present = [next(), next()];
     present.sort();
     assert_eq!(present, [("live/alpha".into(), true), ("live/beta".into(), true)]);
-    // Although alpha goes silent 3 s later than beta, its loss is detected first.
+    // Although alpha goes silent 3 s later than beta, the loss of alpha is detected first.
     proxies[1].cut();
     thread::sleep(Duration::from_secs(3));
     proxies[0].cut();

@@ -122,7 +122,7 @@ fn router_with_empty_access_list_denies_everything() {
     assert_eq!(received.keys(), Vec::<String>::new());
 }
 
-/// Issues a certificate of the site's authority with any validity period.
+/// Issues a certificate of the site's authority with the given validity period.
 fn party_certificate(folder: &Path, name: &str, from: OffsetDateTime, until: OffsetDateTime) -> IssuedCertificate {
     let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
     let authority = KeyPair::from_pem(&read("authority.key")).unwrap();

@@ -11,7 +11,8 @@ fn alpha(site: &Site) -> Session {
 fn site() -> Site {
     let site = Site::new(&["viewer.wall", "vehicle.beta"]);
     site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["127.0.0.1".parse().unwrap()], &[], 30, false).unwrap();
-    // A party added after the vehicle is on the access list, too.
+    // This party receives its keys later than the vehicle. It must be on the vehicle's access list
+    // nevertheless.
     site.issue("operator.ann");
     site
 }

@@ -86,7 +86,7 @@ impl Site {
         listening(&config)
     }
 
-    /// Tries to open a session with the configuration in any folder.
+    /// Tries to open a session with the configuration in the given folder.
     pub(super) fn open(&self, folder: &Path) -> zenoh::Result<Session> {
         let mut config = self.configuration(folder);
         config.insert_json5("connect/timeout_ms", &CONNECT_TIMEOUT_MS.to_string()).unwrap();

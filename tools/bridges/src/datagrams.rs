@@ -120,7 +120,7 @@ mod tests {
         let frozen = UdpSocket::bind("127.0.0.1:0").unwrap();
         let port = frozen.local_addr().unwrap().port();
         let sender = DatagramSender::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
-        // More datagrams than the receive buffer of a socket can hold.
+        // These are more datagrams than the receive buffer of a socket can hold.
         let _sent = (0..20_000).filter(|_| sender.send(&[0; 100])).count();
         drop(frozen);
         assert!((0..1000).all(|_| sender.send(&[0; 100])), "without a receiver, datagrams are still sent");

@@ -8,8 +8,9 @@
 //! - Time: `stamp_ns` is in nanoseconds since 1970.
 //! - Failure: an invalid topic or frame name is rejected.
 //!
-//! Sources: keys, tokens and attachments from rmw_zenoh, docs/design.md, as written by the crate
-//! `hiroz-protocol` 0.2.1; type hash from REP 2011 for the definition in ROS 2 jazzy.
+//! Sources: docs/design.md of rmw_zenoh for keys, tokens and attachments, in the form written by
+//! the crate `hiroz-protocol` 0.2.1; REP 2011 for the type hashes of the message definitions in ROS
+//! 2 jazzy.
 
 use attitude::frames::{Body, Frame};
 use byteorder::LittleEndian;
@@ -246,13 +247,14 @@ mod tests {
         let attitude = AttitudeOutput { quaternion: [1.0, 0.0, 0.0, 0.0], course_sd_rad: 0.5, ..Zeroable::zeroed() };
         let sample = ImuSample { force_m_s2: [0.1, 0.2, 9.8], ..Zeroable::zeroed() };
         let bytes = encode_imu(&attitude, &sample, 1_500_000_000, "imu_link").unwrap();
-        // Encapsulation; 1 s and 5·10⁸ ns; nine bytes of text including the terminating zero. After
-        // the text, each number is aligned to 8 bytes, counted from the end of the encapsulation.
+        // The 16 bytes are the encapsulation header, the time stamp (1 s and 5·10⁸ ns) and the
+        // length of the frame name (nine bytes including the terminating zero). After the name,
+        // each number is aligned to 8 bytes, counted from the end of the encapsulation header.
         assert_eq!(&bytes[..16], &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0x65, 0xcd, 0x1d, 9, 0, 0, 0]);
         assert_eq!((&bytes[16..25], bytes.len()), (&b"imu_link\0"[..], 324));
         let numbers: Vec<f64> =
             bytes[28..].chunks_exact(8).map(|eight| f64::from_le_bytes(eight.try_into().unwrap())).collect();
-        // Facing north is 90° from east.
+        // ROS counts yaw from east, so an attitude that faces north is a rotation by 90°.
         let h = 0.5f64.sqrt();
         assert!(numbers[..4].iter().zip([0.0, 0.0, h, h]).all(|(a, b)| (a - b).abs() < 1e-15), "{numbers:?}");
         assert_eq!((numbers[12], &numbers[25..28]), (0.25, &[0.2, -0.1, 9.8][..]));

@@ -21,7 +21,8 @@ pub enum WithholdReason {
     Stale,
 }
 
-/// Checks that an attitude is aligned, recent, a rotation, and finite in single precision.
+/// Checks that an attitude is aligned and recent, that its quaternion is a rotation, and that its
+/// angles and rates are finite in single precision.
 ///
 /// # Errors
 ///

@@ -1,10 +1,11 @@
 //! Accelerometer bias, scale and misalignment, from gravity. At rest, the accelerometer measures
 //! gravity, which has the same strength in every position.
 //!
-//! The model is |M (f − b)| = g. Here f is the mean force of a rest, b is the bias, g is gravity,
-//! and the matrix M corrects scale and misalignment; see `ellipsoid`. Each rest is weighted by the
-//! inverse variance of its mean. Six positions, with each axis up and down, determine bias and
-//! scale. Twelve or more positions also determine the misalignment.
+//! The model is |M (f − b)| = g. Here f is the mean force during a rest, b is the bias, g is
+//! gravity, and the matrix M corrects scale and misalignment; see `ellipsoid`. Each rest is
+//! weighted by the inverse variance of its mean. Six positions, in which each axis points up once
+//! and down once, determine bias and scale. Twelve or more positions also determine the
+//! misalignment.
 //!
 //! If there are no such rests, the errors are estimated while the unit is slowly rotated by hand
 //! through all positions; see `motion`. This is less accurate. Every direction has about the same
@@ -24,7 +25,7 @@ use crate::{
     sphere::{SECTORS, Sphere},
 };
 
-/// Cosine of the largest angle between rests that count as the same position, 15°.
+/// Cosine of 15°, the largest angle between two rests that count as the same position.
 const MIN_SAME_POSITION_COS: f64 = 0.965_925_826_289_068_3;
 /// Minimum number of positions to estimate the misalignment.
 const MIN_MISALIGNMENT_POSITIONS: usize = 12;
@@ -32,8 +33,8 @@ const MIN_MISALIGNMENT_POSITIONS: usize = 12;
 const MAX_BIAS_SD_M_S2: f64 = 0.05;
 /// Maximum standard deviation of an accepted scale or misalignment (0.5 %).
 const MAX_SCALE_SD: f64 = 0.005;
-/// Minimum standard deviation of a mean, m/s². It allows for one step of a 16-bit accelerometer
-/// with a range of 2 g, and for a surface that yields.
+/// Lower bound for the standard deviation of a mean force, m/s². It allows for one step of a 16-bit
+/// accelerometer with a range of 2 g, and for a surface that yields under the unit.
 const MIN_FORCE_SD_M_S2: f64 = 2e-4;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 50;
@@ -41,10 +42,10 @@ const MAX_STEPS: usize = 50;
 const MIN_WINDOWS: usize = 24;
 /// Number of windows in a correlation block.
 ///
-/// Successive windows are correlated, because a velocity that the hand gains in one is lost in the
-/// next.
+/// Successive windows are correlated, because a velocity gained by the hand in one window is lost
+/// in the next window.
 const BLOCK_WINDOWS: usize = 2;
-/// Threshold of the Huber weights, standard deviations.
+/// Size of a residual above which its Huber weight decreases, in standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum weight of a window, for sparsely covered sectors of the sphere. A window in a sector
 /// with the mean number of windows has the weight 1.
@@ -79,9 +80,9 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests. The number of rests equals the number of unknowns of the model.
+    /// Rests. Their number equals the number of unknowns of the model.
     MinimalRests,
-    /// Rests. The number of rests exceeds the number of unknowns of the model.
+    /// Rests. Their number exceeds the number of unknowns of the model.
     Rests,
     Motion,
 }
@@ -103,7 +104,8 @@ impl AccelCalibrator {
         if motion_coverage.share > rest_coverage.share { motion_coverage } else { rest_coverage }
     }
 
-    /// Returns the covered sectors. The four sectors of a side always count as covered together.
+    /// Returns the covered sectors. A side is covered as a whole, so its four sectors have the same
+    /// value.
     pub(crate) fn covered_sectors(&self) -> [bool; SECTORS] {
         let (rests, windows) = (self.rests(), self.windows.complete());
         let is_motion = coverage_in_motion(windows).share > coverage(&rests).share;
@@ -171,8 +173,8 @@ impl AccelCalibrator {
             }
         }
         let normal = sums(&model);
-        // Residuals larger than the noise of the rests increase the standard deviations. Such
-        // residuals are caused by surfaces that yield and by the limited repeatability of the
+        // If the residuals exceed the noise of the rests, the standard deviations are increased.
+        // Such residuals are caused by surfaces that yield and by the limited repeatability of the
         // sensor.
         let free = positions.len().saturating_sub(N);
         let excess = if free > 0 { (normal.cost() / free as f64).max(1.0) } else { 1.0 };
@@ -288,7 +290,8 @@ fn positions(rests: &[Rest]) -> Vec<Position> {
     let noise = MeanNoise::from_series(&rests.iter().map(|rest| rest.forces_m_s2.as_slice()).collect::<Vec<_>>());
     let position = |rest: &Rest| {
         let force_m_s2 = rest.force_m_s2();
-        // Only the component along the force matters, because the fit uses the lengths of vectors.
+        // Only the noise component along the force matters, because the fit uses only the lengths
+        // of the mean forces.
         let sd = noise.sd(rest.forces_m_s2.len()).component_mul(&force_m_s2.normalize()).norm();
         Position { mean: MeanForce::at_rest(&force_m_s2), sd_m_s2: sd.max(MIN_FORCE_SD_M_S2) }
     };

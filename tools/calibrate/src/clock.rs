@@ -22,15 +22,15 @@ const WINDOW_NS: i64 = 250_000_000;
 /// Minimum interval between the field samples that are kept, ns. Each of these samples can start a
 /// window.
 const MIN_INTERVAL_NS: i64 = 25_000_000;
-/// Maximum number of field samples.
+/// Maximum number of field samples kept.
 const MAX_SAMPLES: usize = 80_000;
-/// Minimum change of the rate across a window that counts as informative, rad/s.
+/// Rate change across a window above which the window is informative, rad/s.
 const MIN_RATE_CHANGE_RAD_S: f64 = 0.5;
 /// Minimum total length of the informative windows, s.
 const MIN_INFORMATIVE_S: f64 = 5.0;
-/// Correlation time of the errors, ns.
+/// Time over which the errors of successive windows are correlated, ns.
 const CORRELATION_NS: i64 = 2_000_000_000;
-/// Threshold of the Huber weights, standard deviations.
+/// Size of a residual above which its Huber weight decreases, in standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 20;
@@ -40,7 +40,7 @@ const DERIVATIVE_STEP_S: f64 = 5e-4;
 const MAX_DELAY_S: f64 = 0.2;
 /// Maximum standard deviation of an accepted delay, s.
 const MAX_SD_S: f64 = 0.002;
-/// Maximum ratio of the residual to the field change across a window.
+/// Maximum ratio of the RMS residual to the RMS field change across a window.
 const MAX_UNEXPLAINED_SHARE: f64 = 0.5;
 /// Range of the fuser setting `magnetometer_delay_s`, s.
 const SUPPORTED_DELAY_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
@@ -91,7 +91,8 @@ impl ClockCalibrator {
         self.fields.push((sample.t_ns, field_ut));
         match self.window {
             Some((start_ns, start_rate_rad_s)) if sample.t_ns - start_ns >= WINDOW_NS => {
-                // A rotation about the field itself is not observable.
+                // Only the change perpendicular to the field counts, because a rotation about the
+                // field is not observable.
                 let change = (rate_rad_s - start_rate_rad_s).cross(&field_ut.normalize()).norm();
                 let is_contiguous = sample.t_ns - start_ns <= 2 * WINDOW_NS;
                 if is_contiguous && change > MIN_RATE_CHANGE_RAD_S {
@@ -201,7 +202,7 @@ impl ClockCalibrator {
             sd_ut = residual_sd_ut;
             let step = normal.step()?;
             parameters += step;
-            // If the delay became larger, later steps would no longer converge.
+            // Without this limit, the delay could become so large that later steps do not converge.
             parameters[0] = parameters[0].clamp(-2.0 * MAX_DELAY_S, 2.0 * MAX_DELAY_S);
             if step[0].abs() < 1e-7 {
                 break;
@@ -255,8 +256,8 @@ impl ClockCalibrator {
         }
         normal.end_block();
         let middle = sizes.len() / 2;
-        // The Huber weights use the norm of the residual. For a vector of three normal errors, the
-        // median norm is 1.538 standard deviations of one error.
+        // The Huber weights use the norm of the residual. For a vector of three normally
+        // distributed errors, the median norm is 1.538 standard deviations of one component.
         let sd_ut =
             (sizes.len() > 1).then(|| *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 1.538 * 1.732)?;
         Some((normal, sd_ut.max(1e-9)))

@@ -22,7 +22,7 @@ use crate::motion::MeanForce;
 pub(crate) struct Ellipsoid<const N: usize>(pub(crate) SVector<f64, N>);
 
 impl<const N: usize> Ellipsoid<N> {
-    /// Creates a sphere, in which the vector `scale` · (reading − `centre`) has length R.
+    /// Creates a sphere: the vector `scale` · (reading − `centre`) has the length R.
     pub(crate) fn sphere(centre: Vector3<f64>, scale: f64) -> Self {
         let parameters = [centre.x, centre.y, centre.z, scale, scale, scale, 0.0, 0.0, 0.0];
         Self(SVector::from_fn(|i, _| parameters[i]))
@@ -46,7 +46,7 @@ impl<const N: usize> Ellipsoid<N> {
         let length = mean.norm();
         let along = mean / length.max(f64::MIN_POSITIVE);
         let d_bias = -(matrix * (mean_force.mean_rotation.transpose() * along));
-        // Derivative with respect to the element of M at row i and column j.
+        // Derivative of the length with respect to the element of M at row i and column j.
         let d_element = |i: usize, j: usize| {
             (mean_force.component_means[j].column(i) - mean_force.mean_rotation.column(i) * bias[j]).dot(&along)
         };
@@ -88,8 +88,8 @@ impl<const N: usize> Ellipsoid<N> {
     }
 }
 
-/// Returns the standard deviations of the bias, the diagonal elements and the off-diagonal elements
-/// (zero if N = 6).
+/// Returns the standard deviations of the bias, of the diagonal elements of M and of its
+/// off-diagonal elements. The last are zero if N = 6.
 pub(crate) fn standard_deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Vector3<f64>; 3] {
     let sd = |i: usize| if i < N { covariance[(i, i)].max(0.0).sqrt() } else { 0.0 };
     [0, 3, 6].map(|first| Vector3::new(sd(first), sd(first + 1), sd(first + 2)))

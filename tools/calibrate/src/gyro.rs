@@ -74,8 +74,8 @@ impl GyroCalibrator {
     }
 }
 
-/// Returns the standard deviation of the overall mean, from the scatter of the rests; zero for
-/// fewer than three rests.
+/// Returns the standard deviation of the overall mean, computed from the scatter of the means of
+/// the rests. Returns zero for fewer than three rests.
 fn between_rests_sd(rests: &[Rest], overall_mean: &Vector3<f64>) -> Vector3<f64> {
     let blocks: usize = rests.iter().map(|rest| rest.rates_rad_s.len()).sum();
     let count = rests.len() as f64;

@@ -108,7 +108,7 @@ pub struct Prior {
     pub gravity_m_s2: f64,
     /// Strength of the local magnetic field, µT; `None` if unknown.
     pub field_ut: Option<f64>,
-    /// Meaning of a rate sample relative to its interval.
+    /// Meaning of a rate sample: mean over its interval, or value at the end of its interval.
     pub rate_kind: RateKind,
     /// Existing gyro calibration, used by [`Kind::Accel`] in motion and [`Kind::Clock`].
     pub gyro: Calibration,

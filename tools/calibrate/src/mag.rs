@@ -21,16 +21,17 @@ use crate::{
 
 /// Maximum number of samples kept.
 const MAX_SAMPLES: usize = 60_000;
-/// Initial minimum interval between the samples kept, ns.
+/// Initial minimum interval between the samples kept, ns. It doubles whenever the number of samples
+/// has reached [`MAX_SAMPLES`].
 const MIN_INTERVAL_NS: i64 = 40_000_000;
-/// Minimum number of covered sectors, of 24.
+/// Minimum number of covered sectors, out of 24.
 const MIN_SECTORS: usize = 20;
-/// Minimum half range of an axis, µT. A larger half range shows that the earth's field (22 to 67
-/// µT) has pointed along both directions of the axis.
+/// Minimum half range of the field on an axis, µT. A larger half range shows that the earth's field
+/// (22 to 67 µT) has pointed along both directions of the axis.
 const MIN_HALF_RANGE_UT: f64 = 12.0;
-/// Correlation time of the errors, ns.
+/// Time over which the errors of successive samples are correlated, ns.
 const CORRELATION_NS: i64 = 1_000_000_000;
-/// Threshold of the Huber weights, standard deviations.
+/// Size of a residual above which its Huber weight decreases, in standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 30;
@@ -318,7 +319,7 @@ impl Fit {
         if !(factor.is_finite() && factor > 0.0) {
             return None;
         }
-        // d(s M) = s (dM − M tr(M⁻¹ dM) / 3) with s = det(M)^−⅓.
+        // The derivative of s M with s = det(M)^−⅓ is d(s M) = s (dM − M tr(M⁻¹ dM) / 3).
         let basis = |i: usize| {
             let mut parameters = nalgebra::SVector::<f64, 9>::zeros();
             parameters[i] = 1.0;

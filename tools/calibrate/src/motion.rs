@@ -3,7 +3,7 @@
 //!
 //! A unit that is turned by hand hardly changes its position. Over two seconds, the accelerations
 //! caused by the hand nearly cancel in a common frame, and gravity remains. The forces are weighted
-//! by a raised cosine (Hann), so that the velocities at both ends have no effect.
+//! by a raised cosine (Hann), so that the velocities at both ends of the window have no effect.
 //!
 //! Let f be a specific force in the window, and R the rotation from its axes to those of the first
 //! reading in the window. The corrected force is M (f − b), with the correction matrix M and the
@@ -32,8 +32,8 @@ const MAX_WINDOWS: usize = 5_000;
 /// Mean of the forces in a window, in the sensor axes at the start of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MeanForce {
-    /// Means of R f_x, R f_y and R f_z. The sum of their products with the columns of M is the mean
-    /// of R M f.
+    /// Means of R f_x, R f_y and R f_z. If each mean is multiplied by its column of M, the sum of
+    /// the products is the mean of R M f.
     pub(crate) component_means: [Matrix3<f64>; 3],
     /// Mean of R.
     pub(crate) mean_rotation: Matrix3<f64>,

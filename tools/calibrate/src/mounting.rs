@@ -23,8 +23,9 @@ use crate::{
 const MIN_POSE_S: f64 = 2.0;
 /// Allowed range of the angle between the two poses, degrees.
 const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
-/// Maximum angle between the estimated mounting and a named one, degrees. Within this angle, the
-/// named mounting is reported. A named mounting has its axes along those of the body.
+/// Maximum angle between the estimated mounting and a named one, degrees. The nearest named
+/// mounting is reported if it is within this angle. A named mounting has its axes along those of
+/// the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
 
 /// Mounting calibrator.
@@ -120,7 +121,8 @@ impl MountingCalibrator {
                 Value {
                     name: "quaternion",
                     value: quaternion.to_vec(),
-                    // A quaternion component changes by at most half the change of the angle.
+                    // A small rotation changes each quaternion component by at most half the
+                    // rotation angle.
                     sd: vec![0.5 * sd_deg.norm().to_radians(); 4],
                     unit: "(w, x, y, z)",
                 },

@@ -107,7 +107,7 @@ struct Rounded(f64);
 impl fmt::Display for Rounded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = f.precision().unwrap_or(3) as f64;
-        // The residuals of an exactly determined fit are rounding errors.
+        // An exactly determined fit has only rounding errors as residuals. They are shown as 0.
         if self.0.abs() < 1e-9 {
             return f.write_str("0");
         }

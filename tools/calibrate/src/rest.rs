@@ -1,7 +1,7 @@
 //! Detection of rests, and uncertainty of their means.
 //!
 //! Readings are grouped into blocks of a quarter of a second. A block is quiet if its standard
-//! deviations of rate and force are at most a few times those of the quietest tenth of all blocks.
+//! deviations of rate and force are at most a few times the 10th percentile of all blocks.
 //!
 //! A rest is a run of quiet blocks with constant mean rate and mean force. A steady turn is not a
 //! rest, because the direction of gravity changes in sensor axes. The first and the last block of a
@@ -23,8 +23,8 @@ const MAX_GAP_NS: i64 = 500_000_000;
 /// counted.
 const MIN_REST_BLOCKS: usize = 4;
 
-/// Maximum ratio of the standard deviation of a quiet block to that of the quietest tenth of all
-/// blocks.
+/// Maximum ratio of the standard deviation of a quiet block to the 10th percentile of the standard
+/// deviations of all blocks.
 const QUIET_FACTOR: f64 = 3.0;
 /// Range to which the limit for the rate's standard deviation in a quiet block is clamped, rad/s.
 const RATE_SD_RANGE_RAD_S: (f64, f64) = (0.005, 0.06);
@@ -33,11 +33,11 @@ const FORCE_SD_RANGE_M_S2: (f64, f64) = (0.05, 0.6);
 /// Largest rate that can be a bias, rad/s. This is 20 °/s, as allowed by data sheets of consumer
 /// gyros.
 const MAX_BIAS_RAD_S: f64 = 0.35;
-/// Maximum deviation of a block's mean rate from the mean rate of its rest, in addition to noise,
-/// rad/s.
+/// Maximum deviation of a block's mean rate from the mean rate of its rest, rad/s. Noise is allowed
+/// for in addition.
 const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
-/// Maximum deviation of a block's mean force from the mean force of its rest, in addition to noise,
-/// m/s². Corresponds to a tilt of 0.3°.
+/// Maximum deviation of a block's mean force from the mean force of its rest, m/s². It corresponds
+/// to a tilt of 0.3°. Noise is allowed for in addition.
 const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 
 /// Minimum number of differences for an Allan variance.

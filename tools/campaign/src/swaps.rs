@@ -61,10 +61,11 @@ pub struct SwapCampaignReport {
     /// `true` if the output is byte-for-byte identical to that of an undisturbed run; `None` unless
     /// `same_stage` is set.
     pub same_bytes: Option<bool>,
-    /// Longest interval between two attitudes during each swap.
+    /// Longest interval between two successive attitudes during each swap.
     pub gap_ms: DistributionMs,
-    /// Longest interval between two attitudes during a period without a swap, for comparison with
-    /// `gap_ms`. One such period follows each swap and is as long as its response time.
+    /// Longest interval between two successive attitudes during a period without a swap, for
+    /// comparison with `gap_ms`. One such period follows each swap and is as long as the response
+    /// time of that swap.
     pub baseline_gap_ms: DistributionMs,
     /// Time from each request to its response.
     pub response_ms: DistributionMs,
@@ -204,13 +205,14 @@ fn run_swap(system: &mut SystemUnderTest, name: &str, request: SwapRequest) -> R
     })
 }
 
-/// Returns the longest interval between the publications of two attitudes.
+/// Returns the longest interval between the publications of two successive attitudes.
 fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
     let intervals = outputs.windows(2).map(|pair| pair[1].header.t_sent_ns.saturating_sub(pair[0].header.t_sent_ns));
     intervals.max().unwrap_or(0)
 }
 
-/// Counts the lines of an attitude file with a time equal to or before that of the previous line.
+/// Counts the lines of an attitude file that have the same time as the previous line or an earlier
+/// time.
 fn count_out_of_order(attitudes: &[u8]) -> u64 {
     let time_s = |line: &[u8]| str::from_utf8(line.split(|byte| *byte == b',').next()?).ok()?.parse::<f64>().ok();
     let times_s: Vec<_> = attitudes.split(|byte| *byte == b'\n').skip(1).filter_map(time_s).collect();

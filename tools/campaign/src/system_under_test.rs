@@ -151,7 +151,7 @@ impl SystemUnderTest {
         kill_process(pid, Signal::KILL).ok().map(|()| at_ns)
     }
 
-    /// Returns the tick that follows the newest sample.
+    /// Returns the tick after that of the newest sample.
     pub(crate) fn next_tick(&self) -> u64 {
         self.bus.next_tick(graph::Topic::Imu.entry())
     }
@@ -161,8 +161,8 @@ impl SystemUnderTest {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let deadline = Instant::now() + timeout;
         while self.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
-            // Drained while waiting: an unread topic would not block the system, but its buffer
-            // would overflow.
+            // The attitudes are read while waiting. An unread topic would not block the system, but
+            // its buffer would overflow.
             self.attitude.drain(MAX_MESSAGES_PER_POLL, |output| self.outputs.push(output))?;
             if Instant::now() > deadline {
                 return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.keep_log() });

@@ -1,7 +1,7 @@
 //! Pins a thread to one CPU while it exchanges requests with a child process.
 //!
-//! The two processes run alternately. On one CPU a response does not have to wake another CPU,
-//! which would take four times as long.
+//! The two processes run alternately, so one CPU is enough. With two CPUs, each response would have
+//! to wake the other CPU and would take four times as long.
 //!
 //! Failure: without permission the affinity stays unchanged.
 
@@ -26,7 +26,8 @@ impl SingleCpu {
 impl Drop for SingleCpu {
     fn drop(&mut self) {
         if let Some(previous) = &self.previous {
-            // A failure only makes the following checks slower.
+            // If this fails, the thread stays on one CPU, which only makes the following checks
+            // slower.
             let _ = sched_setaffinity(None, previous);
         }
     }

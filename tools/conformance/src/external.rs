@@ -25,7 +25,7 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 /// Checks an external program as the stage `name` of its slot.
 ///
 /// `on_group_start` receives the name of each group of checks, because a group can take minutes.
-/// The timeout for each response is the one for starting a program.
+/// Each response must arrive within the timeout for starting a program.
 ///
 /// # Errors
 ///
@@ -39,7 +39,8 @@ pub fn run_external(
         Service::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
         Service::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
         Service::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
-        // A launch file allows external stages only for gyro, accel, fuser and course.
+        // A launch file allows external stages only for gyro, accel, fuser and course, so the other
+        // services do not occur here.
         Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
             run_in_slot::<FuserSlot>(name, program, on_group_start)
         }

@@ -18,7 +18,7 @@ use crate::{
 
 const TICK_COUNT: usize = 3001;
 const ROW_INTERVAL_TICKS: usize = 100;
-/// Tolerance, relative for numbers above 1 and absolute below.
+/// Tolerance: relative for numbers above 1, absolute for smaller numbers.
 const TOLERANCE: f64 = 1e-9;
 
 /// Returns the trace of a stage as CSV, or `None` for an unknown slot or name.

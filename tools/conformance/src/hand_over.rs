@@ -59,14 +59,14 @@ fn step_all<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::In
     });
 }
 
-/// Returns the inclination RMSE after settling, degrees, of a stage that receives every input.
-/// Returns 0 if the slot has no exact level.
+/// Returns the inclination RMSE after settling, degrees, of a stage that processes all inputs
+/// without a hand-over. Returns 0 if the slot has no exact level.
 fn undisturbed_rmse_deg<L: SlotSpec, S: SlotStage<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
     if L::HAS_EXACT_LEVEL { run_to_end::<L, S>(&mut stage, inputs, "without hand-over").rmse_deg } else { 0.0 }
 }
 
-/// Checks a hand-over to the new stage `receiver` from `donor`, which has processed all earlier
-/// inputs.
+/// Checks a hand-over from `donor` to the new stage `receiver`. The donor must have processed all
+/// inputs before [`HAND_OVER_INPUT`].
 fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
     donor: &G,
     receiver: &R,
@@ -80,7 +80,8 @@ fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
     }
     let (_, next) = &inputs[HAND_OVER_INPUT];
     let (expected, actual) = (donor.step(next), receiver.clone().step(next));
-    // A receiver with a known north re-initialises the heading if the donor had none.
+    // A receiver with a known north re-initialises the heading if the donor had none. In that case,
+    // only the inclinations are compared.
     let heading = L::heading_reference(&expected).filter(|reference| L::heading_reference(&actual) == Some(*reference));
     let angle = if heading.is_some() { angle_deg } else { inclination_deg };
     let (expected, actual) = (L::quaternion(&expected), L::quaternion(&actual));

@@ -1,8 +1,8 @@
 //! Checks how long the inclination error takes to recover after each fault.
 //!
 //! `recovery.csv` lists the limits for each stage. A fuser without its own column uses the column
-//! `any`. A stage of any other slot without its own column uses that of the slot's first stage.
-//! Gyro stages have no limits, because an open-loop attitude never recovers.
+//! `any`. In the other slots, a stage without its own column uses the column of the slot's first
+//! stage. Gyro stages have no limits, because an open-loop attitude never recovers.
 //!
 //! Failure: an invalid output also fails the check.
 
@@ -16,7 +16,7 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Allowance added to the multiple of the undisturbed RMSE, degrees.
+/// Allowance added to the multiple of the undisturbed RMSE to give the error bound, degrees.
 const MARGIN_DEG: f64 = 0.05;
 /// Column for fusers that have no separate column.
 const OTHER_FUSERS: &str = "any";

@@ -42,7 +42,7 @@ pub(crate) struct PrefixRun<L: SlotSpec, S> {
     slot: PhantomData<L>,
 }
 
-/// Result of a run after the shared ticks.
+/// Result of a run on the ticks after the shared ones.
 pub(crate) struct RunOutcome<S> {
     pub(crate) stage: S,
     /// Time, s, and inclination error, degrees, at each tick up to the first invalid output.

@@ -188,8 +188,8 @@ fn is_finite(vector: &Vector3<f64>) -> bool {
     vector.iter().all(|component| component.is_finite())
 }
 
-/// Replaces the rate and the interval of a motion with those of the tick if the tick's are
-/// non-finite, as an upstream stage without checks would pass them on.
+/// Replaces the rate of a motion with the rate of the tick if the latter is non-finite, and does
+/// the same for the interval. An upstream stage without checks would pass on such values.
 fn with_non_finite_values(motion: Motion, tick: &Tick) -> Motion {
     let rate_rad_s = tick.rate_rad_s.filter(|rate| !is_finite(rate)).unwrap_or(motion.rate_rad_s);
     Motion { rate_rad_s, dt_s: if tick.dt_s.is_finite() { motion.dt_s } else { tick.dt_s }, ..motion }
@@ -403,7 +403,8 @@ fn invalid_attitudes() -> Vec<(&'static str, Attitude)> {
 
 /// Returns the reason why an attitude is invalid, or `None` if it is valid.
 ///
-/// The limits allow for rounding. |w| is at most 1.2, because the chart changes there.
+/// The chart coordinate w of the up vector must not exceed 1.2 in magnitude, because the chart
+/// changes at this value. All limits allow for rounding.
 fn attitude_error(attitude: Attitude) -> Option<&'static str> {
     if attitude.up.w.norm_sqr() > 1.44 + 1e-9 {
         return Some("a point outside its chart");

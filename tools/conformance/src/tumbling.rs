@@ -15,8 +15,8 @@ const SAMPLE_RATE_HZ: f64 = 200.0;
 const DURATION_S: f64 = 20.0;
 /// Largest ratio of an attitude step to the body's rotation in one tick.
 const MAX_STEP_FACTOR: f64 = 1.5;
-/// Largest inclination error with exact sensors, degrees. Allows for filters with a gradient step
-/// of fixed length, which oscillate.
+/// Largest inclination error with exact sensors, degrees. The limit allows for the oscillation of
+/// filters with a gradient step of fixed length.
 const MAX_ERROR_DEG: f64 = 2.0;
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
@@ -36,7 +36,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
             let truth = script.ticks[i].truth;
             if let Some((previous_q, previous_chart)) = previous {
                 // The negated quaternion denotes the same attitude, but a change of sign breaks
-                // interpolation.
+                // interpolation. It therefore counts as a step of 360°.
                 let sign_jumps = L::HAS_CONTINUOUS_SIGN && q.dot(&previous_q) < 0.0;
                 let step_deg = match (sign_jumps, has_heading) {
                     (true, _) => 360.0,

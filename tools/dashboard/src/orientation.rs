@@ -32,7 +32,8 @@ impl Attitude {
     }
 }
 
-/// Returns the up direction in body axes right, forward, up: v_body = q* v_ref q.
+/// Returns the up direction in body axes right, forward, up. The equation is v_body = q* v_ref q,
+/// with the conjugate q* of the quaternion q.
 fn up_in_body([w, x, y, z]: [f64; 4], frame: Frame) -> [f64; 3] {
     let v = frame.earth().vector([0.0, 0.0, 1.0]);
     let axis = [-x, -y, -z];

@@ -68,7 +68,7 @@ impl Screen {
     ///
     /// Returns an error if the terminal is closed or cannot be read.
     pub fn poll_key(&self) -> io::Result<Option<Key>> {
-        // Checked here, because crossterm would read from a closed terminal forever.
+        // A closed terminal must be detected here, because crossterm would read from it forever.
         let stdin = io::stdin();
         let mut fd = [PollFd::new(&stdin, PollFlags::IN)];
         poll(&mut fd, Some(&Timespec::default()))?;

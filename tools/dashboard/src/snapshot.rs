@@ -62,7 +62,7 @@ impl DataState {
     }
 }
 
-/// Figures of a system as a whole; `None` if unknown.
+/// Figures of a system as a whole. A figure is `None` if it is unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Figures {
     /// Newest tick.

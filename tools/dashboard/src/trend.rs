@@ -80,7 +80,7 @@ impl Trend {
 
     /// Returns `count` bars over the last minute, the newest last, in steps from 0 to `height`.
     ///
-    /// A bar is `None` if all its values are unknown, and 0 only for the value 0 of a scale that
+    /// A bar is `None` if all its values are unknown. It is 0 only if its value is 0 and the scale
     /// starts at 0. A bar that covers several values shows the one farthest from the middle of the
     /// scale, so that peaks stay visible.
     pub fn bars(&self, count: usize, height: u64) -> Vec<Option<u64>> {

@@ -3,8 +3,8 @@
 //! Dashes are measured along the horizontal axis instead of along the line, so that a noisy curve
 //! has as many dashes as a smooth one.
 
-/// Returns the pieces of a dashed line that are drawn. From x = `from` on, dashes of `on` units and
-/// gaps of `off` units alternate.
+/// Returns the drawn pieces of a dashed line. From x = `from` on, dashes of `on` units and gaps of
+/// `off` units alternate.
 pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<Vec<(f64, f64)>> {
     let period = on + off;
     let period_bounds = |x: f64| {
@@ -24,8 +24,8 @@ pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<V
                 _ => {}
             }
             let next = if is_drawn { dash_end } else { period_end };
-            // A vertical or backward line remains one piece, and so does a step that is lost to
-            // rounding.
+            // A vertical or backward segment is not divided. A segment is also not divided further
+            // if rounding makes the next step zero.
             if next >= x_end || next <= x {
                 if is_drawn {
                     piece.push((x_end, y_end));

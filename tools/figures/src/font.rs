@@ -14,8 +14,8 @@ const FOLDERS: [&str; 4] =
     ["/usr/share/fonts", "/usr/local/share/fonts", "/run/current-system/sw/share/X11/fonts", "/Library/Fonts"];
 const NAMES: [&str; 5] =
     ["DejaVuSans.ttf", "LiberationSans-Regular.ttf", "NotoSans-Regular.ttf", "FreeSans.ttf", "Arial Unicode.ttf"];
-/// Maximum folder depth. Together with [`MAX_ENTRIES`], it bounds the search in a tree with link
-/// loops.
+/// Maximum folder depth. Together with [`MAX_ENTRIES`], it bounds the search if symbolic links form
+/// a loop.
 const MAX_DEPTH: usize = 5;
 /// Maximum number of directory entries visited.
 const MAX_ENTRIES: usize = 20_000;

@@ -53,7 +53,7 @@ impl LineStyle {
     }
 }
 
-/// Colour and line style of the reference.
+/// Colour and line style of the reference curve.
 pub const REFERENCE: (RGBColor, LineStyle) = (TEXT_COLOR, LineStyle::Dashed(7, 4));
 
 const COLORS: [RGBColor; 6] = [BLUE, PURPLE, GREEN, AMBER, SKY, ORANGE];

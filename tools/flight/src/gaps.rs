@@ -8,7 +8,7 @@
 //! Failure: if there are too many open gaps, the oldest one is closed, and late ticks can no longer
 //! fill it.
 
-/// Maximum number of open gaps, which late ticks can still fill.
+/// Maximum number of open gaps. Late ticks can still fill an open gap.
 const MAX_OPEN_GAPS: usize = 64;
 
 #[derive(Debug, Default)]

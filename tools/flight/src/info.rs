@@ -108,8 +108,7 @@ impl FlightInfo {
                     (Err(McapError::BadMagic), _) => {
                         return Err(FlightError::Malformed { path: path.to_owned(), cause: McapError::BadMagic });
                     }
-                    // An OS error code identifies a read error, because decompression errors have
-                    // none.
+                    // Only a read error has an OS error code. A decompression error has none.
                     (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(read_error(cause)),
                     (Err(McapError::UnexpectedEof), _) => info.incomplete = Some("the file ends early".into()),
                     (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}")),

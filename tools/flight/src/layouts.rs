@@ -23,7 +23,8 @@ impl Schemas {
         Self(messages.collect())
     }
 
-    /// Returns `true` if the path leads from the topic's message to a scalar field.
+    /// Returns `true` if the topic exists and the path is empty or leads from the topic's message
+    /// to a scalar field.
     fn has(&self, topic: &str, path: &[&str]) -> bool {
         let found = channels(Topic::ALL).into_iter().find(|channel| channel.name == topic);
         let Some(Channel { schema, .. }) = found else { return false };

@@ -81,7 +81,7 @@ pub struct FlightHeader {
     pub output: Output,
 }
 
-/// Start of a recording and its effect on the source.
+/// Required start of a recording, and behaviour of the source when the queue is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecordingMode {
     /// The recording may start at any tick and the source does not wait. A full queue loses
@@ -200,7 +200,8 @@ impl Recorder {
             let (header, topics, failure, path) = (header.clone(), topics.to_vec(), failure.clone(), path.to_owned());
             move || {
                 let result = run_writer(file, &header, &topics, clocks, receiver, &path, &failure);
-                // The recorder may have given up waiting for the result.
+                // The recorder may have given up waiting for the result, so a send error is
+                // ignored.
                 let _ = result_sender.send(result);
             }
         };
@@ -251,8 +252,8 @@ impl Recorder {
         }
     }
 
-    /// Sends collected messages to the writer thread when due. Must be called several times per
-    /// second.
+    /// Sends the collected messages to the writer thread if the batch interval has elapsed. Must be
+    /// called several times per second.
     pub fn poll(&mut self) {
         if self.sent_at.elapsed() >= BATCH_INTERVAL {
             self.send_batch();

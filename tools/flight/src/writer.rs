@@ -133,8 +133,8 @@ impl Writer {
         Ok(())
     }
 
-    /// Returns the file, which may contain unflushed data, the duration of the flight, s, and the
-    /// number of flushed messages by topic.
+    /// Returns the file, the duration of the flight in seconds, and the number of flushed messages
+    /// by topic. The file may contain unflushed data.
     pub(crate) fn into_parts(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
             topic: channel.topic.name(),

@@ -236,8 +236,8 @@ fn fixes_path(out: &Path) -> PathBuf {
     })
 }
 
-/// Checks that no fixes file of another recording would be read with the new recording, which has
-/// no fixes.
+/// Checks that no fixes file of another recording exists next to the new recording, which has no
+/// fixes. Those fixes would otherwise be read with the new recording.
 fn check_no_stale_fixes(out: &Path) -> Result<(), ImportError> {
     match gnss::find_for(out) {
         Some(fixes) => Err(ImportError::StaleFixes { path: out.to_owned(), fixes }),

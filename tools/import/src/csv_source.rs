@@ -186,7 +186,7 @@ struct ColumnGroups {
 }
 
 impl ColumnGroups {
-    /// Returns the file of each column group.
+    /// Returns the path of the file of each column group.
     fn paths(&self) -> impl Iterator<Item = &Path> {
         let velocity = self.velocity.iter().map(|(_, group)| group);
         let vectors = [&self.rate, &self.force].into_iter().chain(&self.field).chain(velocity);
@@ -285,7 +285,7 @@ impl CsvFiles {
 
     /// Returns the file and the index of a column.
     ///
-    /// The name must be unique in the file `only`, or in all files if `only` is `None`.
+    /// The name must be unique in the file `only`, or among all files if `only` is `None`.
     fn find_column(
         &self,
         target: &'static str,

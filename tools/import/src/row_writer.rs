@@ -19,7 +19,7 @@ use crate::{ImportError, force_aligner::Sample};
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
 /// Maximum gap between two reference attitudes across which the reference is interpolated, ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
-/// Maximum number of intervals from which the median is computed.
+/// Maximum number of row intervals from which the median interval is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
 /// Threshold for the value of 1 − cos(θ/2), where θ is the angle between two attitudes. Below the
 /// threshold, slerp is replaced by linear interpolation.
@@ -107,7 +107,7 @@ impl<'a> RowWriter<'a> {
         self.write_pending(Some(row))
     }
 
-    /// Writes the last row, with the remaining field samples near it.
+    /// Assigns the remaining field samples and writes the last row.
     pub(crate) fn finish(&mut self) -> Result<(), ImportError> {
         self.assign_fields(None)?;
         self.write_pending(None)
@@ -141,8 +141,8 @@ impl<'a> RowWriter<'a> {
             let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row, only samples that are too far from that row are taken here.
-                // A nearer sample is kept until the row is pending.
+                // Before the first row, samples that are too far from it are discarded here. Nearer
+                // samples are kept until that row is pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };

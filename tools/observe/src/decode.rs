@@ -63,7 +63,7 @@ impl DecodedMessage {
     /// # Errors
     ///
     /// Returns [`LayoutMismatch`] if the number of bytes differs from the size in the layout, or if
-    /// a field does not match its kind.
+    /// the bytes of a field do not fit its kind.
     pub fn decode(layout: &Layout, bytes: &[u8]) -> Result<Self, LayoutMismatch> {
         let mismatch = || LayoutMismatch { layout: layout.name, expected: layout.size, found: bytes.len() };
         if bytes.len() != layout.size {
@@ -90,13 +90,13 @@ impl DecodedMessage {
         }
     }
 
-    /// Appends a field that has a name as its value.
+    /// Appends a field that has the name `word` as its value.
     pub fn with_name_field(mut self, name: &'static str, word: &'static str) -> Self {
         self.fields.push((Field { name, kind: "", offset: 0, description: "" }, Value::Name(word)));
         self
     }
 
-    /// Returns the message as a JSON object. Non-finite numbers are null, flags are a list of
+    /// Returns the message as a JSON object. Non-finite numbers become null. Flags become a list of
     /// names.
     pub fn to_json(&self) -> Json {
         Json::Object(

@@ -78,7 +78,7 @@ impl HopLatencies {
 
     /// Computes the latencies of the outputs recorded so far.
     ///
-    /// Call this once all topics have been read, so that the inputs of every recorded output have
+    /// Call this after all topics have been read, so that the inputs of every recorded output have
     /// been recorded, too.
     pub fn process_pending(&mut self) {
         for (service, header) in self.pending.drain(..) {

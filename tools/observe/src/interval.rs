@@ -5,13 +5,13 @@ use serde::Serialize;
 /// Statistics of intervals, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct IntervalStats {
-    /// Mean.
+    /// Mean interval.
     pub mean: f64,
-    /// Shortest.
+    /// Shortest interval.
     pub min: f64,
-    /// Longest.
+    /// Longest interval.
     pub max: f64,
-    /// Standard deviation.
+    /// Standard deviation of the intervals.
     pub jitter: f64,
 }
 

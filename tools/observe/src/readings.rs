@@ -40,7 +40,8 @@ pub fn readings_topic(config: &ServiceConfig) -> Result<Topic, ReadingsError> {
     }
 }
 
-/// Sets the rate kind and the calibrations of `prior` from a running system.
+/// Copies the calibrations and the meaning of the rate samples (`rate_kind`) from a running system
+/// to `prior`.
 ///
 /// # Errors
 ///
@@ -50,7 +51,7 @@ pub fn apply_system(prior: &mut Prior, config: &ServiceConfig) -> Result<(), Cal
     apply_calibrations(prior, &config.launch)
 }
 
-/// Sets the calibrations of `prior` from a launch file.
+/// Copies the calibrations from a launch file to `prior`.
 ///
 /// # Errors
 ///
@@ -70,7 +71,7 @@ pub fn decode_sample(topic: Topic, bytes: &[u8]) -> Option<Sample> {
     Some(to_sample(&reading))
 }
 
-/// Converts a reading for the calibration.
+/// Converts a reading to a sample for the calibration.
 pub fn to_sample(reading: &Reading) -> Sample {
     let Reading { t_ns, rate_rad_s, force_m_s2, field_ut, .. } = *reading;
     Sample { t_ns, rate_rad_s: rate_rad_s.into(), force_m_s2: force_m_s2.into(), field_ut: field_ut.map(Into::into) }

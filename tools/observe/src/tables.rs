@@ -90,7 +90,8 @@ fn write_rows<M: Message>(messages: &[M], writer: &mut impl Write) -> io::Result
 
 /// Returns the number of columns for a field: 1, or the length of an array.
 ///
-/// The words of a checkpoint have no columns, because their array length is not a literal.
+/// The result is 0 for the array of words in a checkpoint, because its length is not a literal in
+/// the layout.
 fn element_count(field: &Field) -> usize {
     match field.kind.strip_prefix('[') {
         None => 1,

@@ -24,8 +24,8 @@ pub struct SystemMonitor {
     attitude: Option<AttitudeOutput>,
     finished_event: Option<SystemEvent>,
     processes: ProcessMonitor,
-    /// Header of each service's newest output at the last snapshot. Before the first snapshot, the
-    /// header of its first output.
+    /// Header of each service's newest output at the last snapshot. Until the first snapshot, it is
+    /// the header of the service's first output.
     previous: [Option<Header>; Service::PATH.len()],
     owner_pid: u32,
 }
@@ -72,7 +72,7 @@ pub struct ServiceRow {
 }
 
 impl SystemMonitor {
-    /// Opens the topics. CPU usage counts from this call.
+    /// Opens the topics. CPU usage is measured from this call on.
     ///
     /// # Errors
     ///
@@ -186,8 +186,8 @@ impl SystemMonitor {
     }
 }
 
-/// Returns the ticks per second of the publisher's clock. Messages missed by this observer have no
-/// effect.
+/// Returns the number of ticks per second, measured by the publisher's clock. Messages that this
+/// observer missed have no effect.
 fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
     let (before, now) = previous.zip(current)?;
     if now.tick == before.tick {
@@ -225,8 +225,8 @@ impl SystemSnapshot {
 struct Column {
     header: &'static str,
     width: usize,
-    /// Priority for omitting the column if the terminal is too narrow: the highest is omitted
-    /// first, 0 never.
+    /// Order in which columns are omitted if the terminal is too narrow. The column with the
+    /// highest value is omitted first. A column with the value 0 is never omitted.
     drop_order: u8,
 }
 
@@ -254,7 +254,7 @@ impl Column {
     }
 }
 
-/// Returns the indices of the columns that fit.
+/// Returns the indices of the table columns that fit into a terminal of `columns` columns.
 fn visible_columns(columns: Option<usize>) -> Vec<usize> {
     let mut visible: Vec<_> = (0..COLUMNS.len()).collect();
     while columns.is_some_and(|columns| visible.iter().map(|i| COLUMNS[*i].width).sum::<usize>() > columns) {

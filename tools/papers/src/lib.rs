@@ -1,5 +1,4 @@
-//! Reproduces the figures and tables of the four papers on which the stages are based, using these
-//! stages.
+//! Reproduces the figures and tables of four papers with the stages that are based on them.
 //!
 //! Input: a paper and a folder.
 //!

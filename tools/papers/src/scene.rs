@@ -19,7 +19,7 @@ pub(crate) struct Scene {
     pub(crate) azimuth_deg: f64,
     /// Elevation from which the scene is viewed, above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
-    /// Half of the length that fits along the smaller side of the picture.
+    /// Half of the scene length that fits along the smaller side of the picture.
     pub(crate) half_extent: f64,
     pub(crate) shapes: Vec<Shape>,
 }

@@ -11,8 +11,8 @@
 //!
 //! The columns of the estimate are those of `plumb up --out FILE --columns
 //! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference; `gyro_` and `accel_` mark
-//! the estimates from a single sensor. Each estimate has its own chart column, because its point
-//! can be in a different chart.
+//! the estimates from a single sensor. Each estimate has its own chart column, because two
+//! estimates can use different charts at the same tick.
 
 use std::{
     fmt::{Arguments, Write as _},

@@ -2,8 +2,8 @@
 //!
 //! Input: an error and its reported standard deviation.
 //!
-//! Output: the ratios that 68 % and 95 % of the samples do not exceed, both as such and relative to
-//! their ideal values.
+//! Output: the ratios that 68 % and 95 % of the samples do not exceed. Each ratio is given as such
+//! and divided by its ideal value.
 //!
 //! Failure: samples with a negative standard deviation or an undefined ratio are not counted. If
 //! only the standard deviation is 0, the sample is counted in the bin of the largest ratios.

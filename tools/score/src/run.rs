@@ -412,8 +412,8 @@ fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i64) -> [f64;
     trial.gyro_bias_rad_s().filter(|_| launches.iter().all(is_default))
 }
 
-/// Returns the configuration of the slots. The limits are those of a system that replays a
-/// recording.
+/// Returns the configuration of the slots: that of a system that replays a recording at maximum
+/// speed.
 fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     let mut launch = launch.clone();
     launch.ingest.source = Source::Replay;

@@ -31,7 +31,8 @@ pub struct Spread {
     pub sd: Errors,
     /// Errors that 5, 50 and 95 % of the seeds do not exceed.
     pub quantiles: [Errors; QUANTILES.len()],
-    /// Seed with the largest total error, or inclination error if the heading is unknown.
+    /// Seed with the largest total error. If the heading is unknown, seed with the largest
+    /// inclination error.
     pub worst_seed: u64,
     /// Errors of the worst seed.
     pub worst: Errors,

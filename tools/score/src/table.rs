@@ -156,8 +156,8 @@ impl Errors {
 
     /// Returns the mean magnitude of each error over the trials that have it.
     ///
-    /// Total, heading and yaw are `None` if a scored trial lacks them, so that their means cover
-    /// the same trials as that of the inclination.
+    /// The means of total, heading and yaw are `None` if a scored trial lacks the error. If
+    /// present, they therefore cover the same trials as the mean inclination error.
     pub(crate) fn mean(all: &[Self]) -> Self {
         let mean = |at: usize| {
             let known = || all.iter().filter_map(|errors| errors.values()[at]);

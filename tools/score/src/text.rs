@@ -10,9 +10,9 @@ use crate::{
     table::{ERROR_COUNT, Errors, Scores, StageScore, TrialScore},
 };
 
-/// Number of leading text columns.
+/// Number of text columns at the left of each table.
 const TEXT_COLUMNS: usize = 2;
-/// Minimum width of a number column.
+/// Minimum width of a number column, characters.
 const MIN_NUMBER_WIDTH: usize = 9;
 
 /// Returns the table of total, heading and inclination errors and the time per update.
@@ -167,7 +167,7 @@ fn aligned(head: &[&str], rows: &[Vec<String>]) -> String {
     [&head].into_iter().chain(rows).map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns the labelled lines of a spread.
+/// Returns a labelled line for each statistic of a spread.
 fn spread_lines(spread: &Spread) -> Vec<(String, Errors)> {
     let quantiles = QUANTILES
         .iter()

@@ -9,7 +9,7 @@
 //! machine, although that load still affects the caches.
 //!
 //! The compared chains are timed alternately, so that a slow phase of the machine affects all of
-//! them. The result is the median of the per-round means.
+//! them. Each round yields a mean time per update; the result is the median of these means.
 
 use std::hint::black_box;
 

@@ -184,7 +184,7 @@ impl Trial {
     }
 }
 
-/// Validates a file of references by reading it completely.
+/// Validates a reference file by reading it completely.
 fn validate_references(file: &Path) -> Result<(), RecordingError> {
     References::open(file)?.interpolate(i64::MAX).map(drop)
 }

@@ -29,9 +29,9 @@ use crate::{
 const SWEEP_VALUES: [u32; 1] = [25];
 /// Number of values in each pass of a search: over the whole range, then around the best value.
 const SEARCH_VALUES: [u32; 3] = [13, 7, 7];
-/// Number of times a search reads the trials.
+/// Number of times that a search reads all trials.
 pub(crate) const SEARCH_PASSES: u64 = SEARCH_VALUES.len() as u64;
-/// If the ratio of the two ends of a range is at least this, its values are spaced logarithmically.
+/// Minimum ratio between the two ends of a range for its values to be spaced logarithmically.
 const MIN_LOG_RATIO: f64 = 10.0;
 
 /// A setting and its range, written as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`.
@@ -230,7 +230,8 @@ fn ranking(tried: &[(f64, Evaluation)]) -> (&'static str, fn(&ErrorsDeg) -> Opti
     ranking_error(tried.iter().all(|(_, evaluation)| evaluation.heading_is_known))
 }
 
-/// Returns the tried values on either side of the best one.
+/// Returns the nearest tried values below and above the best one. At an end of the range, the best
+/// value itself takes the place of the missing one.
 fn around_best(tried: &[(f64, Evaluation)]) -> (f64, f64) {
     let (_, ranked_by) = ranking(tried);
     let error = |i: usize| ranked_by(&tried[i].1.mean.attitude).unwrap_or(f64::INFINITY);

@@ -60,8 +60,8 @@ impl Bus {
         }
     }
 
-    /// Returns an empty bus like the one after a renewal. Its topics continue at the present
-    /// positions.
+    /// Returns the empty bus that a renewal creates. Each topic of the data path continues at its
+    /// `next_tick`.
     pub(crate) fn renewed(&self) -> Self {
         let mut bus = Self::new(self.imu.buffer);
         bus.imu.next_tick = self.imu.next_tick;
@@ -101,7 +101,8 @@ pub(crate) struct Topic<M> {
     buffer: usize,
     publishers: Vec<Publisher<M>>,
     subscribers: Vec<Subscriber<M>>,
-    /// Tick after the newest tick for which any publisher has started to publish a message.
+    /// Number of the next tick to be published: the largest tick that any publisher has started to
+    /// publish, plus one.
     pub(crate) next_tick: u64,
     /// Number of messages that were overwritten before they were read.
     pub(crate) overwritten: u64,
@@ -141,7 +142,8 @@ impl<M: Copy> Topic<M> {
         self.subscribers.push(Subscriber { id, incarnation, wants_history, queues: Vec::new() });
     }
 
-    /// Delivers the history of a publisher to subscribers that have joined since it last ran.
+    /// Delivers the history of a publisher to subscribers that have joined since that publisher
+    /// last ran.
     pub(crate) fn deliver_history(&mut self, incarnation: u32) {
         let Self { buffer, publishers, subscribers, overwritten, .. } = self;
         let Some(publisher) = publishers.iter_mut().find(|publisher| publisher.incarnation == incarnation) else {

@@ -51,8 +51,8 @@ impl Collector {
         outputs.into_iter().for_each(|output| self.record(output));
     }
 
-    /// Records the attitudes that are still held back because earlier ticks are missing, as no more
-    /// attitudes will arrive.
+    /// Records the attitudes that are held back because earlier ticks are missing. Called at the
+    /// end of a run, when no more attitudes will arrive.
     pub(crate) fn finish(&mut self) {
         let mut outputs = Vec::new();
         self.stream.finish(&mut |output| outputs.push(output));

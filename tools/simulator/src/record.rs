@@ -61,7 +61,7 @@ pub(crate) struct Candidate {
     pub(crate) stage: String,
     /// Set if the stage differs from the slot's current stage.
     pub(crate) changes_stage: bool,
-    /// Next tick of the checkpoint from which the process resumed.
+    /// First tick after the checkpoint from which the process resumed.
     pub(crate) checkpoint_tick: Option<u64>,
     /// Set if the process was started in place of an exited owner, without a hand-over.
     pub(crate) replaces_exited_owner: bool,

@@ -15,7 +15,7 @@ pub(crate) struct CommittedSwap {
     pub(crate) stage: String,
     /// Set if the new stage differs from the previous one.
     pub(crate) changes_stage: bool,
-    /// Next tick of the checkpoint from which the new stage resumed.
+    /// First tick after the checkpoint from which the new stage resumed.
     pub(crate) checkpoint_tick: u64,
     /// First tick that the new stage owns.
     pub(crate) from_tick: u64,
@@ -105,7 +105,7 @@ impl<S: Slot> SlotChain<S> {
         Self { service, stages: vec![first], swaps }
     }
 
-    /// Starts the stages that resume from the checkpoint with `tick` as its next tick.
+    /// Starts the stages that resume from the checkpoint before `tick`.
     fn start_candidates(&mut self, tick: u64, slot_of: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };
@@ -119,7 +119,8 @@ impl<S: Slot> SlotChain<S> {
         Ok(())
     }
 
-    /// Passes a message to all stages. The output of each tick is that of the stage that owns it.
+    /// Passes a message to all stages. For each tick, only the output of the stage that owns the
+    /// tick is kept.
     fn offer(&mut self, message: impl Fn() -> S::Input, out: &mut Vec<S::Output>) {
         for number in 0..self.stages.len() {
             let end_tick = self.stages.get(number + 1).map_or(u64::MAX, |next| next.from_tick);

@@ -39,7 +39,7 @@ impl World {
         let exited = std::mem::take(&mut self.exited);
         let any_exited = !exited.is_empty();
         let mut events = self.read_events();
-        // Services may run between two reads of the supervisor.
+        // Services may run between two reads by the supervisor.
         if self.random.chance(200) {
             self.poll_processes();
         }
@@ -192,8 +192,8 @@ impl World {
             self.swaps.ambiguous |=
                 swaps.iter().any(|committed| committed.changes_stage && from_tick < committed.from_tick);
         }
-        // If no checkpoint from the current stage has arrived yet, the checkpoint belongs to
-        // another stage. The output is then ambiguous.
+        // If the current stage has not sent a checkpoint yet, the process resumes from a checkpoint
+        // of another stage. The output is then ambiguous.
         if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(current_stage)) =
             (&resume, self.supervision.launch().stage(service))
         {

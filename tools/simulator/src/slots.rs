@@ -220,7 +220,8 @@ impl<S: Slot> Worker<S> {
         {
             return false;
         }
-        // The previous owner's health message confirms the hand-over, so it is sent immediately.
+        // The previous owner confirms the hand-over by a health message, so that message is sent
+        // immediately.
         report_now |= owned_next_tick && !self.service.owns_next_tick();
         self.publish_health(context, report_now);
         context.deliveries_left.is_none()

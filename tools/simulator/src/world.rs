@@ -18,7 +18,7 @@ use crate::{
     slots::PollContext,
 };
 
-/// Time by which a run may exceed twice the duration of its flight, ms.
+/// Time that a run may take in addition to twice the duration of its flight, ms.
 const MAX_OVERRUN_MS: u64 = 45_000;
 
 /// Simulated system.

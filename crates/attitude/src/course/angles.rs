@@ -1,4 +1,4 @@
-//! Course stage `angles`: H = −ψ, plus the declination.
+//! Course stage `angles`: the course is H = −ψ, with ψ the yaw, plus the declination.
 
 use super::{
     continuity::{Continuity, gyroscopic_course},

@@ -109,8 +109,8 @@ impl Default for TrackCourse {
 }
 
 impl TrackCourse {
-    /// Handles a change of the gyroscopic course's reference, including the first reference.
-    /// Returns `true` if the course jumps.
+    /// Handles a change of the reference of the gyroscopic course. The first reference also counts
+    /// as a change. Returns `true` if the course jumps.
     fn change_reference(&mut self, gyroscopic_rad: f64, reference: CourseReference) -> bool {
         let jumps = core::mem::replace(&mut self.has_previous, true);
         self.reference = reference;
@@ -228,7 +228,8 @@ impl Stage for TrackCourse {
         self.continuity.last()
     }
 
-    /// Continues the course if it refers to true north. Otherwise the next track sets the course.
+    /// Continues the last course if it refers to true north. Otherwise the next track sets the
+    /// course.
     fn adopt(&mut self, last: &LastReading) -> Result<(), RestoreError> {
         let continuity = Continuity::from_last(last)?;
         *self = Self { settings: self.settings, continuity, ..Self::default() };

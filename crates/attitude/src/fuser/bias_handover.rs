@@ -1,8 +1,8 @@
 //! Gyro bias to hand over on a swap: the value received, or the mean rate at rest, whichever is
 //! newer.
 //!
-//! Used by every stage that does not estimate the bias itself, or that updates its estimate less
-//! often.
+//! Used by every stage that does not estimate the bias itself, or whose own estimate may be less
+//! certain than this bias.
 
 use super::{
     estimate::{BIAS_WALK_RAD_S, Estimate},

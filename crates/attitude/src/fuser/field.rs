@@ -10,8 +10,8 @@ const MIN_FIELD_UT: f64 = 0.05;
 
 /// Returns the increase of z that turns the horizontal field to η0, rad, (−π, π].
 ///
-/// The result is z_mag − z, with z_mag = atan2(m'_ξ, m'_η) of the levelled field m' = A(w)ᵀ m. Here
-/// m' is also rotated by z.
+/// For the levelled field m' = A(w)ᵀ m, this is z_mag − z with z_mag = atan2(m'_ξ, m'_η). The code
+/// rotates m' by z first, which gives the same angle.
 pub(super) fn heading_correction_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
     let h = attitude.horizontal(field);
     let (sin, cos) = libm::sincos(attitude.z_rad);

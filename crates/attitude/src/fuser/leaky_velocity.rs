@@ -9,7 +9,7 @@ use crate::{Complex, scalars::Scalars};
 
 /// Largest velocity that is accepted, m/s. A loop with a larger velocity has lost its level.
 const MAX_VELOCITY_M_S: f64 = 100.0;
-/// Largest velocity that is handed over, m/s. It is below the accepted limit, because rounding
+/// Largest velocity that is handed over, m/s. It is below [`MAX_VELOCITY_M_S`], because rounding
 /// during a rotation of the frame can increase the velocity.
 const MAX_HANDED_OVER_M_S: f64 = 99.0;
 /// Standard deviation of a loop's velocity, m/s. It corresponds to a level that was wrong by 2° for
@@ -54,8 +54,8 @@ impl LeakyVelocity {
         self.sd_m_s.min(UNKNOWN_SD_M_S)
     }
 
-    /// Returns the velocity in another frame. `angle_rad` is the rotation from that frame to the
-    /// present one.
+    /// Returns the velocity in the axes of another frame. A rotation by `angle_rad` turns the axes
+    /// of that frame into the present ones.
     pub(super) fn rotated(self, angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }

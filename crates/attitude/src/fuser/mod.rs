@@ -143,7 +143,7 @@ macro_rules! each {
 
 /// Stage that can fill the slot `fuser`.
 pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimate> + Clone {
-    /// Re-initialises the level from the next inclination, as after a gap in which the body may
+    /// Lets the next inclination re-initialise the level. Needed after a gap in which the body may
     /// have rotated arbitrarily. Heading and gyro bias are kept.
     fn realign(&mut self);
 

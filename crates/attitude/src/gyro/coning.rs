@@ -10,16 +10,17 @@
 //! AES* 7, 1971. If the rate is a polynomial in time, the integral is a sum of cross products of
 //! samples:
 //!
-//! - for means, the rate is taken as linear through the mean ω₀ of the previous interval, of length
-//!   h₀, and the mean ω of this interval, of length h: φ = Δθ + h³/(6 (h₀ + h)) ω₀ × ω. For equal
-//!   intervals this is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k — Savage, Strapdown inertial navigation
-//!   integration algorithm design, *Journal of Guidance, Control, and Dynamics* 21, 1998. It is the
-//!   two-sample algorithm of Miller, *ibid.* 6, 1983, applied at every sample instead of every
-//!   other one;
-//! - for instants, the rate is taken as quadratic through the last three samples: ω₀ + b t + c t²,
-//!   where ω₀ is the rate at the start of the interval. Δθ = h ω₀ + h²/2 b + h³/3 c is also
-//!   computed from the quadratic. The mean of the rates at both ends would attenuate every
-//!   vibration, and any error in the amplitude of Δθ is an error in the area of the cone.
+//! - If the samples are means over their intervals, the rate is assumed to be linear in time. Its
+//!   mean is ω₀ over the previous interval, of length h₀, and ω over this interval, of length h.
+//!   Then φ = Δθ + h³/(6 (h₀ + h)) ω₀ × ω. For equal intervals this is Δθ_k + 1/12 Δθ_{k−1} × Δθ_k
+//!   — Savage, Strapdown inertial navigation integration algorithm design, *Journal of Guidance,
+//!   Control, and Dynamics* 21, 1998. It is the two-sample algorithm of Miller, *ibid.* 6, 1983,
+//!   applied at every sample instead of every second one.
+//! - If the samples are instantaneous values, the rate is assumed to be quadratic in time and to
+//!   pass through the last three samples: ω₀ + b t + c t², where ω₀ is the rate at the start of the
+//!   interval. The same quadratic gives Δθ = h ω₀ + h²/2 b + h³/3 c. Computing Δθ as h times the
+//!   mean of the rates at both ends would attenuate every vibration, and any error in the amplitude
+//!   of Δθ is an error in the area of the cone.
 //!
 //! The ratio of the residual drift to the drift without correction is of the order (Ω h)², with Ω
 //! the frequency of the coning.
@@ -35,8 +36,8 @@ const MAX_INTERVAL_RATIO: f64 = 2.0;
 pub(super) struct Coning {
     /// Last two rates, newest first, rad/s.
     rates_rad_s: [Vector3<f64>; 2],
-    /// Interval between the two rates, or averaging interval of the newest mean, s; 0 before the
-    /// second sample.
+    /// Interval between the two rates or, for means, the averaging interval of the newer rate, s; 0
+    /// before the second sample.
     interval_s: f64,
     started: bool,
 }
@@ -57,7 +58,8 @@ impl Coning {
         let comparable = self.interval_s > 0.0
             && h <= MAX_INTERVAL_RATIO * self.interval_s
             && self.interval_s <= MAX_INTERVAL_RATIO * h;
-        // The series is valid only for small angles.
+        // The correction is the second-order term of a series, which is valid only for small
+        // angles.
         let small = self.started && rate.norm_squared().max(self.rates_rad_s[0].norm_squared()) * h * h < 1.0;
         let rotation = match sample.kind {
             RateKind::Mean => self.rotation_from_means(rate, h, comparable && small),

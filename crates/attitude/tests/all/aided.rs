@@ -156,8 +156,8 @@ fn invalid_covariance_is_rejected() {
     let scenario = Scenario::parse("cruise?duration_s=60").unwrap();
     let mut fuser = aided(&[]);
     fly(&scenario, &mut fuser, |_, _, _| ());
-    // Finds the covariance in the record by its symmetry: the second value of its first row equals
-    // the first value of its second row.
+    // Finds the covariance in the snapshot by its symmetry: the second value of its first row
+    // equals the first value of its second row.
     let record = fuser.snapshot();
     let offset = (0..record.len - 13).find(|i| {
         let (across, down) = (record.values[*i + 1], record.values[*i + 13]);

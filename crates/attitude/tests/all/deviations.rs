@@ -150,7 +150,8 @@ fn aided_sd_with_sensor_parameters_is_consistent() {
     check("cruise-hard?gnss=never", &CRUISE_HARD, 0.2);
 }
 
-/// A receiver better than configured must not reduce the uncertainty of a configured gyro.
+/// Here the gyro is configured as simulated, but the simulated receiver is better than configured.
+/// This must not make the reported standard deviations too small.
 #[test]
 fn aided_sd_with_gyro_parameters_is_not_too_small() {
     let [inclination, heading] = simulated("aided", "cruise", &CRUISE, 3);
@@ -175,7 +176,7 @@ fn wz_sd_with_sensor_parameters_is_consistent() {
 fn assert_consistent_in(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) {
     let [inclination, heading] = simulated(fuser, name, settings, seeds);
     assert_consistent(inclination, name);
-    // A heading with an arbitrary reference has no error, so there may be no ratio.
+    // A heading with an arbitrary reference has no error, so its ratio may be NaN.
     if !heading[0].is_nan() {
         assert_consistent(heading, name);
     }

@@ -193,8 +193,8 @@ fn gyro_drift_is_corrected() {
     let world = World { drift_rad_s: 0.1f64.to_radians(), ..WORLD };
     let max_error = max_error_deg(world, 60.0, 600.0, unchanged);
     println!("0.1 °/s for 600 s: {max_error:.2}°");
-    // The drift starts with the movement. It is nearly three times the bias error left by a rest,
-    // so a large heading error is accepted.
+    // The drift starts with the movement. It is nearly three times the bias error that remains
+    // after a rest, so a large heading error is accepted.
     assert!(max_error < 2.5, "{max_error}°");
 }
 

@@ -77,7 +77,7 @@ struct Errors {
     without_fixes: [Rms; 2],
     course: Rms,
     step: Rms,
-    /// Receiver latency as estimated at the end, s.
+    /// Receiver latency as estimated at the end of the flight, s.
     latency_s: Rms,
 }
 

@@ -62,19 +62,22 @@ const MAGNETIC_FUSERS: [&str; 7] =
 /// Fusers with a small error in all movements of the trials.
 const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
-/// Margin over the whole trial after a fuser with a small error, degrees.
+/// Margin of the error over the whole trial for a swap from a fuser with a small error, degrees.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin over the whole trial for a swap from a fuser with a small error to `vqf`, degrees.
+/// Margin of the error over the whole trial for a swap from a fuser with a small error to `vqf`,
+/// degrees.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
-/// Margins for swaps between `wz` and `multiple-model`, degrees: from the swap on, and over the
-/// whole trial.
+/// Margins for swaps between `wz` and `multiple-model`, degrees: for the error from the swap on,
+/// and for the error over the whole trial.
 ///
 /// These two fusers are equal on these trials, so each swap is a hand-over from a fuser to itself.
 /// It shows the effect of the hand-over, which the larger error of other fusers would hide.
 const SAME_FUSER: [Errors; 2] = [degrees(0.05, 0.25), degrees(0.05, 0.08)];
-/// Margins by second fuser, degrees.
+/// Margins for each second fuser, degrees.
 ///
-/// The first one applies from the swap on after a fuser with a small error. The other two apply
+/// The first margin is for the error from the swap on if the first fuser has a small error. The
+/// other two are for any other first fuser: one for the error from the swap on, and one for the
+/// error over the whole trial.
 /// after any other fuser: from the swap on, and over the whole trial.
 const LIMITS: [(&str, [Errors; 3]); 11] = [
     ("wz", [degrees(0.05, 0.2), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
@@ -195,8 +198,8 @@ impl Trial {
         SoloRun { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
     }
 
-    /// Returns the difference between the errors with and without a swap: from the swap on, and
-    /// over the whole trial.
+    /// Returns by how much the errors with a swap exceed those of the fusers alone: from the swap
+    /// on, and over the whole trial.
     fn excess(&self, swap: usize, first: &SoloRun, second: &SoloRun) -> [Errors; 2] {
         let mut fuser = Fuser::from_name(second.name).unwrap();
         fuser.adopt(&first.at_swap.common()).unwrap();
@@ -209,7 +212,7 @@ impl Trial {
     }
 }
 
-/// Returns the margins from the swap on, and over the whole trial.
+/// Returns two margins: for the error from the swap on, and for the error over the whole trial.
 fn limits(first: &str, second: &str) -> [Errors; 2] {
     if [first, second].iter().all(|name| ["wz", "multiple-model"].contains(name)) {
         return SAME_FUSER;

@@ -176,7 +176,8 @@ fn error_of_no_fuser_grows_over_a_day() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // The gyro channel of `wz-open` drifts without bound, and so does the scale of its chart.
+        // The gyro's attitude in `wz-open` drifts without bound. The error, an offset in the chart
+        // of that attitude, is therefore stretched by a varying factor.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }

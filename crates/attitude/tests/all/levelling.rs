@@ -394,7 +394,7 @@ fn record_with_negative_variance_or_time_is_rejected() {
             })
             .count();
         // The attitude, times, variances and the intervals in the ring buffer have a fixed sign or
-        // a bound.
+        // a bound, so a value of −1000 is rejected there.
         let min_rejected = match fuser {
             "levelling" => 7,
             "levelling-unified" => 14,

@@ -164,9 +164,10 @@ fn parameters_are_those_of_wz_and_aided_without_magnetic() {
     assert_eq!(fuser.parts(), ["wz", "aided"]);
 }
 
-/// A car drives, then stands for longer than ground motion is assumed to last, and is then pushed.
+/// A car drives, then stands still until the fuser no longer assumes ground motion, and is then
+/// pushed.
 ///
-/// At the push, the level comes from `wz` and the heading from `aided`.
+/// At the time of the push, the level comes from `wz` and the heading from `aided`.
 #[test]
 fn leaky_velocity_is_handed_over_in_heading_frame() {
     for roll_deg in [0.0, 93.0, 180.0] {

@@ -183,7 +183,8 @@ fn aerobatic_flight_has_no_unannounced_step() {
         let limit_deg = match name {
             "wz" | "aided" | "multiple-model" => 2.0 * MAX_STEP_DEG,
             "levelling-pi" => 0.5,
-            // This is the limit of `levelling` for the level, plus a step of the complex course.
+            // The limit of 0.9° for the level, as for `levelling`, plus an allowance for a step of
+            // the complex course.
             "levelling-unified" => 1.0,
             _ => 0.9,
         };

@@ -14,7 +14,8 @@ use scenario::Scenario;
 
 /// Fusers that subtract the bias from the rate, with the largest accepted bias error, °/s.
 ///
-/// `vqf` itself estimates the uncertainty of a bias, whatever the source of the bias.
+/// The limit of `vqf` is higher, because it assumes the same bias uncertainty as on a cold start,
+/// whatever the source of the bias.
 const BIAS_ESTIMATORS: [(&str, f64); 5] =
     [("wz", 0.02), ("multiple-model", 0.02), ("levelling-pi", 0.02), ("aided", 0.02), ("vqf", 0.08)];
 /// Gyro bias on each axis, rad/s (0.1 °/s).

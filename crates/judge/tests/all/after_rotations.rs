@@ -7,7 +7,7 @@ use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use attitude::Vector3;
 use ingest::source::Reading;
 
-/// Recordings with translation only, at rest, and with coordinated turns.
+/// Recordings in which the body only translates, is at rest or makes coordinated turns.
 const WITHOUT_ROTATION: [&str; 5] = [
     "broad/11_undisturbed_slow_translation_B.csv.gz",
     "broad/15_undisturbed_fast_translation_A.csv.gz",
@@ -15,7 +15,7 @@ const WITHOUT_ROTATION: [&str; 5] = [
     "broad/29_disturbed_stationary_magnet_B.csv.gz",
     "flights/apm_plane_log2_imu.csv.gz",
 ];
-/// Errors that only rotation reveals.
+/// Names of the errors that only rotation reveals.
 const NEED_ROTATION: [&str; 7] = [
     "rates converted twice",
     "left-handed axes",

@@ -65,7 +65,8 @@ pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64
 /// Input error applied to each reading.
 pub(crate) type Change = fn(Reading) -> Reading;
 
-/// Name of the error, its effect, the expected issue, and a part of an expected cause.
+/// Input errors. Each entry contains the name of the error, its effect on a reading, the expected
+/// issue, and a part of the text of an expected cause.
 pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 17] = [
     (
         "rates in °/s",

@@ -8,7 +8,7 @@ use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use ingest::source::Reading;
 use judge::InputIssue;
 
-/// Errors that are visible in any motion.
+/// Names of the errors that are visible in any motion.
 const ALWAYS_VISIBLE: [&str; 9] = [
     "forces in g",
     "times in ms",
@@ -21,13 +21,14 @@ const ALWAYS_VISIBLE: [&str; 9] = [
     "a sensor mounted upside down",
 ];
 
-/// Log file, start within the log in tenths of its length, and further visible errors.
+/// Logs. Each entry contains the file, the tenth of the log at which reading starts, counted from
+/// 0, and the errors that are visible in addition to [`ALWAYS_VISIBLE`].
 const LOGS: [(&str, usize, &[&str]); 3] = [
     // A few seconds in flight, then on the ground.
     ("logs/px4_sample.ulg", 0, &["rates in °/s"]),
     // Seven seconds long.
     ("logs/px4_small.ulg", 0, &[]),
-    // The flight begins at this tenth.
+    // The flight begins after seven tenths of the log.
     ("flights/apm_plane_log2_imu.csv.gz", 7, &["rates in °/s", "an axis stuck"]),
 ];
 
@@ -47,7 +48,7 @@ fn log(name: &str) -> Option<Vec<Reading>> {
     Some(readings(&path))
 }
 
-/// Returns the readings from the given tenth on.
+/// Returns the readings from the given tenth of the log on, counted from 0.
 fn from_tenth(readings: &[Reading], tenth: usize) -> &[Reading] {
     &readings[readings.len() * tenth / 10..]
 }

@@ -6,7 +6,7 @@ use judge::InputIssue;
 use scenario::Scenario;
 use std::thread;
 
-/// Recordings with rotation. The others do not reveal errors in the axes.
+/// Prefixes of the recordings with rotation. The other recordings do not reveal errors in the axes.
 const ROTATING_RECORDINGS: [&str; 5] = ["02_", "04_", "07_", "33_", "36_"];
 
 #[test]
@@ -86,8 +86,8 @@ fn without_gravity(reading: Reading) -> Reading {
     Reading { force_m_s2, ..reading }
 }
 
-/// Name of the error, recordings that reveal it, its effect on the readings, and the expected
-/// issue.
+/// Input error: its name, the recordings that reveal it, its effect on the readings, and the
+/// expected issue.
 type InputError = (&'static str, &'static [&'static str], fn(Vec<Reading>) -> Vec<Reading>, InputIssue);
 
 const ALL_RECORDINGS: &[&str] = &["02_", "04_", "07_", "11_", "15_", "24_", "27_", "29_", "33_", "36_"];

@@ -15,11 +15,11 @@ use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
 use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::SourceState};
 
-/// Maximum number of messages queued per client, enough for half a second of every channel. A
-/// client that falls further behind loses the oldest messages.
+/// Maximum number of messages queued per client, enough for all messages of half a second. A client
+/// that falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 512;
-/// Backward step of the publication time above which the system is considered restarted, ns. The
-/// publication times of concurrent publishers differ by less.
+/// If the publication time steps back by more than this, the system is considered restarted, ns.
+/// The publication times of concurrent publishers differ by less.
 const RESTART_STEP_NS: u64 = 1_000_000_000;
 
 /// Channels, their subscriber counts, and the queues of the clients.
@@ -124,7 +124,8 @@ impl Feed {
             let (encoder, rate_limit) = (Encoder::new(topic), RateLimit::for_topic(topic));
             topic_feeds[topic as usize] = Some(TopicFeed { encoder, rate_limit, newest_ns: 0, channels });
         }
-        // The rate is needed only to stamp messages with the source's time, which is not used here.
+        // The rate is not needed, because it only serves to compute source times, which are not
+        // used here.
         let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: 0.0 };
         Self { broadcaster, clocks, topic_feeds, has_stopped: None }
     }

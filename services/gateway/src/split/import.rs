@@ -30,7 +30,7 @@ use crate::{Shared, locked, notify_supervisor};
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a frame after which all ticks from the next one on are requested.
+/// Time without a frame after which the importer requests all ticks from the next tick to deliver.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Minimum interval between requests.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
@@ -55,8 +55,8 @@ pub(crate) struct Import {
     window_ticks: u64,
     /// Publication ends before this tick. `None` until the end of the system has been requested.
     end_tick: Option<u64>,
-    /// Start of a window of ticks that may be published without credit. It is moved forward after a
-    /// loss or a timeout, because then no tick before it remains to be published.
+    /// Start of a window of ticks that may be published without credit. After a loss or a timeout
+    /// the start is moved forward, because no tick before the new start remains to be published.
     floor_tick: u64,
     /// Last time at which publication made progress or was not limited by credit.
     blocked_since: Instant,
@@ -197,7 +197,7 @@ impl ImportState {
 
     /// Waits up to `limit` until a tick can be published or is lost.
     pub(crate) fn wait(&self, limit: Duration) {
-        // The outcome is ignored, because the caller polls whether or not a tick is available.
+        // The outcome is ignored, because the caller polls in either case.
         let arrived =
             self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
         drop(arrived.unwrap_or_else(PoisonError::into_inner));

@@ -10,11 +10,11 @@
 //! | kind | gyro, accel | mag, gnss | all |
 //! | --- | --- | --- | --- |
 //! | `off` | NaN | no value | no reading |
-//! | `stuck` | the last value before the fault | the last value before the fault, at each new value | all four sensors |
-//! | `garbage` | any value | any value, at each new value | all four sensors |
-//! | `miscalibrated` | factor · value + offset | factor · value + offset | all four sensors |
+//! | `stuck` | the last value before the fault | that value in place of each new value | each sensor as in its column |
+//! | `garbage` | any value | any value in place of each new value | each sensor as in its column |
+//! | `miscalibrated` | factor · value + offset | factor · value + offset | each sensor as in its column |
 //! | `slow` | every n-th value, repeated in between | every n-th value | every n-th reading |
-//! | `delayed` | the value one delay earlier | the value one delay earlier | all four sensors |
+//! | `delayed` | the value one delay earlier | the value one delay earlier | each sensor as in its column |
 //! | `intermittent` | NaN at random | no value at random | no reading at random |
 //!
 //! Faults are applied in sequence, each to the result of the previous ones, except that `delayed`

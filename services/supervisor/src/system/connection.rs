@@ -13,7 +13,8 @@ use supervision::Event;
 use super::recorded_topics::RecordedTopics;
 use crate::{UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
 
-/// Free shared memory required to publish an event, bytes. More than the topic `event` occupies.
+/// Free shared memory required to publish an event, bytes. This is more than the topic `event`
+/// occupies.
 const EVENTS_BYTES: u64 = 1 << 20;
 
 pub(super) struct BusConnection {
@@ -88,8 +89,8 @@ impl BusConnection {
             self.reference.drain(self.buffer, |reference| collector.record_reference(reference))
         };
         let mut result = collect_references(collector);
-        // Each attitude is counted immediately, because after an outage as many attitudes may have
-        // arrived as a topic holds.
+        // Each attitude is recorded as soon as it is read, because after an outage an entire topic
+        // buffer of attitudes may be waiting.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
             // A reference is published before its tick's attitude, so the reference has arrived.
             if result.is_ok() && collector.awaits_reference(output.header.tick) {

@@ -255,8 +255,8 @@ mod tests {
         let found = Some(PriorEstimate { mean: [0.001; 3], sd: 4e-4 });
         assert_eq!(scale(Prior { gyro_scale: found, ..PRIOR }), found);
         assert_eq!(Prior { gyro_scale: None, ..PRIOR }.or_scale_from(None).gyro_scale, None);
-        // The standard deviation of the prior is combined with the minimum of 2e-3, which outweighs
-        // it.
+        // The standard deviation of the prior is combined with the minimum of 2e-3, which is much
+        // larger.
         assert!((PRIOR.estimate().gyro_scale.sd.x - 5e-4f64.hypot(2e-3)).abs() < 1e-12);
         assert_eq!(Prior::from_named_values(&PRIOR.named_values()), Some(PRIOR));
     }

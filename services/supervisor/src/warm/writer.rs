@@ -104,7 +104,7 @@ mod tests {
         };
         (0..3).for_each(|_| submit());
         assert!(writer.messages.recv().unwrap().contains("cannot write it: "));
-        // Accepted only after the previous state was processed.
+        // The second state is accepted only after the three states above have been processed.
         (0..2).for_each(|_| submit());
         fs::remove_file(folder.path().join("folder")).unwrap();
         (0..2).for_each(|_| submit());

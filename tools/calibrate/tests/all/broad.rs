@@ -15,7 +15,8 @@ use crate::{
     unit::{Errors, Noise},
 };
 
-/// Errors larger than those of an uncalibrated sensor: 3 °/s, 0.05 g, 3 %, 30 µT, 10 %.
+/// Errors larger than those of an uncalibrated sensor: gyro bias 3 °/s, accelerometer bias 0.05 g,
+/// accelerometer scale 3 %, hard iron 30 µT, soft iron 10 %.
 fn errors() -> Errors {
     let mut noise = Noise::new(20);
     let soft_iron = noise.symmetric(0.1, 0.05);
@@ -152,9 +153,9 @@ fn estimated_errors_match_added_errors() {
     };
     let added = value(Kind::Gyro, &raw) - value(Kind::Gyro, &exact);
     assert!((added - errors.gyro_bias_rad_s).amax() < 2e-4, "{added}");
-    // A distorted reading is M⁻¹ m + h, with the added soft iron M and hard iron h. The original
-    // readings m have their centre at b, their own hard iron, so the distorted ones have it at M⁻¹
-    // b + h.
+    // A distorted reading is M⁻¹ m + h, with the original reading m, the added soft iron M and the
+    // added hard iron h. The original readings have a hard iron b, so the distorted readings have
+    // the hard iron M⁻¹ b + h.
     let centre = errors.soft_iron.try_inverse().unwrap() * value(Kind::Mag, &exact) + errors.hard_iron_ut;
     assert!((value(Kind::Mag, &raw) - centre).amax() < 0.5, "{} {centre}", value(Kind::Mag, &raw));
 }

@@ -193,7 +193,7 @@ fn mounting_level_and_nose_down_pose_match_truth() {
     let mut errors = NormalisedErrors::default();
     for seed in 0..SEEDS {
         let mut noise = Noise::new(seed);
-        // Sensor → body.
+        // Rotation from sensor to body.
         let mounting = exp(noise.direction() * (3.1 * noise.unit()));
         let level = exp(Vector3::z() * noise.within(3.0));
         let nose_down = level * exp(Vector3::x() * -(0.5 + 0.8 * noise.unit()));
@@ -250,8 +250,8 @@ fn clock_rate_kind_shifts_delay_by_half_interval() {
     let instants = Prior { rate_kind: RateKind::Instant, ..Prior::default() };
     let delay_ms = |prior: &Prior| run_calibration(Kind::Clock, prior, &samples).unwrap().values[0].value[0];
     let (as_means, as_instants) = (delay_ms(&Prior::default()), delay_ms(&instants));
-    // At an interval of 10 ms, means that are treated as instants are 5 ms late, which reduces the
-    // delay by 5 ms.
+    // The readings are means over 10 ms. A mean that is treated as an instantaneous rate is 5 ms
+    // late, which reduces the estimated delay by 5 ms.
     assert!((as_means - 12.0).abs() < 1.0 && (as_means - as_instants - 5.0).abs() < 0.5, "{as_means} {as_instants}");
 }
 

@@ -127,7 +127,7 @@ impl Unit {
             let since_s = t_s - index as f64 * period_s - rest_s;
             let (Some(rotation), true) = (rotations.get(index), since_s > 0.0) else { return poses[index] };
             let share = since_s / move_s;
-            // Smooth start and end.
+            // This polynomial makes the rotation start and end smoothly.
             poses[index] * exp(*rotation * (share * share * (3.0 - 2.0 * share)))
         })
     }
@@ -143,7 +143,7 @@ impl Unit {
                 let (before, now, delayed) = (pose(t_s - dt_s), pose(t_s), pose(t_s - self.errors.delay_s));
                 let exact = Sample {
                     t_ns: (t_s * 1e9).round() as i64,
-                    // Mean over the interval.
+                    // The rate is the mean over the interval.
                     rate_rad_s: scaled_axis(before.conjugate() * now) / dt_s,
                     force_m_s2: to_body(now, Vector3::z() * GRAVITY_M_S2),
                     field_ut: Some(to_body(delayed, FIELD_UT.into())),

@@ -1,5 +1,5 @@
-//! Runs faulty sensor readings, which ingest's conditioner must clean up, through the complete
-//! chain.
+//! Runs faulty sensor readings through the complete chain. The conditioner of ingest must clean up
+//! these readings.
 use attitude::Quaternion;
 use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
@@ -11,8 +11,8 @@ const RATE_HZ: f64 = 100.0;
 const INTERVAL_NS: i64 = 10_000_000;
 const FAULT_START: usize = 2000;
 
-/// Name, number of readings and effect of a fault. The effect receives the reading, the last
-/// reading before the fault and the index within the fault.
+/// Name, number of readings and effect of a fault. The effect receives the reading to change, the
+/// last reading before the fault, and the index of the reading within the fault.
 type Fault = (&'static str, usize, fn(&mut Reading, &Reading, i64));
 
 const FAULTS: [Fault; 12] = [

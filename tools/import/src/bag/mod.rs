@@ -7,7 +7,7 @@
 //! Time: the timestamps in the messages.
 //!
 //! Memory: one chunk of the file for each topic being read. The files are read once for the survey,
-//! once for the rows and once for each further topic.
+//! once for the rows, once for the magnetic field and once for the reference.
 //!
 //! Failure: a bag that contains no usable messages is an error. If a bag is damaged, its readable
 //! part is imported.

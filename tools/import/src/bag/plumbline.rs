@@ -17,8 +17,8 @@ use wire::Payload;
 use super::{InertialSample, Position, VelocityFix};
 use crate::{force_aligner::Sample, row_writer::Attitude};
 
-/// Maximum length of each queue. One queue holds the samples waiting for their reference, the other
-/// one the references waiting for their sample.
+/// Maximum length of each queue. One queue holds the samples waiting for their reference. The other
+/// queue holds the references waiting for their sample.
 const MAX_PENDING: usize = 4096;
 
 /// Decodes an IMU sample and returns it together with its tick.

@@ -107,7 +107,8 @@ impl Cursor {
         let mut statement = self.connection.prepare(&self.query)?;
         let mut rows = statement.query([self.last_row_id])?;
         let mut count = 0;
-        // Messages that precede the corruption are returned first, then the error.
+        // If the database is damaged, the messages before the damage are returned first, then the
+        // error.
         let mut next = || rows.next().map(|row| row.map(|row| (row.get(0), row.get(1), row.get(2))));
         self.has_ended = loop {
             match next() {

@@ -16,17 +16,17 @@ const MAX_TIME_NS: i64 = 9_000_000_000_000_000_000;
 /// Attitude estimator in the autopilot, in order of preference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Estimator {
-    /// Third extended Kalman filter, quaternion.
+    /// Third extended Kalman filter, logged as a quaternion.
     Ekf3,
-    /// Second extended Kalman filter, quaternion.
+    /// Second extended Kalman filter, logged as a quaternion.
     Ekf2,
-    /// Estimator that was in control of the vehicle, Euler angles.
+    /// Estimator that was in control of the vehicle, logged as Euler angles.
     InUse,
-    /// Third extended Kalman filter, Euler angles.
+    /// Third extended Kalman filter, logged as Euler angles.
     Ekf3Angles,
-    /// Second extended Kalman filter, Euler angles.
+    /// Second extended Kalman filter, logged as Euler angles.
     Ekf2Angles,
-    /// Secondary estimator that ran in parallel.
+    /// Secondary estimator that ran in parallel to the one in control.
     Secondary,
 }
 

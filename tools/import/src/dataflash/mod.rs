@@ -201,8 +201,8 @@ impl Source for Log {
     }
 }
 
-/// Selects the instance of a kind to read. This is `preferred`, or else the first instance with
-/// valid messages.
+/// Selects the instance that is read for a kind. This is `preferred`, or else the first instance
+/// with valid messages.
 fn select_instance(
     counts: &Counts,
     kind: Kind,

@@ -38,7 +38,7 @@ const COMBINED: &str = "sensor_combined";
 const MAGNETOMETER: &str = "vehicle_magnetometer";
 const ATTITUDE: &str = "vehicle_attitude";
 const RECEIVER: &str = "vehicle_gps_position";
-/// Topic of a single receiver. [`RECEIVER`] is blended from all receivers.
+/// Topic of a single receiver. The topic [`RECEIVER`], in contrast, is blended from all receivers.
 const RECEIVER_RAW: &str = "sensor_gps";
 const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_RAW];
 

@@ -45,7 +45,8 @@ fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
             continue;
         }
         let reference = row.reference.unwrap();
-        // Forward is the first body axis in ROS and the second one here. Up is the third in both.
+        // Forward is the first body axis in ROS and the second one in Plumbline. Up is the third in
+        // both.
         let forward = [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)];
         let up = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
         let [w, x, y, z] = reference.quaternion;

@@ -8,7 +8,7 @@ use recording::Row;
 
 use crate::common::{Folder, Imported};
 
-/// Mapping of most tables in these tests.
+/// Column mapping used for most tables in these tests.
 const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
 const MS: i64 = 1_000_000;
 
@@ -83,12 +83,12 @@ fn axes_converted_to_native() {
     }
 }
 
-/// The attitude is level with the forward axis west and the right axis north.
+/// The body is level, its forward axis points west and its right axis points north.
 #[test]
 fn reference_converted_from_all_frames() {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let west = [half, 0.0, 0.0, half];
-    // The attitude is a rotation by 180° in enu-flu, and by -90° in ned-frd.
+    // The attitude is a rotation about the third axis by 180° in enu-flu, and by −90° in ned-frd.
     for (frame, [w, x, y, z]) in [
         ("enu-rfu", west),
         ("enu-flu", [0.0, 0.0, 0.0, 1.0]),

@@ -204,7 +204,7 @@ fn data_appended_after_crash_read() {
     let mut log = whole.clone();
     log.0.truncate(whole.0.len() - 7);
     let offset = log.0.len() as u64;
-    // The offsets are the last three numbers of the first message.
+    // The offsets of appended sections are the last three numbers of the first message.
     log.0[16 + 3 + 16..][..8].copy_from_slice(&offset.to_le_bytes());
     log.0[16 + 3 + 8] = 1;
     log.combined(1_010_000, GYRO, 0, ACCEL);

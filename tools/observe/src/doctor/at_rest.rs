@@ -1,4 +1,4 @@
-//! Checks of the sensors at rest: |f| against gravity, and the gyro rate against zero.
+//! Checks of the sensors at rest: specific force f against gravity, and gyro rate against zero.
 //!
 //! - Input: samples from a few seconds.
 //! - Output: two checks.
@@ -11,11 +11,11 @@ use super::Check;
 
 /// Standard gravity, m/s² (ISO 80000-3).
 const GRAVITY_M_S2: f64 = 9.806_65;
-/// Maximum standard deviation of |f| at rest, m/s². It allows for vibration and the noise of common
-/// sensors.
+/// Maximum standard deviation of |f|, the magnitude of the specific force, at rest, m/s². It allows
+/// for vibration and the noise of common sensors.
 const MAX_FORCE_SD_M_S2: f64 = 0.3;
-/// Maximum change of the specific force at rest during the observation, as a share of |f|.
-/// Corresponds to a tilt of 0.9°.
+/// Maximum change of the specific force at rest during the observation, as a share of its
+/// magnitude. It corresponds to a tilt of 0.9°.
 const MAX_FORCE_DRIFT: f64 = 0.015;
 /// Maximum standard deviation of each rate at rest, rad/s (1 °/s).
 const MAX_RATE_SD_RAD_S: f64 = 0.0175;
@@ -27,7 +27,8 @@ const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Minimum number of samples for a check.
 const MIN_SAMPLES: f64 = 50.0;
 
-/// Statistics of |f|, of the rate about each axis and of the specific force along each axis.
+/// Statistics of the magnitude of the specific force, and of the rate and the specific force along
+/// each axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RestCheck {
     count: f64,
@@ -59,7 +60,8 @@ impl RunningSums {
         (self.squares / count - self.mean(count).powi(2)).max(0.0).sqrt()
     }
 
-    /// Returns the change from the first to the last sample: least-squares slope times `count`.
+    /// Returns the change from the first to the last of `count` samples: the least-squares slope
+    /// times `count`.
     fn drift(&self, count: f64) -> f64 {
         12.0 * (self.index_products - self.sum * (count - 1.0) / 2.0) / (count * count - 1.0)
     }

@@ -11,7 +11,8 @@ const FIX_COMMAND: &str = "plumb doctor --fix";
 /// leftovers.
 pub fn checks(only: Option<&SystemName>, fix: bool) -> Vec<Check> {
     let stale = only.map_or_else(StaleResources::all, |system_name| vec![StaleResources::for_system(system_name)]);
-    // Files owned by another user are legitimate unless their system was requested by name.
+    // Files that belong to another user are reported as a problem only if their system was
+    // requested by name. Otherwise, they may be legitimate.
     let severity_check = if only.is_some() { Check::problem } else { Check::warning };
     let inaccessible =
         |error: &BusError| severity_check("leftovers", error.to_string(), "left unchanged; ask the owner to check");
@@ -66,8 +67,8 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
         });
     }
     Some(match stale.liveness {
-        // The next process that joins the system cleans up. Until then, the ports of the killed
-        // processes stay occupied.
+        // The next process that joins the system removes the leftovers. Until then, the ports of
+        // the killed processes stay occupied.
         SystemLiveness::Running { .. } => Check::warning(check, found, FIX_COMMAND),
         _ => Check::problem(check, found, FIX_COMMAND),
     })

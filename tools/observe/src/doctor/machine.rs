@@ -10,13 +10,15 @@ use rustix::{
 
 use super::Check;
 
-/// Minimum free shared memory, MiB. A system at 1 kHz uses 5 MiB; three times that amount allows
-/// for a higher rate or a second system.
+/// Free shared memory below which a problem is reported, MiB. A system at 1 kHz uses 5 MiB. Three
+/// times that amount allows for a higher rate or a second system.
 const MIN_SHARED_MEMORY_MIB: u64 = 16;
-/// Ample free shared memory, MiB. A system at 1 kHz uses 83 MiB if it has the maximum number of
-/// subscribers and all are as slow as possible; half as much again is reserve.
+/// Free shared memory below which a warning is reported, MiB. A system at 1 kHz uses 83 MiB if it
+/// has the maximum number of subscribers and all of them are as slow as possible. The remainder is
+/// a reserve.
 const AMPLE_SHARED_MEMORY_MIB: u64 = 128;
-/// Ample open-file limit. It leaves room for a recorder, a gateway and observers.
+/// Open-file limit below which a warning is reported. It leaves room for a recorder, a gateway and
+/// observers.
 const AMPLE_OPEN_FILES: u64 = 1024;
 /// Minimum lockable memory, MiB. It covers code, stacks and topic buffers of a service.
 const MIN_LOCKED_MEMORY_MIB: u64 = 8;

@@ -17,7 +17,7 @@ use crate::flow::FlowMonitor;
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Relative rate error above which a warning is reported.
 const WARNING_RATE_ERROR: f64 = 0.05;
-/// Relative rate error above which a problem is reported, because samples are missing.
+/// Relative rate error above which a problem is reported instead of a warning.
 const PROBLEM_RATE_ERROR: f64 = 0.2;
 
 /// Data of a system collected during an observation.
@@ -144,7 +144,7 @@ impl Observation {
     }
 }
 
-/// Checks that all attitudes reached the supervisor's report and its output file.
+/// Checks that the supervisor recorded all attitudes in its report and in the output file.
 pub fn record_check(RecordStatus { not_recorded, output_error }: &RecordStatus) -> Check {
     let check = "record";
     let attitudes = pluralize(*not_recorded, "attitude");

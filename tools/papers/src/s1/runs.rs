@@ -242,8 +242,8 @@ mod tests {
         ] {
             assert!((got / published - 1.0).abs() < 0.15, "{got}° for {published}°");
         }
-        // In figure 8 of the paper v exceeds ±0.3 and reaches 0.4. In its figure 10 HPF(v) is a
-        // small part of the sum.
+        // In figure 8 of the paper, v exceeds ±0.3 and reaches 0.4. In figure 10 of the paper,
+        // HPF(v) is a small part of the sum.
         assert!((0.05..0.25).contains(&results.drift_v.abs()), "{}", results.drift_v);
         assert!(results.high_pass < 0.5 * results.low_pass && results.sum_error < 0.01, "{results:?}");
     }

@@ -1,8 +1,8 @@
 //! Pitch and roll from the direction of gravity, computed by every stage of the accel slot in the
 //! axes of S2.
 //!
-//! The axes of S2 are X forward, Y right and Z along the vertical, where the accelerometer reads
-//! +g. The stages use ξ right, η forward and ζ up, hence f_ξ = −gy, f_η = −gx, f_ζ = gz.
+//! In S2, the axes are X forward, Y right and Z along the vertical. A level accelerometer at rest
+//! reads +g on Z. The stages use ξ right, η forward and ζ up, hence f_ξ = −gy, f_η = −gx, f_ζ = gz.
 
 use attitude::{GRAVITY_M_S2, Vector3, accel::Accelerometer, stage::Stage, state::wrapped_rad};
 

@@ -29,7 +29,8 @@ const FIGURES: [(&str, &str, SensorCase); 3] = [
 /// stages.
 pub(crate) const RUN_COUNT: u64 = (TABLE_CASES.len() + FIGURES.len() + 1) as u64;
 
-/// Published RMS errors by axis: original form, improved form, and the printed gain, %.
+/// Published values for each axis: RMS error of the original form, RMS error of the improved form,
+/// and the improvement, %.
 const PUBLISHED: [(&str, f64, f64, f64); 3] =
     [("pitch", 1.9371, 0.9986, 48.7), ("roll", 0.3502, 0.2410, 33.12), ("yaw", 1.8198, 0.9465, 47.99)];
 

@@ -13,8 +13,8 @@ use scenario::Scenario;
 
 /// Duration of a flight, s, as in the paper.
 pub(crate) const DURATION_S: f64 = 3500.0;
-/// Stages that are compared. The first is the paper's law on a single attitude, the second is
-/// figure 7 of the paper.
+/// Stages that are compared. The first applies the control law of the paper to a single attitude.
+/// The second implements figure 7 of the paper.
 pub(crate) const STAGES: [&str; 4] = ["levelling", "levelling-unified", "levelling-pi", "aided"];
 /// Number of flights that are averaged for the table.
 pub(crate) const SEEDS: u64 = 4;
@@ -234,7 +234,8 @@ mod tests {
             axes(&unified.aided).into_iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
         assert!(differences.fold(0.0, f64::max) < 1e-9, "P1 is the printed law");
         assert!(worse(&pi.aided) < 0.2 && worse(&aided.aided) < 0.1);
-        // The expected course error is T b = 50 s · 0.05 °/s = 2.5°.
+        // The expected course error is the course time constant times the gyro bias: 50 s · 0.05
+        // °/s = 2.5°.
         assert!((2.0..3.0).contains(&printed.aided.course_deg().unwrap()));
     }
 

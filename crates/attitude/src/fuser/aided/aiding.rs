@@ -1,4 +1,4 @@
-//! State of the aiding by a satellite receiver.
+//! State of the satellite receiver: its last velocity and the times since it.
 
 use crate::scalars::Scalars;
 

@@ -7,9 +7,10 @@
 //! - Sensors that are worse than their settings raise the mean. The reported deviations are
 //!   therefore multiplied by the square root of the mean.
 //! - A receiver that is better than its settings lowers the mean, but this reveals less about the
-//!   part of the error that the gyro causes. The reported deviations are then reduced by an
-//!   empirical law, fitted to cruise flights with a receiver noise of 0.05 m/s and with both good
-//!   and bad other sensors. The law holds only for the default noise settings.
+//!   part of the error that the gyro causes. The factor on the reported deviations is then not the
+//!   square root but an empirical law of the mean. The law was fitted to cruise flights with a
+//!   receiver noise of 0.05 m/s, some with good and some with bad other sensors. It holds only for
+//!   the default noise settings.
 //!
 //! The filter's own deviations are not scaled, because its gains must follow from the settings.
 
@@ -25,7 +26,7 @@ const MAX_MEAN: f64 = 16.0;
 const DEFLATION_FACTOR: f64 = 1.44;
 /// Exponent of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
 const DEFLATION_EXPONENT: f64 = 0.7;
-/// Limit to which a normalised innovation is clamped, in standard deviations.
+/// Largest magnitude of a normalised innovation, in standard deviations. Larger ones are clamped.
 const MAX_INNOVATION: f64 = 8.0;
 
 /// Origin of the filter's noise settings.

@@ -43,14 +43,14 @@ pub(super) struct PropagationInterval {
     pub(super) force_m_s2: Vector3<f64>,
     /// R, body → reference.
     pub(super) to_reference: Matrix3<f64>,
-    /// `true` if the heading affects the velocity, which requires a heading counted from north.
+    /// `true` if the heading counts from north. Only then does a heading error affect the velocity.
     pub(super) heading_acts: bool,
     pub(super) dt_s: f64,
     /// Variances added over the interval.
     pub(super) noise: ErrorState,
 }
 
-/// Scalar measurement e = h·δ + noise of the error state δ.
+/// Scalar measurement of the error state δ: e = h·δ + noise.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measurement<'a> {
     /// Measured value e.
@@ -80,15 +80,15 @@ impl Covariance {
             tilt_coupling.column_mut(2).fill(0.0);
         }
         let bias_coupling = to_reference * -*dt_s;
-        // F P: first the rows. The velocity rows come first, because they need the rotation rows
-        // before these are updated.
+        // F P changes the rows. The velocity rows are updated before the rotation rows, because
+        // they depend on the old values of the rotation rows.
         let velocity = tilt_coupling * self.0.fixed_rows::<3>(ROTATION) + bias_coupling * self.0.fixed_rows::<3>(ACCEL);
         let rotation = bias_coupling * self.0.fixed_rows::<3>(GYRO);
         let mut rows = self.0.fixed_rows_mut::<3>(VELOCITY);
         rows += velocity;
         let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
         rows += rotation;
-        // (F P) Fᵀ: then the columns. The columns of the biases do not change, so only the block of
+        // (F P) Fᵀ changes the columns. Those of the biases stay the same, so only the block of
         // velocity and rotation remains to be updated.
         let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilt_coupling.transpose()
             + self.0.fixed_view::<6, 3>(0, ACCEL) * bias_coupling.transpose();
@@ -111,7 +111,8 @@ impl Covariance {
     /// Updates the error δ with the gain K, δ += K (e − h δ). Returns the innovation divided by its
     /// standard deviation.
     ///
-    /// An innovation above `limit` standard deviations has no more effect than one at the limit.
+    /// An innovation above `limit` standard deviations has the same effect as one of exactly
+    /// `limit`.
     ///
     /// The covariance is P ← (1 − K h) P (1 − K h)ᵀ + K R Kᵀ, with the noise variance R. This holds
     /// for every gain, including one that is zero for considered states.

@@ -53,11 +53,11 @@ impl Aided {
         }
     }
 
-    /// Updates the filter with the antenna's velocity v + R (ω × r) at the time of measurement and,
-    /// with little weight, with the track.
+    /// Updates the filter with a fix: with the velocity and, at little weight, with the track.
     ///
-    /// Since that time, tilt error and accelerometer bias have changed the velocity error. The
-    /// measurement therefore includes these states.
+    /// The measured velocity is that of the antenna at the time of measurement, v + R (ω × r).
+    /// Since that time, the errors of tilt and accelerometer bias have changed the velocity error.
+    /// The measurement therefore includes these states.
     fn update_velocity(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));

@@ -8,17 +8,17 @@
 //! across it and vertically. There is no mode switch, because the covariance weights all
 //! measurements.
 //!
-//! The state consists of (w, z), the velocity v, the biases b and s, the receiver's latency L, and
-//! the covariance of their errors. Attitude corrections are applied over
-//! [`smoothing_s`](Settings::smoothing_s), as a rotation rate, like the rate ω_c of a levelled
-//! platform.
+//! The state consists of (w, z), the velocity v, the gyro bias b, the accelerometer bias s, the
+//! receiver's latency L, and the covariance of their errors. Attitude corrections are applied over
+//! [`smoothing_s`](Settings::smoothing_s), as a rotation rate, like the rate ω_c that levels a
+//! platform (see `levelling`).
 //!
 //! The heading counts from true north once the body has moved over ground faster than
 //! `track_speed_m_s`. The initial heading is that of the track, so it is wrong for a body that
 //! starts moving sideways or backwards. Before the first velocity, only gravity corrects the level.
-//! In that phase a sustained turn reveals the speed, but sustained straight acceleration does not.
-//! The earth's curvature and the Coriolis acceleration, which amount to 0.04° at 50 m/s, are
-//! neglected.
+//! In that phase the filter can infer the speed from a sustained turn, but not from sustained
+//! straight acceleration. The earth's curvature and the Coriolis acceleration, which amount to
+//! 0.04° at 50 m/s, are neglected.
 //!
 //! | file | content |
 //! | --- | --- |
@@ -28,7 +28,7 @@
 //! | `sums` | sums since the last propagation of the covariance |
 //! | `fixes` | satellite velocity and the initial course |
 //! | `aiding` | state of the receiver |
-//! | `assumed_velocity` | assumed velocity in a gap, and updates at standstill |
+//! | `assumed_velocity` | assumed velocity while there are no fixes, and updates at standstill |
 //! | `consistency` | consistency of the filter's standard deviations |
 //! | `standstill` | standstill detector, which also measures the gyro bias |
 //! | `magnetic` | heading from the magnetic field |

@@ -69,8 +69,8 @@ impl Aided {
         self.sums.duration_s += dt_s;
         self.sums.force_m_s += force_m_s2 * dt_s;
         self.sums.rate2_rad2_s += rate_rad_s.norm_squared() * dt_s;
-        // The tolerance of half a millisecond keeps rounding from deferring a step to the next
-        // sample.
+        // Without the tolerance of half a millisecond, rounding could delay the propagation to the
+        // next sample.
         if self.sums.duration_s > INTERVAL_S - 5e-4 {
             self.propagate_covariance(to_reference);
         }

@@ -34,7 +34,7 @@ impl VelocityHistory {
         self.0 = [Entry { velocity_m_s, interval_s: INTERVAL_S }; COUNT];
     }
 
-    /// Returns the velocity and the acceleration at `age_s` before now, by linear interpolation.
+    /// Returns the velocity and the acceleration `age_s` ago, by linear interpolation.
     ///
     /// `now_m_s` is the present velocity. `since_last_s` is the age of the newest entry.
     pub(super) fn interpolate(

@@ -33,9 +33,9 @@
 //! S4 instead runs two platforms all the time and selects one of them. [`LevellingUnified`]
 //! implements this figure.
 //!
-//! Both laws assume a vehicle that moves where its nose points. In wind the error of V H' is wind
-//! times H': 10 m/s in a turn of 3 °/s gives 3° of apparent tilt for the duration of the turn. The
-//! laws do not hold for backward and sideways motion; use `aided` in these cases.
+//! Both laws assume a vehicle that moves where its nose points. In wind, V H' is wrong by the wind
+//! speed times H': 10 m/s in a turn of 3 °/s gives 3° of apparent tilt for the duration of the
+//! turn. The laws do not hold for backward and sideways motion; use `aided` in these cases.
 
 mod geometry;
 mod level_force;

@@ -79,8 +79,8 @@ impl Platform {
         self.realign();
         self.attitude = attitude;
         self.started = true;
-        // The previous stage's level may lag. The mean of the remaining force is then not zero, so
-        // the low-pass filter starts as a plain mean.
+        // The previous stage's level may lag. The mean horizontal force is then not zero, so the
+        // low-pass filter starts as a plain mean.
         self.averaging_deficit_s = low_pass_s;
     }
 

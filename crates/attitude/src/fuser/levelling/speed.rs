@@ -34,7 +34,8 @@ impl GroundSpeed {
         if self.rate_remaining_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 }
     }
 
-    /// Advances the time at the start of a tick, before its fix is recorded.
+    /// Advances the time since the last fix. Called at the start of a tick, before the tick's fix
+    /// is recorded.
     pub(super) fn advance(&mut self, dt_s: f64) {
         self.since_fix_s += dt_s;
     }
@@ -50,7 +51,7 @@ impl GroundSpeed {
         self.has_fix = true;
     }
 
-    /// Reduces the time for which the derivative still holds by the interval of the tick.
+    /// Ends the tick: subtracts its interval from the time for which the derivative still holds.
     pub(super) fn end_tick(&mut self, dt_s: f64) {
         self.rate_remaining_s = (self.rate_remaining_s - dt_s).max(0.0);
     }

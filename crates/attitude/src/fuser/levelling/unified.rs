@@ -8,7 +8,7 @@
 //! roll, pitch = k · P1 + (1 − k) · P2,  course = k · H + (1 − k) · HΓ of P2
 //!
 //! where H is the complex course: the gyroscopic course HΓ, corrected towards the track over ground
-//! with T = 50 s — S4, (5),
+//! with T = 50 s. At each step of length h — S4, (5),
 //!
 //! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T
 //!
@@ -67,7 +67,7 @@ settings! {
 const MIN_JUMP_RAD: f64 = 0.03 * PI / 180.0;
 /// Largest pitch at which the course is corrected, rad: 80°.
 const MAX_COURSE_PITCH_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
-/// Assumed drift of the gyroscopic course in its standard deviation, rad/s: 0.05 °/s.
+/// Drift rate assumed for the gyroscopic course to obtain its standard deviation, rad/s: 0.05 °/s.
 const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
 /// Assumed RMS angle between a vehicle's nose and its track, rad: 3°.
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;

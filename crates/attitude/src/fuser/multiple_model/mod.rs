@@ -6,15 +6,16 @@
 //! velocity is known from a receiver or, if there is none, inferred from turns. Both stages run all
 //! the time.
 //!
-//! The level is that of `aided` if ground motion was detected within the last five minutes: a
-//! velocity was used while the heading referred to true north, or a coordinated turn was detected
-//! (`turn_detector`). Otherwise the level is that of `wz`.
+//! Ground motion is detected in two ways: a velocity was used while the heading referred to true
+//! north, or a coordinated turn was detected (`turn_detector`). The level is that of `aided` if
+//! ground motion was detected within the last five minutes. Otherwise the level is that of `wz`.
 //!
-//! The heading is that of `aided` if it refers to true north, unless the heading of `wz` refers to
-//! magnetic north and there is no ground motion. In all other cases the heading is that of `wz`.
+//! The heading is that of `aided` if it refers to true north. There is one exception: without
+//! ground motion, a heading of `wz` that refers to magnetic north takes precedence. In all other
+//! cases the heading is that of `wz`.
 //!
-//! A switch between the stages does not change the attitude at once, unless they differ too much.
-//! Their difference is removed gradually (`transition`).
+//! A switch between the stages does not change the attitude at once, unless the attitudes of the
+//! stages differ too much. The difference is removed gradually (`transition`).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -126,8 +127,8 @@ impl MultipleModel {
         self.turns = TurnDetector::default();
     }
 
-    /// Selects a stage each for level and heading, by the references of their headings and by
-    /// ground motion.
+    /// Selects one stage for the level and one for the heading. The choice depends on ground motion
+    /// and on the references of the two headings.
     fn select(&self, wz: CourseReference, aided: CourseReference) -> ModelSelection {
         let has_ground_motion = self.since_ground_motion_s < GROUND_MOTION_HOLD_S;
         let heading = match (wz, aided) {

@@ -105,8 +105,8 @@ fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     }
 }
 
-/// Returns the angle about the vertical if `rotation` is split into a rotation about the vertical
-/// and a subsequent one about a horizontal axis, rad.
+/// Splits `rotation` into a rotation about the vertical and a subsequent one about a horizontal
+/// axis. Returns the angle about the vertical, rad.
 fn about_vertical_rad(rotation: Quaternion<f64>) -> f64 {
     wrapped_rad(2.0 * libm::atan2(rotation.k, rotation.w))
 }

@@ -21,8 +21,8 @@ use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scala
 const AVERAGING_S: f64 = 3.0;
 /// Minimum averaging time before the mean is used, s.
 const MIN_AVERAGED_S: f64 = 2.0 * AVERAGING_S;
-/// Minimum relative excess of the mean force over that in straight motion. It corresponds to a bank
-/// of 7°.
+/// Minimum relative excess of the mean force over the force in straight motion. It corresponds to a
+/// bank of 7°.
 const MIN_FORCE_EXCESS: f64 = 0.008;
 /// Minimum rate of a turn, rad/s: 1 °/s.
 const MIN_RATE_RAD_S: f64 = 0.017_453_293;
@@ -33,9 +33,9 @@ const VEHICLE_SPEEDS_M_S: core::ops::Range<f64> = 5.0..300.0;
 const MIN_TURN_S: f64 = 2.0;
 /// Value at which the recorded duration of a turn saturates, s.
 const MAX_TURN_S: f64 = 5.0;
-/// Time constant of the estimated force in straight motion, s.
+/// Time constant with which the estimated force in straight motion is updated, s.
 const GRAVITY_TIME_CONSTANT_S: f64 = 30.0;
-/// Maximum relative deviation from g of the force in straight motion.
+/// Maximum difference between the force in straight motion and g, relative to g.
 const MAX_SCALE_ERROR: f64 = 0.03;
 /// Smallest norm of a usable mean force, m/s².
 const MIN_FORCE_M_S2: f64 = 1.0;
@@ -49,13 +49,13 @@ const MAX_RATE_RAD_S: f64 = 100.0;
 pub(super) struct TurnDetector {
     /// Mean force in body axes, m/s².
     force_m_s2: Vector3<f64>,
-    /// Time averaged so far, s.
+    /// Averaging time so far, s.
     averaged_s: f64,
     /// Mean rate about the mean force, rad/s.
     rate_rad_s: f64,
     /// Norm of the mean force in straight motion, m/s².
     gravity_m_s2: f64,
-    /// Duration of the turn, s. Interruptions are subtracted.
+    /// Duration of the turn, s. It increases while the body turns and decreases as fast otherwise.
     turn_s: f64,
 }
 

@@ -16,8 +16,8 @@ use crate::{
 };
 use vqf_rs::{Params, VQF};
 
-/// Field interval above which the field is not smoothed, s. Above it, the cut-off of the 0.05 s
-/// low-pass filter would exceed the Nyquist frequency.
+/// Interval between field samples above which the field is not smoothed, s. At a longer interval,
+/// the cut-off of the 0.05 s low-pass filter would exceed the Nyquist frequency.
 const MAX_SMOOTHED_INTERVAL_S: f64 = 0.1;
 /// Largest component of a sample, in its SI unit or µT. It is far beyond any sensor's range, yet
 /// its square is finite.
@@ -32,8 +32,8 @@ pub struct Vqf {
     pub(super) magnetic: bool,
     pub(super) tilt: AngleUncertainty,
     pub(super) heading: AngleUncertainty,
-    /// Standard deviation of the effect that a handed-over velocity still has on the low-pass
-    /// filter, m/s.
+    /// Standard deviation of the error that remains in the low-pass filter from a handed-over
+    /// velocity, m/s.
     pub(super) velocity_sd_m_s: f64,
     /// Handed-over gyro scale, which is passed on unchanged.
     pub(super) gyro_scale: GyroScale,

@@ -42,7 +42,8 @@ impl Vqf {
         });
     }
 
-    /// Returns the velocity that tilts the level, in the frame of the attitude.
+    /// Returns the leaky velocity of the force low-pass filter, which tilts the level, in the frame
+    /// of the attitude.
     pub(super) fn leaky_velocity(&self) -> LeakyVelocity {
         let Some(ForceLowPass { velocity_m_s, .. }) = self.force_low_pass().filter(|_| self.levelled) else {
             return LeakyVelocity::UNKNOWN;
@@ -57,8 +58,10 @@ impl Vqf {
         })
     }
 
-    /// Returns the state of the force low-pass filter, or `None` until it has averaged for its time
-    /// constant or a level was handed over.
+    /// Returns the state of the force low-pass filter.
+    ///
+    /// It is `None` during the filter's initial averaging, which ends after one time constant or
+    /// when a level is handed over.
     pub(super) fn force_low_pass(&self) -> Option<ForceLowPass> {
         let ([pulse, _], resting, interval_s) = self.low_pass_response();
         let state = self.filter.state();
@@ -79,8 +82,8 @@ impl Vqf {
         state.acc_lp_state = core::array::from_fn(delayed);
     }
 
-    /// Returns the two delay elements of the low-pass filter after a single sample of 1, the same
-    /// two at a steady input of 1, and the filter's interval, s.
+    /// Returns the response of the low-pass filter: its two delay elements after a single sample of
+    /// 1, its two delay elements at a steady input of 1, and its sampling interval, s.
     fn low_pass_response(&self) -> ([f64; 2], [f64; 2], f64) {
         let coefficients = self.filter.coeffs();
         let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
@@ -92,6 +95,7 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Area of the one-sample pulse that would give a filter at rest the same rate of change, m/s.
+    /// Area, m/s, of a pulse one sample long that would give a filter at rest the same rate of
+    /// change.
     velocity_m_s: Vector3<f64>,
 }

@@ -2,9 +2,10 @@
 //!
 //! Updates run at 5 Hz, and more often just after the level was initialised.
 //!
-//! The gyro reads ω + b + m ∘ ω. A tilt error ε appears as a horizontal force g ε. Bias and scale
-//! change the tilt error at the rate −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of
-//! body axis i. The levelling loop reduces the tilt error by the known tilt rate κ:
+//! The gyro reads ω + b + m ∘ ω, with the rate ω, the bias b and the scale error m of each axis. A
+//! tilt error ε appears as a horizontal force h = g ε. Bias and scale change the tilt error at the
+//! rate −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of body axis i. The levelling
+//! loop reduces the tilt error by the known tilt rate κ:
 //!
 //! ε' = −j Σ a_i (b_i + m_i ω_i) − κ,   h/g = ε + acceleration/g.
 //!
@@ -13,11 +14,11 @@
 //! tilt error is χ: V' = h/g − V/T_c, χ' = ε − χ/T_c, V = χ + velocity/g. Each update uses the
 //! force or the velocity, whichever is more informative.
 //!
-//! The levelling loop keeps its own dynamics. It is corrected only by the accumulated effect of the
-//! gyro errors and of the initial level error. If the estimated tilt itself were applied, the level
-//! would respond more slowly as the filter becomes more certain of the gyro. At rest, the
-//! correction is not based on that effect, because accelerations before the rest may have masked
-//! it. The force then shows the remaining error directly.
+//! The levelling loop keeps its own dynamics. The filter corrects only the accumulated effect of
+//! the gyro errors and of the initial level error. If it applied the estimated tilt itself, the
+//! level would respond more slowly as the filter becomes more certain of the gyro. At rest, the
+//! correction is derived from the force instead, which then shows the remaining error directly. The
+//! accumulated effect is not used there, because accelerations before the rest may have masked it.
 
 use core::f64::consts::PI;
 
@@ -42,15 +43,15 @@ use nalgebra::{SMatrix, SVector};
 /// Interval of the updates, s. Slightly below 0.2 s to tolerate rounding in sums of intervals.
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// First update interval after the level is initialised, s. Short intervals let the level follow
-/// the mean from the start.
+/// the mean force from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
 /// Length of a later update interval as a fraction of the time since the level was initialised.
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
-/// Time after initialisation during which the level is a plain mean, whatever the estimated noise,
-/// s.
+/// Time after initialisation during which the level follows the plain mean of the force, whatever
+/// the estimated noise, s.
 const MEAN_ONLY_S: f64 = 0.6;
-/// Duration that the first sample represents in that mean, s. The acceleration of a hand does not
-/// change within a shorter time.
+/// Duration that the first sample represents in the mean force after initialisation, s. The
+/// acceleration of a hand does not change within a shorter time.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
 /// Factor on the standard deviation of a bias that is adopted together with a level. Their errors
 /// are correlated, and the correlation is not handed over.
@@ -81,11 +82,12 @@ const INITIAL_LEVEL_SD_RAD: f64 = 0.3;
 const REINITIALISED_LEVEL_SD_RAD: f64 = 0.1;
 /// Time constant of the leaky velocity, s.
 const VELOCITY_MEMORY_S: f64 = 3.0;
-/// Time after an initial level during which only the force is used, s.
+/// Time after the initialisation of the level during which only the force is used, s.
 const FORCE_ONLY_S: f64 = 2.0;
 /// Standard deviation of the velocity divided by g after [`FORCE_ONLY_S`], s.
 const INITIAL_VELOCITY_SD_S: f64 = 0.1;
-/// Initial standard deviation of a velocity that is zero by definition, s.
+/// Initial standard deviation of χ, the velocity caused by the tilt error, s. By definition χ
+/// starts at zero.
 const ZERO_VELOCITY_SD_S: f64 = 1e-4;
 /// Smallest noise of the levelled force divided by g.
 const MIN_FORCE_SD: f64 = 1e-3;
@@ -101,7 +103,7 @@ const INITIAL_VELOCITY_INNOVATION_SD_S: f64 = 0.075;
 /// Initial standard deviation of the velocity innovations after a hand-over, s.
 const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
 /// Lower and upper limit for the number of successive force innovations that count as one
-/// independent innovation, because they are correlated.
+/// independent innovation. The number can exceed one because successive innovations are correlated.
 ///
 /// Accelerations keep their direction for less than 1 s. Over longer times they cancel, because the
 /// velocity they cause comes to an end.
@@ -280,8 +282,8 @@ impl GyroErrorFilter {
         self.covariance.fixed_view_mut::<GYRO_ERRORS, GYRO_ERRORS>(BIAS, BIAS).copy_from(&known);
     }
 
-    /// Accumulates the sensitivity of the tilt to the gyro errors over a tick, with the body axes
-    /// and the measured rotation.
+    /// Accumulates the sensitivity of the tilt to the gyro errors over a tick. `axes` are the body
+    /// axes, and `rotation` is the measured rotation.
     #[inline]
     pub(super) fn accumulate_drift(&mut self, axes: &BodyAxes, rotation: Rotation, dt_s: f64) {
         let rotation_rad = [rotation.s.re, rotation.s.im, rotation.p.im].map(|half| 2.0 * half);
@@ -298,7 +300,7 @@ impl GyroErrorFilter {
         self.outage_s += outage_s;
     }
 
-    /// Accumulates the levelled force, as its integral over `dt_s`, and the norm of the force.
+    /// Adds a sample: the integral of the levelled force over `dt_s`, and the norm of the force.
     #[inline]
     pub(super) fn accumulate_force(&mut self, force_dt_m_s: Complex<f64>, norm_m_s2: f64, dt_s: f64) {
         self.force_dt_m_s += force_dt_m_s;
@@ -393,11 +395,11 @@ impl GyroErrorFilter {
     /// Updates with the force or the velocity, whichever is more informative, and returns the
     /// change of the state.
     ///
-    /// The innovations include the error of an initial level that was set in motion. This error
-    /// cannot be distinguished from noise until the averaging time of the innovations has passed.
-    /// Until then the gain is at least that of a mean, 1/(1 + number of updates). If the level was
-    /// set from one sample, the tilt is then exactly the mean over time, while its variance falls
-    /// as if each update interval contained one measurement.
+    /// If the level was initialised while the body moved, the innovations include the resulting
+    /// level error. This error cannot be distinguished from noise until the averaging time of the
+    /// innovations has passed. Until then the gain is at least that of a mean, 1/(1 + number of
+    /// updates). If the level was set from one sample, the tilt is then exactly the mean over time.
+    /// Its variance, however, falls as if each update interval contained one measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
@@ -466,8 +468,9 @@ impl GyroErrorFilter {
 
     /// Restarts the filter after a tilt fault and returns the error of the loop.
     ///
-    /// The error of the level exceeds its estimate by `level_error_rad`, so the velocity of the
-    /// loop is an artefact. Level and bias become as uncertain as they are after initialisation.
+    /// The true error of the level exceeds the estimated error by `level_error_rad`, so the
+    /// velocity of the loop is an artefact. Level and bias become as uncertain as they are after
+    /// initialisation.
     #[cold]
     fn reset_after_tilt_fault(&mut self, level_error_rad: Complex<f64>, loop_velocity_s: Complex<f64>) -> LoopError {
         let tilt = self.tilt_rad + level_error_rad;
@@ -504,8 +507,8 @@ impl GyroErrorFilter {
             p[(i, VELOCITY)] = decay * p[(i, VELOCITY)] + interval_s * p[(i, TILT)];
             p[(i, VELOCITY + 1)] = decay * p[(i, VELOCITY + 1)] + interval_s * p[(i, TILT + 1)];
         }
-        // Makes both halves of the covariance equal to the last bit, because they were summed in
-        // different orders.
+        // The two halves of the symmetric covariance were summed in different orders. Copying one
+        // to the other removes the rounding difference.
         let summed = [TILT, TILT + 1, VELOCITY, VELOCITY + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| p[(*j, i)] = p[(i, *j)]);
@@ -539,8 +542,8 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Propagates the sensitivities of the loop over an interval, with half of the drift before it
-    /// and half after.
+    /// Propagates the sensitivities of the loop over an interval. Half of the drift is applied at
+    /// the start of the interval, the other half at its end.
     fn propagate_sensitivity(&mut self, drift: &[Complex<f64>; GYRO_ERRORS], interval_s: f64) {
         let response = LoopResponse::new(interval_s);
         let [e0, w0] = self.tilt_sensitivity;

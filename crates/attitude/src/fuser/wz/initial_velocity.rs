@@ -2,9 +2,9 @@
 //!
 //! After a hand-over, the loop starts with the velocity of the previous loop or with zero. The
 //! velocity error tilts an initially correct level for as long as it persists in the loop. The
-//! effect of this error on the loop is known, so the error can be estimated from the tilt found by
-//! the gyro error filter, and corrected. The less certain the adopted level, the smaller the
-//! correction.
+//! effect of this error on the loop is known. The error can therefore be estimated, and corrected,
+//! from the tilt found by the gyro error filter. The less certain the adopted level, the smaller
+//! the correction.
 
 use super::{
     level::{LoopError, LoopResponse},

@@ -1,8 +1,8 @@
 //! Attitude and leaky velocity of the levelling loop.
 //!
 //! Horizontal quantities are kept in the frame of fixed azimuth, which is the level frame rotated
-//! back by z. Rotations about the vertical leave it unchanged. It differs from the reference frame
-//! only by the azimuth at the start.
+//! back by z. Rotations about the vertical leave this frame unchanged. It differs from the
+//! reference frame only by the azimuth at the start.
 
 use core::ops::{Add, Mul, Sub};
 

@@ -5,14 +5,14 @@
 //! is therefore low-pass filtered without any gating. This is done in a horizontal frame, in which
 //! gravity is constant. Per tick:
 //!
-//! 1. w ← the exact step with gyro bias and scale error removed, while the level is tilted by κ dt
-//!    (`Level`).
-//! 2. h is the horizontal part of the force, V' = h − V/T1 a leaky velocity, and κ = V/(g T1 T2)
-//!    the tilt rate.
+//! 1. w is stepped exactly by the rate, from which gyro bias and scale error have been removed. At
+//!    the same time the level is tilted by κ dt (`Level`).
+//! 2. The horizontal part h of the force updates the leaky velocity V, with V' = h − V/T1. The tilt
+//!    rate is κ = V/(g T1 T2).
 //!
-//! The transfer function from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1). It is the
-//! complementary filter of Matveev 2025, fig. 9, extended to second order, with its "+" replaced by
-//! a Möbius map and its low-pass moved to the horizontal frame.
+//! The transfer function from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1). The stage
+//! extends the complementary filter of Matveev 2025, fig. 9, to second order. It replaces the "+"
+//! of that filter by a Möbius map and moves its low-pass to the horizontal frame.
 //!
 //! | file | content |
 //! | --- | --- |
@@ -21,7 +21,7 @@
 //! | `noise` | noise of the filter's measurements, from its innovations |
 //! | `tilt_fault` | detection of a wrong level |
 //! | `initial_velocity` | correction of an adopted leaky velocity |
-//! | `heading` | heading by the magnetic field |
+//! | `heading` | heading from the magnetic field |
 //! | `correction_smoothing` | gradual application of corrections |
 //! | `reported_sd` | standard deviations of the output |
 

@@ -1,23 +1,24 @@
 //! Detects a tilt fault, that is, a wrong level as opposed to an accelerating vehicle.
 //!
 //! A wrong level and an acceleration cause the same horizontal force, but differ in the norm of the
-//! force. At constant velocity the norm is g, however wrong the level is. Under an acceleration a
-//! it is √(g² + a²), in a straight line as well as in an endless turn, at any speed. Innovations
-//! are therefore summed while they keep their direction. Once their sum amounts to a considerable
-//! velocity, the norm of the force decides.
+//! force. At constant velocity the norm is g, however wrong the level is. When a vehicle
+//! accelerates at a rate a, the norm is √(g² + a²), in a straight line as well as in an endless
+//! turn, at any speed. Innovations are therefore summed while they keep their direction. Once their
+//! sum amounts to a considerable velocity, the norm of the force decides.
 
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
 /// Velocity change at which the norm of the force is examined, m/s.
 const DECISION_VELOCITY_M_S: f64 = 8.0;
-/// Smallest horizontal force over g at which the level is re-initialised.
+/// Smallest horizontal force, divided by g, at which the level is re-initialised.
 ///
-/// Above it, the effect of an acceleration on the norm, which grows with the square of the
-/// horizontal force, exceeds the scale error of an accelerometer. The loop corrects smaller level
-/// errors by itself.
+/// An acceleration increases the norm by an amount that grows with the square of the horizontal
+/// force. Above this limit, the increase exceeds the scale error of an accelerometer. The loop
+/// corrects smaller level errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Fraction of the excess a²/2g² of the force's norm over g that an acceleration a would cause. If
-/// the measured excess is below this fraction, the level counts as wrong.
+/// Limit for the excess of the force's norm over g, as a fraction of the excess that an
+/// acceleration would cause. An acceleration a causes a²/(2g), that is, a²/(2g²) relative to g. If
+/// the measured excess is below the limit, the level counts as wrong.
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
 /// Sum of innovations that keep their direction.
@@ -40,8 +41,8 @@ impl Default for TiltFaultMonitor {
 }
 
 impl TiltFaultMonitor {
-    /// Processes the mean innovation of an interval, with the levelled force and its norm, all
-    /// divided by g.
+    /// Processes an interval. `innovation` is the mean innovation, `force` the levelled force and
+    /// `force_norm` its norm, all divided by g.
     ///
     /// Returns the error of the level, rad, if no acceleration explains the force.
     pub(super) fn observe(

@@ -34,7 +34,7 @@ pub(super) struct Track {
     pub(super) is_confirmed: bool,
 }
 
-/// Aiding by fixes.
+/// State of the aiding by fixes: the last fix and the velocity increment since it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Aiding {
     matched: DelayMatchedIntegral,
@@ -67,24 +67,26 @@ impl Aiding {
         self.since_fix_s += dt_s;
     }
 
-    /// Adds a sample of the force in platform axes.
+    /// Adds a sample of the force, in platform axes, to the velocity increment.
     pub(super) fn push_force(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
         if dt_s > 0.0 {
             self.matched.push(force_m_s2, dt_s);
         }
     }
 
-    /// Discards the increment after missing force samples or a change of the axes. The next fix
-    /// starts a new one.
+    /// Discards the velocity increment, because force samples are missing or the platform axes have
+    /// changed. The next fix starts a new increment.
     pub(super) fn interrupt(&mut self) {
         self.matched = DelayMatchedIntegral::default();
         self.is_increment_complete = false;
     }
 
-    /// Returns the velocity increment and the track of a fix.
+    /// Processes a fix. Returns the velocity increment since the previous fix and the track, if
+    /// usable.
     ///
-    /// There is no increment across a gap. While the azimuth is unknown, there is an increment only
-    /// if the velocity is nearly zero, because its direction is then irrelevant.
+    /// There is no increment if the previous fix is too old. While the azimuth is unknown, there is
+    /// an increment only if the velocities of both fixes are nearly zero, because their direction
+    /// is then irrelevant.
     pub(super) fn process_fix(
         &mut self,
         fix: &Fix,

@@ -2,14 +2,14 @@
 //!
 //! A receiver's velocity arrives late. Its change between two fixes is therefore compared with the
 //! force over the interval between their validity times, not their arrival times. The receiver's
-//! latency and smoothing then have no effect. Lost samples do no harm, because each increment
-//! carries the time that it spans.
+//! latency and smoothing then have no effect. A lost force sample does no harm, because each
+//! increment stores the time that it spans.
 
 use crate::{Complex, scalars::Scalars};
 
 /// Number of intervals in the memory.
 const SLOTS: usize = 33;
-/// Length of each interval, s, or of one sample if that is longer.
+/// Minimum length of each interval, s. An interval ends with the sample that reaches this length.
 const SLOT_S: f64 = 0.025;
 /// Maximum age of a velocity that the memory covers, s.
 pub(super) const MAX_AGE_S: f64 = 0.8;
@@ -34,7 +34,7 @@ impl Increment {
     }
 }
 
-/// Integral of the force with a memory of recent increments.
+/// Integral of the force, together with a memory of recent increments.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DelayMatchedIntegral {
     /// Recent increments, newest first. The newest one is still growing.
@@ -50,7 +50,7 @@ impl Default for DelayMatchedIntegral {
 }
 
 impl DelayMatchedIntegral {
-    /// Adds a sample of the force in platform axes.
+    /// Adds a sample of the force, in platform axes, to the integral.
     pub(super) fn push(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
         let sample = Increment { velocity_m_s: force_m_s2 * dt_s, span_s: dt_s };
         self.since_fix.add(sample);
@@ -61,8 +61,8 @@ impl DelayMatchedIntegral {
         self.recent[0].add(sample);
     }
 
-    /// Returns the increment between the validity times of the previous fix and of a fix valid
-    /// `age_s` ago.
+    /// Returns the increment between the validity times of the previous and of the new fix. The new
+    /// fix was valid `age_s` ago.
     pub(super) fn take_increment(&mut self, age_s: f64) -> Increment {
         let after_fix = self.over_last(age_s.clamp(0.0, MAX_AGE_S));
         let matched = self.since_fix.minus(after_fix);
@@ -75,7 +75,7 @@ impl DelayMatchedIntegral {
         self.since_fix.span_s
     }
 
-    /// Returns the increment over the last `age_s`.
+    /// Returns the increment over the last `age_s` seconds.
     fn over_last(&self, age_s: f64) -> Increment {
         let mut sum = Increment::default();
         for slot in &self.recent {

@@ -26,9 +26,10 @@ pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 /// Here f_P is the force in platform axes, ΔV the velocity change between the fixes, V the speed, H
 /// the course, H' the turn rate and H_track the track.
 ///
-/// A velocity increment is used once. After a lost interval, the next two fixes start a new
-/// increment. The first two tracks that agree rotate the platform to north, so the heading jumps
-/// and from then on refers to true north. A handed-over magnetic heading is not used.
+/// Each velocity increment is used once. After an interruption of the force, or a gap between
+/// fixes, the next increment is that between the two fixes that follow. The first two tracks that
+/// agree rotate the platform to north, so the heading jumps and from then on refers to true north.
+/// A handed-over magnetic heading is not used.
 ///
 /// The bias is integrated only once fixes or a standstill have determined it. Before that, the
 /// integral would follow accelerations instead of the bias, so the stage uses S4's autonomous law.
@@ -47,7 +48,7 @@ pub struct LevellingPi {
     pub(super) heading: Heading,
     /// Tilt correction that is still to be applied, platform axes, rad.
     pub(super) pending_rad: Complex<f64>,
-    /// Low-pass filtered remainder of the force in a gap, platform axes, m/s².
+    /// Low-pass filtered force minus V H' while there are no fixes, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
     /// Averaging time by which `low_pass_m_s2` still falls short of its time constant, s.
     pub(super) averaging_deficit_s: f64,

@@ -35,10 +35,11 @@ pub(super) struct HeadingCorrection {
 pub(super) struct Heading {
     /// Set if the axes of the platform are east and north.
     pub(super) known: bool,
-    /// Standard deviation without the effect of the crab angle, rad; π while the azimuth is
-    /// unknown.
+    /// Standard deviation of the azimuth without the effect of the crab angle, rad; π while the
+    /// azimuth is unknown.
     drift_sd_rad: f64,
-    /// Time for which accelerations have determined the course, s, up to [`FULL_TURNING_S`].
+    /// Duration of accelerated motion so far, which determines the course, s, up to
+    /// [`FULL_TURNING_S`].
     turning_s: f64,
 }
 

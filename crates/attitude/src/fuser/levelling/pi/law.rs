@@ -57,7 +57,8 @@ impl LevellingPi {
         self.bias_sd_rad_s() < KNOWN_BIAS_SD_RAD_S
     }
 
-    /// Processes a fix: its velocity increment corrects the level, its track the azimuth.
+    /// Processes a fix. Its velocity increment corrects the level, and its track corrects the
+    /// azimuth.
     pub(super) fn process_fix(&mut self, fix: &Fix) -> Corrections {
         let (increment, track) = self.aiding.process_fix(fix, self.heading.known, &self.settings);
         let mut corrections = Corrections { velocity: true, ..Corrections::default() };
@@ -71,8 +72,8 @@ impl LevellingPi {
         corrections
     }
 
-    /// Corrects level and bias by the difference between the increments from the force and from the
-    /// fixes.
+    /// Corrects level and bias from the difference between the increment measured by the force and
+    /// that measured by the fixes.
     ///
     /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is the tilt correction
     /// divided by 4 τ.
@@ -86,7 +87,8 @@ impl LevellingPi {
         self.learn_bias(azimuth(self.attitude).conj() * tilt_rad, 0.25 / settings.time_constant_s);
         let gain = low_pass_gain(span_s, settings.time_constant_s);
         self.lag_rad += (tilt_from_acceleration(unexplained_m_s / span_s) - self.lag_rad) * gain;
-        // The variance decreases at the rate of the slower of the two loops that estimate the bias.
+        // Two loops estimate the bias. The variance decreases with the time constant of the slower
+        // one, which follows the track.
         self.bias_variance_rad2_s2 -=
             self.bias_variance_rad2_s2 * low_pass_gain(span_s, settings.track_time_constant_s);
         if self.heading.known {

@@ -85,8 +85,8 @@ impl LevellingPi {
         true
     }
 
-    /// Returns the standard deviation of the inclination, rad. It combines the levelling lag with,
-    /// in a gap, the drift caused by an unknown bias.
+    /// Returns the standard deviation of the inclination, rad. It includes the levelling lag. In a
+    /// gap it also includes the drift caused by an unknown bias.
     fn inclination_sd_rad(&self) -> f64 {
         let since_s = self.aiding.since_fix_s();
         let gap_s = if since_s > self.settings.gap_s { since_s.min(self.settings.gap_time_constant_s) } else { 0.0 };
@@ -225,13 +225,13 @@ impl Stage for LevellingPi {
         let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
         if common.bias_sd_rad_s.is_finite() {
             adopted.bias_rad_s = limited(common.bias_rad_s, MAX_BIAS_RAD_S);
-            // The bias counts as known only if the level and the speed are known, too. Here both
-            // are initialised as on a cold start.
+            // A bias may count as known only if the level and the speed are known, too. After a
+            // hand-over these two count as unknown, as on a cold start.
             let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
             adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
         }
-        // The previous stage's level may lag. The mean of the remaining force is then not zero, so
-        // the low-pass filter starts as a plain mean.
+        // The previous stage's level may lag. The mean horizontal force is then not zero, so the
+        // low-pass filter starts as a plain mean.
         adopted.averaging_deficit_s = self.settings.cold_low_pass_s;
         adopted.bias_handover = HandedOverBias::from_estimate(common);
         if common.reference == CourseReference::True {

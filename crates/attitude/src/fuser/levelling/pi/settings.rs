@@ -11,8 +11,8 @@ settings! {
         /// Time constant with which the track over ground corrects the azimuth. The time constant
         /// of the bias about the vertical is twice as long.
         track_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
-        /// Time constant of the correction by the track once turns have determined the azimuth. It
-        /// is longer so that a crab angle does not undo their correction.
+        /// Time constant of the correction by the track once turns have determined the azimuth. A
+        /// long time constant keeps a crab angle from undoing what the turns have corrected.
         turned_track_time_constant_s: 100.0 in 5.0 .. 10000.0, "s";
         /// Time constant with which the direction of accelerations corrects the azimuth in a turn.
         turn_time_constant_s: 10.0 in 1.0 .. 10000.0, "s";
@@ -27,13 +27,14 @@ settings! {
         /// Time after the last fix at which levelling becomes autonomous. A receiver with longer
         /// intervals between its fixes is not used.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// Time constant of levelling in a gap.
+        /// Time constant of levelling while there are no fixes.
         gap_time_constant_s: 100.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the remaining specific force in a gap.
+        /// Low-pass time constant of the specific force while there are no fixes. The acceleration
+        /// of a turn is subtracted from the force first.
         gap_low_pass_s: 30.0 in 0.0 .. 1000.0, "s";
-        /// Integral time of the gyro bias estimate in a gap.
+        /// Integral time of the gyro bias estimate while there are no fixes.
         gap_integral_s: 4000.0 in 100.0 .. 1000000.0, "s";
-        /// Turn rate at which the weight of the force is halved during a gap in the fixes.
+        /// Turn rate at which the weight of the force is halved while there are no fixes.
         gap_turn_deg_s: 1.0 in 0.01 .. 1000.0, "°/s";
         /// Time constant of levelling if there is no satellite velocity and the gyro bias is
         /// unknown.

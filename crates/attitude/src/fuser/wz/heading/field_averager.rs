@@ -1,10 +1,10 @@
 //! Averages the magnetic field over 0.2 s in the reference frame of the gyro heading.
 //!
-//! Samples are collected over windows of about 20 ms, in which a body rotates little: at 10 rad/s
-//! the mean of a rotating field is 0.2 % too short. The mean of a window refers to a time that is
-//! earlier by the magnetometer delay plus the mean age of the samples. The attitude is rotated back
-//! to that time. With this attitude R', each interval yields the means of R'm, of R' and of Ω =
-//! R'ω.
+//! Samples of the field m are collected over windows of about 20 ms, in which a body rotates
+//! little: at 10 rad/s the mean of a rotating field is 0.2 % too short. The mean of a window refers
+//! to a time that precedes the end of the window by the magnetometer delay plus the mean age of the
+//! samples. The attitude is rotated back to that time, which gives R' (body axes to reference
+//! axes). Each interval yields the means of R'm, of R' and of Ω = R'ω, where ω is the rate.
 
 use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyAxes};
 
@@ -18,7 +18,7 @@ const INTERVAL_S: f64 = 0.1999;
 const MAX_RATE_RAD_S: f64 = 100.0;
 /// Limit to which the horizontal force is clamped, m/s².
 const MAX_FORCE_M_S2: f64 = 1000.0;
-/// Longest interval without a field sample, s.
+/// Duration after which an interval ends even if it contains no field sample, s.
 const MAX_FIELD_GAP_S: f64 = 1.0;
 
 /// Means over an interval.
@@ -46,7 +46,7 @@ pub(super) struct IntervalMeans {
     pub(super) at_rest: bool,
     /// Set if the body vibrated during the interval.
     pub(super) is_vibrating: bool,
-    /// Variance of the remaining gyro scale error at the end of the interval, each axis.
+    /// Variance of the remaining gyro scale error of each axis at the end of the interval.
     pub(super) scale_variance: [f64; 3],
 }
 
@@ -94,7 +94,7 @@ impl FieldAverager {
 
     /// Processes one tick and returns the means if an interval ends with it.
     ///
-    /// `delay_s` is the delay of the samples. The first interval is a single window, so that a
+    /// `delay_s` is the delay of the magnetometer. The first interval is a single window, so that a
     /// heading is available early.
     #[inline]
     pub(super) fn step(

@@ -10,11 +10,12 @@
 //! | κ | 3 | scale error of each gyro axis | body |
 //! | p | 2 | horizontal field at the last rest site | reference |
 //!
-//! The measurement consists of the means y, R', Ω of an interval:
+//! The measurement consists of the means y, R', Ω of an interval (see `field_averager`), where y is
+//! the mean of R'm:
 //!
 //! y = e + (τ − τ') Ω × e + R' b + d + v,
 //!
-//! where τ' is the delay for which R' was rotated back.
+//! where τ' is the delay for which R' was rotated back, and v is noise.
 //!
 //! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals. Here ψ_i = ∫ u_i ω_i dt is
 //!   the rotation about the vertical contributed by body axis i, and u is up in body axes. The
@@ -30,8 +31,8 @@
 //! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
 //!   + v reveals the drift of the gyro since the previous rest there.
 //!
-//! The three components of y are used in one step, with the Cholesky factor of S = H P Hᵀ + R: W =
-//! P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
+//! The three components of y are used in one step. With the innovation ν, the measurement matrix H
+//! and the Cholesky factor L of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 //!
 //! Plain arrays and an unrolled factor of three rows are used because they are faster than
 //! nalgebra's `SMatrix` and `Cholesky`, although those read better. An update of the whole chain
@@ -64,8 +65,8 @@ const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient field, µT: that of the strongest field on earth.
 const FIELD_SD_UT: f64 = 60.0;
-/// Initial and largest standard deviation of the drift rate before a rest, rad/s: that of a
-/// consumer MEMS gyro.
+/// Initial standard deviation of the drift rate, rad/s: that of a consumer MEMS gyro. The random
+/// walk does not increase it beyond about this value.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
 /// Random walk of the drift rate while the body moves, rad/s/√s.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
@@ -250,7 +251,7 @@ impl FieldFilter {
         }
     }
 
-    /// Resets a state to zero with the standard deviation `sd`, uncorrelated with the others.
+    /// Resets a state to zero with the standard deviation `sd`, uncorrelated with the other states.
     pub(super) fn reset(&mut self, i: usize, sd: f64) {
         self.x[i] = 0.0;
         self.p[i] = [0.0; STATES];
@@ -258,7 +259,8 @@ impl FieldFilter {
         self.p[i][i] = sd * sd;
     }
 
-    /// Sets the field so that the present heading is kept, with the standard deviation `sd_rad`.
+    /// Sets the field so that the present heading is kept. `sd_rad` becomes the standard deviation
+    /// of the heading.
     ///
     /// The local disturbance adds to the uncertainty. The strength of the field is taken from the
     /// sample, but its variance is left unchanged.
@@ -403,7 +405,8 @@ impl FieldFilter {
         for i in KAPPA..KAPPA + 3 {
             self.p[i][i] += SCALE_WALK * SCALE_WALK * t_s;
         }
-        // Makes both halves equal to the last bit. A snapshot stores only one of them.
+        // Copies one half of the symmetric covariance to the other, so that both are identical. A
+        // snapshot stores only one of them.
         let summed = [E, E + 1, SITE, SITE + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| self.p[*j][i] = self.p[i][*j]);

@@ -11,9 +11,9 @@
 //! of the three.
 //!
 //! The evidence is a sum of log-likelihood ratios over the time in which the body turns, because
-//! the three cannot be distinguished at rest. Each update subtracts an allowance, because no
-//! hypothesis models soft iron and field gradients, and B, which has more freedom, explains a
-//! little of both. The sum does not fall below zero.
+//! the three cannot be distinguished at rest. Each update subtracts an allowance. It is needed
+//! because no hypothesis models soft iron or field gradients, and B, having more freedom than the
+//! others, explains a little of both. The sum does not fall below zero.
 //!
 //! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
 //! the body has turned. B and E restart from M when B fails, or after 50 s without a decision.
@@ -51,7 +51,7 @@ const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time inside the gate that ends the probation of a new main filter, s.
 const PROBATION_S: f64 = 10.0;
 /// Shortest time outside the gate that resets a main filter on probation, s. The filter is reset
-/// once it has been outside the gate for this time and for as long as inside.
+/// once it has been outside the gate for longer than this and for longer than it was inside.
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;

@@ -15,7 +15,7 @@ pub(in crate::fuser::wz) struct HeadingInput {
     pub(in crate::fuser::wz) horizontal_force_m_s2: Complex<f64>,
     /// Norm of the specific force, m/s².
     pub(in crate::fuser::wz) force_norm_m_s2: Option<f64>,
-    /// Variance of the remaining gyro scale error, each axis.
+    /// Variance of the remaining gyro scale error of each axis.
     pub(in crate::fuser::wz) scale_variance: [f64; 3],
     /// Magnetic field, µT, body axes.
     pub(in crate::fuser::wz) field_ut: Option<Vector3<f64>>,

@@ -208,7 +208,7 @@ impl Heading {
         }
     }
 
-    /// Invalidates the heading. The level must settle again, too.
+    /// Invalidates the heading and lets the level settle again.
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
         self.rest_site = RestSite::default();
@@ -218,7 +218,7 @@ impl Heading {
     /// Handles a gyro outage. Returns `true` if the field of the interval can be used.
     ///
     /// After a large unobserved rotation, the field can be used only if the outage covers the whole
-    /// interval. Otherwise its mean mixes two directions.
+    /// interval. Otherwise the mean field mixes two directions.
     fn handle_unobserved_turn(&mut self, interval: &IntervalMeans) -> bool {
         let unobserved_rad = ASSUMED_UNOBSERVED_RATE_RAD_S * interval.gyro_outage_s;
         if unobserved_rad <= MAX_LINEAR_RAD {

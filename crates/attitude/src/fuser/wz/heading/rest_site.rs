@@ -24,7 +24,7 @@ const HORIZONTAL_SD_UT: f64 = 0.2;
 const VERTICAL_SD_UT: f64 = 0.25;
 /// Repeatability of the up vector in body axes at a site.
 const UP_SD: f64 = 0.01;
-/// Largest squared distance between two signatures of the same site, in standard deviations.
+/// Largest normalised squared distance between two signatures of the same site.
 const MAX_DISTANCE2: f64 = 9.0;
 
 /// Mean field and up vector during a rest.
@@ -51,7 +51,8 @@ pub(super) enum SiteMatch {
     Undecided,
     /// The body is back at the previous site. Returned once per rest.
     Revisited,
-    /// The current site is stored as the one to recognise later.
+    /// No return is to be reported. The caller stores the field of the current site, to recognise
+    /// that site later.
     Current,
 }
 

@@ -5,14 +5,14 @@ use crate::scalars::Scalars;
 /// Vibration threshold, m/s²: RMS of the second difference of the force's norm above which a body
 /// counts as vibrating.
 ///
-/// Measured with BROAD's sensor at 286 Hz, a vibrating phone causes 1.7 and any movement less than
-/// 0.4.
+/// With BROAD's sensor at 286 Hz, the RMS is 1.7 m/s² for a vibrating phone and less than 0.4 m/s²
+/// for any movement.
 const VIBRATION_THRESHOLD_M_S2: f64 = 1.2;
 
 /// Sum of squared second differences over an interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct VibrationDetector {
-    /// Norms of the last force and the one before, m/s².
+    /// Norms of the last two forces, newest first, m/s².
     last_norms_m_s2: [f64; 2],
     square_m2_s4: f64,
     samples: f64,
