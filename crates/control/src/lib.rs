@@ -7,8 +7,8 @@
 //!
 //! Time: a silent client does not delay other clients and is disconnected after a timeout.
 //!
-//! Failure: an invalid request receives an error as its response. Clients beyond the limit receive
-//! an error and are disconnected.
+//! Failure: an invalid request receives an error as its response. If the maximum number of clients
+//! is connected, further clients receive an error and are disconnected.
 //!
 //! | module | contents |
 //! | --- | --- |

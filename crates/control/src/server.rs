@@ -97,7 +97,7 @@ impl ControlSocket {
         self.send(client, &Response::Completed(response));
     }
 
-    /// Accepts new clients. Clients beyond the limit receive an error.
+    /// Accepts new clients. Clients beyond [`MAX_CLIENTS`] receive an error.
     fn accept_clients(&mut self) {
         for _ in 0..MAX_ACCEPTS_PER_POLL {
             let Ok((stream, _)) = self.listener.accept() else { return };

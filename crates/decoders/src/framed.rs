@@ -14,7 +14,8 @@ use crate::{Counts, Decoder, Measurement};
 pub trait Format: Send {
     /// Parses the frame at the start of `bytes`, which is not empty, and appends its measurements.
     ///
-    /// Must return [`ParseOutcome::Incomplete`] only if `bytes` is shorter than the longest frame.
+    /// Must return [`ParseOutcome::Incomplete`] only if `bytes` is shorter than the longest
+    /// possible frame.
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome;
 
     /// Notifies the format that `bytes` bytes were skipped between two frames.

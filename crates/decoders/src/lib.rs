@@ -38,8 +38,8 @@ pub mod xsens;
 
 pub use framed::{Format, Framed};
 
-/// Standard deviation of a velocity if its vertical component is not reported and therefore set to
-/// 0, m/s.
+/// Standard deviation assumed for a velocity if its vertical component is not reported and is
+/// therefore set to 0, m/s.
 ///
 /// The value covers the vertical motion of ground vehicles and boats.
 pub const ASSUMED_VERTICAL_SD_M_S: f64 = 1.0;

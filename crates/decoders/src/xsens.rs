@@ -90,7 +90,8 @@ impl Format for Xsens {
     }
 }
 
-/// Packets of a message that are used. Index 0 is the standard packet, index 1 the high-rate one.
+/// Packets of a message that the decoder uses. For rate and force, index 0 is the standard packet
+/// and index 1 the high-rate packet.
 #[derive(Default)]
 struct Packets {
     count: Option<u32>,

@@ -25,7 +25,7 @@ const MAX_POINTS: usize = 512;
 /// Minimum interval between two points, ns. It ensures that the points span several seconds at any
 /// rate.
 const MIN_POINT_INTERVAL_NS: i64 = 10_000_000;
-/// Span of the points from which on the slope is estimated, ns.
+/// Minimum span of the points for the slope to be estimated, ns.
 pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 /// Maximum relative clock drift. No oscillator is worse.
 const MAX_CLOCK_DRIFT: f64 = 0.02;
@@ -77,7 +77,7 @@ pub struct ClockFit {
     health: ClockHealth,
 }
 
-/// Device time, unwrapped, and arrival time of a sample.
+/// Unwrapped device time and host arrival time of a sample.
 #[derive(Debug, Clone, Copy)]
 struct Point {
     device_ns: i64,
@@ -91,7 +91,7 @@ struct LastSample {
     point: Point,
 }
 
-/// `arrival = mean_arrival + slope (device − mean_device)`.
+/// Fitted line: `arrival = mean_arrival + slope · (device − mean_device)`.
 #[derive(Debug, Clone, Copy)]
 struct Line {
     mean_device_ns: f64,

@@ -66,8 +66,8 @@ pub enum FaultKind {
         /// east, north and up, m/s.
         offset: [f64; 3],
     },
-    /// Only every n-th value is output. A gyro or accelerometer repeats it in between, like a
-    /// sensor that is read faster than it samples.
+    /// Only every n-th value is output. In between, a gyro or accelerometer repeats the last value,
+    /// like a sensor that is read faster than it samples.
     Slow {
         /// Value of n.
         every: u64,

@@ -122,7 +122,7 @@ impl Format {
         }
     }
 
-    /// Returns `true` for a text format. Its lines end with a newline, or with the end of the
+    /// Returns `true` for a text format. A line of text ends at a newline, or at the end of the
     /// datagram or the input.
     pub const fn is_text(&self) -> bool {
         matches!(self, Self::Csv(_))

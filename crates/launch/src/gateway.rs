@@ -15,8 +15,8 @@ pub struct Gateway {
     pub listen: Vec<String>,
     /// Endpoints of routers and stations to connect to.
     pub connect: Vec<String>,
-    /// Maximum message rate of a topic, Hz. A faster topic is sent with several samples per
-    /// message, and a slower one without delay.
+    /// Maximum message rate of a topic, Hz. Several samples of a faster topic are combined into one
+    /// message. Samples of a slower topic are sent without delay.
     pub messages_hz: f64,
     /// Rate at which each topic is sent, by topic name. Topics without an entry are not sent.
     pub rates: BTreeMap<String, TopicRate>,

@@ -28,10 +28,10 @@ pub struct Launch {
     /// Services in the order in which they are started: every service of the data path once, and
     /// optional ones.
     pub services: Vec<Service>,
-    /// Time span of messages that every topic holds before it overwrites the oldest, s.
+    /// Time span of messages that every topic holds before it overwrites the oldest message, s.
     pub buffer_s: f64,
-    /// Lead of another input after which a join gives up a missing message, s. Less than
-    /// `buffer_s`.
+    /// Lead of one input at which a join gives up a missing message of another input, s. It must be
+    /// less than `buffer_s`.
     pub lateness_s: f64,
     /// Location of the state that is kept when the whole system stops.
     pub state_file: StateFile,
@@ -45,7 +45,7 @@ pub struct Launch {
     pub gateway: Gateway,
     /// Settings of the cockpit, if it is among the services.
     pub cockpit: Cockpit,
-    /// Source of samples, with their limits and calibration.
+    /// Source of the samples, and the limits and calibration that are applied to them.
     pub ingest: Ingest,
     /// User-defined stages by name.
     pub stages: BTreeMap<String, ExternalStage>,
@@ -81,12 +81,13 @@ pub enum StateFile {
 pub struct Restart {
     /// Time without a health message after which a service is killed and restarted, s.
     pub silence_s: f64,
-    /// Minimum run time for an exit not to count as a failure, s. Such a run resets the failure
-    /// count.
+    /// Minimum run time of a process for its exit not to count as a failure, s. Such an exit resets
+    /// the failure count.
     pub min_uptime_s: f64,
-    /// Pause after the second consecutive failure, s. Doubles with each further failure.
+    /// Pause before the restart after the second consecutive failure, s. It doubles with each
+    /// further failure.
     pub backoff_s: f64,
-    /// Longest pause, s.
+    /// Longest pause before a restart, s.
     pub backoff_max_s: f64,
     /// Number of consecutive failures after which the next one is final.
     pub limit: u64,
@@ -114,7 +115,8 @@ pub struct StageConfig {
     pub set: BTreeMap<String, f64>,
 }
 
-/// Source of samples, with their limits, calibration, mounting and faults.
+/// Source of the samples, and the limits, calibration, mounting and faults that are applied to
+/// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ingest {
     /// Selected source.

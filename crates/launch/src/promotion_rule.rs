@@ -17,11 +17,11 @@ pub struct PromotionRule {
     pub measure: Measure,
     /// Threshold below which the shadow is promoted, °. 0 disables promotion.
     pub promote_below_deg: f64,
-    /// Time for which the difference must stay below the threshold, s.
+    /// Time for which the difference must stay below `promote_below_deg` before the promotion, s.
     pub promote_after_s: f64,
     /// Threshold above which a promotion is rolled back, °. Larger than `promote_below_deg`.
     pub rollback_above_deg: f64,
-    /// Time for which the difference must stay above the threshold, s.
+    /// Time for which the difference must stay above `rollback_above_deg` before the rollback, s.
     pub rollback_after_s: f64,
     /// Maximum number of promotions per run.
     pub limit: u64,
@@ -41,7 +41,7 @@ pub enum Measure {
 
 const MEASURES: [(&str, Measure); 3] =
     [("angle", Measure::Angle), ("inclination", Measure::Inclination), ("heading", Measure::Heading)];
-/// Longest time for which a threshold must hold, s.
+/// Maximum value of `promote_after_s` and `rollback_after_s`, s.
 const MAX_AFTER_S: f64 = 86_400.0;
 
 /// Reads every `[[watch]]`.

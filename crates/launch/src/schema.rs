@@ -164,7 +164,7 @@ fn require_complete_path(section: &mut Section<'_, '_>, services: &[Service]) {
 }
 
 /// Reports a `[gateway]` section that has no effect because the gateway service is not started. If
-/// `services` is set, the omission is intended and not reported.
+/// the key `services` is present, the gateway was left out on purpose, and nothing is reported.
 fn require_gateway_service(section: &mut Section<'_, '_>) {
     if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
         let started = Service::LISTED.map(Service::name);
@@ -191,8 +191,8 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
     Problem { note: Some("a join can only wait for messages that the topics still hold".into()), ..problem }
 }
 
-/// Returns a problem if a buffer exceeds the capacity of a topic. The rate of a recording is not
-/// known here, so its buffers are limited when the replay starts.
+/// Returns a problem if `buffer_s` exceeds the capacity of a topic. The rate of a recording is not
+/// known yet, so the buffers of a replay are limited when it starts.
 pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
     let rate_hz = launch.ingest.declared_rate_hz()?;
     let max_s = MAX_TOPIC_MESSAGES as f64 / rate_hz;

@@ -96,7 +96,8 @@ fn reject_mounting(section: &mut Section<'_, '_>, key: &str, error: CalibrationE
     section.report(Problem { help, ..Problem::new(span, title, "not a rotation") });
 }
 
-/// Returns the most similar valid name if `found` has a misspelt direction.
+/// Returns the valid mounting name most similar to `found`, or `None` if the directions in `found`
+/// are spelt correctly.
 fn nearest_mounting(found: &str) -> Option<String> {
     let pairs =
         Mounting::DIRECTIONS.iter().flat_map(|x| Mounting::DIRECTIONS.iter().map(move |y| format!("x-{x}-y-{y}")));

@@ -32,7 +32,7 @@ impl Launch {
     ///
     /// # Errors
     ///
-    /// Returns the problems of the line. The launch is then unchanged.
+    /// Returns the problems of the line. `self` is then unchanged.
     pub fn set_source(&mut self, line: &str) -> Result<(), Problems> {
         self.apply_override(format!("--source {line}"), source_section(line))
     }
@@ -41,7 +41,7 @@ impl Launch {
     ///
     /// # Errors
     ///
-    /// Returns the problems of the line. The launch is then unchanged.
+    /// Returns the problems of the line. `self` is then unchanged.
     pub fn set_receiver(&mut self, line: &str) -> Result<(), Problems> {
         self.apply_override(format!("--receiver {line}"), receiver_section(line))
     }

@@ -15,8 +15,8 @@ use crate::{
 pub const MAX_CACHE_TICKS: usize = 262_144;
 
 impl Launch {
-    /// Returns `true` if the service runs here and processes every tick. Upstream services that
-    /// restart must resend the ticks that such a service needs.
+    /// Returns `true` if the service runs here and processes every tick. If an upstream service
+    /// restarts, it must resend the ticks that such a service needs.
     pub fn consumes_ticks(&self, service: Service) -> bool {
         self.services.contains(&service)
             && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())

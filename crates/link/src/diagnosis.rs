@@ -52,7 +52,7 @@ fn explain(endpoint: &str, cause: &str) -> String {
     let known = [
         ("Connection refused", "no process listens there; `plumb ps` on board shows where the gateway listens"),
         ("UnknownIssuer", "its certificate was issued by another authority than these keys"),
-        // This error occurs if the other authority has the same name.
+        // This error occurs if the authority that issued the certificate has the same name as ours.
         ("BadSignature", "its certificate was issued by another authority than these keys"),
         (
             "NotValidForName",

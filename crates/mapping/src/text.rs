@@ -1,6 +1,7 @@
 //! Splits lines into fields and parses times.
 
-/// Exclusive limit of |t|, s. Nanoseconds within this limit fit into an `i64`.
+/// Exclusive limit of the absolute value of a time, s. Nanoseconds within this limit fit into an
+/// `i64`.
 const TIME_LIMIT_S: i128 = 9_000_000_000;
 
 /// Returns the fields of a line, without surrounding blanks and quotes.
@@ -36,8 +37,8 @@ pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
     }
     let decimals = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
     let sum = whole.bytes().chain(decimals).fold(0i128, |sum, byte| {
-        // Further digits are ignored once the limit is exceeded, because they could overflow the
-        // sum.
+        // Further digits are ignored once the time limit is exceeded, because they could overflow
+        // the sum.
         if sum > limit_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
     });
     let rounded = sum + i128::from(fraction.as_bytes().get(digits).is_some_and(|byte| *byte >= b'5'));

@@ -4,7 +4,7 @@
 //!
 //! Output: lines in tick order.
 //!
-//! Time: an attitude is held until its fused state or one of a later tick arrives.
+//! Time: an attitude is held until its fused state or the fused state of a later tick arrives.
 //!
 //! Failure: an attitude without a fused state is written with empty values and counted.
 

@@ -43,7 +43,7 @@ pub enum Column {
 }
 
 impl Column {
-    /// All groups with their names, in the order in which `all` writes them.
+    /// All groups with their names, in the order in which the option `all` writes them.
     pub const NAMES: [(&str, Self); 6] = [
         ("uvz", Self::Uvz),
         ("angles", Self::Angles),

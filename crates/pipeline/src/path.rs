@@ -1,6 +1,6 @@
 //! Runs the slots of the data path in one process.
 //!
-//! The path uses the same slots, joins and hand-overs as the services, so its output is
+//! [`Path`] uses the same slots, joins and hand-overs as the services, so its output is
 //! bit-identical to theirs.
 
 use ingest::conditioner::Sample;

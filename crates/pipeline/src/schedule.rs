@@ -54,7 +54,7 @@ pub(crate) struct OwnerChange {
 /// Reason why a replay may differ from the flight.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReplayWarning {
-    /// First tick that may differ.
+    /// First tick at which the replay may differ from the flight.
     pub tick: u64,
     /// Cause, as a text for the user.
     pub cause: String,

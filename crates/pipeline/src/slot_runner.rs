@@ -6,7 +6,7 @@
 //!
 //! Time: ticks.
 //!
-//! Failure: a stage that cannot restore the state of its predecessor ends the path.
+//! Failure: a stage that cannot restore the state of its predecessor ends the run.
 
 use std::collections::VecDeque;
 

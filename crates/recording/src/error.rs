@@ -74,7 +74,7 @@ impl Position {
         Self { line, column: None, name: None }
     }
 
-    /// Returns the position of the field with `index`, from 0.
+    /// Returns the position of a field. `index` counts from 0.
     pub(crate) fn field(line: u64, index: usize, name: Option<&'static str>) -> Self {
         Self { line, column: Some(index + 1), name }
     }
@@ -133,7 +133,7 @@ pub enum ParseError {
     /// The header has the same column name twice.
     #[error("found a duplicate name, expected it in column {first} only")]
     DuplicateColumn {
-        /// First column with this name, from 1.
+        /// Number of the first column with this name, from 1.
         first: usize,
     },
     /// The header lacks required columns.

@@ -35,8 +35,8 @@ impl Lines {
         file.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut magic)?;
         let is_gzip = magic == GZIP_MAGIC;
         let bytes = io::Cursor::new(magic).chain(file);
-        // `next` subtracts one from the line number, so the last line must end with a newline as
-        // well.
+        // `next` derives the number of a line from the number of the following one. The last line
+        // therefore needs a newline as well.
         let final_newline = &b"\n"[..];
         let inner: Box<dyn Read + Send> = if is_gzip {
             Box::new(MultiGzDecoder::new(bytes).chain(final_newline))

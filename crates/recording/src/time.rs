@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Exclusive limit of |t|, s. Nanoseconds within this limit fit into an `i64`.
+/// Exclusive limit of the absolute value of a time, s. Nanoseconds within this limit fit into an
+/// `i64`.
 const TIME_LIMIT_S: i64 = 9_000_000_000;
 const NS_PER_S: i64 = 1_000_000_000;
 
@@ -11,8 +12,8 @@ pub(crate) const EXPECTED: &str = "a finite time in seconds within ±9e9";
 
 /// Parses decimal seconds into nanoseconds, rounded half away from zero.
 ///
-/// Returns `None` unless |t| < 9e9 s. Plain decimals are exact; those with an exponent are parsed
-/// as `f64`.
+/// Returns `None` unless the absolute value is less than 9e9 s. Plain decimals are parsed exactly.
+/// Numbers with an exponent are parsed as `f64`.
 pub(crate) fn parse_ns(text: &str) -> Option<i64> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(digits) => (-1, digits),

@@ -26,7 +26,8 @@ pub(crate) struct CheckpointStore {
     positions: [Option<u64>; Service::ALL.len()],
     /// First tick of the range of ticks that are guaranteed to stay in the topics until read.
     held_from: u64,
-    /// Services that recompute their output from the first tick on after the bus was renewed.
+    /// For each service, `true` if it recomputes its output from the first tick on because the bus
+    /// was renewed.
     ///
     /// Set if the new bus is empty and the source is repeatable. Reset by the service's first
     /// checkpoint on the new bus.

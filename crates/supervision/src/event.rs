@@ -8,7 +8,7 @@ use swap::Role;
 
 use crate::request::{ControlRequest, ServiceStatus, SwapReport};
 
-/// Configuration of the supervision of one system.
+/// Configuration of the [`Supervision`](crate::Supervision) of one system.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// Launch file.
@@ -30,8 +30,8 @@ pub struct Config {
 /// Input of [`Supervision::handle`](crate::Supervision::handle).
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// Time has passed. Send it after the other events of a round, and at the latest after
-    /// [`poll_interval`](crate::Supervision::poll_interval).
+    /// Time has passed. This event must be sent after the other events of a round, and no later
+    /// than [`poll_interval`](crate::Supervision::poll_interval) after the previous one.
     Timer,
     /// A process was started, in response to [`Action::Spawn`].
     Spawned {
@@ -47,8 +47,8 @@ pub enum Event {
         /// Cause, shown to the user.
         cause: String,
     },
-    /// A process has exited. [`Event::Published`] with the last tick of the process must precede
-    /// this event.
+    /// A process has exited. Before this event, [`Event::Published`] with the last tick of the
+    /// process must be sent.
     Exited {
         /// Incarnation of the process.
         incarnation: u32,

@@ -17,8 +17,8 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// In lockstep, missing ticks are considered lost after this time plus `silence_s` without output,
-/// even if every service runs.
+/// In lockstep, missing ticks are considered lost after a period without output, even if every
+/// service runs. The period is this time plus `silence_s`.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval between extra windows granted past missing ticks. It gives subscribers time to keep up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
@@ -113,8 +113,8 @@ impl Supervision {
 
     /// Returns `true` if a requested shutdown need not wait for the services to start.
     ///
-    /// A system that has been ready before first delivers the ticks already received, within a time
-    /// limit.
+    /// If every service has been ready once, the shutdown first delivers the ticks already
+    /// received. It gives up after [`DRAIN_TIMEOUT_STARTING`] without output.
     fn may_abandon_start(&self) -> bool {
         self.flow.first_ready.is_none() || self.now.saturating_sub(self.flow.last_progress) > DRAIN_TIMEOUT_STARTING
     }

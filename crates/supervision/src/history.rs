@@ -1,7 +1,7 @@
 //! Events published on the topic `event` while the system runs: actions, observations and the owner
 //! of each slot.
 //!
-//! - Input: decisions of the supervision.
+//! - Input: decisions of [`Supervision`].
 //! - Output: [`Action::PublishEvent`].
 //! - Time: added by the caller.
 //! - Failure: a text that is too long is truncated, and the event is marked.

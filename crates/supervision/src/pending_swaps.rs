@@ -5,12 +5,14 @@ use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::{OutputProgress, SwapReport};
 
-/// Number of attitudes after the commit tick that count toward a swap's longest interval.
+/// Number of attitudes after the commit tick that are included in the longest interval reported for
+/// a swap.
 const TICKS_AFTER_COMMIT: u64 = 50;
 /// Time limit for the attitudes after the commit tick to arrive, ms.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
 
-/// Requests in progress, including completed ones until their attitudes have been collected.
+/// Swap requests in progress. A committed swap remains until the attitudes after its commit tick
+/// have been collected or are overdue.
 #[derive(Debug, Default)]
 pub(crate) struct PendingSwaps {
     pending: Vec<Pending>,
@@ -121,7 +123,7 @@ impl PendingSwaps {
     /// Records the outcome reported by a slot's coordinator.
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
-    /// `last_stderr` is the standard error of the process that exited last.
+    /// `last_stderr` is the last output on standard error of the process that exited last.
     pub(crate) fn complete(&mut self, service: Service, report: &Report, last_stderr: &str, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
         let is_completed = |swap: &&mut Pending| {

@@ -246,7 +246,8 @@ impl ProcessEntry {
         &self.diagnostics
     }
 
-    /// Returns the state in one word, "silent" if the service has reported no health for `silence`.
+    /// Returns the state in one word. A running service is "silent" if its last health report is
+    /// longer ago than `silence`.
     pub fn state(&self, now: Duration, silence: Duration) -> &'static str {
         match (&self.owner, self.health()) {
             _ if self.given_up => "failed",

@@ -31,7 +31,8 @@ impl Renewals {
         self.under_way
     }
 
-    /// Records whether a process has exited before joining the bus since the previous timer event.
+    /// Records whether a process other than an owner has just exited before it joined the bus. The
+    /// record is cleared at each timer event.
     pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
         self.join_failed = join_failed;
     }

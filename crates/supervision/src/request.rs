@@ -21,7 +21,7 @@ pub enum ControlRequest {
     Status,
     /// Return the service configuration, with the stages that fill the slots now.
     ServiceConfig,
-    /// Return which data is missing so far from the report and the output file.
+    /// Return which data is missing from the report and the output file so far.
     RecordStatus,
     /// Show a line from a service to the user.
     Announce {

@@ -154,7 +154,7 @@ impl Supervision {
         }
     }
 
-    /// Restarts the services that are due.
+    /// Restarts every service that is due for a restart.
     pub(crate) fn restart_due(&mut self) {
         for service in Service::ALL {
             let entry = self.table.entry(service);

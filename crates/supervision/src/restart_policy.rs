@@ -30,7 +30,8 @@ pub(crate) struct RestartPolicy {
 }
 
 impl RestartPolicy {
-    /// Handles a first process that never became ready, as if the restart limit were reached.
+    /// Handles the exit of a service's first process that never became ready. The restart limit
+    /// then counts as reached.
     pub(crate) fn on_failed_first_start(&mut self, rule: &Restart) -> RestartVerdict {
         self.failures = rule.limit;
         self.on_exit(None, rule)

@@ -11,8 +11,8 @@ use crate::{
     process::Process,
 };
 
-/// Time by which the hand-over tick is ahead of the newest sample, s. If the decision arrives
-/// later, the hand-over is reverted.
+/// Time from the newest sample to the hand-over tick, s. If the decision takes longer to arrive,
+/// the hand-over is reverted.
 const MARGIN_S: f64 = 0.05;
 /// Maximum attempts per swap request.
 ///
@@ -41,7 +41,7 @@ struct Slot {
     owned_by_replacement: bool,
     attempt: Attempt,
     ready_reported: bool,
-    /// Last standard error of the process that exited last.
+    /// Last output on standard error of the process that exited last.
     last_stderr: String,
 }
 
@@ -422,8 +422,8 @@ impl Supervision {
         self.pending.complete(service, report, last_stderr, now_ms);
     }
 
-    /// Queues a request again if its hand-over was reverted as late and attempts remain. Returns
-    /// `true` if it was queued.
+    /// Queues a request again if attempts remain and its hand-over was reverted because the
+    /// decision came too late. Returns `true` if the request was queued.
     fn retry_if_late(&mut self, service: Service, report: &swap::Report) -> bool {
         let is_late = matches!(
             report.reason,

@@ -23,7 +23,7 @@ pub(crate) struct WatchRunner {
     rule: PromotionRule,
     shadow: Option<u64>,
     takeover: Option<u64>,
-    /// Reports on the watch's requests received since the previous poll.
+    /// Reports received since the previous poll, on the requests of this watch.
     reports: Vec<(u64, SwapReport)>,
     attempts: u32,
     next_attempt: Duration,
@@ -122,8 +122,8 @@ impl Supervision {
         }
     }
 
-    /// Requests the stage of the watch that does not fill the slot, as a shadow or for takeover.
-    /// Returns the ID of the request.
+    /// Requests whichever of the watch's two stages does not fill the slot, either as a shadow or
+    /// for a takeover. Returns the ID of the request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
         let (service, stage) = (rule.config.slot, rule.shadow_stage().clone());

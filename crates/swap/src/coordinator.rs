@@ -2,9 +2,9 @@
 //!
 //! - Input: events, each with the supervisor's time, which never decreases.
 //! - Output: actions.
-//! - Failure: before the commitment, every failure returns the slot to the active stage under a new
-//!   decision. After the commitment, the candidate is an ordinary owner. If the active stage itself
-//!   has exited, the new stage starts in its place, as in a restart.
+//! - Failure: until a swap is committed, every failure returns the slot to the active stage under a
+//!   new decision. After the commitment, the candidate is an ordinary owner. If the active stage
+//!   itself has exited, the new stage starts in its place, as in a restart.
 
 mod handover;
 mod state;
@@ -35,7 +35,7 @@ pub struct Coordinator {
     published_tick: u64,
     /// `true` if the owner has exited and is not restarted.
     vacant: bool,
-    /// Lowest tick from which a subscriber would resume.
+    /// Lowest tick from which any subscriber would resume after a restart.
     subscribers_tick: u64,
     swap: Option<Swap>,
 }
@@ -78,9 +78,9 @@ impl Coordinator {
     /// Returns `true` if a checkpoint with this next tick may replace the stored one of the
     /// service.
     ///
-    /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected.
-    /// Subscribers may not have received the outputs that the active stage publishes from that tick
-    /// on.
+    /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected. The
+    /// outputs that the active stage publishes from that tick on might not have reached the
+    /// subscribers.
     pub fn admits_checkpoint(&mut self, incarnation: u32, next_tick: u64) -> bool {
         let limit = self.swap.as_ref().filter(|swap| swap.is_open()).and_then(|swap| swap.from_tick);
         let candidate = self.swap.as_ref().and_then(|swap| swap.candidate);
@@ -213,8 +213,8 @@ impl Coordinator {
                 self.abort(now_ms, FailureReason::CandidateExited, actions);
             } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation)
             {
-                // If the stop was already requested, the stage has stayed long enough for its
-                // subscribers.
+                // If the stop was already requested, the stage has run long enough for its
+                // subscribers to read its outputs.
                 let unrequested = matches!(swap.state, SwapState::Committed { .. });
                 self.swap = None;
                 if unrequested {
@@ -297,7 +297,8 @@ impl Coordinator {
         }
     }
 
-    /// Returns the candidate's lag behind the active stage, or `None` while it is unknown.
+    /// Returns the number of ticks by which the candidate lags behind the active stage, or `None`
+    /// while it is unknown.
     fn lag_ticks(&self) -> Option<u64> {
         let candidate = self.swap.as_ref()?.status?;
         Some(self.status?.next_tick.saturating_sub(candidate.next_tick))

@@ -44,7 +44,8 @@ pub struct Request {
     pub id: u64,
     /// Requested stage.
     pub stage: String,
-    /// `true` if the candidate only computes in parallel until it is promoted or cancelled.
+    /// `true` if the candidate only computes in parallel with the active stage until it is promoted
+    /// or cancelled.
     pub shadow_only: bool,
     /// Time by which the slot must have produced a tick, ms; `u64::MAX` for a shadow.
     pub deadline_ms: u64,
@@ -236,19 +237,19 @@ pub enum FailureReason {
     },
     /// The candidate did not catch up in time, or fell behind again.
     NotCaughtUp {
-        /// Lag of the candidate, if known.
+        /// Lag of the candidate behind the active stage, if known.
         lag_ticks: Option<u64>,
     },
     /// The active stage lags behind its input, so that the hand-over would leave a gap.
     ActiveBehind {
-        /// Lag of the active stage.
+        /// Lag of the active stage behind its input.
         lag_ticks: u64,
     },
     /// The candidate returned an invalid output.
     InvalidOutput,
     /// The candidate exited.
     CandidateExited,
-    /// The candidate no longer held the output of its first tick.
+    /// The candidate no longer held its output of the hand-over tick.
     CandidateMissed,
     /// The active stage had already passed the tick at which it had to stop.
     ActiveMissed,

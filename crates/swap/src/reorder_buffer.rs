@@ -15,7 +15,7 @@ pub struct ReorderBuffer<M> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// Number of ticks beyond `backlog_end` at which the backlog is given up.
+    /// Lead of a held message over `backlog_end` at which the backlog is given up, ticks.
     patience_ticks: u64,
     sequence: Sequence,
     /// Epoch of the last delivered message, or the initial epoch before the first delivery.
@@ -120,7 +120,8 @@ impl<M: Stamped> ReorderBuffer<M> {
 
     /// Returns `true` if another publisher may still send a tick before this message.
     ///
-    /// This is ruled out only if publisher and epoch are those of the last delivered message.
+    /// This is ruled out only if the message has the publisher of the last delivered message and no
+    /// newer epoch. While the start is unknown, the epoch alone decides.
     fn may_have_predecessor(&self, message: &M) -> bool {
         message.epoch() > self.epoch || !self.start_unknown && self.sequence.publisher != message.incarnation()
     }
@@ -142,7 +143,8 @@ impl<M: Stamped> ReorderBuffer<M> {
         }
     }
 
-    /// Returns `true` if the held messages are so far ahead that the next tick is given up.
+    /// Returns `true` if the held messages are so far ahead of the next tick that this tick is
+    /// given up.
     fn is_overdue(&self) -> bool {
         let Self { backlog_end, patience_ticks, lateness_ticks, .. } = *self;
         let next_tick = self.sequence.next_tick;

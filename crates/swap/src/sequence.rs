@@ -11,8 +11,8 @@ pub struct Sequence {
     pub ticks: u64,
     /// Number of ticks that were skipped.
     pub lost: u64,
-    /// Number of messages discarded because their publisher had already sent the tick, or sent it
-    /// too late.
+    /// Number of messages discarded because the same publisher had already sent the tick, or
+    /// because the tick arrived after it had been given up.
     pub duplicated: u64,
     /// Number of messages discarded because another publisher had already sent the tick, or owns
     /// it.

@@ -90,7 +90,8 @@ fn skip_unknown_field(wire_type: WireType, tag: u32, rest: &mut &[u8]) -> Result
     encoding::skip_field(wire_type, tag, rest, DecodeContext::default())
 }
 
-/// Returns the number of messages to send in one batch, given their encoded size.
+/// Returns the number of messages to send in one batch. `message_bytes` is the encoded size of one
+/// message.
 ///
 /// A batch of this many messages takes up at most half of [`MAX_MESSAGE_BYTES`].
 pub fn capacity(message_bytes: usize) -> usize {

@@ -10,7 +10,8 @@ use std::fmt;
 
 use crate::v1::Envelope;
 
-/// Counts of the messages received under a key, in the gateway's current and earlier incarnations.
+/// Counts of the messages received under a key. When the gateway restarts, `decimated` and
+/// `dropped` start again from 0. All other counts continue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DeliveryTracker {
     /// Number of messages received.
@@ -25,9 +26,10 @@ pub struct DeliveryTracker {
     pub repeated: u64,
     /// Number of restarts of the gateway.
     pub restarts: u64,
-    /// Number of samples omitted on board to limit the rate.
+    /// Number of samples omitted on board to limit the rate, since the last start of the gateway.
     pub decimated: u64,
-    /// Number of samples dropped on board because the bus or the gateway's queue overflowed.
+    /// Number of samples dropped on board since the last start of the gateway, because the bus or
+    /// the gateway's queue overflowed.
     pub dropped: u64,
     /// Expected contents of the next envelope: start time of the gateway, sequence number, and
     /// number of preceding samples.

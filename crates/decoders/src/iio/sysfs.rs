@@ -145,7 +145,8 @@ fn channels_folder(device: &Path) -> Result<PathBuf, IioError> {
 
 /// Returns the enabled channels with their names, and the size of a record in bytes.
 ///
-/// Each channel is aligned to its own size, and the record to the largest of them.
+/// Each channel is aligned to its own size. The record is aligned to the size of its largest
+/// channel.
 fn channels(folder: &Path) -> Result<(Vec<(String, Channel)>, usize), IioError> {
     let failed = |cause| IioError::Read { path: folder.to_owned(), cause };
     let mut found = Vec::new();

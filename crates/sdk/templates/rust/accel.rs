@@ -27,7 +27,7 @@ settings! {
 
 /// Stage that reports the direction of the force.
 ///
-/// The trust in the direction decreases with the difference from gravity.
+/// The trust decreases as the magnitude of the force departs from gravity.
 #[derive(Debug, Clone, Default)]
 pub struct @Class@ {
     settings: Settings,

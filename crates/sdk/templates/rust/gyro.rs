@@ -49,7 +49,7 @@ impl Stage for @Class@ {
         let is_finite = sample.rate_rad_s.iter().all(|x| x.is_finite());
         let rate_rad_s = if is_finite { sample.rate_rad_s } else { self.previous_rad_s.unwrap_or_default() };
         let end_rad_s = rate_rad_s.map(|x| x.clamp(-MAX_RATE_RAD_S, MAX_RATE_RAD_S));
-        // If the rate is known at both ends of the interval, the mean is half their sum.
+        // If the rates at both ends of the interval are known, the mean is half the sum of the two.
         let start_rad_s = self.previous_rad_s.replace(end_rad_s).filter(|_| sample.kind == RateKind::Instant);
         let mean_rad_s = (start_rad_s.unwrap_or(end_rad_s) + end_rad_s) * 0.5;
         let rotation = Rotation::from_rotation_vector(mean_rad_s * dt_s);

@@ -69,9 +69,9 @@ impl World {
 
     /// Returns `true` if a subscriber may restart without loss.
     ///
-    /// A restarted subscriber finds its missing ticks only at running publishers. The exit of a
-    /// subscriber and of its stage before the same hand-over is one fault more than the system
-    /// tolerates.
+    /// A restarted subscriber finds its missing ticks only at running publishers. If both a
+    /// subscriber and the slot's owner exit before the same hand-over, that is one fault more than
+    /// the system tolerates.
     fn may_restart_subscriber(&self) -> bool {
         let owner = &self.processes[self.owner as usize - 1];
         !matches!(self.coordinator.state(), SwapState::Armed { .. }) || owner.alive || owner.retired

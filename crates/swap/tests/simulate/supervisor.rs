@@ -191,8 +191,8 @@ impl World {
 
     /// Returns the tick of the newest checkpoint from which the slot's owner can resume.
     ///
-    /// If subscribers can restart, the checkpoint is no newer than the oldest of theirs or than
-    /// `from_tick`, whichever is later.
+    /// If subscribers can restart, the checkpoint is not after the later of two ticks: the oldest
+    /// checkpoint of the subscribers, and `from_tick`.
     fn resume_tick(&self, from_tick: u64) -> u64 {
         let oldest = self.subscribers.iter().map(|subscriber| subscriber.checkpoint.next_tick).min();
         let limit = oldest.filter(|_| self.scenario.subscribers_restart).unwrap_or(u64::MAX).max(from_tick);

@@ -1,4 +1,4 @@
-//! Decoding returns the encoded message to the last bit.
+//! Encoding and then decoding a message reproduces it bit for bit.
 use crate::common::{RandomMessage, TestRng, for_every_message};
 use proptest::prelude::*;
 use wire::v1::Envelope;
