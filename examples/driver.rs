@@ -12,8 +12,8 @@ fn main() -> Result<(), driver::DriverError> {
     let mut sensor = driver::Sensor::open(&std::env::args().nth(1).unwrap_or("plumbline".into()))?;
     let start = Instant::now();
     loop {
-        // Replace these with the device's measurements, in rad/s and m/s² in its own axes, and the
-        // timestamp with the time of the measurement.
+        // Replace these values with the device's measurements, in rad/s and m/s², in the device's
+        // own axes. Replace the timestamp with the time of the measurement.
         let (rate_rad_s, force_m_s2) = ([0.0, 0.0, 0.1], [0.0, 0.0, 9.81]);
         if let Err(error) = sensor.send(start.elapsed().as_nanos() as i64, rate_rad_s, force_m_s2, None) {
             eprintln!("{error}");

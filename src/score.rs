@@ -88,7 +88,7 @@ pub(crate) struct Score {
     /// Folder for estimates (fused, gyro-only, accel-only) and reference
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
-    /// Folder for figures TRIAL.*.svg; several fusers are also overlaid
+    /// Folder for figures TRIAL.*.svg; several fusers also share one figure
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
     /// Start of the figures, s from the first sample

@@ -15,7 +15,7 @@ const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 /// Path of this build's executable.
 pub(crate) const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 
-/// Measures the variant with the executable `plumb`.
+/// Measures the variant that runs the `plumb` executable.
 pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
     let launch = folder.path().join("launch.toml");

@@ -77,7 +77,7 @@ impl Bus {
         self.lease.owner_exited.clone()
     }
 
-    /// Returns `true` while the run that this process joined continues.
+    /// Returns `true` as long as the run that this process joined is in progress.
     pub fn is_running(&self) -> bool {
         self.lease.is_current_run()
     }

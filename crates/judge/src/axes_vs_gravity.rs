@@ -20,7 +20,7 @@ const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
 /// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,
-/// more than shaking at rest causes.
+/// which is more than vibration causes in a body at rest.
 const MIN_SPREAD: f64 = 0.04;
 /// Minimum number of windows for a diagnosis. A shock affects one window, or two if it falls on
 /// their boundary.

@@ -98,7 +98,8 @@ impl MagnitudeCheck {
 const BINS_PER_DECADE: f64 = 50.0;
 /// Decimal exponent of the lowest bin: 0.1 ns.
 const MIN_EXPONENT: f64 = -10.0;
-/// Number of decades: up to [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX), plus one.
+/// Number of decades, from the lowest bin to one decade above
+/// [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX).
 const DECADES: usize = 20;
 
 /// Quantiles of positive numbers with a resolution of 5 %, from logarithmic bins.

@@ -17,8 +17,8 @@ const MAX_ORIGINS: usize = 8;
 /// Settings of the cockpit service, which serves a web page of the system.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cockpit {
-    /// Address to listen on. Addresses outside the loopback require `tls`. If the port is in use,
-    /// the next free one is used.
+    /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is in
+    /// use, the next free one is used.
     pub listen: SocketAddr,
     /// Server certificate and key. If set, viewing requires a token, even on the loopback.
     pub tls: Option<CockpitTls>,

@@ -99,7 +99,7 @@ pub fn pluralize(count: u64, noun: &str) -> String {
     format!("{count} {noun}{ending}")
 }
 
-/// Formats names as a comma-separated list in quotes.
+/// Formats names as a comma-separated list, each name in quotes.
 pub(crate) fn quoted(names: &[&str]) -> String {
     names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ")
 }

@@ -203,12 +203,12 @@ payload! {
 payload! {
     /// Reading as received by ingest, from which a flight can be replayed.
     ///
-    /// Readings are published while a subscriber requests them. They are in order of arrival,
-    /// before injected faults, checks, calibration and mounting.
+    /// Readings are published in order of arrival while a subscriber requests them. Injected
+    /// faults, checks, calibration and mounting are applied later.
     ///
-    /// Each incarnation of ingest reads a simulation or recording again, so that the same number
-    /// and reading may occur more than once. With sensors on the bus, each incarnation counts from
-    /// 0, and its ticks and times continue from `tick` and `offset_ns`.
+    /// Each incarnation of ingest reads a simulation or recording from the start, so that the same
+    /// reading, with the same number, may occur more than once. With sensors on the bus, `number`
+    /// starts at 0 in each incarnation, while ticks and times continue from `tick` and `offset_ns`.
     TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
         /// Number of readings that this incarnation received before this one, including rejected
         /// ones.

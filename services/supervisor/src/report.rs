@@ -19,7 +19,7 @@ pub struct Report {
     pub ticks_out: u64,
     /// Ticks without an attitude.
     pub lost: u64,
-    /// Ticks with an attitude that are missing from the figures below and the output file.
+    /// Number of ticks with no attitude in the figures below and in the output file.
     ///
     /// The supervisor did not collect them before they were overwritten in the topic.
     pub not_recorded: u64,

@@ -19,7 +19,7 @@ pub(crate) fn face(direction: &Vector3<f64>) -> usize {
     sector(direction) / 4
 }
 
-/// Returns the sector of a direction of any length: 4 · face + quadrant.
+/// Returns the sector, 4 · face + quadrant, of a direction vector of any length.
 pub(crate) fn sector(direction: &Vector3<f64>) -> usize {
     let axis = direction.iamax();
     let is_negative = |i: usize| usize::from(direction[i % 3] < 0.0);

@@ -13,7 +13,7 @@ const MAX_VELOCITY_M_S: f64 = 100.0;
 /// during a rotation of the frame can increase the velocity.
 const MAX_HANDED_OVER_M_S: f64 = 99.0;
 /// Standard deviation of a loop's velocity, m/s. It corresponds to a level that was wrong by 2° for
-/// some seconds.
+/// a few seconds.
 const SD_M_S: f64 = 1.0;
 /// Standard deviation of an unknown velocity, m/s: the typical leaky velocity of a braking vehicle.
 const UNKNOWN_SD_M_S: f64 = 4.0;

@@ -1,6 +1,6 @@
 //! Checks of the sensors at rest: specific force f against gravity, and gyro rate against zero.
 //!
-//! - Input: samples from a few seconds.
+//! - Input: a few seconds of samples.
 //! - Output: two checks.
 //! - Failure: while the body moves, both checks are reported as skipped.
 

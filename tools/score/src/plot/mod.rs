@@ -202,7 +202,7 @@ impl<'a> Plotter<'a> {
         self.write(base_path, "sphere", SPHERE_SIZE, &sphere)
     }
 
-    /// Draws the results of several chains for a trial in common figures, together with the
+    /// Draws the results of several chains for a trial in the same figures, together with the
     /// reference.
     pub(crate) fn draw_comparison(
         &self,

@@ -558,8 +558,8 @@ impl GyroErrorFilter {
         self.tilt_sensitivity = [e1, w1];
     }
 
-    /// Updates with a measurement of two states starting at `first`, and returns the change of the
-    /// state.
+    /// Applies a measurement of the two consecutive states that start at `first`, and returns the
+    /// change of the state.
     fn update_pair(&mut self, first: usize, innovation: Complex<f64>, variance: f64) -> State {
         let change = self.update_scalar(first, innovation.re, variance);
         change + self.update_scalar(first + 1, innovation.im - change[first + 1], variance)

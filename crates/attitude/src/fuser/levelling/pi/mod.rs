@@ -5,7 +5,7 @@
 //!
 //! ε' = b − b̂ − ε/τ,  b̂' = ε/(4τ²)
 //!
-//! with two equal roots at 1/(2τ). With τ = 20 s the bias estimate converges within minutes, and
+//! with two equal roots at −1/(2τ). With τ = 20 s the bias estimate converges within minutes, and
 //! the bias then has no effect. What remains is the effect of the accelerometer bias: 0.12° for
 //! 0.02 m/s².
 //!

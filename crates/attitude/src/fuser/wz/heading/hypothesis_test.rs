@@ -24,8 +24,8 @@ use super::{
 };
 use crate::{fuser::wz::settings::Settings, scalars::Scalars};
 
-/// Standard deviation added to b or e of a challenger (B or E), µT. It corresponds to a magnet at a
-/// distance of some centimetres, or to a loudspeaker in the same room.
+/// Standard deviation added to b or e of a challenger (B or E), µT. It corresponds to a magnet a
+/// few centimetres away, or to a loudspeaker in the same room.
 const CHALLENGER_SD_UT: f64 = 15.0;
 /// Gate on the normalised innovation squared. Regular innovations exceed it in 1 % of cases.
 const GATE: f64 = 11.0;
