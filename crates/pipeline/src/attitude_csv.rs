@@ -45,14 +45,16 @@ pub(crate) struct CsvWriter {
 }
 
 impl CsvWriter {
-    /// Creates the file with the header line.
+    /// Creates the file with the header line. An existing file keeps its content until the first
+    /// lines are written, so that a run that does not start costs nothing.
     pub(crate) fn create(path: &Path, header: String) -> Result<Self, CollectorError> {
         let create_error = |cause| CollectorError::Create { path: path.into(), cause };
         // Opening a named pipe would block until a reader opens it.
         if fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo()) {
             return Err(create_error(io::Error::other("the path is a named pipe; choose a regular file")));
         }
-        File::create(path).and_then(|file| Self::new(path, file, header, STALL_TIMEOUT)).map_err(create_error)
+        let file = File::options().write(true).create(true).truncate(false).open(path);
+        file.and_then(|file| Self::new(path, file, header, STALL_TIMEOUT)).map_err(create_error)
     }
 
     fn new(path: &Path, file: File, buffer: String, stall_timeout: Duration) -> io::Result<Self> {
@@ -137,9 +139,13 @@ impl CsvWriter {
     }
 }
 
-/// Writes batches of complete lines until the channel is closed or a write fails.
+/// Replaces the content of the file by batches of complete lines, until the channel is closed or a
+/// write fails.
 fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
     for batch in batches {
+        if written_bytes.load(Ordering::Relaxed) == 0 && file.metadata()?.is_file() {
+            file.set_len(0)?;
+        }
         file.write_all(batch.as_bytes()).inspect_err(|_| {
             // A partial line is cut off, because its last number would be wrong. A failure is
             // ignored, because a device cannot be truncated.
@@ -185,6 +191,17 @@ mod tests {
         out.finish().unwrap();
         let text = all.join().unwrap().unwrap();
         assert_eq!((text.lines().count(), text.ends_with('\n')), (lines + 1, true));
+    }
+
+    #[test]
+    fn existing_file_is_replaced_only_by_new_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.csv");
+        fs::write(&path, "an earlier run with a longer text\n").unwrap();
+        drop(CsvWriter::create(&path, "t_s\n".into()).unwrap());
+        assert_eq!(fs::read_to_string(&path).unwrap(), "an earlier run with a longer text\n");
+        CsvWriter::create(&path, "t_s\n".into()).unwrap().finish().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "t_s\n");
     }
 
     #[test]
