@@ -9,7 +9,7 @@ use launch::Launch;
 use messages::{AttitudeOutput, Flags, FusedState};
 use pipeline::{AttitudeFile, Collector};
 use runtime::{
-    Pace, ServiceConfig, Slot,
+    Pace, ServiceConfig, SlotProcessor,
     convert::chart_to_payload,
     frames::{attitude_to_frame, fused_to_frame},
 };

@@ -93,9 +93,9 @@ impl ServiceConfig {
             (messages::size(topic) + MESSAGE_OVERHEAD_BYTES) * self.buffer_size(entry) * publishers
         };
         let has_feeders = !self.launch.ingest.source.is_repeatable();
-        let is_published = |topic: &Topic| match topic {
-            Topic::Reading => self.publishes_readings,
-            topic => has_feeders || topic.entry().publisher != Participant::Feeders,
+        let is_published = |topic: &Topic| {
+            let has_publisher = has_feeders || topic.entry().publisher != Participant::Feeders;
+            if *topic == Topic::Reading { self.publishes_readings } else { has_publisher }
         };
         let bytes: usize = Topic::ALL.iter().copied().filter(is_published).map(bytes).sum();
         (bytes * 3 / 2) as u64

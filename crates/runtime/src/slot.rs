@@ -1,13 +1,17 @@
 //! Processing in a slot, independent of clock and bus: messages in, messages out, in tick order.
 
 use attitude::stage::{Stage, Validate};
+use launch::Slot;
 use messages::{Header, Ticked};
 use swap::Sequence;
 
 use crate::{comparable::Comparable, stage::ResettingStage, state_words::StateWords};
 
 /// Processing in a slot. Outputs depend only on the messages that were offered.
-pub trait Slot {
+pub trait SlotProcessor {
+    /// Slot whose messages are processed.
+    const SLOT: Slot;
+
     /// Message of any of the inputs.
     type Input;
     /// Message that the slot publishes.
@@ -57,6 +61,9 @@ pub trait Slot {
 
 /// Processing in a slot that has one input and produces one output per input message.
 pub trait TickProcessor {
+    /// Slot whose messages are processed.
+    const SLOT: Slot;
+
     /// Message of the input.
     type Input: Ticked;
     /// Message that the slot publishes.
@@ -94,7 +101,9 @@ impl<P> SingleInputSlot<P> {
     }
 }
 
-impl<P: TickProcessor> Slot for SingleInputSlot<P> {
+impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
+    const SLOT: Slot = P::SLOT;
+
     type Input = P::Input;
     type Output = P::Output;
     type Stage = P::Stage;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use attitude::stage::{Snapshot, Stage, Validate};
 use host::{AnyStage, HostableStage, HostedStage};
-use launch::{Launch, Service};
+use launch::{Launch, Slot};
 
 use crate::RuntimeError;
 
@@ -20,13 +20,11 @@ const RESPONSE_TIMEOUT_SHARE: f64 = 0.5;
 ///
 /// Fails if the stage does not exist or does not start, or if a parameter is rejected.
 pub fn build_stage<B: HostableStage + Clone>(
-    slot: Service,
+    slot: Slot,
     launch: &Launch,
     built_in: impl FnOnce(&str) -> Option<B>,
 ) -> Result<AnyStage<B>, RuntimeError> {
-    let Some(configured) = launch.stage(slot) else {
-        return Err(RuntimeError::UnknownStage { slot, stage: String::new() });
-    };
+    let configured = launch.stage(slot);
     let mut stage = match launch.external_stage(slot) {
         Some(program) => {
             let timeout = response_timeout(launch);

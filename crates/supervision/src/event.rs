@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use launch::{Launch, Service, StageConfig};
+use launch::{Launch, Service, Slot, StageConfig};
 use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
 use swap::Role;
 
@@ -24,7 +24,7 @@ pub struct Config {
     /// Run time after which an endless source is stopped.
     pub stop_after: Option<Duration>,
     /// Checks the stage that fills a slot. The error text is shown to the user.
-    pub validate: fn(&Launch, Service) -> Result<(), String>,
+    pub validate: fn(&Launch, Slot) -> Result<(), String>,
 }
 
 /// Input of [`Supervision::handle`](crate::Supervision::handle).

@@ -99,14 +99,14 @@ impl Supervision {
     pub(crate) fn publish_start(&mut self, service: Service, incarnation: u32) {
         let entry = self.table.entry(service);
         let (restarts, resume_tick) = (entry.restarts(), entry.resume_tick());
-        let history = self.swaps.history(service);
+        let history = service.slot().and_then(|slot| self.swaps.history(slot));
         let numbers = history.and_then(|fillings| Some((fillings.owner()?.number, fillings.instance_at(resume_tick))));
         let (filling, adopted_filling) = numbers.unwrap_or((SystemEvent::NONE_U32, SystemEvent::NONE_U32));
         let kind = if restarts > 0 { EventKind::RESTARTED } else { EventKind::STARTED };
         let adopted_tick = resume_tick.unwrap_or(SystemEvent::NONE);
         let event = SystemEvent { filling, adopted_filling, adopted_tick, ..SystemEvent::new(kind) };
-        let event = match self.config.launch.stage(service) {
-            Some(stage) => with_stage(event, stage),
+        let event = match service.slot() {
+            Some(slot) => with_stage(event, self.config.launch.stage(slot)),
             None => event,
         };
         self.publish_service_event(service, incarnation, event);

@@ -110,7 +110,7 @@ impl ProcessTable {
     pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
-            if !service.is_slot() {
+            if service.slot().is_none() {
                 continue;
             }
             let owner = entry.owner.as_ref().and_then(Process::next_tick);

@@ -16,10 +16,10 @@ use attitude::{
     state::Attitude,
 };
 use host::AnyStage;
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
 use runtime::{
-    Join, Joined, MAX_BRIDGED_GAP_S, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
+    Join, Joined, MAX_BRIDGED_GAP_S, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor,
     convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
     join::MAX_QUEUED,
     join_inputs, serve,
@@ -108,7 +108,7 @@ pub struct FuserSlot {
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
-    let mut stage = stage::build_stage(Service::Fuser, &config.launch, Fuser::from_name)?;
+    let mut stage = stage::build_stage(Slot::Fuser, &config.launch, Fuser::from_name)?;
     if let Some(Err(error)) = config.prior.map(|prior| stage.seed_sensor_errors(&prior.estimate())) {
         eprintln!("service fuser: sensor errors of an earlier run ignored: {error}");
     }
@@ -139,7 +139,9 @@ pub fn run() -> Result<(), RuntimeError> {
     serve(context, slot, &[&gyro, &accel, &mag, &gnss, &control])
 }
 
-impl Slot for FuserSlot {
+impl SlotProcessor for FuserSlot {
+    const SLOT: Slot = Slot::Fuser;
+
     type Input = FuserMessage;
     type Output = FusedState;
     type Stage = AnyStage<Fuser>;
@@ -210,18 +212,10 @@ impl FuserSlot {
     /// Stops waiting for the input from a slot while that slot has no owner.
     fn on_control(&mut self, control: &Control) {
         let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
-        match Service::from_index(control.service) {
-            Some(Service::Gyro) => self.join.inputs_mut().gyro.set_absent_from(absent_from),
-            Some(Service::Accel) => self.join.inputs_mut().accel.set_absent_from(absent_from),
-            Some(
-                Service::Ingest
-                | Service::Fuser
-                | Service::Course
-                | Service::Gateway
-                | Service::Drivers
-                | Service::Cockpit,
-            )
-            | None => {}
+        match Service::from_index(control.service).and_then(Service::slot) {
+            Some(Slot::Gyro) => self.join.inputs_mut().gyro.set_absent_from(absent_from),
+            Some(Slot::Accel) => self.join.inputs_mut().accel.set_absent_from(absent_from),
+            Some(Slot::Fuser | Slot::Course) | None => {}
         }
     }
 
@@ -372,9 +366,9 @@ mod tests {
 
     #[test]
     fn resume_from_unaligned_stage_aligns_the_new_stage() {
-        let unaligned = checkpoint::capture(&mut slot_with("wz"), Service::Fuser, 1, false);
+        let unaligned = checkpoint::capture(&mut slot_with("wz"), 1, false);
         let mut other = slot_with("wz-closed");
-        checkpoint::resume(&mut other, Service::Fuser, &unaligned).unwrap();
+        checkpoint::resume(&mut other, &unaligned).unwrap();
         let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };
         level.force_m_s2 =
             attitude::point::Point { w: Complex::new(0.3, 0.1), ..Default::default() }.direction().into();

@@ -18,7 +18,7 @@ use attitude::{
     state::Attitude,
 };
 use host::AnyStage;
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
     MAX_BRIDGED_GAP_S, RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
@@ -42,7 +42,7 @@ pub struct GyroProcessor {
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Service::Gyro, &config.launch, Gyro::from_name)?);
+    let stage = ResettingStage::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
     Ok(SingleInputSlot::new(GyroProcessor { stage, is_aligned: false, t_end_ns: None }))
 }
 
@@ -72,6 +72,8 @@ impl GyroProcessor {
 }
 
 impl TickProcessor for GyroProcessor {
+    const SLOT: Slot = Slot::Gyro;
+
     type Input = ImuSample;
     type Output = GyroStep;
     type Stage = AnyStage<Gyro>;
@@ -149,7 +151,7 @@ mod tests {
             publishes_readings: false,
             supervisor_pid: 0,
         };
-        let (service, rejected) = SlotService::new(slot(&config).unwrap(), Service::Gyro, &config, 0, output_tick);
+        let (service, rejected) = SlotService::new(slot(&config).unwrap(), &config, 0, output_tick);
         assert_eq!(rejected, None);
         service
     }

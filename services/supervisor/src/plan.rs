@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use launch::{Date, Launch, Service, Source};
+use launch::{Date, Launch, Slot, Source};
 use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
@@ -211,18 +211,17 @@ fn standalone_config(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig 
 }
 
 /// Validates the stage that fills a slot. The error is shown to the user.
-pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
+pub(crate) fn validate(launch: &Launch, slot: Slot) -> Result<(), String> {
     // An external stage validates its settings itself.
     if launch.external_stage(slot).is_some() {
         return Ok(());
     }
     let config = standalone_config(launch.clone(), 1000.0, Pace::Speed(1.0));
     let result = match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => return Ok(()),
-        Service::Gyro => gyro::slot(&config).map(|_| ()),
-        Service::Accel => accel::slot(&config).map(|_| ()),
-        Service::Fuser => fuser::slot(&config).map(|_| ()),
-        Service::Course => course::slot(&config).map(|_| ()),
+        Slot::Gyro => gyro::slot(&config).map(|_| ()),
+        Slot::Accel => accel::slot(&config).map(|_| ()),
+        Slot::Fuser => fuser::slot(&config).map(|_| ()),
+        Slot::Course => course::slot(&config).map(|_| ()),
     };
     result.map_err(|error| error.to_string())
 }

@@ -315,8 +315,8 @@ impl<'r> System<'r> {
         let launch = self.supervision.launch().clone();
         let resume = resume.map(to_service_resume);
         let mut config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config.clone() };
-        if let Some((slot, stage)) = config.launch.stage_mut(service).zip(stage) {
-            *slot = stage;
+        if let Some((slot, stage)) = service.slot().zip(stage) {
+            *config.launch.stage_mut(slot) = stage;
         }
         let class = match role {
             _ if service.is_low_priority() => SchedulingClass::Auxiliary,

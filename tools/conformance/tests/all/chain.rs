@@ -2,7 +2,7 @@
 //! these readings.
 use attitude::Quaternion;
 use ingest::{conditioner::Conditioner, source::Reading};
-use launch::{GyroSamples, Launch};
+use launch::{GyroSamples, Launch, Slot};
 use messages::AttitudeOutput;
 use runtime::{Pace, ServiceConfig};
 use scenario::{Motion, SensorErrors, Sensors};
@@ -102,7 +102,7 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
 
 #[test]
 fn chain_output_is_valid_for_any_reading() {
-    for (_, fuser) in conformance::stages().filter(|(slot, _)| *slot == "fuser") {
+    for (_, fuser) in conformance::stages().filter(|(slot, _)| *slot == Slot::Fuser) {
         for fault in &FAULTS {
             last_attitude(fuser, Motion::from_name("tumble").unwrap(), fault);
             last_attitude(fuser, Motion::S1, fault);
