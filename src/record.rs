@@ -232,11 +232,13 @@ impl supervisor::Recorder for FlightRecorder {
         let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         created.map_err(|cause| to_up_error(FlightError::Create { path: self.folder.clone(), cause }))?;
         let path = flight::unused_path(&self.folder, &config.launch.name).map_err(to_up_error)?;
-        let mode = match config.launch.tick_source() {
-            Service::Ingest if config.is_lockstep() => RecordingMode::Lockstep,
-            Service::Ingest => RecordingMode::FromFirstTick,
+        let mode = if config.launch.tick_source() != Service::Ingest {
             // The ticks come from another host and need not begin with the first one.
-            _ => RecordingMode::FromAnyTick,
+            RecordingMode::FromAnyTick
+        } else if config.is_lockstep() {
+            RecordingMode::Lockstep
+        } else {
+            RecordingMode::FromFirstTick
         };
         let header = FlightHeader {
             launch_file: self.launch_file.clone(),

@@ -8,8 +8,8 @@ use std::{
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
-use launch::{Launch, LaunchError};
-use sdk::template::{Language, Slot, Template, TemplateError};
+use launch::{Launch, LaunchError, Slot};
+use sdk::template::{Language, Template, TemplateError};
 
 use crate::{fail, stdout::print};
 
@@ -162,13 +162,13 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
         Ok(launch) => launch,
         Err(error) => return fail(&error, 3),
     };
-    let selected = |(of, name): &(&str, &str)| {
-        slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
+    let selected = |(of, name): &(Slot, &str)| {
+        slot.is_none_or(|slot| slot == of.name()) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
     };
-    let mut selected_stages: Vec<(&str, &str)> = conformance::stages().collect();
+    let mut selected_stages: Vec<(Slot, &str)> = conformance::stages().collect();
     // If no names are given, only the built-in stages are tested.
     let external = launch.stages.iter().filter(|_| !names.is_empty());
-    selected_stages.extend(external.map(|(name, program)| (program.slot.name(), name.as_str())));
+    selected_stages.extend(external.map(|(name, program)| (program.slot, name.as_str())));
     selected_stages.retain(selected);
     let unknown = names.iter().find(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted));
     if selected_stages.is_empty() || unknown.is_some() {

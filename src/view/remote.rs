@@ -12,7 +12,7 @@ use cockpit::{
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use launch::{Launch, Output, Service, StageConfig};
+use launch::{Launch, Output, Slot, StageConfig};
 use link::Link;
 use messages::AttitudeOutput;
 use runtime::frames::attitude_from_frame;
@@ -118,8 +118,8 @@ pub(super) struct RemoteCommandTarget {
 impl CommandTarget for RemoteCommandTarget {
     fn description(&self) -> Result<SystemDescription, String> {
         let launch = Launch::default();
-        let stages = |slot: Service| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
-        let slots = Service::SLOTS.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
+        let stages = |slot: Slot| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
+        let slots = Slot::ALL.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
         Ok(SystemDescription {
             system: self.name.clone(),
             source: "over the network".into(),

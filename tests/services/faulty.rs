@@ -13,9 +13,9 @@ use attitude::{
 };
 use bus::Subscriber;
 use course::{CourseMessage, CourseSlot};
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{AttitudeOutput, Control, Field, FusedState, GnssFix, Layout, Message};
-use runtime::{Sequence, ServiceContext, Slot, serve};
+use runtime::{Sequence, ServiceContext, SlotProcessor, serve};
 
 fn main() -> ExitCode {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
@@ -35,7 +35,7 @@ fn hosted(fault: &str) -> ExitCode {
 
 fn service() {
     let mut context = ServiceContext::join(Service::Course).unwrap();
-    let program = context.config.launch.external_stage(Service::Course).map(|program| program.command[1].clone());
+    let program = context.config.launch.external_stage(Slot::Course).map(|program| program.command[1].clone());
     let Some(fault) = program.filter(|fault| fault != "hosted") else {
         let slot = course::slot(&context.config).unwrap();
         let (fused, gnss) =
@@ -120,10 +120,12 @@ struct Faulty {
     ticks: u64,
 }
 
-impl Slot for Faulty {
+impl SlotProcessor for Faulty {
+    const SLOT: Slot = Slot::Course;
+
     type Input = CourseMessage;
     type Output = AttitudeOutput;
-    type Stage = <CourseSlot as Slot>::Stage;
+    type Stage = <CourseSlot as SlotProcessor>::Stage;
 
     fn offer(&mut self, input: CourseMessage, publish: &mut dyn FnMut(AttitudeOutput)) {
         self.ticks += 1;

@@ -1,6 +1,6 @@
 //! Queries on the topic table: inputs, outputs and neighbours of a service.
 
-use crate::{Entry, Participant, Presence, Service, Topic};
+use crate::{Entry, Participant, Presence, Service, Slot, Topic};
 
 /// Topic table.
 #[derive(Debug, Clone, Copy)]
@@ -75,7 +75,7 @@ impl Entry {
     /// Returns `true` if the gateway can carry the topic to another host. This requires that a slot
     /// processes the topic's ticks.
     pub fn is_carried(&self) -> bool {
-        self.presence.is_ticked() && Service::SLOTS.into_iter().any(|slot| self.is_subscribed_by(slot))
+        self.presence.is_ticked() && Slot::ALL.into_iter().any(|slot| self.is_subscribed_by(slot.service()))
     }
 
     /// Returns the publisher if it is a single service, or `None` otherwise.

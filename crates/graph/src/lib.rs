@@ -20,5 +20,5 @@ mod table;
 pub mod topic;
 
 pub use edges::{GRAPH, Graph};
-pub use service::{Participant, Service};
+pub use service::{Participant, Service, Slot};
 pub use topic::{Buffer, Entry, Presence, Topic};

@@ -2,40 +2,147 @@
 
 use core::fmt;
 
-/// A service of the system, identified in messages by its index in [`ALL`](Self::ALL).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-pub enum Service {
-    /// Checks, calibrates and numbers the readings of the source.
-    Ingest,
-    /// Integrates the angular rate.
-    Gyro,
-    /// Estimates the vertical from the specific force.
-    Accel,
-    /// Fuses gyro and accelerometer into an attitude.
-    Fuser,
-    /// Computes angles and course from the attitude.
-    Course,
-    /// Exchanges messages with other hosts.
-    Gateway,
-    /// Reads the devices of a live source.
-    Drivers,
-    /// Serves the web page.
-    Cockpit,
+/// Defines [`Service`], [`Slot`] and the services' [`participant`] constants from the table of
+/// services.
+///
+/// A line is `Service = name: properties;`
+/// - *name*: name in launch files and messages;
+/// - *properties*: variants of [`Property`].
+///
+/// The order of the lines is the order of [`Service::ALL`], and thus of the index in messages.
+macro_rules! services {
+    (
+        source { $($(#[$source_doc:meta])* $source:ident = $source_name:ident: $($source_property:ident)*;)* }
+        slots { $($(#[$slot_doc:meta])* $slot:ident = $slot_name:ident: $($slot_property:ident)*;)* }
+        auxiliary { $($(#[$other_doc:meta])* $other:ident = $other_name:ident: $($other_property:ident)*;)* }
+    ) => {
+        /// A service of the system, identified in messages by its index in [`ALL`](Self::ALL).
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+        pub enum Service {
+            $($(#[$source_doc])* $source,)*
+            $($(#[$slot_doc])* $slot,)*
+            $($(#[$other_doc])* $other,)*
+        }
+
+        /// A service that runs a stage of choice.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+        pub enum Slot {
+            $($(#[$slot_doc])* $slot,)*
+        }
+
+        /// Name and properties of each service.
+        const TABLE: &[(&str, &[Property])] = &[
+            $((stringify!($source_name), &[$(Property::$source_property),*]),)*
+            $((stringify!($slot_name), &[$(Property::$slot_property),*]),)*
+            $((stringify!($other_name), &[$(Property::$other_property),*]),)*
+        ];
+
+        impl Service {
+            /// All services: the data path first, then the auxiliary ones.
+            pub const ALL: [Self; TABLE.len()] = [$(Self::$source,)* $(Self::$slot,)* $(Self::$other,)*];
+            /// Services of the data path, in the order of the data flow.
+            pub const PATH: [Self; [$(Self::$source,)* $(Self::$slot,)*].len()] =
+                [$(Self::$source,)* $(Self::$slot,)*];
+
+            /// Returns the slot of the service, or `None` if the service runs no stage.
+            pub const fn slot(self) -> Option<Slot> {
+                match self {
+                    $(Self::$slot => Some(Slot::$slot),)*
+                    $(Self::$source)|* $(| Self::$other)* => None,
+                }
+            }
+        }
+
+        impl Slot {
+            /// All slots, in the order of the data flow.
+            pub const ALL: [Self; [$(Self::$slot),*].len()] = [$(Self::$slot),*];
+
+            /// Returns the service of the slot.
+            pub const fn service(self) -> Service {
+                match self {
+                    $(Self::$slot => Service::$slot,)*
+                }
+            }
+        }
+
+        /// Constants for the participants, with the names used in the table of topics.
+        #[expect(non_upper_case_globals, reason = "the table uses the spelling of launch files")]
+        pub mod participant {
+            use super::{Participant, Service};
+
+            /// `Participant::Feeders`.
+            pub const feeders: Participant = Participant::Feeders;
+            /// `Participant::Slots`.
+            pub const slots: Participant = Participant::Slots;
+            /// `Participant::Services`.
+            pub const services: Participant = Participant::Services;
+            /// `Participant::Candidates`.
+            pub const candidates: Participant = Participant::Candidates;
+            /// `Participant::Supervisor`.
+            pub const supervisor: Participant = Participant::Supervisor;
+            services!(participants $($source = $source_name)* $($slot = $slot_name)* $($other = $other_name)*);
+        }
+    };
+    (participants $($service:ident = $name:ident)*) => {
+        $(#[doc = concat!("`Participant::One(Service::", stringify!($service), ")`.")]
+        pub const $name: Participant = Participant::One(Service::$service);)*
+    };
+}
+
+services! {
+    source {
+        /// Checks, calibrates and numbers the readings of the source.
+        Ingest = ingest: Listed;
+    }
+    slots {
+        /// Integrates the angular rate.
+        Gyro = gyro: Listed;
+        /// Estimates the vertical from the specific force.
+        Accel = accel: Listed;
+        /// Fuses gyro and accelerometer into an attitude.
+        Fuser = fuser: Listed;
+        /// Computes angles and course from the attitude.
+        Course = course: Listed;
+    }
+    auxiliary {
+        /// Exchanges messages with other hosts.
+        Gateway = gateway: Listed CarriesTicks LowPriority;
+        /// Reads the devices of a live source.
+        Drivers = drivers: ;
+        /// Serves the web page.
+        Cockpit = cockpit: Listed LowPriority;
+    }
+}
+
+/// Property of a service.
+#[derive(Clone, Copy)]
+enum Property {
+    /// A launch file may list the service.
+    Listed,
+    /// The service carries ticks between the hosts of a split system.
+    CarriesTicks,
+    /// Nothing on board waits for the service.
+    LowPriority,
 }
 
 impl Service {
-    /// Services of the data path, in the order of the data flow.
-    pub const PATH: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// Services of the data path that run a stage.
-    pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// All services: the data path first, then the auxiliary ones.
-    pub const ALL: [Self; 8] =
-        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers, Self::Cockpit];
     /// Services that a launch file may list. The drivers are not listed, but started if the source
     /// needs them.
-    pub const LISTED: [Self; 7] =
-        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Cockpit];
+    pub const LISTED: [Self; count_listed()] = listed();
+
+    const fn has(self, property: Property) -> bool {
+        let (_, properties) = TABLE[self as usize];
+        let mut index = 0;
+        while index < properties.len() {
+            if properties[index] as usize == property as usize {
+                return true;
+            }
+            index += 1;
+        }
+        false
+    }
 
     /// Returns `true` for services outside the data path.
     ///
@@ -47,32 +154,18 @@ impl Service {
 
     /// Returns `true` if the service carries ticks between the hosts of a split system.
     pub const fn carries_ticks(self) -> bool {
-        matches!(self, Self::Gateway)
+        self.has(Property::CarriesTicks)
     }
 
     /// Returns `true` if nothing on board waits for the service, so that it may run at low
     /// priority.
     pub const fn is_low_priority(self) -> bool {
-        matches!(self, Self::Gateway | Self::Cockpit)
-    }
-
-    /// Returns `true` if the service runs a stage.
-    pub fn is_slot(self) -> bool {
-        Self::SLOTS.contains(&self)
+        self.has(Property::LowPriority)
     }
 
     /// Returns the name used in launch files and messages.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ingest => "ingest",
-            Self::Gyro => "gyro",
-            Self::Accel => "accel",
-            Self::Fuser => "fuser",
-            Self::Course => "course",
-            Self::Gateway => "gateway",
-            Self::Drivers => "drivers",
-            Self::Cockpit => "cockpit",
-        }
+        TABLE[self as usize].0
     }
 
     /// Returns the service called `name`.
@@ -83,6 +176,46 @@ impl Service {
     /// Returns the service with this index in [`ALL`](Self::ALL).
     pub fn from_index(index: u32) -> Option<Self> {
         Self::ALL.get(usize::try_from(index).ok()?).copied()
+    }
+}
+
+const fn count_listed() -> usize {
+    let (mut count, mut index) = (0, 0);
+    while index < Service::ALL.len() {
+        count += Service::ALL[index].has(Property::Listed) as usize;
+        index += 1;
+    }
+    count
+}
+
+const fn listed() -> [Service; count_listed()] {
+    let mut listed = [Service::ALL[0]; count_listed()];
+    let (mut count, mut index) = (0, 0);
+    while index < Service::ALL.len() {
+        if Service::ALL[index].has(Property::Listed) {
+            listed[count] = Service::ALL[index];
+            count += 1;
+        }
+        index += 1;
+    }
+    listed
+}
+
+impl Slot {
+    /// Returns the name used in launch files and messages.
+    pub const fn name(self) -> &'static str {
+        self.service().name()
+    }
+
+    /// Returns the slot called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Service::from_name(name).and_then(Service::slot)
+    }
+}
+
+impl fmt::Display for Slot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
     }
 }
 
@@ -114,7 +247,7 @@ impl Participant {
     pub fn includes(self, service: Service) -> bool {
         match self {
             Self::One(one) => one == service,
-            Self::Slots => service.is_slot(),
+            Self::Slots => service.slot().is_some(),
             Self::Services => true,
             Self::Feeders => service == Service::Drivers,
             Self::Candidates | Self::Supervisor => false,
@@ -140,31 +273,5 @@ impl fmt::Display for Participant {
             Self::Candidates => "every candidate",
             Self::Supervisor => "supervisor",
         })
-    }
-}
-
-/// Constants for the participants, with the names used in the table.
-#[expect(non_upper_case_globals, reason = "the table uses the spelling of launch files")]
-pub mod participant {
-    use super::{Participant, Service};
-
-    macro_rules! participants {
-        ($($name:ident = $participant:expr;)*) => {
-            $(#[doc = concat!("`", stringify!($participant), "`.")] pub const $name: Participant = $participant;)*
-        };
-    }
-
-    participants! {
-        feeders = Participant::Feeders;
-        ingest = Participant::One(Service::Ingest);
-        gyro = Participant::One(Service::Gyro);
-        accel = Participant::One(Service::Accel);
-        fuser = Participant::One(Service::Fuser);
-        course = Participant::One(Service::Course);
-        gateway = Participant::One(Service::Gateway);
-        slots = Participant::Slots;
-        services = Participant::Services;
-        candidates = Participant::Candidates;
-        supervisor = Participant::Supervisor;
     }
 }

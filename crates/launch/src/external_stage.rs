@@ -9,7 +9,7 @@ use std::{
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use serde::{Deserialize, Serialize};
 
-use crate::{Launch, Service, problem::Problem, toml_reader::Section};
+use crate::{Launch, Slot, problem::Problem, toml_reader::Section};
 
 /// Maximum number of words in a command.
 const MAX_WORDS: usize = 64;
@@ -18,7 +18,7 @@ const MAX_WORDS: usize = 64;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ExternalStage {
     /// Slot for which the stage is written.
-    pub slot: Service,
+    pub slot: Slot,
     /// Program and its arguments. A name without a slash is looked up in PATH. A path is relative
     /// to `folder`.
     pub command: Vec<String>,
@@ -43,8 +43,8 @@ impl ExternalStage {
 
 impl Launch {
     /// Returns the external stage configured for a slot, or `None` if the slot has a built-in one.
-    pub fn external_stage(&self, slot: Service) -> Option<&ExternalStage> {
-        self.stages.get(&self.stage(slot)?.stage).filter(|stage| stage.slot == slot)
+    pub fn external_stage(&self, slot: Slot) -> Option<&ExternalStage> {
+        self.stages.get(&self.stage(slot).stage).filter(|stage| stage.slot == slot)
     }
 }
 
@@ -52,11 +52,8 @@ impl Launch {
 /// `folder` is known.
 pub(crate) fn external_stages(section: &mut Section<'_, '_>, folder: Option<&Path>, launch: &mut Launch) {
     section.named_tables("stages", |section, name, span| {
-        let mut stage = ExternalStage {
-            slot: Service::Ingest,
-            command: Vec::new(),
-            folder: folder.unwrap_or(Path::new("")).into(),
-        };
+        let mut stage =
+            ExternalStage { slot: Slot::Gyro, command: Vec::new(), folder: folder.unwrap_or(Path::new("")).into() };
         let is_valid = is_free(section, name, &span) & slot(section, name, &span, &mut stage);
         command(section, name, &span, folder, &mut stage);
         // A stage with an invalid command is kept, so that a slot that uses it causes no second
@@ -84,7 +81,7 @@ fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bo
 }
 
 fn slot(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, stage: &mut ExternalStage) -> bool {
-    let allowed: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
+    let allowed: Vec<_> = Slot::ALL.iter().map(|slot| (slot.name(), *slot)).collect();
     require(section, name, span, "slot") && section.choice("slot", allowed, &mut stage.slot)
 }
 
@@ -145,12 +142,12 @@ mod tests {
     fn external_stage_accepts_any_parameter() {
         let text = format!("[fuser]\nstage = \"my-fuser\"\nset = {{ gain = 0.5, anything = 3 }}\n{COMPLETE}");
         let launch = Launch::parse("launch.toml", &text).unwrap();
-        let stage = launch.external_stage(Service::Fuser).unwrap();
-        assert_eq!((stage.slot, stage.executable()), (Service::Fuser, "python3".into()));
+        let stage = launch.external_stage(Slot::Fuser).unwrap();
+        assert_eq!((stage.slot, stage.executable()), (Slot::Fuser, "python3".into()));
         assert_eq!(stage.command().get_args().collect::<Vec<_>>(), ["my_fuser.py"]);
         assert_eq!(launch.fuser.set.keys().collect::<Vec<_>>(), ["anything", "gain"]);
         let unused = Launch::parse("launch.toml", COMPLETE).unwrap();
-        assert_eq!((unused.stages.len(), unused.external_stage(Service::Fuser)), (1, None));
+        assert_eq!((unused.stages.len(), unused.external_stage(Slot::Fuser)), (1, None));
     }
 
     #[test]

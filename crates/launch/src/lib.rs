@@ -50,7 +50,7 @@ mod source_uri;
 mod split;
 mod toml_reader;
 
-pub use graph::Service;
+pub use graph::{Service, Slot};
 
 pub use cockpit::{Cockpit, CockpitTls};
 pub use external_stage::ExternalStage;

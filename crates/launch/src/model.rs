@@ -5,7 +5,7 @@ use attitude::{
     calibration::{self, CalibrationError},
     gyro::RateKind,
 };
-use graph::Service;
+use graph::{Service, Slot};
 use scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
@@ -363,25 +363,23 @@ impl Default for Launch {
 }
 
 impl Launch {
-    /// Returns the stage of a slot, or `None` for a service without one.
-    pub fn stage(&self, service: Service) -> Option<&StageConfig> {
-        match service {
-            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
-            Service::Gyro => Some(&self.gyro),
-            Service::Accel => Some(&self.accel),
-            Service::Fuser => Some(&self.fuser),
-            Service::Course => Some(&self.course),
+    /// Returns the stage of a slot.
+    pub fn stage(&self, slot: Slot) -> &StageConfig {
+        match slot {
+            Slot::Gyro => &self.gyro,
+            Slot::Accel => &self.accel,
+            Slot::Fuser => &self.fuser,
+            Slot::Course => &self.course,
         }
     }
 
-    /// Returns the stage of a slot for modification, or `None` for a service without one.
-    pub fn stage_mut(&mut self, service: Service) -> Option<&mut StageConfig> {
-        match service {
-            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
-            Service::Gyro => Some(&mut self.gyro),
-            Service::Accel => Some(&mut self.accel),
-            Service::Fuser => Some(&mut self.fuser),
-            Service::Course => Some(&mut self.course),
+    /// Returns the stage of a slot for modification.
+    pub fn stage_mut(&mut self, slot: Slot) -> &mut StageConfig {
+        match slot {
+            Slot::Gyro => &mut self.gyro,
+            Slot::Accel => &mut self.accel,
+            Slot::Fuser => &mut self.fuser,
+            Slot::Course => &mut self.course,
         }
     }
 }

@@ -4,13 +4,13 @@ use std::{collections::BTreeMap, ops::Range};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Launch, Service, StageConfig, problem::Problem, slot_stage::stage_config, toml_reader::Section};
+use crate::{Launch, Slot, StageConfig, problem::Problem, slot_stage::stage_config, toml_reader::Section};
 
 /// Rule that promotes a shadow stage by its measured difference, and rolls it back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PromotionRule {
     /// Slot to which the rule applies. Each slot has at most one rule.
-    pub slot: Service,
+    pub slot: Slot,
     /// Shadow stage that runs in parallel with the stage in the slot.
     pub stage: StageConfig,
     /// Difference between the two attitudes that is measured.
@@ -46,7 +46,7 @@ const MAX_AFTER_S: f64 = 86_400.0;
 
 /// Reads every `[[watch]]`.
 pub(crate) fn promotion_rules(section: &mut Section<'_, '_>, launch: &mut Launch) {
-    let mut spans: Vec<(Service, Range<usize>)> = Vec::new();
+    let mut spans: Vec<(Slot, Range<usize>)> = Vec::new();
     section.tables("watch", |section, span| {
         let Some(rule) = promotion_rule(section, &span, launch) else { return };
         if let Some((slot, first)) = spans.iter().find(|(slot, _)| *slot == rule.slot) {
@@ -63,7 +63,7 @@ pub(crate) fn promotion_rules(section: &mut Section<'_, '_>, launch: &mut Launch
 
 fn promotion_rule(section: &mut Section<'_, '_>, span: &Range<usize>, launch: &Launch) -> Option<PromotionRule> {
     let mut rule = PromotionRule {
-        slot: Service::Fuser,
+        slot: Slot::Fuser,
         stage: StageConfig { stage: String::new(), set: BTreeMap::new() },
         measure: Measure::Inclination,
         promote_below_deg: 0.0,
@@ -82,7 +82,7 @@ fn promotion_rule(section: &mut Section<'_, '_>, span: &Range<usize>, launch: &L
         rollback_after_s,
         limit,
     } = &mut rule;
-    let slots: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
+    let slots: Vec<_> = Slot::ALL.iter().map(|slot| (slot.name(), *slot)).collect();
     let mut valid = section.choice("slot", slots, slot) & stage_config(section, *slot, &launch.stages, stage);
     valid &= section.choice("measure", MEASURES, measure);
     let bounds_valid = section.number("promote_below_deg", 0.0..=180.0, promote_below_deg)
@@ -123,7 +123,7 @@ mod tests {
         )
         .unwrap();
         let expected = PromotionRule {
-            slot: Service::Fuser,
+            slot: Slot::Fuser,
             stage: StageConfig { stage: "aided".into(), set: BTreeMap::new() },
             measure: Measure::Heading,
             promote_below_deg: 0.5,

@@ -1,7 +1,7 @@
 //! Keys of a launch file and their allowed values.
 
 use crate::{
-    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
+    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Slot, Source,
     cockpit::cockpit,
     external_stage::external_stages,
     fault,
@@ -111,21 +111,15 @@ impl Launch {
         }
         external_stages(section, folder, self);
         promotion_rules(section, self);
-        for slot in Service::SLOTS {
-            let Self { stages, gyro, accel, fuser, course, north, .. } = &mut *self;
-            let out = match slot {
-                Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => continue,
-                Service::Gyro => gyro,
-                Service::Accel => accel,
-                Service::Fuser => fuser,
-                Service::Course => course,
-            };
+        for slot in Slot::ALL {
+            let mut config = self.stage(slot).clone();
             section.section(slot.name(), |section| {
-                stage_config(section, slot, stages, out);
-                if slot == Service::Course {
-                    north::north(section, north);
+                stage_config(section, slot, &self.stages, &mut config);
+                if slot == Slot::Course {
+                    north::north(section, &mut self.north);
                 }
             });
+            *self.stage_mut(slot) = config;
         }
     }
 }

@@ -12,7 +12,7 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 
-use crate::{ExternalStage, Launch, Service, StageConfig, problem::nearest, toml_reader::Section};
+use crate::{ExternalStage, Launch, Slot, StageConfig, problem::nearest, toml_reader::Section};
 
 impl Launch {
     /// Checks that the slot has a stage of this name, built-in or external.
@@ -20,16 +20,16 @@ impl Launch {
     /// # Errors
     ///
     /// Returns an error with the slot's stages if the name is unknown or belongs to another slot.
-    pub fn validate_stage(&self, slot: Service, stage: &str) -> Result<(), UnknownStage> {
+    pub fn validate_stage(&self, slot: Slot, stage: &str) -> Result<(), UnknownStage> {
         let stages = stages(slot, &self.stages);
         if stages.contains(&stage) {
             return Ok(());
         }
-        let accepts = |other: &Service| self::stages(*other, &self.stages).contains(&stage);
+        let accepts = |other: &Slot| self::stages(*other, &self.stages).contains(&stage);
         Err(UnknownStage {
             slot,
             stage: stage.into(),
-            other_slot: Service::SLOTS.into_iter().find(accepts),
+            other_slot: Slot::ALL.into_iter().find(accepts),
             nearest: nearest(stage, &stages).map(str::to_owned),
             stages: stages.join(", "),
         })
@@ -39,10 +39,10 @@ impl Launch {
 /// The slot has no stage of this name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownStage {
-    slot: Service,
+    slot: Slot,
     stage: String,
     /// Other slot that has a stage of this name.
-    other_slot: Option<Service>,
+    other_slot: Option<Slot>,
     nearest: Option<String>,
     stages: String,
 }
@@ -65,7 +65,7 @@ impl std::error::Error for UnknownStage {}
 /// Reads the stage of a slot from the keys `stage` and `set`.
 pub(crate) fn stage_config(
     section: &mut Section<'_, '_>,
-    slot: Service,
+    slot: Slot,
     external: &BTreeMap<String, ExternalStage>,
     out: &mut StageConfig,
 ) -> bool {
@@ -85,30 +85,28 @@ pub(crate) fn stage_config(
 
 impl Launch {
     /// Returns the names of the slot's stages: first built-in, then external ones.
-    pub fn stage_names(&self, slot: Service) -> Vec<&str> {
+    pub fn stage_names(&self, slot: Slot) -> Vec<&str> {
         stages(slot, &self.stages)
     }
 }
 
-fn stages(slot: Service, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
+fn stages(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let built_in: &[&str] = match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => &[],
-        Service::Gyro => &Gyro::NAMES,
-        Service::Accel => &Accelerometer::NAMES,
-        Service::Fuser => &Fuser::NAMES,
-        Service::Course => &Course::NAMES,
+        Slot::Gyro => &Gyro::NAMES,
+        Slot::Accel => &Accelerometer::NAMES,
+        Slot::Fuser => &Fuser::NAMES,
+        Slot::Course => &Course::NAMES,
     };
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
     built_in.iter().copied().chain(external_names).collect()
 }
 
-fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
+fn parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {
     match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
-        Service::Gyro => Some(Gyro::from_name(stage)?.parameters()),
-        Service::Accel => Some(Accelerometer::from_name(stage)?.parameters()),
-        Service::Fuser => Some(Fuser::from_name(stage)?.parameters()),
-        Service::Course => Some(Course::from_name(stage)?.parameters()),
+        Slot::Gyro => Some(Gyro::from_name(stage)?.parameters()),
+        Slot::Accel => Some(Accelerometer::from_name(stage)?.parameters()),
+        Slot::Fuser => Some(Fuser::from_name(stage)?.parameters()),
+        Slot::Course => Some(Course::from_name(stage)?.parameters()),
     }
 }
 
@@ -122,20 +120,20 @@ mod tests {
         let launch = Launch::parse("launch.toml", external_names).unwrap();
         let error = |slot, stage| launch.validate_stage(slot, stage).unwrap_err().to_string();
         for stage in ["wz", "vqf", "my-fuser"] {
-            assert_eq!(launch.validate_stage(Service::Fuser, stage), Ok(()));
+            assert_eq!(launch.validate_stage(Slot::Fuser, stage), Ok(()));
         }
         assert_eq!(
-            error(Service::Course, "angels"),
+            error(Slot::Course, "angels"),
             "no stage named `angels`; did you mean `angles`? stages of the slot `course`: angles, track"
         );
         assert_eq!(
-            error(Service::Course, "kalman"),
+            error(Slot::Course, "kalman"),
             "no stage named `kalman`; stages of the slot `course`: angles, track"
         );
         assert_eq!(
-            error(Service::Course, "my-fuser"),
+            error(Slot::Course, "my-fuser"),
             "the stage `my-fuser` belongs to the slot `fuser`, not `course`; stages of the slot `course`: angles, track"
         );
-        assert!(error(Service::Fuser, "my-fuse").contains("did you mean `my-fuser`?"));
+        assert!(error(Slot::Fuser, "my-fuse").contains("did you mean `my-fuser`?"));
     }
 }

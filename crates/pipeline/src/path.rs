@@ -4,7 +4,7 @@
 //! bit-identical to theirs.
 
 use ingest::conditioner::Sample;
-use launch::Service;
+use launch::Slot;
 use messages::{AttitudeOutput, FusedState};
 use runtime::{RuntimeError, ServiceConfig};
 
@@ -35,10 +35,10 @@ impl Path {
     /// Returns an error if a stage cannot be built.
     pub fn with_schedule(config: &ServiceConfig, schedule: &Schedule) -> Result<Self, RuntimeError> {
         Ok(Self {
-            gyro: SlotRunner::new(Service::Gyro, gyro::slot, config, schedule)?,
-            accel: SlotRunner::new(Service::Accel, accel::slot, config, schedule)?,
-            fuser: SlotRunner::new(Service::Fuser, fuser::slot, config, schedule)?,
-            course: SlotRunner::new(Service::Course, course::slot, config, schedule)?,
+            gyro: SlotRunner::new(gyro::slot, config, schedule)?,
+            accel: SlotRunner::new(accel::slot, config, schedule)?,
+            fuser: SlotRunner::new(fuser::slot, config, schedule)?,
+            course: SlotRunner::new(course::slot, config, schedule)?,
         })
     }
 
@@ -84,10 +84,10 @@ impl Path {
         accel.offer(imu, &mut |point| fuser.offer(point.into(), &mut fused));
         gyro.offer(imu, &mut |step| fuser.offer(step.into(), &mut fused));
         let failures = [
-            (Service::Gyro, gyro.failure()),
-            (Service::Accel, accel.failure()),
-            (Service::Fuser, fuser.failure()),
-            (Service::Course, course.failure()),
+            (Slot::Gyro, gyro.failure()),
+            (Slot::Accel, accel.failure()),
+            (Slot::Fuser, fuser.failure()),
+            (Slot::Course, course.failure()),
         ];
         let failure = failures.into_iter().find_map(|(slot, cause)| Some((slot, cause?)));
         failure.map_or(Ok(()), |(slot, cause)| Err(RuntimeError::StageFailed { slot, cause }))

@@ -12,13 +12,13 @@
 
 use std::collections::BTreeMap;
 
-use launch::{Service, StageConfig};
+use launch::{Service, Slot, StageConfig};
 use messages::{EventKind, SystemEvent};
 
 /// Stage changes of a flight.
 #[derive(Debug, Clone, Default)]
 pub struct Schedule {
-    slots: BTreeMap<u32, SlotSchedule>,
+    slots: BTreeMap<Slot, SlotSchedule>,
     warnings: Vec<ReplayWarning>,
     end_tick: Option<u64>,
 }
@@ -90,15 +90,15 @@ impl Schedule {
     }
 
     /// Returns the stage changes of a slot, or `None` if it kept its stage.
-    pub(crate) fn slot(&self, slot: Service) -> Option<&SlotSchedule> {
-        self.slots.get(&(slot as u32)).filter(|slot| !slot.owner_changes.is_empty())
+    pub(crate) fn slot(&self, slot: Slot) -> Option<&SlotSchedule> {
+        self.slots.get(&slot).filter(|slot| !slot.owner_changes.is_empty())
     }
 
     fn handle(&mut self, event: &SystemEvent) {
-        let slot = Service::from_index(event.service);
+        let slot = Service::from_index(event.service).and_then(Service::slot);
         match (event.kind, slot) {
             (EventKind::OWNER, Some(slot)) => self.on_owner(slot, event),
-            (EventKind::RESTARTED, Some(slot)) if slot.is_slot() => self.on_restarted(slot, event),
+            (EventKind::RESTARTED, Some(slot)) => self.on_restarted(slot, event),
             (EventKind::LOST, _) => self.add_warning(event.tick.saturating_sub(event.ticks), "ticks were lost"),
             (EventKind::NOT_RECORDED, _) => {
                 let tick = event.tick.saturating_sub(event.ticks);
@@ -111,7 +111,7 @@ impl Schedule {
 
     /// Records an owner change. It replaces all earlier decisions about the same tick and later
     /// ticks.
-    fn on_owner(&mut self, slot: Service, event: &SystemEvent) {
+    fn on_owner(&mut self, slot: Slot, event: &SystemEvent) {
         if event.filling == SystemEvent::NONE_U32 {
             return self.add_warning(event.tick, &format!("the slot `{slot}` had no owner"));
         }
@@ -120,7 +120,7 @@ impl Schedule {
             let cause = format!("a swap of the slot `{slot}` was reverted after its first tick had been announced");
             self.add_warning(event.tick, &cause);
         }
-        let schedule = self.slots.entry(slot as u32).or_default();
+        let schedule = self.slots.entry(slot).or_default();
         schedule.owner_changes.retain(|change| change.from_tick < event.tick);
         schedule.owner_changes.push(OwnerChange { from_tick: event.tick, instance: event.filling });
         if event.filling == 0 {
@@ -147,7 +147,7 @@ impl Schedule {
 
     /// Records a restart. A restart from a checkpoint of the same instance does not affect the
     /// attitude.
-    fn on_restarted(&mut self, slot: Service, event: &SystemEvent) {
+    fn on_restarted(&mut self, slot: Slot, event: &SystemEvent) {
         let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
         if is_fresh || event.adopted_filling != event.filling {
             let from_tick =
@@ -195,14 +195,14 @@ mod tests {
         // and later a third.
         let events = [owner(90, 1, (50, 0)), owner(90, 0, (0, 0)), owner(140, 2, (100, 0)), owner(300, 3, (250, 2))];
         let schedule = Schedule::from_events(&events);
-        let fuser = schedule.slot(Service::Fuser).unwrap();
+        let fuser = schedule.slot(Slot::Fuser).unwrap();
         let changes: Vec<_> = fuser.owner_changes.iter().map(|change| (change.from_tick, change.instance)).collect();
         assert_eq!(changes, [(90, 0), (140, 2), (300, 3)]);
         assert_eq!([0, 2, 3].map(|instance| fuser.needed_until(instance)), [140, 300, u64::MAX]);
         assert_eq!(fuser.activations[&2].stage.set.iter().collect::<Vec<_>>().len(), 2);
         let warnings: Vec<_> = schedule.warnings().iter().map(|warning| warning.tick).collect();
         assert_eq!(
-            (warnings, schedule.slot(Service::Gyro).is_none()),
+            (warnings, schedule.slot(Slot::Gyro).is_none()),
             (vec![90], true),
             "the subscribers of the first decision are unknown"
         );

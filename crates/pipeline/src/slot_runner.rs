@@ -10,10 +10,9 @@
 
 use std::collections::VecDeque;
 
-use launch::Service;
 use messages::Control;
 use runtime::{
-    Role, RuntimeError, ServiceConfig, Slot,
+    Role, RuntimeError, ServiceConfig, SlotProcessor,
     service_config::{FIRST_EPOCH, Resume},
     slot_service::SlotService,
 };
@@ -21,7 +20,7 @@ use runtime::{
 use crate::schedule::{OwnerChange, Schedule, SlotSchedule, StageActivation};
 
 /// Slot with one stage or a sequence of stages.
-pub(crate) enum SlotRunner<S: Slot> {
+pub(crate) enum SlotRunner<S: SlotProcessor> {
     /// Slot that keeps its stage.
     Fixed(S),
     /// Slot with the stage changes of a recorded flight.
@@ -29,8 +28,7 @@ pub(crate) enum SlotRunner<S: Slot> {
 }
 
 /// Slot with changing stages. Each stage runs as a service, as it does on the bus.
-pub(crate) struct ReplayedSlot<S: Slot> {
-    slot: Service,
+pub(crate) struct ReplayedSlot<S: SlotProcessor> {
     build: fn(&ServiceConfig) -> Result<S, RuntimeError>,
     config: ServiceConfig,
     schedule: SlotSchedule,
@@ -43,20 +41,18 @@ pub(crate) struct ReplayedSlot<S: Slot> {
     epoch: u32,
 }
 
-impl<S: Slot<Input: Clone>> SlotRunner<S> {
+impl<S: SlotProcessor<Input: Clone>> SlotRunner<S> {
     pub(crate) fn new(
-        slot: Service,
         build: fn(&ServiceConfig) -> Result<S, RuntimeError>,
         config: &ServiceConfig,
         schedule: &Schedule,
     ) -> Result<Self, RuntimeError> {
         let first = build(config)?;
-        let Some(schedule) = schedule.slot(slot) else { return Ok(Self::Fixed(first)) };
+        let Some(schedule) = schedule.slot(S::SLOT) else { return Ok(Self::Fixed(first)) };
         let role = Role::Owner { from_tick: 0 };
         let config = ServiceConfig { incarnation: 0, epoch: FIRST_EPOCH, role, resume: None, ..config.clone() };
-        let (first, _) = SlotService::new(first, slot, &config, 0, 0);
+        let (first, _) = SlotService::new(first, &config, 0, 0);
         Ok(Self::Replayed(Box::new(ReplayedSlot {
-            slot,
             build,
             services: vec![(0, first)],
             pending_activations: schedule
@@ -104,7 +100,7 @@ impl<S: Slot<Input: Clone>> SlotRunner<S> {
     }
 }
 
-impl<S: Slot<Input: Clone>> ReplayedSlot<S> {
+impl<S: SlotProcessor<Input: Clone>> ReplayedSlot<S> {
     fn advance_to(&mut self, tick: u64, publish: &mut dyn FnMut(S::Output)) -> Result<(), RuntimeError> {
         let is_due = |activation: &StageActivation| activation.adopted_tick.unwrap_or(0) <= tick;
         while let Some(index) = self.pending_activations.iter().position(|(_, activation)| is_due(activation)) {
@@ -114,7 +110,7 @@ impl<S: Slot<Input: Clone>> ReplayedSlot<S> {
         while let Some(change) = self.pending_changes.pop_front_if(|change| change.from_tick <= tick) {
             self.epoch += 1;
             let (from_tick, epoch, owner) = (change.from_tick, self.epoch, change.instance);
-            let control = Control { from_tick, epoch, service: self.slot as u32, owner, reserved: 0 };
+            let control = Control { from_tick, epoch, service: S::SLOT.service() as u32, owner, reserved: 0 };
             for (_, service) in &mut self.services {
                 service.apply_decision(&control, publish);
             }
@@ -126,15 +122,15 @@ impl<S: Slot<Input: Clone>> ReplayedSlot<S> {
 
     /// Starts a stage as its service did on the bus: from a checkpoint of another stage, or fresh.
     fn activate(&mut self, instance: u32, activation: &StageActivation) -> Result<(), RuntimeError> {
-        let Self { slot, services, config, .. } = self;
-        let stage_failed = |cause: String| RuntimeError::StageFailed { slot: *slot, cause };
+        let Self { services, config, .. } = self;
+        let stage_failed = |cause: String| RuntimeError::StageFailed { slot: S::SLOT, cause };
         let resume = match activation.adopted_tick {
             Some(tick) => {
                 let source = services.iter_mut().find(|(instance, _)| *instance == activation.source_instance);
                 let (_, source) = source.ok_or_else(|| {
                     stage_failed(format!("the stage that handed over its state before tick {tick} is not running"))
                 })?;
-                Resume::Checkpoint(Box::new((&source.state()).into()))
+                Resume::Checkpoint(Box::new(source.state()))
             }
             None => Resume::Fresh,
         };
@@ -143,10 +139,8 @@ impl<S: Slot<Input: Clone>> ReplayedSlot<S> {
         let role = if activation.replaces_ended { Role::Owner { from_tick } } else { Role::Candidate };
         let mut config =
             ServiceConfig { incarnation: instance, role, epoch: self.epoch, resume: Some(resume), ..config.clone() };
-        if let Some(stage) = config.launch.stage_mut(*slot) {
-            stage.clone_from(&activation.stage);
-        }
-        let (service, resume_error) = SlotService::new((self.build)(&config)?, *slot, &config, 0, from_tick);
+        config.launch.stage_mut(S::SLOT).clone_from(&activation.stage);
+        let (service, resume_error) = SlotService::new((self.build)(&config)?, &config, 0, from_tick);
         if let Some(error) = resume_error {
             let stage = &activation.stage.stage;
             return Err(stage_failed(format!("`{stage}` cannot restore the state of its predecessor: {error}")));

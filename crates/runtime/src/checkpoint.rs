@@ -6,10 +6,9 @@
 //!   cause is returned.
 
 use attitude::stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage};
-use launch::Service;
 use messages::{CHECKPOINT_WORDS, Checkpoint};
 
-use crate::{slot::Slot, state_words::StateWords};
+use crate::{slot::SlotProcessor, state_words::StateWords};
 
 /// Part of the state that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,10 +40,10 @@ pub enum ResumeError {
 /// Captures the state of a slot.
 ///
 /// Pass `swapped` as `true` until an output with the flag `SWAPPED` has been published.
-pub fn capture<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swapped: bool) -> Checkpoint {
+pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool) -> Checkpoint {
     let mut record = Checkpoint {
         next_tick: slot.sequence().next_tick,
-        service: service as u32,
+        service: S::SLOT.service() as u32,
         incarnation,
         swapped: swapped.into(),
         ..bytemuck::Zeroable::zeroed()
@@ -73,8 +72,8 @@ pub fn capture<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swappe
 ///
 /// Fails if the checkpoint is damaged, belongs to another slot, or is rejected by the slot or its
 /// stage. The slot is then unchanged.
-pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> Result<Resumed, ResumeError> {
-    if record.service != service as u32 {
+pub fn resume<S: SlotProcessor>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
+    if record.service != S::SLOT.service() as u32 {
         return Err(ResumeError::OtherSlot);
     }
     let mut before = Vec::new();
@@ -91,7 +90,7 @@ pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> R
 ///
 /// After an error the slot's own state may have changed. The stage is unchanged, because it is
 /// restored last and does not change if it rejects a state.
-fn restore_checkpoint<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
+fn restore_checkpoint<S: SlotProcessor>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     let [own, common, numbers] = sections(record)?;
     write_words(own, |visit| slot.visit_own_state(visit))?;
     if slot.sequence().next_tick != record.next_tick {

@@ -4,7 +4,7 @@ use std::io;
 
 use attitude::parameters::ParameterError;
 use bus::BusError;
-use launch::Service;
+use launch::{Service, Slot};
 
 /// Error that ends a service.
 #[derive(Debug, thiserror::Error)]
@@ -32,7 +32,7 @@ pub enum RuntimeError {
     #[error("slot `{slot}`: unknown stage `{stage}`; `plumb stage list` lists the stages")]
     UnknownStage {
         /// Slot of the stage.
-        slot: Service,
+        slot: Slot,
         /// Name of the stage.
         stage: String,
     },
@@ -43,7 +43,7 @@ pub enum RuntimeError {
     #[error("slot `{slot}` failed: {cause}")]
     StageFailed {
         /// Slot of the stage.
-        slot: Service,
+        slot: Slot,
         /// Cause of the failure.
         cause: String,
     },
@@ -51,7 +51,7 @@ pub enum RuntimeError {
     #[error("cannot set `{name}` of stage `{stage}` in slot `{slot}`: {cause}")]
     Parameter {
         /// Slot of the stage.
-        slot: Service,
+        slot: Slot,
         /// Name of the stage.
         stage: String,
         /// Name of the parameter.

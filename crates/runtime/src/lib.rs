@@ -54,9 +54,5 @@ pub use prior::{Prior, PriorEstimate};
 pub use service::serve;
 pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;
-pub use slot::{SingleInputSlot, Slot, TickProcessor};
+pub use slot::{SingleInputSlot, SlotProcessor, TickProcessor};
 pub use swap::Sequence;
-
-/// Longest interval between two rate samples that is still integrated, s. A longer interval resets
-/// the level.
-pub const MAX_BRIDGED_GAP_S: f64 = 1.0;

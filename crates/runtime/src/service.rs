@@ -5,7 +5,7 @@ use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
     Role, RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, input_scheduling::poll_fairly,
-    ordered_subscriber::SlotInput, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::Slot,
+    ordered_subscriber::SlotInput, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::SlotProcessor,
     slot_service::SlotService,
 };
 
@@ -20,15 +20,14 @@ const MAX_POLL_NS: u64 = 50_000_000;
 /// # Errors
 ///
 /// Fails if the bus fails or the stage fails permanently.
-pub fn serve<S: Slot>(
+pub fn serve<S: SlotProcessor>(
     context: ServiceContext,
     slot: S,
     inputs: &[&dyn SlotInput<S::Input>],
 ) -> Result<(), RuntimeError> {
     let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
     let output: Publisher<S::Output> = context.publisher()?;
-    let (service, resume_error) =
-        SlotService::new(slot, context.service, &context.config, input_tick, output.next_tick());
+    let (service, resume_error) = SlotService::new(slot, &context.config, input_tick, output.next_tick());
     if let Some(error) = resume_error {
         eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
     }
@@ -59,7 +58,7 @@ pub fn serve<S: Slot>(
 }
 
 /// State of the main loop.
-struct SlotLoop<S: Slot> {
+struct SlotLoop<S: SlotProcessor> {
     context: ServiceContext,
     service: SlotService<S>,
     output: Publisher<S::Output>,
@@ -68,7 +67,7 @@ struct SlotLoop<S: Slot> {
     shadow: Option<ShadowComparison<S::Output>>,
 }
 
-impl<S: Slot> SlotLoop<S>
+impl<S: SlotProcessor> SlotLoop<S>
 where
     S::Output: Comparable,
 {
@@ -98,7 +97,7 @@ where
             })?;
             match (failed, service.failure()) {
                 (Some(error), _) => Err(RuntimeError::from(error)),
-                (None, Some(cause)) => Err(RuntimeError::StageFailed { slot: context.service, cause }),
+                (None, Some(cause)) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
                 (None, None) => Ok(count),
             }
         })?;
@@ -134,7 +133,7 @@ where
     fn publish_checkpoint(&mut self) -> Result<(), RuntimeError> {
         let Some(checkpoint) = self.service.checkpoint() else { return Ok(()) };
         match self.service.failure() {
-            Some(cause) => Err(RuntimeError::StageFailed { slot: self.context.service, cause }),
+            Some(cause) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
             None => Ok(self.checkpoints.send(&checkpoint)?),
         }
     }

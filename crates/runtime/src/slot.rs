@@ -1,13 +1,20 @@
 //! Processing in a slot, independent of clock and bus: messages in, messages out, in tick order.
 
-use attitude::stage::{Stage, Validate};
+use attitude::{
+    resetting::ResettingStage,
+    stage::{Stage, Validate},
+};
+use launch::Slot;
 use messages::{Header, Ticked};
 use swap::Sequence;
 
-use crate::{comparable::Comparable, stage::ResettingStage, state_words::StateWords};
+use crate::{comparable::Comparable, state_words::StateWords};
 
 /// Processing in a slot. Outputs depend only on the messages that were offered.
-pub trait Slot {
+pub trait SlotProcessor {
+    /// Slot that runs the stage.
+    const SLOT: Slot;
+
     /// Message of any of the inputs.
     type Input;
     /// Message that the slot publishes.
@@ -57,6 +64,9 @@ pub trait Slot {
 
 /// Processing in a slot that has one input and produces one output per input message.
 pub trait TickProcessor {
+    /// Slot that runs the stage.
+    const SLOT: Slot;
+
     /// Message of the input.
     type Input: Ticked;
     /// Message that the slot publishes.
@@ -94,7 +104,9 @@ impl<P> SingleInputSlot<P> {
     }
 }
 
-impl<P: TickProcessor> Slot for SingleInputSlot<P> {
+impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
+    const SLOT: Slot = P::SLOT;
+
     type Input = P::Input;
     type Output = P::Output;
     type Stage = P::Stage;
@@ -109,7 +121,7 @@ impl<P: TickProcessor> Slot for SingleInputSlot<P> {
     }
 
     fn failure(&self) -> Option<String> {
-        self.processor.resetting_stage().failure()
+        self.processor.resetting_stage().failure().map(|failure| failure.to_string())
     }
 
     fn sequence(&self) -> &Sequence {

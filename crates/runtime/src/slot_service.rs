@@ -5,22 +5,19 @@
 //! - Failure: an invalid checkpoint is reported. The service then starts with the messages that its
 //!   inputs still hold.
 
-use launch::Service;
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
-use swap::{OutputGate, OwnershipStatus, Role, Sequence};
+use swap::{OutputGate, OwnershipStatus, Resume, Role, Sequence};
 
 use crate::{
     ServiceConfig,
     checkpoint::{self, ResumeError, Resumed},
     comparable::Comparable,
-    service_config::Resume,
-    slot::Slot,
+    slot::SlotProcessor,
 };
 
 /// Service of a slot.
 #[derive(Debug)]
-pub struct SlotService<S: Slot> {
-    service: Service,
+pub struct SlotService<S: SlotProcessor> {
     incarnation: u32,
     checkpoint_ticks: u64,
     slot: S,
@@ -41,31 +38,17 @@ pub struct SlotService<S: Slot> {
     invalid_outputs: u64,
 }
 
-impl<S: Slot> SlotService<S> {
+impl<S: SlotProcessor> SlotService<S> {
     /// Creates the service with the role and state that `config` specifies.
     ///
     /// All input ticks before `input_tick` and all output ticks before `output_tick` have been
     /// published. The second returned value is the error if a checkpoint could not be restored.
-    pub fn new(
-        mut slot: S,
-        service: Service,
-        config: &ServiceConfig,
-        input_tick: u64,
-        output_tick: u64,
-    ) -> (Self, Option<ResumeError>) {
-        let record = match &config.resume {
-            Some(Resume::Checkpoint(record)) => Some(record.checkpoint()),
-            _ => None,
-        };
-        let swapped = record.flatten().is_some_and(|checkpoint| checkpoint.swapped != 0);
-        let (resumed, error) = match &record {
-            Some(checkpoint) => {
-                let checkpoint = checkpoint.as_ref().ok_or(ResumeError::Damaged);
-                match checkpoint.and_then(|checkpoint| checkpoint::resume(&mut slot, service, checkpoint)) {
-                    Ok(resumed) => (Some(resumed), None),
-                    Err(error) => (None, Some(error)),
-                }
-            }
+    pub fn new(mut slot: S, config: &ServiceConfig, input_tick: u64, output_tick: u64) -> (Self, Option<ResumeError>) {
+        let checkpoint = config.resume.as_ref().and_then(Resume::checkpoint);
+        let swapped = checkpoint.is_some_and(|checkpoint| checkpoint.swapped != 0);
+        let (resumed, error) = match checkpoint.map(|checkpoint| checkpoint::resume(&mut slot, checkpoint)) {
+            Some(Ok(resumed)) => (Some(resumed), None),
+            Some(Err(error)) => (None, Some(error)),
             None => (None, None),
         };
         if config.resume.is_some() {
@@ -75,7 +58,6 @@ impl<S: Slot> SlotService<S> {
         let ServiceConfig { incarnation, epoch, role, .. } = *config;
         let capacity = config.lateness_ticks() as usize;
         let service = Self {
-            service,
             incarnation,
             checkpoint_ticks: config.checkpoint_ticks(),
             slot,
@@ -133,7 +115,7 @@ impl<S: Slot> SlotService<S> {
         let Self { gate, swapped_at, missed_at, .. } = self;
         let Control { epoch, owner, from_tick, service, .. } = *control;
         let decision = swap::OwnershipDecision { epoch, owner, from_tick };
-        service == self.service as u32
+        service == S::SLOT.service() as u32
             && gate.apply(decision, &mut |output| publish(with_flags(output, swapped_at, missed_at))).is_some()
     }
 
@@ -149,7 +131,7 @@ impl<S: Slot> SlotService<S> {
 
     /// Returns the state before the next tick.
     pub fn state(&mut self) -> Checkpoint {
-        checkpoint::capture(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some())
+        checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some())
     }
 
     /// Fills in the health, except for the fields that only the bus connection can provide.

@@ -1,11 +1,12 @@
 //! Templates for user-defined stages: a working stage with a test, as a starting point.
 
 use std::{
-    fmt, fs, io,
+    fs, io,
     path::{Path, PathBuf},
 };
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
+use graph::Slot;
 
 /// Name and text of each file in the Python package that is placed next to a Python stage.
 const PYTHON_PACKAGE: [(&str, &str); 7] = [
@@ -105,42 +106,6 @@ const RESERVED_NAMES: [&str; 81] = [
     "while",
     "with",
 ];
-
-/// Slot that a user-defined stage can fill.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Slot {
-    /// Rotation over each tick.
-    Gyro,
-    /// Measured up direction.
-    Accel,
-    /// Fused attitude.
-    Fuser,
-    /// Angles, course and quaternion.
-    Course,
-}
-
-impl Slot {
-    /// Returns the slot with this name, or `None` if the name is unknown.
-    pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Gyro, Self::Accel, Self::Fuser, Self::Course].into_iter().find(|slot| slot.name() == name)
-    }
-
-    /// Returns the name of the slot in a launch file.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Gyro => "gyro",
-            Self::Accel => "accel",
-            Self::Fuser => "fuser",
-            Self::Course => "course",
-        }
-    }
-}
-
-impl fmt::Display for Slot {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
 
 /// Programming language of a template.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -8,8 +8,9 @@
 
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
+use swap::Resume;
 
-use crate::{Action, Resume, Supervision, SwapReport};
+use crate::{Action, Supervision, SwapReport};
 
 /// Maximum number of stages remembered per slot.
 const MAX_INSTANCES: usize = 64;
@@ -53,7 +54,7 @@ impl StageHistory {
     ) -> StageInstance {
         let number = self.next_number;
         self.next_number += 1;
-        let restored_tick = resume_tick(resume);
+        let restored_tick = resume.next_tick();
         StageInstance { number, stage, restored_tick, restored_from: self.instance_at(restored_tick), predecessor_end }
     }
 
@@ -76,15 +77,6 @@ impl StageHistory {
     }
 }
 
-/// Returns the tick at which a process resumes, or `None` for a fresh start.
-fn resume_tick(resume: &Resume) -> Option<u64> {
-    match resume {
-        Resume::Fresh => None,
-        Resume::Checkpoint(checkpoint) => Some(checkpoint.next_tick),
-        Resume::Source { next_tick, .. } => Some(*next_tick),
-    }
-}
-
 impl Supervision {
     pub(crate) fn publish_event(&mut self, event: SystemEvent) {
         self.actions.push(Action::PublishEvent(Box::new(event)));
@@ -99,14 +91,14 @@ impl Supervision {
     pub(crate) fn publish_start(&mut self, service: Service, incarnation: u32) {
         let entry = self.table.entry(service);
         let (restarts, resume_tick) = (entry.restarts(), entry.resume_tick());
-        let history = self.swaps.history(service);
+        let history = service.slot().and_then(|slot| self.swaps.history(slot));
         let numbers = history.and_then(|fillings| Some((fillings.owner()?.number, fillings.instance_at(resume_tick))));
         let (filling, adopted_filling) = numbers.unwrap_or((SystemEvent::NONE_U32, SystemEvent::NONE_U32));
         let kind = if restarts > 0 { EventKind::RESTARTED } else { EventKind::STARTED };
         let adopted_tick = resume_tick.unwrap_or(SystemEvent::NONE);
         let event = SystemEvent { filling, adopted_filling, adopted_tick, ..SystemEvent::new(kind) };
-        let event = match self.config.launch.stage(service) {
-            Some(stage) => with_stage(event, stage),
+        let event = match service.slot() {
+            Some(slot) => with_stage(event, self.config.launch.stage(slot)),
             None => event,
         };
         self.publish_service_event(service, incarnation, event);

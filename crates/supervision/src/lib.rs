@@ -39,7 +39,7 @@ mod watch;
 
 use std::time::Duration;
 
-use launch::{Launch, Service};
+use launch::{Launch, Service, Slot};
 use messages::{Checkpoint, Health};
 
 use {
@@ -47,7 +47,7 @@ use {
     watch::WatchRunner,
 };
 
-pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Resume, Spawn};
+pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Spawn};
 pub use process::{ProcessEntry, ProcessTable};
 pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 
@@ -160,7 +160,7 @@ impl Supervision {
         let reply = match request {
             ControlRequest::Swap(request) => return self.on_swap_request(client, request),
             ControlRequest::Cancel { slot } => {
-                if let Some(slot) = Service::from_name(&slot) {
+                if let Some(slot) = Slot::from_name(&slot) {
                     self.notify_slot(slot, swap::Event::Cancel);
                 }
                 Reply::Done
@@ -192,15 +192,16 @@ impl Supervision {
         let silence = Duration::from_secs_f64(self.config.launch.restart.silence_s);
         let status = |(service, entry): (Service, &ProcessEntry)| {
             let health = entry.health();
+            let slot = service.slot();
             let counter = |number: fn(&Health) -> u64| health.map_or(0, number);
             ServiceStatus {
                 service: service.name().into(),
-                stage: self.config.launch.stage(service).map(|slot| slot.stage.clone()),
+                stage: slot.map(|slot| self.config.launch.stage(slot).stage.clone()),
                 state: entry.state(self.now, silence).into(),
                 pid: entry.pid(),
                 restarts: entry.restarts(),
                 incarnation: entry.incarnation(),
-                epoch: self.swaps.epoch(service).unwrap_or(health.map_or(0, |health| health.epoch)),
+                epoch: slot.and_then(|slot| self.swaps.epoch(slot)).unwrap_or(health.map_or(0, |health| health.epoch)),
                 ticks: counter(|health| health.ticks),
                 lost: counter(|health| health.lost),
                 address: entry.address().map(str::to_owned),

@@ -1,6 +1,6 @@
 //! Tracks swap requests from receipt to reply, and their effect on the attitudes in the meantime.
 
-use launch::Service;
+use launch::Slot;
 use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::{OutputProgress, SwapReport};
@@ -23,9 +23,9 @@ pub(crate) struct PendingSwaps {
 pub(crate) enum Requester {
     /// Client of the control socket. `shadow` is the slot of the requested shadow, which ends when
     /// the client disconnects.
-    Client { client: u64, shadow: Option<Service> },
+    Client { client: u64, shadow: Option<Slot> },
     /// Watch of a slot.
-    Watch(Service),
+    Watch(Slot),
     /// Client that has disconnected.
     Disconnected,
 }
@@ -35,7 +35,7 @@ pub(crate) enum Requester {
 pub(crate) struct Pending {
     id: u64,
     requester: Requester,
-    service: Service,
+    slot: Slot,
     from: String,
     to: String,
     lost: u64,
@@ -58,13 +58,13 @@ impl Pending {
     pub(crate) fn new(
         id: u64,
         requester: Requester,
-        service: Service,
+        slot: Slot,
         from: String,
         to: String,
         output: &OutputProgress,
     ) -> Self {
         let OutputProgress { lost, duplicated, .. } = *output;
-        Self { id, requester, service, from, to, lost, duplicated, max_gap_ns: 0, completion: None }
+        Self { id, requester, slot, from, to, lost, duplicated, max_gap_ns: 0, completion: None }
     }
 
     /// Returns `true` once the outcome is known and the attitudes after the commit tick were
@@ -78,13 +78,13 @@ impl Pending {
     }
 
     fn report(self, output: &OutputProgress) -> (u64, Requester, SwapReport) {
-        let Self { id, requester, service, from, to, lost, duplicated, max_gap_ns, completion } = self;
+        let Self { id, requester, slot, from, to, lost, duplicated, max_gap_ns, completion } = self;
         let (report, reason) =
             completion.map_or((None, None), |completion| (Some(completion.report), completion.reason));
         let commit_tick = report.as_ref().and_then(|report| report.commit_tick);
         let jump_rad = output.last_swap.filter(|(tick, _)| Some(*tick) == commit_tick).map_or(0.0, |(_, jump)| jump);
         let report = SwapReport {
-            slot: service.name().into(),
+            slot: slot.name().into(),
             from,
             to,
             commit_tick,
@@ -110,7 +110,7 @@ impl PendingSwaps {
 
     /// Detaches a client from its request. Returns the slot of the shadow if the request was for a
     /// shadow.
-    pub(crate) fn detach_client(&mut self, disconnected: u64) -> Option<Service> {
+    pub(crate) fn detach_client(&mut self, disconnected: u64) -> Option<Slot> {
         let is_disconnected =
             |requester: Requester| matches!(requester, Requester::Client { client, .. } if client == disconnected);
         let pending = self.pending.iter_mut().find(|pending| is_disconnected(pending.requester))?;
@@ -124,11 +124,10 @@ impl PendingSwaps {
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
     /// `last_stderr` is the last output on standard error of the process that exited last.
-    pub(crate) fn complete(&mut self, service: Service, report: &Report, last_stderr: &str, now_ms: u64) {
+    pub(crate) fn complete(&mut self, slot: Slot, report: &Report, last_stderr: &str, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
-        let is_completed = |swap: &&mut Pending| {
-            swap.service == service && swap.completion.is_none() && (!busy || swap.id == report.id)
-        };
+        let is_completed =
+            |swap: &&mut Pending| swap.slot == slot && swap.completion.is_none() && (!busy || swap.id == report.id);
         let reason = report.reason.as_ref().map(|reason| match reason {
             FailureReason::CandidateExited if !last_stderr.is_empty() => {
                 format!("{reason}; its stderr:\n{last_stderr}")

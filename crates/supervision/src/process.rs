@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use launch::{Restart, Service};
 use messages::{Health, State};
+use swap::Resume;
 
 use crate::{
-    Action, Diagnostic, Resume,
+    Action, Diagnostic,
     restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 
@@ -110,7 +111,7 @@ impl ProcessTable {
     pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
-            if !service.is_slot() {
+            if service.slot().is_none() {
                 continue;
             }
             let owner = entry.owner.as_ref().and_then(Process::next_tick);
@@ -342,10 +343,7 @@ impl ProcessEntry {
 
 impl Process {
     pub(crate) fn new(incarnation: u32, owns_slot: bool, resume: Option<&Resume>, now: Duration) -> Self {
-        let resume_tick = match resume {
-            Some(Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
-            Some(Resume::Fresh | Resume::Source { .. }) | None => None,
-        };
+        let resume_tick = resume.and_then(Resume::checkpoint).map(|checkpoint| checkpoint.next_tick);
         let starts_fresh = matches!(resume, Some(Resume::Fresh));
         Self {
             incarnation,

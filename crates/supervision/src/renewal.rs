@@ -6,7 +6,7 @@
 
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, ProcessEntry, Supervision};
@@ -100,14 +100,14 @@ impl Supervision {
             }
         }
         let interrupted: Vec<_> =
-            Service::SLOTS.into_iter().filter(|slot| self.swaps.candidate_instance(*slot).is_some()).collect();
+            Slot::ALL.into_iter().filter(|slot| self.swaps.candidate_instance(*slot).is_some()).collect();
         self.init_slots();
         interrupted.into_iter().for_each(|slot| self.publish_owner_unchanged(slot));
         for service in Service::ALL {
             let next_tick = self.published[service as usize];
-            self.notify_slot(service, swap::Event::Published { next_tick });
+            self.notify_slot_of(service, swap::Event::Published { next_tick });
             if self.table.entry(service).given_up {
-                self.notify_slot(service, swap::Event::Vacated);
+                self.notify_slot_of(service, swap::Event::Vacated);
             }
         }
     }

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use launch::{OnLimit, Restart, Service};
+use launch::{OnLimit, Restart, Service, Slot};
 use messages::{EventKind, SystemEvent};
-use swap::{FIRST_EPOCH, Role};
+use swap::{FIRST_EPOCH, Resume, Role};
 
 use crate::{
-    Action, Failure, Resume, Spawn, Supervision,
+    Action, Failure, Spawn, Supervision,
     process::{ExitedProcess, Process},
     restart_policy::RestartVerdict,
 };
@@ -27,7 +27,7 @@ impl Supervision {
         entry.owner = Some(Process::new(incarnation, true, resume.as_ref(), self.now));
         entry.restart_at = None;
         entry.policy.restarts += u32::from(resume.is_some());
-        let stage = self.config.launch.stage(service).cloned();
+        let stage = service.slot().map(|slot| self.config.launch.stage(slot).clone());
         let role = Role::Owner { from_tick };
         self.actions.push(Action::Spawn(Box::new(Spawn { incarnation, service, stage, role, epoch, resume })));
     }
@@ -36,15 +36,15 @@ impl Supervision {
         let Some(service) = self.table.service_of(incarnation) else { return };
         self.table.on_spawned(service, incarnation, pid);
         if self.table.is_candidate(service as u32, incarnation) {
-            let instance = self.swaps.candidate_instance(service).cloned();
+            let instance = service.slot().and_then(|slot| self.swaps.candidate_instance(slot)).cloned();
             self.publish_instance(EventKind::CANDIDATE, service, incarnation, 0, SystemEvent::NONE, instance.as_ref());
-            return self.notify_slot(service, swap::Event::Spawned { incarnation });
+            return self.notify_slot_of(service, swap::Event::Spawned { incarnation });
         }
         self.publish_start(service, incarnation);
         let restarts = self.table.entry(service).restarts();
         if restarts > 0 {
             self.announce(format!("{service}: restarted as process {pid} (restart {restarts})"));
-            self.notify_slot(service, swap::Event::Restarted { incarnation });
+            self.notify_slot_of(service, swap::Event::Restarted { incarnation });
         }
     }
 
@@ -55,7 +55,7 @@ impl Supervision {
     pub(crate) fn on_spawn_failed(&mut self, incarnation: u32, cause: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
         match self.table.entry_mut(service).remove_exited(incarnation) {
-            Some(ExitedProcess::Other(_)) => self.notify_slot(service, swap::Event::SpawnFailed { cause }),
+            Some(ExitedProcess::Other(_)) => self.notify_slot_of(service, swap::Event::SpawnFailed { cause }),
             Some(ExitedProcess::Owner(_)) if self.table.entry(service).restarts() == 0 => {
                 self.finish(Some(Failure::SpawnFailed { cause }));
             }
@@ -77,7 +77,7 @@ impl Supervision {
         match self.table.entry_mut(service).remove_exited(incarnation) {
             Some(ExitedProcess::Owner(process)) => {
                 self.swaps.record_stderr(service, &stderr);
-                self.notify_slot(service, swap::Event::Exited { incarnation });
+                self.notify_slot_of(service, swap::Event::Exited { incarnation });
                 self.on_owner_exit(service, &process, exit_status, stderr);
             }
             Some(ExitedProcess::Other(process)) => {
@@ -88,7 +88,7 @@ impl Supervision {
                     self.renewals.set_join_failed(true);
                 }
                 self.swaps.record_stderr(service, &stderr);
-                self.notify_slot(service, swap::Event::Exited { incarnation });
+                self.notify_slot_of(service, swap::Event::Exited { incarnation });
             }
             None => {}
         }
@@ -97,11 +97,11 @@ impl Supervision {
     /// Returns `true` if attitudes can still be computed without the service. One of gyro and accel
     /// is sufficient.
     fn is_dispensable(&self, service: Service) -> bool {
-        match service {
-            Service::Gyro => !self.table.entry(Service::Accel).given_up,
-            Service::Accel => !self.table.entry(Service::Gyro).given_up,
-            Service::Ingest | Service::Fuser | Service::Course => false,
-            Service::Gateway | Service::Drivers | Service::Cockpit => true,
+        match service.slot() {
+            Some(Slot::Gyro) => !self.table.entry(Service::Accel).given_up,
+            Some(Slot::Accel) => !self.table.entry(Service::Gyro).given_up,
+            Some(Slot::Fuser | Slot::Course) => false,
+            None => service.is_auxiliary(),
         }
     }
 
@@ -142,7 +142,7 @@ impl Supervision {
                     "{service}: {process_label}{exit_status}; restart limit reached, not restarted{}{stderr}",
                     remedy(service)
                 ));
-                self.notify_slot(service, swap::Event::Vacated);
+                self.notify_slot_of(service, swap::Event::Vacated);
             }
             RestartVerdict::Restart(pause) => {
                 entry.restart_at = Some(self.now + pause);
@@ -185,6 +185,9 @@ impl Supervision {
 
 /// Returns the suggested remedy for a failed service, as a suffix of a message.
 fn remedy(service: Service) -> String {
-    let is_slot = Service::SLOTS.contains(&service);
-    if is_slot { format!("; replace its stage with `plumb swap {service} STAGE`") } else { String::new() }
+    if service.slot().is_some() {
+        format!("; replace its stage with `plumb swap {service} STAGE`")
+    } else {
+        String::new()
+    }
 }

@@ -1,11 +1,13 @@
 //! Slot ownership: one coordinator per slot, with its events and actions.
 
-use launch::{Launch, Service, StageConfig, nearest};
+use launch::{Launch, Service, Slot, StageConfig, nearest};
 use messages::{EventKind, Health, SystemEvent};
-use swap::{Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Role, SwapLimits, SwapOutcome, SwapState};
+use swap::{
+    Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Resume, Role, SwapLimits, SwapOutcome, SwapState,
+};
 
 use crate::{
-    Action, Config, OutputProgress, Reply, Resume, Spawn, Supervision, SwapReport, SwapRequest,
+    Action, Config, OutputProgress, Reply, Spawn, Supervision, SwapReport, SwapRequest,
     history::{StageHistory, StageInstance, with_stage},
     pending_swaps::{Pending, Requester},
     process::Process,
@@ -23,15 +25,15 @@ const MAX_ATTEMPTS: u32 = 3;
 /// Slots of a system.
 #[derive(Debug, Default)]
 pub(crate) struct Swaps {
-    slots: Vec<Slot>,
+    slots: Vec<SlotState>,
     requests: u64,
     /// Requests that wait until the previous swap of their slot has finished.
-    queued: Vec<(Service, StageConfig, swap::Request)>,
+    queued: Vec<(Slot, StageConfig, swap::Request)>,
 }
 
 #[derive(Debug)]
-struct Slot {
-    service: Service,
+struct SlotState {
+    slot: Slot,
     coordinator: Coordinator,
     candidate: Option<StageConfig>,
     history: StageHistory,
@@ -63,45 +65,45 @@ impl Attempt {
 impl Swaps {
     /// Returns `true` if a checkpoint is valid under the current ownership of the slot.
     pub(crate) fn accepts_checkpoint(&mut self, service: u32, incarnation: u32, next_tick: u64) -> bool {
-        let slot = self.slots.iter_mut().find(|slot| slot.service as u32 == service);
-        slot.is_none_or(|slot| slot.coordinator.admits_checkpoint(incarnation, next_tick))
+        let state = self.slots.iter_mut().find(|state| state.slot.service() as u32 == service);
+        state.is_none_or(|state| state.coordinator.admits_checkpoint(incarnation, next_tick))
     }
 
     /// Returns the current epoch of a slot.
-    pub(crate) fn epoch(&self, service: Service) -> Option<u32> {
-        Some(self.slot(service)?.coordinator.epoch())
+    pub(crate) fn epoch(&self, slot: Slot) -> Option<u32> {
+        Some(self.state(slot)?.coordinator.epoch())
     }
 
     pub(crate) fn record_stderr(&mut self, service: Service, stderr: &str) {
-        if let Some(slot) = self.slot_mut(service) {
-            stderr.clone_into(&mut slot.last_stderr);
+        if let Some(state) = service.slot().and_then(|slot| self.state_mut(slot)) {
+            stderr.clone_into(&mut state.last_stderr);
         }
     }
 
     /// Returns the candidate instance of a slot.
-    pub(crate) fn candidate_instance(&self, service: Service) -> Option<&StageInstance> {
-        self.slot(service)?.candidate_instance.as_ref()
+    pub(crate) fn candidate_instance(&self, slot: Slot) -> Option<&StageInstance> {
+        self.state(slot)?.candidate_instance.as_ref()
     }
 
     /// Returns the stages that have owned a slot.
-    pub(crate) fn history(&self, service: Service) -> Option<&StageHistory> {
-        Some(&self.slot(service)?.history)
+    pub(crate) fn history(&self, slot: Slot) -> Option<&StageHistory> {
+        Some(&self.state(slot)?.history)
     }
 
     fn is_active(&self) -> bool {
-        self.slots.iter().any(|slot| slot.coordinator.state() != SwapState::Idle)
+        self.slots.iter().any(|state| state.coordinator.state() != SwapState::Idle)
     }
 
-    fn services(&self) -> Vec<Service> {
-        self.slots.iter().map(|slot| slot.service).collect()
+    fn slots(&self) -> Vec<Slot> {
+        self.slots.iter().map(|state| state.slot).collect()
     }
 
-    fn slot(&self, service: Service) -> Option<&Slot> {
-        self.slots.iter().find(|slot| slot.service == service)
+    fn state(&self, slot: Slot) -> Option<&SlotState> {
+        self.slots.iter().find(|state| state.slot == slot)
     }
 
-    fn slot_mut(&mut self, service: Service) -> Option<&mut Slot> {
-        self.slots.iter_mut().find(|slot| slot.service == service)
+    fn state_mut(&mut self, slot: Slot) -> Option<&mut SlotState> {
+        self.slots.iter_mut().find(|state| state.slot == slot)
     }
 }
 
@@ -109,13 +111,15 @@ impl Supervision {
     /// Creates the slots, each owned by the newest process of its service.
     pub(crate) fn init_slots(&mut self) {
         let limits = limits(&self.config);
-        let stages =
-            self.entries().filter_map(|(service, entry)| Some((service, entry, self.config.launch.stage(service)?)));
-        let slots = stages.map(|(service, entry, stage)| Slot {
-            service,
+        let entries = self.entries().filter_map(|(service, entry)| Some((service.slot()?, entry)));
+        let slots = entries.map(|(slot, entry)| SlotState {
+            slot,
             coordinator: Coordinator::new(entry.incarnation(), FIRST_EPOCH, limits),
             candidate: None,
-            history: self.swaps.history(service).cloned().unwrap_or_else(|| StageHistory::new(stage.clone())),
+            history: match self.swaps.history(slot) {
+                Some(history) => history.clone(),
+                None => StageHistory::new(self.config.launch.stage(slot).clone()),
+            },
             candidate_instance: None,
             owned_by_replacement: false,
             attempt: Attempt::default(),
@@ -134,7 +138,7 @@ impl Supervision {
         let published = &mut self.published[service as usize];
         *published = next_tick.max(*published);
         let next_tick = *published;
-        self.notify_slot(service, swap::Event::Published { next_tick });
+        self.notify_slot_of(service, swap::Event::Published { next_tick });
     }
 
     pub(crate) fn on_output(&mut self, output: OutputProgress) {
@@ -154,7 +158,7 @@ impl Supervision {
         if self.validate_request(&request).is_ok() {
             self.suspend_watch(&request.slot);
         }
-        let slot = Service::from_name(&request.slot).filter(|_| request.shadow);
+        let slot = Slot::from_name(&request.slot).filter(|_| request.shadow);
         self.request_swap(request, Requester::Client { client, shadow: slot });
     }
 
@@ -174,27 +178,31 @@ impl Supervision {
         let service_id = Service::from_name(&request.slot).map_or(SystemEvent::NONE_U32, |service| service as u32);
         self.publish_event(SystemEvent { service: service_id, ..with_stage(SystemEvent::new(kind), &request.stage) });
         let deadline_ms = request.timeout_ms.map_or(u64::MAX, |timeout_ms| self.now_ms().saturating_add(timeout_ms));
-        let SwapRequest { slot, stage, shadow, .. } = request;
-        let (service, from) = match validated {
+        let SwapRequest { slot: slot_name, stage, shadow, .. } = request;
+        let (slot, from) = match validated {
             Ok(checked) => checked,
             Err((from, reason)) => {
-                self.reply(id, requester, SwapReport::failed(slot, from, stage.stage, SwapOutcome::Refused, reason));
+                self.reply(
+                    id,
+                    requester,
+                    SwapReport::failed(slot_name, from, stage.stage, SwapOutcome::Refused, reason),
+                );
                 return id;
             }
         };
-        self.pending.push(Pending::new(id, requester, service, from, stage.stage.clone(), &self.output));
+        self.pending.push(Pending::new(id, requester, slot, from, stage.stage.clone(), &self.output));
         let request =
             swap::Request { id, stage: stage.stage.clone(), shadow_only: shadow, deadline_ms, previous_attempts: 0 };
-        let Some(slot) = self.swaps.slot(service) else { return id };
+        let Some(state) = self.swaps.state(slot) else { return id };
         if matches!(
-            slot.coordinator.state(),
+            state.coordinator.state(),
             SwapState::Committed { .. } | SwapState::Retiring { .. } | SwapState::Aborting
-        ) && !self.swaps.queued.iter().any(|(queued, ..)| *queued == service)
+        ) && !self.swaps.queued.iter().any(|(queued, ..)| *queued == slot)
         {
-            self.swaps.queued.push((service, stage, request));
+            self.swaps.queued.push((slot, stage, request));
             return id;
         }
-        self.start_swap(service, stage, request);
+        self.start_swap(slot, stage, request);
         id
     }
 
@@ -203,103 +211,100 @@ impl Supervision {
     /// # Errors
     ///
     /// Returns the current stage, empty if there is no such slot, and the reason for the rejection.
-    fn validate_request(&self, request: &SwapRequest) -> Result<(Service, String), (String, String)> {
+    fn validate_request(&self, request: &SwapRequest) -> Result<(Slot, String), (String, String)> {
         let launch = &self.config.launch;
-        let service = Service::from_name(&request.slot).filter(|service| self.swaps.slot(*service).is_some());
-        let Some((service, from)) = service.and_then(|service| Some((service, launch.stage(service)?))) else {
-            let slots: Vec<_> = self.swaps.slots.iter().map(|slot| slot.service.name()).collect();
+        let Some(slot) = Slot::from_name(&request.slot).filter(|slot| self.swaps.state(*slot).is_some()) else {
+            let slots: Vec<_> = self.swaps.slots.iter().map(|state| state.slot.name()).collect();
             let suggestion =
                 nearest(&request.slot, &slots).map_or(String::new(), |slot| format!("; did you mean `{slot}`?"));
             let reason = format!("no slot `{}` here{suggestion}; slots: {}", request.slot, slots.join(", "));
             return Err((String::new(), reason));
         };
-        let from = from.stage.clone();
-        if let Err(reason) = self.validate_stage(service, &request.stage) {
+        let from = launch.stage(slot).stage.clone();
+        if let Err(reason) = self.validate_stage(slot, &request.stage) {
             return Err((from, reason));
         }
-        let epoch = self.swaps.epoch(service).unwrap_or(0);
+        let epoch = self.swaps.epoch(slot).unwrap_or(0);
         match request.expected_epoch.filter(|expected| *expected != epoch) {
             Some(expected) => {
-                Err((from, format!("the epoch of `{service}` is {epoch}, not {expected}; read its status and retry")))
+                Err((from, format!("the epoch of `{slot}` is {epoch}, not {expected}; read its status and retry")))
             }
-            None => Ok((service, from)),
+            None => Ok((slot, from)),
         }
     }
 
     /// Checks that a stage can fill a slot. The error is shown to the user.
-    fn validate_stage(&self, service: Service, stage: &StageConfig) -> Result<(), String> {
-        self.config.launch.validate_stage(service, &stage.stage).map_err(|error| error.to_string())?;
+    fn validate_stage(&self, slot: Slot, stage: &StageConfig) -> Result<(), String> {
+        self.config.launch.validate_stage(slot, &stage.stage).map_err(|error| error.to_string())?;
         let mut launch: Launch = self.config.launch.clone();
-        if let Some(slot) = launch.stage_mut(service) {
-            slot.clone_from(stage);
-        }
-        (self.config.validate)(&launch, service)
+        launch.stage_mut(slot).clone_from(stage);
+        (self.config.validate)(&launch, slot)
     }
 
     /// Passes a request to the slot's coordinator. A request for the stage that already runs as a
     /// shadow promotes it.
-    fn start_swap(&mut self, service: Service, stage: StageConfig, request: swap::Request) {
-        let Some(slot) = self.swaps.slot_mut(service) else { return };
+    fn start_swap(&mut self, slot: Slot, stage: StageConfig, request: swap::Request) {
+        let Some(state) = self.swaps.state_mut(slot) else { return };
         let is_running =
-            matches!(slot.coordinator.state(), SwapState::Starting | SwapState::CatchingUp | SwapState::Shadowing);
-        let promotes = slot.candidate.as_ref() == Some(&stage) && !request.shadow_only && is_running;
-        let is_idle = slot.coordinator.state() == SwapState::Idle;
+            matches!(state.coordinator.state(), SwapState::Starting | SwapState::CatchingUp | SwapState::Shadowing);
+        let promotes = state.candidate.as_ref() == Some(&stage) && !request.shadow_only && is_running;
+        let is_idle = state.coordinator.state() == SwapState::Idle;
         if is_idle {
-            slot.candidate = Some(stage);
+            state.candidate = Some(stage);
         }
         if is_idle || promotes {
-            slot.attempt.start(&request);
+            state.attempt.start(&request);
         }
         let deadline_ms = request.deadline_ms;
         let event = if promotes { swap::Event::Promote { deadline_ms } } else { swap::Event::Request(request) };
-        self.notify_slot(service, event);
+        self.notify_slot(slot, event);
     }
 
     /// Passes the newest observations to the coordinators and replies to settled requests.
     pub(crate) fn poll_swaps(&mut self) {
-        let is_idle = |slot: &Slot| slot.coordinator.state() == SwapState::Idle;
-        let idle: Vec<_> = self.swaps.slots.iter().filter(|slot| is_idle(slot)).map(|slot| slot.service).collect();
-        while let Some(index) = self.swaps.queued.iter().position(|(service, ..)| idle.contains(service)) {
-            let (service, stage, request) = self.swaps.queued.swap_remove(index);
-            self.start_swap(service, stage, request);
+        let is_idle = |state: &SlotState| state.coordinator.state() == SwapState::Idle;
+        let idle: Vec<_> = self.swaps.slots.iter().filter(|state| is_idle(state)).map(|state| state.slot).collect();
+        while let Some(index) = self.swaps.queued.iter().position(|(slot, ..)| idle.contains(slot)) {
+            let (slot, stage, request) = self.swaps.queued.swap_remove(index);
+            self.start_swap(slot, stage, request);
         }
-        for service in self.swaps.services() {
-            self.poll_slot(service);
+        for slot in self.swaps.slots() {
+            self.poll_slot(slot);
         }
         for (id, requester, report) in self.pending.take_settled(self.now_ms(), &self.output) {
             self.reply(id, requester, report);
         }
     }
 
-    fn poll_slot(&mut self, service: Service) {
+    fn poll_slot(&mut self, slot: Slot) {
         // If ingest runs on another host, the output of the gyro indicates the newest sample.
         let newest = self.published[Service::Ingest as usize].max(self.published[Service::Gyro as usize]);
-        self.notify_slot(service, swap::Event::NewestInput { tick: newest.saturating_sub(1) });
-        let next_tick = self.subscribers_resume_tick(service);
-        self.notify_slot(service, swap::Event::SubscribersCheckpointed { next_tick });
+        self.notify_slot(slot, swap::Event::NewestInput { tick: newest.saturating_sub(1) });
+        let next_tick = self.subscribers_resume_tick(slot.service());
+        self.notify_slot(slot, swap::Event::SubscribersCheckpointed { next_tick });
         // The topic is more up to date than the health report, but from the hand-over on it may
         // contain the candidate's output.
-        let hand_over_tick = self.swaps.slot(service).and_then(|slot| match slot.coordinator.state() {
+        let hand_over_tick = self.swaps.state(slot).and_then(|state| match state.coordinator.state() {
             SwapState::Armed { from_tick } => Some(from_tick),
             _ => None,
         });
-        let published = self.published[service as usize];
+        let published = self.published[slot.service() as usize];
         let published = if hand_over_tick.is_none_or(|from_tick| published <= from_tick) { published } else { 0 };
-        let entry = self.table.entry(service);
+        let entry = self.table.entry(slot.service());
         let (active, candidate) = (entry.health().copied(), entry.candidate_health().copied());
         if let Some(health) = active {
-            self.notify_slot(service, ownership_status(&health, published));
+            self.notify_slot(slot, ownership_status(&health, published));
         }
         let Some(health) = candidate else { return };
-        self.notify_slot(service, ownership_status(&health, 0));
-        if let Some(slot) = self.swaps.slot_mut(service)
-            && !std::mem::replace(&mut slot.ready_reported, true)
+        self.notify_slot(slot, ownership_status(&health, 0));
+        if let Some(state) = self.swaps.state_mut(slot)
+            && !std::mem::replace(&mut state.ready_reported, true)
         {
-            self.notify_slot(service, swap::Event::Ready { incarnation: health.incarnation });
+            self.notify_slot(slot, swap::Event::Ready { incarnation: health.incarnation });
         }
     }
 
-    /// Returns the first tick that a subscriber of the slot could need again.
+    /// Returns the first tick that a subscriber of the service could need again.
     fn subscribers_resume_tick(&self, service: Service) -> u64 {
         let subscribers = self.checkpoints.subscribers(service);
         if subscribers.is_empty() {
@@ -311,28 +316,37 @@ impl Supervision {
     }
 
     /// Passes an event to a slot's coordinator and performs the resulting actions.
-    pub(crate) fn notify_slot(&mut self, service: Service, event: swap::Event) {
+    pub(crate) fn notify_slot(&mut self, slot: Slot, event: swap::Event) {
         let now_ms = self.now_ms();
-        let Some(slot) = self.swaps.slot_mut(service) else { return };
-        for action in slot.coordinator.handle(now_ms, event) {
-            self.apply_swap_action(service, action);
+        let Some(state) = self.swaps.state_mut(slot) else { return };
+        for action in state.coordinator.handle(now_ms, event) {
+            self.apply_swap_action(slot, action);
         }
     }
 
-    fn apply_swap_action(&mut self, service: Service, action: swap::Action) {
+    /// Passes an event of a service to the coordinator of its slot. A service without a slot has
+    /// none.
+    pub(crate) fn notify_slot_of(&mut self, service: Service, event: swap::Event) {
+        if let Some(slot) = service.slot() {
+            self.notify_slot(slot, event);
+        }
+    }
+
+    fn apply_swap_action(&mut self, slot: Slot, action: swap::Action) {
+        let service = slot.service();
         match action {
             swap::Action::SpawnCandidate { epoch, .. } => {
                 let resume = self.checkpoints.resume_candidate(service);
-                self.spawn_candidate(service, epoch, Role::Candidate, resume);
+                self.spawn_candidate(slot, epoch, Role::Candidate, resume);
             }
             swap::Action::SpawnOwner { epoch, from_tick, .. } => {
                 let resume = self.checkpoints.resume(service, from_tick);
-                self.spawn_candidate(service, epoch, Role::Owner { from_tick }, resume);
+                self.spawn_candidate(slot, epoch, Role::Owner { from_tick }, resume);
             }
             swap::Action::PublishDecision(swap::OwnershipDecision { epoch, owner, from_tick }) => {
                 let control = messages::Control { from_tick, epoch, service: service as u32, owner, reserved: 0 };
                 self.actions.push(Action::PublishControl(control));
-                self.publish_owner(service, epoch, owner, from_tick);
+                self.publish_owner(slot, epoch, owner, from_tick);
             }
             swap::Action::StopCandidate { incarnation } | swap::Action::RetirePrevious { incarnation } => {
                 self.table.terminate(service, incarnation, &mut self.actions);
@@ -346,42 +360,44 @@ impl Supervision {
                 }
                 // The replacement's output has been delivered, so the previous owner continues
                 // after it.
-                if self.swaps.slot(service).is_some_and(|slot| slot.owned_by_replacement) {
-                    self.publish_owner(service, epoch, incarnation, self.published[service as usize].max(from_tick));
+                if self.swaps.state(slot).is_some_and(|state| state.owned_by_replacement) {
+                    self.publish_owner(slot, epoch, incarnation, self.published[service as usize].max(from_tick));
                 }
             }
-            swap::Action::Report(report) => self.on_swap_report(service, &report),
+            swap::Action::Report(report) => self.on_swap_report(slot, &report),
         }
     }
 
     /// Publishes that a slot keeps its owner, starting with the tick after the newest published
     /// one.
-    pub(crate) fn publish_owner_unchanged(&mut self, service: Service) {
-        let incarnation = self.table.entry(service).incarnation();
-        self.publish_owner(service, FIRST_EPOCH, incarnation, self.published[service as usize]);
+    pub(crate) fn publish_owner_unchanged(&mut self, slot: Slot) {
+        let incarnation = self.table.entry(slot.service()).incarnation();
+        self.publish_owner(slot, FIRST_EPOCH, incarnation, self.published[slot.service() as usize]);
     }
 
     /// Publishes an ownership decision with the details of the owner.
-    fn publish_owner(&mut self, service: Service, epoch: u32, owner: u32, from_tick: u64) {
+    fn publish_owner(&mut self, slot: Slot, epoch: u32, owner: u32, from_tick: u64) {
+        let service = slot.service();
         let is_candidate = self.table.is_candidate(service as u32, owner);
-        let Some(slot) = self.swaps.slot_mut(service) else { return };
-        let instance = if is_candidate { slot.candidate_instance.as_ref() } else { slot.history.owner() };
+        let Some(state) = self.swaps.state_mut(slot) else { return };
+        let instance = if is_candidate { state.candidate_instance.as_ref() } else { state.history.owner() };
         let instance = instance.filter(|_| owner != 0).cloned();
         let predecessor_end = instance.as_ref().and_then(|instance| instance.predecessor_end);
-        slot.owned_by_replacement = is_candidate && predecessor_end.is_some();
+        state.owned_by_replacement = is_candidate && predecessor_end.is_some();
         let from_tick = if is_candidate { predecessor_end.unwrap_or(0).max(from_tick) } else { from_tick };
         self.publish_instance(EventKind::OWNER, service, owner, epoch, from_tick, instance.as_ref());
     }
 
     /// Starts a candidate, or a replacement of a failed owner. An existing candidate is killed.
-    fn spawn_candidate(&mut self, service: Service, epoch: u32, role: Role, resume: Resume) {
+    fn spawn_candidate(&mut self, slot: Slot, epoch: u32, role: Role, resume: Resume) {
+        let service = slot.service();
         self.checkpoints.clear_candidate(service);
-        let Some(slot) = self.swaps.slot_mut(service) else { return };
-        slot.ready_reported = false;
-        let stage = slot.candidate.clone();
+        let Some(state) = self.swaps.state_mut(slot) else { return };
+        state.ready_reported = false;
+        let stage = state.candidate.clone();
         let predecessor_end = (role != Role::Candidate).then(|| self.published[service as usize]);
-        slot.candidate_instance =
-            stage.clone().map(|stage| slot.history.new_candidate(stage, &resume, predecessor_end));
+        state.candidate_instance =
+            stage.clone().map(|stage| state.history.new_candidate(stage, &resume, predecessor_end));
         let incarnation = self.table.next_incarnation();
         let candidate = Process::new(incarnation, role != Role::Candidate, Some(&resume), self.now);
         let entry = self.table.entry_mut(service);
@@ -393,48 +409,46 @@ impl Supervision {
         self.actions.push(Action::Spawn(Box::new(Spawn { incarnation, service, stage, role, epoch, resume })));
     }
 
-    fn on_swap_report(&mut self, service: Service, report: &swap::Report) {
-        if self.retry_if_late(service, report) {
+    fn on_swap_report(&mut self, slot: Slot, report: &swap::Report) {
+        if self.retry_if_late(slot, report) {
             return;
         }
         let now_ms = self.now_ms();
-        let Some(slot) = self.swaps.slot_mut(service) else { return };
+        let Some(state) = self.swaps.state_mut(slot) else { return };
         let committed = report.outcome == SwapOutcome::Committed;
-        if committed && let Some(stage) = slot.candidate.take() {
-            self.checkpoints.promote(service);
-            let entry = self.table.entry_mut(service);
+        if committed && let Some(stage) = state.candidate.take() {
+            self.checkpoints.promote(slot.service());
+            let entry = self.table.entry_mut(slot.service());
             entry.retired.extend(std::mem::replace(&mut entry.owner, entry.candidate.take()));
             (entry.given_up, entry.restart_at) = (false, None);
             entry.policy.reset();
-            if let Some(slot) = self.config.launch.stage_mut(service) {
-                *slot = stage;
-            }
-            if let Some(slot) = self.swaps.slot_mut(service)
-                && let Some(instance) = slot.candidate_instance.take()
+            *self.config.launch.stage_mut(slot) = stage;
+            if let Some(state) = self.swaps.state_mut(slot)
+                && let Some(instance) = state.candidate_instance.take()
             {
-                slot.history.push_owner(instance);
-                slot.owned_by_replacement = false;
+                state.history.push_owner(instance);
+                state.owned_by_replacement = false;
             }
         } else if !committed && !matches!(report.reason, Some(FailureReason::Busy { .. })) {
-            slot.candidate = None;
+            state.candidate = None;
         }
-        let last_stderr = self.swaps.slot(service).map_or("", |slot| &slot.last_stderr);
-        self.pending.complete(service, report, last_stderr, now_ms);
+        let last_stderr = self.swaps.state(slot).map_or("", |state| &state.last_stderr);
+        self.pending.complete(slot, report, last_stderr, now_ms);
     }
 
     /// Queues a request again if attempts remain and its hand-over was reverted because the
     /// decision came too late. Returns `true` if the request was queued.
-    fn retry_if_late(&mut self, service: Service, report: &swap::Report) -> bool {
+    fn retry_if_late(&mut self, slot: Slot, report: &swap::Report) -> bool {
         let is_late = matches!(
             report.reason,
             Some(FailureReason::NotConfirmed { .. } | FailureReason::ActiveMissed | FailureReason::CandidateMissed)
         );
-        let (now_ms, Some(slot)) = (self.now_ms(), self.swaps.slot_mut(service)) else { return false };
-        let Attempt { id, deadline_ms, count } = slot.attempt;
+        let (now_ms, Some(state)) = (self.now_ms(), self.swaps.state_mut(slot)) else { return false };
+        let Attempt { id, deadline_ms, count } = state.attempt;
         if !is_late || count >= MAX_ATTEMPTS || now_ms >= deadline_ms {
             return false;
         }
-        let Some(stage) = slot.candidate.take() else { return false };
+        let Some(stage) = state.candidate.take() else { return false };
         // In lockstep the source waits for the decision, so the margin need not grow.
         let attempts_before = if self.config.lockstep { 0 } else { count };
         let request = swap::Request {
@@ -444,8 +458,8 @@ impl Supervision {
             deadline_ms,
             previous_attempts: attempts_before,
         };
-        self.swaps.queued.push((service, stage, request));
-        self.announce(format!("{service}: the hand-over was not confirmed in time; retrying"));
+        self.swaps.queued.push((slot, stage, request));
+        self.announce(format!("{slot}: the hand-over was not confirmed in time; retrying"));
         true
     }
 
@@ -459,7 +473,7 @@ impl Supervision {
     fn reply(&mut self, id: u64, requester: Requester, report: SwapReport) {
         self.publish_swap_report(&report);
         match requester {
-            Requester::Watch(service) => self.on_watch_report(service, id, report),
+            Requester::Watch(slot) => self.on_watch_report(slot, id, report),
             Requester::Client { client, .. } => {
                 self.announce(report.to_string());
                 self.actions.push(Action::Reply { client, reply: Reply::Swap(Box::new(report)) });

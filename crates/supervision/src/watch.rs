@@ -7,7 +7,7 @@
 
 use std::time::Duration;
 
-use launch::{Launch, Measure, Service, StageConfig};
+use launch::{Launch, Measure, Slot, StageConfig};
 use messages::Difference;
 use swap::SwapOutcome;
 
@@ -46,7 +46,7 @@ struct PromotionRule {
 /// Creates a runner for each watch of a launch file.
 pub(crate) fn from_launch(launch: &Launch) -> Vec<WatchRunner> {
     let runner = |watch: &launch::PromotionRule| {
-        let default_stage = launch.stage(watch.slot)?.clone();
+        let default_stage = launch.stage(watch.slot).clone();
         let rule = PromotionRule {
             config: watch.clone(),
             default_stage,
@@ -56,9 +56,9 @@ pub(crate) fn from_launch(launch: &Launch) -> Vec<WatchRunner> {
             ended: false,
         };
         let (reports, next_attempt) = (Vec::new(), Duration::ZERO);
-        Some(WatchRunner { rule, shadow: None, takeover: None, reports, attempts: 0, next_attempt })
+        WatchRunner { rule, shadow: None, takeover: None, reports, attempts: 0, next_attempt }
     };
-    launch.watch.iter().filter_map(runner).collect()
+    launch.watch.iter().map(runner).collect()
 }
 
 impl Supervision {
@@ -89,7 +89,8 @@ impl Supervision {
         let at_s = difference.tick as f64 / self.config.rate_hz;
         for index in 0..self.watches.len() {
             let WatchRunner { rule, shadow, takeover, .. } = &mut self.watches[index];
-            let is_relevant = difference.service == rule.config.slot as u32 && shadow.is_some() && takeover.is_none();
+            let is_relevant =
+                difference.service == rule.config.slot.service() as u32 && shadow.is_some() && takeover.is_none();
             if is_relevant && rule.should_take_over(difference, at_s) {
                 let line = rule.takeover_message(difference);
                 self.announce(line);
@@ -99,8 +100,8 @@ impl Supervision {
         }
     }
 
-    pub(crate) fn on_watch_report(&mut self, service: Service, id: u64, report: SwapReport) {
-        for watch in self.watches.iter_mut().filter(|watch| watch.rule.config.slot == service) {
+    pub(crate) fn on_watch_report(&mut self, slot: Slot, id: u64, report: SwapReport) {
+        for watch in self.watches.iter_mut().filter(|watch| watch.rule.config.slot == slot) {
             watch.reports.push((id, report.clone()));
         }
     }
@@ -126,10 +127,10 @@ impl Supervision {
     /// for a takeover. Returns the ID of the request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
-        let (service, stage) = (rule.config.slot, rule.shadow_stage().clone());
+        let (slot, stage) = (rule.config.slot, rule.shadow_stage().clone());
         let timeout_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
-        let request = SwapRequest { slot: service.name().into(), stage, shadow, expected_epoch: None, timeout_ms };
-        self.request_swap(request, Requester::Watch(service))
+        let request = SwapRequest { slot: slot.name().into(), stage, shadow, expected_epoch: None, timeout_ms };
+        self.request_swap(request, Requester::Watch(slot))
     }
 }
 
@@ -215,12 +216,11 @@ impl PromotionRule {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use launch::Service;
 
     fn rule() -> PromotionRule {
         let stage = |name: &str| StageConfig { stage: name.into(), set: Default::default() };
         let watch = launch::PromotionRule {
-            slot: Service::Fuser,
+            slot: Slot::Fuser,
             stage: stage("aided"),
             measure: Measure::Heading,
             promote_below_deg: 1.0,

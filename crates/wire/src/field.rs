@@ -1,5 +1,6 @@
 //! Conversion of payload fields to and from fields of the schema.
 
+use graph::Service;
 use messages::{Chart, CourseReference, EventKind, Flags, Header, State};
 
 use crate::{
@@ -128,14 +129,17 @@ impl Field<i32> for EventKind {
     }
 }
 
+/// Enum value of the last service.
+const LAST_SERVICE: i32 = Service::ALL.len() as i32;
+
 /// Converts the index of a service.
 impl Field<i32> for u32 {
     fn to_proto(self) -> i32 {
-        enum_to_proto(self.into(), v1::Service::Cockpit as i32)
+        enum_to_proto(self.into(), LAST_SERVICE)
     }
 
     fn from_proto(value: i32, field: &'static str) -> Result<Self, DecodeError> {
-        Ok(enum_from_proto(value, v1::Service::Cockpit as i32, field)? as Self)
+        Ok(enum_from_proto(value, LAST_SERVICE, field)? as Self)
     }
 }
 

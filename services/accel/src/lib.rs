@@ -7,15 +7,17 @@
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 #![forbid(unsafe_code)]
 
-use attitude::accel::{Accelerometer, MIN_FORCE_M_S2};
+use attitude::{
+    accel::{Accelerometer, MIN_FORCE_M_S2},
+    resetting::ResettingStage,
+};
 use host::AnyStage;
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{AccelPoint, Flags, Header, ImuSample};
 use runtime::{
     RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
-    serve,
-    stage::{self, ResettingStage},
+    serve, stage,
 };
 
 /// Message processor of the slot `accel`.
@@ -30,7 +32,7 @@ pub struct AccelProcessor {
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Service::Accel, &config.launch, Accelerometer::from_name)?);
+    let stage = ResettingStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
     Ok(SingleInputSlot::new(AccelProcessor { stage }))
 }
 
@@ -47,6 +49,8 @@ pub fn run() -> Result<(), RuntimeError> {
 }
 
 impl TickProcessor for AccelProcessor {
+    const SLOT: Slot = Slot::Accel;
+
     type Input = ImuSample;
     type Output = AccelPoint;
     type Stage = AnyStage<Accelerometer>;

@@ -94,7 +94,8 @@ impl Decimator {
                     events.push(event.to_proto());
                 }
             }
-            _ => {}
+            // A page shows none of these topics.
+            Topic::Sensor | Topic::Receiver | Topic::Reading | Topic::Credit | Topic::Checkpoint | Topic::Control => {}
         }
     }
 

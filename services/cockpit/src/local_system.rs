@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use bus::{Observer, SystemName, Tap};
 use calibrate::{Kind, Prior};
 use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
-use graph::{Service, Topic};
-use launch::{Launch, Source as LaunchSource};
+use graph::Topic;
+use launch::{Launch, Slot, Source as LaunchSource};
 use observe::readings;
 use runtime::ServiceConfig;
 
@@ -147,7 +147,7 @@ impl SupervisorClient {
 impl CommandTarget for SupervisorClient {
     fn description(&self) -> Result<SystemDescription, String> {
         let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
-        let slots = Service::SLOTS.into_iter().filter(|slot| launch.services.contains(slot));
+        let slots = Slot::ALL.into_iter().filter(|slot| launch.services.contains(&slot.service()));
         let slots = slots
             .map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
         Ok(SystemDescription {

@@ -116,20 +116,17 @@ impl StatusMonitor {
             self.poller.unpark();
         }
         let Some((judge, fields)) = &mut self.judge else { return };
-        match topic {
-            Topic::Mag => {
-                if let Ok(field) = bytemuck::try_pod_read_unaligned::<MagSample>(bytes) {
-                    fields.push(field);
-                }
-            }
-            Topic::Imu => {
-                if let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) {
-                    let found = judge.update(&sample, fields.take(sample.header.tick).as_ref());
-                    self.warnings.extend(found.iter().map(|finding| finding.to_string()));
-                    self.warnings.truncate(MAX_WARNINGS);
-                }
-            }
-            _ => {}
+        if topic == Topic::Mag
+            && let Ok(field) = bytemuck::try_pod_read_unaligned::<MagSample>(bytes)
+        {
+            fields.push(field);
+        }
+        if topic == Topic::Imu
+            && let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)
+        {
+            let found = judge.update(&sample, fields.take(sample.header.tick).as_ref());
+            self.warnings.extend(found.iter().map(|finding| finding.to_string()));
+            self.warnings.truncate(MAX_WARNINGS);
         }
         if self.judge.as_ref().is_some_and(|(judge, _)| judge.is_finished()) {
             self.judge = None;

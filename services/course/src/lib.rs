@@ -14,18 +14,16 @@ use attitude::{
     Vector3,
     course::{Course, CourseInput},
     gnss::Fix,
+    resetting::ResettingStage,
     rotation::Rotation,
     state::Attitude,
 };
 use host::AnyStage;
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
-    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot, convert,
-    join::MAX_QUEUED,
-    join_inputs, serve,
-    stage::{self, ResettingStage},
-    state_words::StateWords,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor, convert, join::MAX_QUEUED,
+    join_inputs, serve, stage, state_words::StateWords,
 };
 
 use true_north::TrueNorth;
@@ -80,14 +78,14 @@ pub struct CourseSlot {
 pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     Ok(CourseSlot {
         join: Join::new(Inputs::default(), config.lateness_ticks()),
-        stage: ResettingStage::new(stage::build_stage(Service::Course, &config.launch, Course::from_name)?),
+        stage: ResettingStage::new(stage::build_stage(Slot::Course, &config.launch, Course::from_name)?),
         attitude: Attitude::default(),
         reset_counts: [0; 2],
         jump: [1.0, 0.0, 0.0, 0.0],
         epoch: runtime::service_config::FIRST_EPOCH,
         swap_count: 0,
         north: TrueNorth::new(&config.launch.north)
-            .map_err(|cause| RuntimeError::StageFailed { slot: Service::Course, cause })?,
+            .map_err(|cause| RuntimeError::StageFailed { slot: Slot::Course, cause })?,
     })
 }
 
@@ -103,7 +101,9 @@ pub fn run() -> Result<(), RuntimeError> {
     serve(context, slot, &[&fused, &gnss])
 }
 
-impl Slot for CourseSlot {
+impl SlotProcessor for CourseSlot {
+    const SLOT: Slot = Slot::Course;
+
     type Input = CourseMessage;
     type Output = AttitudeOutput;
     type Stage = AnyStage<Course>;
@@ -136,7 +136,7 @@ impl Slot for CourseSlot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.stage.failure()
+        self.stage.failure().map(|failure| failure.to_string())
     }
 
     fn stage(&self) -> &AnyStage<Course> {

@@ -13,18 +13,18 @@
 use attitude::{
     Vector3,
     accel::MIN_FORCE_M_S2,
-    gyro::{Gyro, GyroStage, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, MAX_BRIDGED_GAP_S, RateKind, RateSample},
     point::Point,
+    resetting::ResettingStage,
     state::Attitude,
 };
 use host::AnyStage;
-use launch::Service;
+use launch::{Service, Slot};
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
-    MAX_BRIDGED_GAP_S, RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
+    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
-    serve,
-    stage::{self, ResettingStage},
+    serve, stage,
     state_words::StateWords,
 };
 
@@ -42,7 +42,7 @@ pub struct GyroProcessor {
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Service::Gyro, &config.launch, Gyro::from_name)?);
+    let stage = ResettingStage::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
     Ok(SingleInputSlot::new(GyroProcessor { stage, is_aligned: false, t_end_ns: None }))
 }
 
@@ -72,6 +72,8 @@ impl GyroProcessor {
 }
 
 impl TickProcessor for GyroProcessor {
+    const SLOT: Slot = Slot::Gyro;
+
     type Input = ImuSample;
     type Output = GyroStep;
     type Stage = AnyStage<Gyro>;
@@ -135,21 +137,10 @@ mod tests {
     ) -> SlotService<SingleInputSlot<GyroProcessor>> {
         let mut launch = Launch::default();
         launch.gyro.stage = stage.into();
-        let resume = from.map(|checkpoint| Resume::Checkpoint(Box::new(checkpoint.into())));
-        let config = ServiceConfig {
-            launch,
-            rate_hz: 1000.0,
-            pace: Pace::Max,
-            max_ticks: None,
-            incarnation: 1,
-            epoch: 1,
-            role,
-            prior: None,
-            resume,
-            publishes_readings: false,
-            supervisor_pid: 0,
-        };
-        let (service, rejected) = SlotService::new(slot(&config).unwrap(), Service::Gyro, &config, 0, output_tick);
+        let resume = from.map(|checkpoint| Resume::Checkpoint(Box::new(*checkpoint)));
+        let config =
+            ServiceConfig { incarnation: 1, role, resume, ..ServiceConfig::standalone(launch, 1000.0, Pace::Max) };
+        let (service, rejected) = SlotService::new(slot(&config).unwrap(), &config, 0, output_tick);
         assert_eq!(rejected, None);
         service
     }

@@ -291,12 +291,10 @@ fn executable() -> io::Result<PathBuf> {
 /// If standard input is the source, the drivers inherit it as their standard output, because their
 /// standard input carries the configuration.
 fn stdout_for(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
-    match service {
-        Service::Drivers if config.launch.ingest.source == Source::Stdin => {
-            Ok(io::stdin().as_fd().try_clone_to_owned()?.into())
-        }
-        _ => Ok(Stdio::null()),
+    if service == Service::Drivers && config.launch.ingest.source == Source::Stdin {
+        return Ok(io::stdin().as_fd().try_clone_to_owned()?.into());
     }
+    Ok(Stdio::null())
 }
 
 fn describe_exit(status: ExitStatus) -> String {

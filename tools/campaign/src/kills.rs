@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use launch::{Service, pluralize};
+use launch::{Slot, pluralize};
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{Rng, SeedableRng},
@@ -68,9 +68,9 @@ impl KillCampaign {
             let mut kills = Vec::new();
             for pause_ms in pauses_ms {
                 system.poll_until(monotonic_ns() + pause_ms * 1_000_000)?;
-                let service = Service::SLOTS[random_in_range(&mut random, 0..Service::SLOTS.len() as u64) as usize];
+                let slot = Slot::ALL[random_in_range(&mut random, 0..Slot::ALL.len() as u64) as usize];
                 let next_tick = system.next_tick();
-                kills.extend(system.kill(service).map(|at_ns| (at_ns, next_tick)));
+                kills.extend(system.kill(slot.service()).map(|at_ns| (at_ns, next_tick)));
             }
             system.poll_until(monotonic_ns() + 1_000_000_000)?;
             let mut outputs = system.outputs().iter();

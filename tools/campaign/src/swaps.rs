@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use control::{ControlError, ControlRequest, SwapOutcome, SwapReport, SwapRequest, send_request};
-use launch::{Service, StageConfig, pluralize};
+use launch::{Slot, StageConfig, pluralize};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -166,11 +166,11 @@ impl fmt::Display for SwapCampaignReport {
 
 /// Returns a request for a random stage of a random slot.
 fn random_request(random: &mut ChaCha8Rng, same_stage: bool) -> SwapRequest {
-    let stages: [(Service, &[&str]); 4] = [
-        (Service::Gyro, &Gyro::NAMES),
-        (Service::Accel, &Accelerometer::NAMES),
-        (Service::Fuser, &Fuser::NAMES),
-        (Service::Course, &Course::NAMES),
+    let stages: [(Slot, &[&str]); Slot::ALL.len()] = [
+        (Slot::Gyro, &Gyro::NAMES),
+        (Slot::Accel, &Accelerometer::NAMES),
+        (Slot::Fuser, &Fuser::NAMES),
+        (Slot::Course, &Course::NAMES),
     ];
     let (slot, names) = stages[random_in_range(random, 0..stages.len() as u64) as usize];
     let name = names[random_in_range(random, 0..names.len() as u64) as usize];

@@ -8,7 +8,7 @@ use std::{
 
 use attitude::stage::Stage;
 use host::{HostError, HostableStage, HostedStage, child::START_TIMEOUT};
-use launch::{ExternalStage, Service};
+use launch::{ExternalStage, Slot};
 
 use crate::{
     cpu_affinity::SingleCpu,
@@ -36,14 +36,10 @@ pub fn run_external(
     on_group_start: &mut dyn FnMut(&str),
 ) -> Result<Report, HostError> {
     match program.slot {
-        Service::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
-        Service::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
-        Service::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
-        // A launch file allows external stages only for gyro, accel, fuser and course, so the other
-        // services do not occur here.
-        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
-            run_in_slot::<FuserSlot>(name, program, on_group_start)
-        }
+        Slot::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
+        Slot::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
+        Slot::Fuser => run_in_slot::<FuserSlot>(name, program, on_group_start),
+        Slot::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
     }
 }
 

@@ -10,6 +10,7 @@
 //! Failure: the first number that differs is reported.
 
 use attitude::stage::Stage;
+use launch::Slot;
 
 use crate::{
     script::{S1, Script},
@@ -21,14 +22,13 @@ const ROW_INTERVAL_TICKS: usize = 100;
 /// Tolerance: relative for numbers above 1, absolute for smaller numbers.
 const TOLERANCE: f64 = 1e-9;
 
-/// Returns the trace of a stage as CSV, or `None` for an unknown slot or name.
-pub fn trace(slot: &str, name: &str) -> Option<String> {
+/// Returns the trace of a stage as CSV, or `None` for an unknown name.
+pub fn trace(slot: Slot, name: &str) -> Option<String> {
     match slot {
-        GyroSlot::SLOT_NAME => trace_stage::<GyroSlot>(name),
-        AccelSlot::SLOT_NAME => trace_stage::<AccelSlot>(name),
-        FuserSlot::SLOT_NAME => trace_stage::<FuserSlot>(name),
-        CourseSlot::SLOT_NAME => trace_stage::<CourseSlot>(name),
-        _ => None,
+        Slot::Gyro => trace_stage::<GyroSlot>(name),
+        Slot::Accel => trace_stage::<AccelSlot>(name),
+        Slot::Fuser => trace_stage::<FuserSlot>(name),
+        Slot::Course => trace_stage::<CourseSlot>(name),
     }
 }
 

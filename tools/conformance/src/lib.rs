@@ -57,25 +57,25 @@ use attitude::{
     state::Attitude,
 };
 pub use external::run_external;
+use launch::Slot;
 pub use report::{Check, Measurement, Report};
 use slot::{AccelSlot, CourseSlot, FuserSlot, GyroSlot, SlotSpec, SlotStage};
 
 /// Returns every built-in stage as (slot, stage).
-pub fn stages() -> impl Iterator<Item = (&'static str, &'static str)> {
-    fn names_of<L: SlotSpec>() -> impl Iterator<Item = (&'static str, &'static str)> {
-        L::STAGE_NAMES.iter().map(|name| (L::SLOT_NAME, *name))
+pub fn stages() -> impl Iterator<Item = (Slot, &'static str)> {
+    fn names_of<L: SlotSpec>() -> impl Iterator<Item = (Slot, &'static str)> {
+        L::STAGE_NAMES.iter().map(|name| (L::SLOT, *name))
     }
     names_of::<GyroSlot>().chain(names_of::<AccelSlot>()).chain(names_of::<FuserSlot>()).chain(names_of::<CourseSlot>())
 }
 
-/// Checks a built-in stage. Returns `None` for an unknown slot or name.
-pub fn run(slot: &str, name: &str) -> Option<Report> {
+/// Checks a built-in stage. Returns `None` for an unknown name.
+pub fn run(slot: Slot, name: &str) -> Option<Report> {
     match slot {
-        GyroSlot::SLOT_NAME => run_in_slot::<GyroSlot>(name),
-        AccelSlot::SLOT_NAME => run_in_slot::<AccelSlot>(name),
-        FuserSlot::SLOT_NAME => run_in_slot::<FuserSlot>(name),
-        CourseSlot::SLOT_NAME => run_in_slot::<CourseSlot>(name),
-        _ => None,
+        Slot::Gyro => run_in_slot::<GyroSlot>(name),
+        Slot::Accel => run_in_slot::<AccelSlot>(name),
+        Slot::Fuser => run_in_slot::<FuserSlot>(name),
+        Slot::Course => run_in_slot::<CourseSlot>(name),
     }
 }
 
@@ -140,5 +140,5 @@ fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, on_group_start: &
         on_group_start(name);
         checks.extend(run_group(make));
     }
-    Report { slot: L::SLOT_NAME, stage: make().name().into(), checks }
+    Report { slot: L::SLOT, stage: make().name().into(), checks }
 }

@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-use launch::pluralize;
+use launch::{Slot, pluralize};
 use serde::Serialize;
 
 /// Results of all checks of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Slot of the stage.
-    pub slot: &'static str,
+    pub slot: Slot,
     /// Name of the stage.
     pub stage: String,
     /// Checks in the order in which they ran.

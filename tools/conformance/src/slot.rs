@@ -10,6 +10,7 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
+use launch::Slot;
 
 use crate::{
     fault::MAX_INTERVAL_S,
@@ -32,7 +33,7 @@ pub(crate) trait SlotSpec: Sized {
     /// Built-in stages of the slot.
     type BuiltIn: SlotStage<Self>;
 
-    const SLOT_NAME: &'static str;
+    const SLOT: Slot;
     const STAGE_NAMES: &'static [&'static str];
     /// `true` if the sign of the output's quaternion must be continuous.
     const HAS_CONTINUOUS_SIGN: bool = false;
@@ -82,7 +83,7 @@ impl SlotSpec for GyroSlot {
     type Common = Attitude;
     type BuiltIn = Gyro;
 
-    const SLOT_NAME: &'static str = "gyro";
+    const SLOT: Slot = Slot::Gyro;
     const STAGE_NAMES: &'static [&'static str] = &Gyro::NAMES;
     const HAS_EXACT_LEVEL: bool = false;
 
@@ -135,7 +136,7 @@ impl SlotSpec for AccelSlot {
     type Common = Point;
     type BuiltIn = Accelerometer;
 
-    const SLOT_NAME: &'static str = "accel";
+    const SLOT: Slot = Slot::Accel;
     const STAGE_NAMES: &'static [&'static str] = &Accelerometer::NAMES;
     const HAS_EXACT_LEVEL: bool = true;
 
@@ -201,7 +202,7 @@ impl SlotSpec for FuserSlot {
     type Common = Estimate;
     type BuiltIn = Fuser;
 
-    const SLOT_NAME: &'static str = "fuser";
+    const SLOT: Slot = Slot::Fuser;
     const STAGE_NAMES: &'static [&'static str] = &Fuser::NAMES;
     const HAS_EXACT_LEVEL: bool = true;
 
@@ -317,7 +318,7 @@ impl SlotSpec for CourseSlot {
     type Common = LastReading;
     type BuiltIn = Course;
 
-    const SLOT_NAME: &'static str = "course";
+    const SLOT: Slot = Slot::Course;
     const STAGE_NAMES: &'static [&'static str] = &Course::NAMES;
     const HAS_CONTINUOUS_SIGN: bool = true;
     const HAS_EXACT_LEVEL: bool = true;

@@ -64,9 +64,10 @@ pub fn apply_calibrations(prior: &mut Prior, launch: &Launch) -> Result<(), Cali
 
 /// Decodes a message of [`readings_topic`]. Returns `None` if the bytes have the wrong length.
 pub fn decode_sample(topic: Topic, bytes: &[u8]) -> Option<Sample> {
-    let reading = match topic {
-        Topic::Reading => Reading::from(&try_pod_read_unaligned::<TakenReading>(bytes).ok()?),
-        _ => Reading::from(try_pod_read_unaligned::<SensorReading>(bytes).ok()?),
+    let reading = if topic == Topic::Reading {
+        Reading::from(&try_pod_read_unaligned::<TakenReading>(bytes).ok()?)
+    } else {
+        Reading::from(try_pod_read_unaligned::<SensorReading>(bytes).ok()?)
     };
     Some(to_sample(&reading))
 }

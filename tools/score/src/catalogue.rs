@@ -4,19 +4,19 @@ use std::{collections::BTreeMap, fmt};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
 use host::HostableStage;
-use launch::{Launch, Service};
+use launch::{Launch, Slot};
 use runtime::{RuntimeError, stage::build_stage};
 use serde::Serialize;
 
 /// Every slot with the stages available for it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Catalogue {
-    slots: Vec<Slot>,
+    slots: Vec<SlotEntry>,
 }
 
 #[derive(Debug, Clone, Serialize)]
-struct Slot {
-    slot: &'static str,
+struct SlotEntry {
+    slot: Slot,
     stages: Vec<StageEntry>,
 }
 
@@ -41,10 +41,10 @@ impl Catalogue {
     /// Returns an error if an external stage cannot be started or queried.
     pub fn new(launch: &Launch) -> Result<Self, RuntimeError> {
         let slots = vec![
-            slot_entry(Service::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
-            slot_entry(Service::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
-            slot_entry(Service::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
-            slot_entry(Service::Course, launch, &Course::NAMES, Course::from_name)?,
+            slot_entry(Slot::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
+            slot_entry(Slot::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
+            slot_entry(Slot::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
+            slot_entry(Slot::Course, launch, &Course::NAMES, Course::from_name)?,
         ];
         Ok(Self { slots })
     }
@@ -57,17 +57,15 @@ impl Catalogue {
 }
 
 fn slot_entry<B: HostableStage + Clone>(
-    slot: Service,
+    slot: Slot,
     launch: &Launch,
     names: &'static [&'static str],
     from_name: fn(&str) -> Option<B>,
-) -> Result<Slot, RuntimeError> {
+) -> Result<SlotEntry, RuntimeError> {
     let external = launch.stages.iter().filter(|(_, program)| program.slot == slot).map(|(name, _)| name.as_str());
     let entry = |(index, name): (usize, &str)| {
         let mut launch = launch.clone();
-        if let Some(config) = launch.stage_mut(slot) {
-            *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
-        }
+        *launch.stage_mut(slot) = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
         let stage = build_stage(slot, &launch, from_name)?;
         Ok(StageEntry {
             name: stage.name(),
@@ -77,7 +75,7 @@ fn slot_entry<B: HostableStage + Clone>(
         })
     };
     let stages = names.iter().copied().chain(external).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
-    Ok(Slot { slot: slot.name(), stages })
+    Ok(SlotEntry { slot, stages })
 }
 
 fn serialize_parameters<S: serde::Serializer>(
@@ -94,7 +92,7 @@ fn serialize_parameters<S: serde::Serializer>(
 
 impl fmt::Display for Catalogue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, Slot { slot, stages }) in self.slots.iter().enumerate() {
+        for (index, SlotEntry { slot, stages }) in self.slots.iter().enumerate() {
             write!(f, "{}{slot}", if index == 0 { "" } else { "\n" })?;
             for StageEntry { name, is_default, parts, parameters } in stages {
                 write!(f, "\n  {name}{}", if *is_default { " (default)" } else { "" })?;

@@ -9,7 +9,7 @@ use attitude::{
     stage::Stage,
 };
 use host::AnyStage;
-use launch::{Launch, Service};
+use launch::{Launch, Slot};
 use runtime::{RuntimeError, stage::build_stage};
 
 /// The stages of one chain, before their first step.
@@ -33,10 +33,10 @@ impl StageChain {
     /// Returns an error if a stage is unknown, rejects a setting or cannot be started.
     pub fn from_launch(launch: &Launch) -> Result<Self, RuntimeError> {
         Ok(Self {
-            gyro: build_stage(Service::Gyro, launch, Gyro::from_name)?,
-            accel: build_stage(Service::Accel, launch, Accelerometer::from_name)?,
-            fuser: build_stage(Service::Fuser, launch, Fuser::from_name)?,
-            course: build_stage(Service::Course, launch, Course::from_name)?,
+            gyro: build_stage(Slot::Gyro, launch, Gyro::from_name)?,
+            accel: build_stage(Slot::Accel, launch, Accelerometer::from_name)?,
+            fuser: build_stage(Slot::Fuser, launch, Fuser::from_name)?,
+            course: build_stage(Slot::Course, launch, Course::from_name)?,
         })
     }
 
@@ -46,24 +46,23 @@ impl StageChain {
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))
     }
 
-    /// Sets a parameter of the stage in `slot`. Services that are not slots ignore it.
-    pub(crate) fn set(&mut self, slot: Service, key: &str, value: f64) -> Result<(), ParameterError> {
+    /// Sets a parameter of the stage in `slot`.
+    pub(crate) fn set(&mut self, slot: Slot, key: &str, value: f64) -> Result<(), ParameterError> {
         match slot {
-            Service::Gyro => self.gyro.set(key, value),
-            Service::Accel => self.accel.set(key, value),
-            Service::Fuser => self.fuser.set(key, value),
-            Service::Course => self.course.set(key, value),
-            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => Ok(()),
+            Slot::Gyro => self.gyro.set(key, value),
+            Slot::Accel => self.accel.set(key, value),
+            Slot::Fuser => self.fuser.set(key, value),
+            Slot::Course => self.course.set(key, value),
         }
     }
 
     /// Returns slot, stage name and parameters of each stage.
-    pub(crate) fn parameters(&self) -> [(Service, &'static str, &'static [Parameter]); 4] {
+    pub(crate) fn parameters(&self) -> [(Slot, &'static str, &'static [Parameter]); 4] {
         [
-            (Service::Gyro, self.gyro.name(), self.gyro.parameters()),
-            (Service::Accel, self.accel.name(), self.accel.parameters()),
-            (Service::Fuser, self.fuser.name(), self.fuser.parameters()),
-            (Service::Course, self.course.name(), self.course.parameters()),
+            (Slot::Gyro, self.gyro.name(), self.gyro.parameters()),
+            (Slot::Accel, self.accel.name(), self.accel.parameters()),
+            (Slot::Fuser, self.fuser.name(), self.fuser.parameters()),
+            (Slot::Course, self.course.name(), self.course.parameters()),
         ]
     }
 }

@@ -4,7 +4,7 @@ use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
 use ingest::source::SourceError;
-use launch::Service;
+use launch::Slot;
 use pipeline::CollectorError;
 use recording::RecordingError;
 use runtime::RuntimeError;
@@ -20,7 +20,7 @@ pub enum ScoreError {
     }, known.join(", "))]
     UnknownStage {
         /// Slot of the stage.
-        slot: Service,
+        slot: Slot,
         /// Requested name.
         name: String,
         /// Stage with the most similar name.

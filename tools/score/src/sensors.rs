@@ -13,7 +13,7 @@ use accel::AccelProcessor;
 use attitude::{point::Point, state::Attitude};
 use gyro::GyroProcessor;
 use messages::ImuSample;
-use runtime::{RuntimeError, ServiceConfig, SingleInputSlot, Slot, convert};
+use runtime::{RuntimeError, ServiceConfig, SingleInputSlot, SlotProcessor, convert};
 
 /// Separate instances of the gyro and accelerometer slots for a run.
 pub(crate) struct SensorSlots {

@@ -9,7 +9,7 @@
 use std::{collections::BTreeMap, str::FromStr};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
-use launch::{Launch, Service};
+use launch::{Launch, Slot};
 
 use crate::{ScoreError, catalogue::ParameterSummary, chain::StageChain};
 
@@ -74,9 +74,9 @@ impl FromStr for Setting {
 /// ambiguous, out of range or given twice.
 pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
     let mut common = selection.launch.clone();
-    select_stage(&mut common, Service::Gyro, selection.gyro.as_deref(), &Gyro::NAMES)?;
-    select_stage(&mut common, Service::Accel, selection.accel.as_deref(), &Accelerometer::NAMES)?;
-    select_stage(&mut common, Service::Course, selection.course.as_deref(), &Course::NAMES)?;
+    select_stage(&mut common, Slot::Gyro, selection.gyro.as_deref(), &Gyro::NAMES)?;
+    select_stage(&mut common, Slot::Accel, selection.accel.as_deref(), &Accelerometer::NAMES)?;
+    select_stage(&mut common, Slot::Course, selection.course.as_deref(), &Course::NAMES)?;
     let mut launches = vec![common.clone()];
     if !selection.fusers.is_empty() {
         launches.clear();
@@ -85,7 +85,7 @@ pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
                 return Err(ScoreError::DuplicateFuser { name: fuser.clone() });
             }
             let mut launch = common.clone();
-            select_stage(&mut launch, Service::Fuser, Some(fuser), &Fuser::NAMES)?;
+            select_stage(&mut launch, Slot::Fuser, Some(fuser), &Fuser::NAMES)?;
             launches.push(launch);
         }
     }
@@ -103,7 +103,7 @@ pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
 
 fn select_stage(
     launch: &mut Launch,
-    slot: Service,
+    slot: Slot,
     requested: Option<&str>,
     known: &'static [&'static str],
 ) -> Result<(), ScoreError> {
@@ -117,7 +117,7 @@ fn select_stage(
             known,
         });
     }
-    let config = stage_config_mut(launch, slot);
+    let config = launch.stage_mut(slot);
     if config.stage != name {
         *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
     }
@@ -132,12 +132,12 @@ fn select_stage(
 ///
 /// Returns an error if no stage has the parameter, if several slots have it, or if the value is out
 /// of range.
-pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(usize, Service)>, ScoreError> {
+pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(usize, Slot)>, ScoreError> {
     let Setting { target, key, value } = setting;
     let is_target =
-        |slot: Service, stage: &str| target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
-    let (mut slots, mut applied): (Vec<Service>, Vec<_>) = Default::default();
-    let (mut known, mut others): (Vec<(Service, &str, &Parameter)>, Vec<_>) = Default::default();
+        |slot: Slot, stage: &str| target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
+    let (mut slots, mut applied): (Vec<Slot>, Vec<_>) = Default::default();
+    let (mut known, mut others): (Vec<(Slot, &str, &Parameter)>, Vec<_>) = Default::default();
     for (index, launch) in launches.iter_mut().enumerate() {
         let mut stages = StageChain::from_launch(launch)?;
         for (slot, stage, parameters) in stages.parameters() {
@@ -152,7 +152,7 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
             }
             let invalid_value = |cause| ScoreError::InvalidValue { key: key.clone(), stage: stage.into(), cause };
             stages.set(slot, key, *value).map_err(invalid_value)?;
-            stage_config_mut(launch, slot).set.insert(key.clone(), *value);
+            launch.stage_mut(slot).set.insert(key.clone(), *value);
             applied.push((index, slot));
             if !slots.contains(&slot) {
                 slots.push(slot);
@@ -176,20 +176,11 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
     }
 }
 
-fn stage_config_mut(launch: &mut Launch, slot: Service) -> &mut launch::StageConfig {
-    match slot {
-        Service::Gyro => &mut launch.gyro,
-        Service::Accel => &mut launch.accel,
-        Service::Course => &mut launch.course,
-        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => &mut launch.fuser,
-    }
-}
-
-fn format_parameters(known: &[(Service, &str, &Parameter)]) -> String {
+fn format_parameters(known: &[(Slot, &str, &Parameter)]) -> String {
     if known.is_empty() {
         return "  none".into();
     }
-    let line = |(slot, stage, parameter): &(Service, &str, &Parameter)| {
+    let line = |(slot, stage, parameter): &(Slot, &str, &Parameter)| {
         format!("  {slot}.{} of {stage}: {}", parameter.name, ParameterSummary(parameter))
     };
     known.iter().map(line).collect::<Vec<_>>().join("\n")

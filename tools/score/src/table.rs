@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fmt};
 
 use attitude::metrics::AttitudeError;
-use launch::Launch;
+use launch::{Launch, Slot};
 use serde::Serialize;
 
 use crate::{
@@ -193,11 +193,9 @@ impl ErrorsDeg {
 
 impl StageScore {
     pub(crate) fn new(launch: &Launch) -> Self {
-        let slots =
-            [("gyro", &launch.gyro), ("accel", &launch.accel), ("fuser", &launch.fuser), ("course", &launch.course)];
-        let settings = slots
-            .iter()
-            .flat_map(|(slot, stage)| stage.set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
+        let settings = Slot::ALL
+            .into_iter()
+            .flat_map(|slot| launch.stage(slot).set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
         Self {
             fuser: launch.fuser.stage.clone(),
             gyro: launch.gyro.stage.clone(),

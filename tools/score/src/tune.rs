@@ -179,7 +179,7 @@ impl SettingRange {
         let mut chains = Vec::new();
         for (index, launch) in changed.iter().enumerate() {
             for (slot, stage, parameters) in StageChain::from_launch(launch)?.parameters() {
-                let set = |launch: &Launch| launch.stage(slot).and_then(|config| config.set.get(&self.key).copied());
+                let set = |launch: &Launch| launch.stage(slot).set.get(&self.key).copied();
                 let is_target = self.target.as_ref().is_none_or(|target| target == slot.name() || target == stage);
                 let parameter = parameters.iter().find(|parameter| parameter.name == self.key && is_target);
                 if let Some(parameter) = parameter.filter(|_| set(launch) == Some(value)) {

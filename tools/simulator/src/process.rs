@@ -47,10 +47,11 @@ pub(crate) const KILLED: &str = "was killed by signal 9";
 impl ProcessState {
     /// Opens the topics and starts the service.
     pub(crate) fn start(service: Service, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
-        Ok(match service {
-            Service::Ingest => Self::Source(Box::new(Source::start(config, bus))),
-            service => Self::Slot(SlotProcess::start(service, config, bus)?),
-        })
+        match service.slot() {
+            Some(slot) => SlotProcess::start(slot, config, bus).map(Self::Slot),
+            None if service == Service::Ingest => Ok(Self::Source(Box::new(Source::start(config, bus)))),
+            None => Err(format!("the service {service} is not simulated")),
+        }
     }
 
     /// Polls the process once. Returns `false` if it is killed.

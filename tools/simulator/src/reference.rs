@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
-use launch::{Launch, Service};
+use launch::{Launch, Slot};
 use messages::{AttitudeOutput, Flags, Ticked};
-use runtime::{Slot, checkpoint, service_config::FIRST_EPOCH};
+use runtime::{SlotProcessor, checkpoint, service_config::FIRST_EPOCH};
 
 use crate::flight::{FLIGHT_COUNT, Flight, MAX_TICKS, config, stage};
 
@@ -46,26 +46,24 @@ pub(crate) fn reference_run(number: u64) -> Result<&'static ReferenceRun, String
 /// Computes the attitudes of the first `ticks` ticks with the given swaps.
 pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &SwapsBySlot) -> Result<Vec<AttitudeOutput>, String> {
     let text = |error: runtime::RuntimeError| error.to_string();
-    let config_with = |service: Service, name: &str| {
+    let config_with = |slot: Slot, name: &str| {
         let mut launch: Launch = flight.launch.clone();
-        if let Some(slot) = launch.stage_mut(service) {
-            *slot = stage(name);
-        }
+        *launch.stage_mut(slot) = stage(name);
         config(&launch)
     };
     let initial = config(&flight.launch);
-    let swaps_of = |service: Service| swaps.get(service.name()).cloned().unwrap_or_default();
-    let mut gyro = SlotChain::new(Service::Gyro, gyro::slot(&initial).map_err(text)?, swaps_of(Service::Gyro));
-    let mut accel = SlotChain::new(Service::Accel, accel::slot(&initial).map_err(text)?, swaps_of(Service::Accel));
-    let mut fuser = SlotChain::new(Service::Fuser, fuser::slot(&initial).map_err(text)?, swaps_of(Service::Fuser));
-    let mut course = SlotChain::new(Service::Course, course::slot(&initial).map_err(text)?, swaps_of(Service::Course));
+    let swaps_of = |slot: Slot| swaps.get(slot.name()).cloned().unwrap_or_default();
+    let mut gyro = SlotChain::new(gyro::slot(&initial).map_err(text)?, swaps_of(Slot::Gyro));
+    let mut accel = SlotChain::new(accel::slot(&initial).map_err(text)?, swaps_of(Slot::Accel));
+    let mut fuser = SlotChain::new(fuser::slot(&initial).map_err(text)?, swaps_of(Slot::Fuser));
+    let mut course = SlotChain::new(course::slot(&initial).map_err(text)?, swaps_of(Slot::Course));
     let mut attitudes = Vec::new();
     for sample in flight.samples.iter().take(ticks as usize) {
         let tick = sample.imu.header.tick;
-        gyro.start_candidates(tick, |name| gyro::slot(&config_with(Service::Gyro, name)).map_err(text))?;
-        accel.start_candidates(tick, |name| accel::slot(&config_with(Service::Accel, name)).map_err(text))?;
-        fuser.start_candidates(tick, |name| fuser::slot(&config_with(Service::Fuser, name)).map_err(text))?;
-        course.start_candidates(tick, |name| course::slot(&config_with(Service::Course, name)).map_err(text))?;
+        gyro.start_candidates(tick, |name| gyro::slot(&config_with(Slot::Gyro, name)).map_err(text))?;
+        accel.start_candidates(tick, |name| accel::slot(&config_with(Slot::Accel, name)).map_err(text))?;
+        fuser.start_candidates(tick, |name| fuser::slot(&config_with(Slot::Fuser, name)).map_err(text))?;
+        course.start_candidates(tick, |name| course::slot(&config_with(Slot::Course, name)).map_err(text))?;
         let mut fused = Vec::new();
         if let Some(fix) = sample.gnss {
             course.offer(|| fix.into(), &mut attitudes);
@@ -86,7 +84,6 @@ pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &SwapsBySlot) -> Res
 
 /// Slot with the stages that fill it one after another.
 struct SlotChain<S> {
-    service: Service,
     stages: Vec<StageRun<S>>,
     swaps: Vec<CommittedSwap>,
 }
@@ -99,20 +96,19 @@ struct StageRun<S> {
     swapped: bool,
 }
 
-impl<S: Slot> SlotChain<S> {
-    fn new(service: Service, slot: S, swaps: Vec<CommittedSwap>) -> Self {
+impl<S: SlotProcessor> SlotChain<S> {
+    fn new(slot: S, swaps: Vec<CommittedSwap>) -> Self {
         let first = StageRun { slot, from_tick: 0, epoch: FIRST_EPOCH, swapped: false };
-        Self { service, stages: vec![first], swaps }
+        Self { stages: vec![first], swaps }
     }
 
     /// Starts the stages that resume from the checkpoint before `tick`.
     fn start_candidates(&mut self, tick: u64, slot_of: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };
-            let checkpoint = checkpoint::capture(&mut before.slot, self.service, 1, false);
+            let checkpoint = checkpoint::capture(&mut before.slot, 1, false);
             let mut slot = slot_of(&swap.stage)?;
-            let resumed =
-                checkpoint::resume(&mut slot, self.service, &checkpoint).map_err(|error| error.to_string())?;
+            let resumed = checkpoint::resume(&mut slot, &checkpoint).map_err(|error| error.to_string())?;
             let (from_tick, epoch) = (swap.from_tick, FIRST_EPOCH + self.stages.len() as u32);
             self.stages.push(StageRun { slot, from_tick, epoch, swapped: resumed == checkpoint::Resumed::Common });
         }

@@ -1,6 +1,6 @@
 //! Setup of a run: its properties and faults, all derived from the seed before the run starts.
 
-use launch::{Launch, Measure, OnLimit, PromotionRule, Service};
+use launch::{Launch, Measure, OnLimit, PromotionRule, Service, Slot};
 use runtime::Pace;
 
 use crate::{
@@ -51,9 +51,9 @@ pub(crate) enum Fault {
     RemoveFiles,
     /// Requests a stage for a slot. If `shadow_ms` is given, the stage runs as a shadow that ends
     /// after this time.
-    Swap { service: Service, stage: &'static str, shadow_ms: Option<u64>, expected_epoch: Option<u32> },
+    Swap { slot: Slot, stage: &'static str, shadow_ms: Option<u64>, expected_epoch: Option<u32> },
     /// Requests the end of a slot's shadow.
-    Cancel { service: Service },
+    Cancel { slot: Slot },
     /// Requests the status of the services.
     Status,
     /// Stops the system.
@@ -66,11 +66,11 @@ const QUIET_BEFORE_STOP_MS: u64 = 6000;
 const LONG_FREEZE_MS: u64 = 300;
 
 /// Stages of each slot that clients may request.
-const STAGES: [(Service, &[&str]); 4] = [
-    (Service::Gyro, &["mobius", "mobius-coning", "rk4", "euler"]),
-    (Service::Accel, &["projector", "inclinometer-matrix", "inclinometer-quaternion"]),
-    (Service::Fuser, &["multiple-model", "wz", "madgwick", "madgwick-improved", "levelling", "vqf", "aided"]),
-    (Service::Course, &["angles", "track"]),
+const STAGES: [(Slot, &[&str]); Slot::ALL.len()] = [
+    (Slot::Gyro, &["mobius", "mobius-coning", "rk4", "euler"]),
+    (Slot::Accel, &["projector", "inclinometer-matrix", "inclinometer-quaternion"]),
+    (Slot::Fuser, &["multiple-model", "wz", "madgwick", "madgwick-improved", "levelling", "vqf", "aided"]),
+    (Slot::Course, &["angles", "track"]),
 ];
 
 impl Setup {
@@ -135,8 +135,8 @@ impl Setup {
         let same_kind = random.chance(400);
         for _ in 0..random.between(0, 4) {
             let at_ms = random.between(0, flight_ms);
-            let (service, stages) = random.pick(&STAGES);
-            let same = self.launch.stage(service).map_or("", |slot| &slot.stage);
+            let (slot, stages) = random.pick(&STAGES);
+            let same = &self.launch.stage(slot).stage;
             let same = stages.iter().find(|name| **name == same).copied().unwrap_or(stages[0]);
             let stage = if random.chance(20) {
                 "wzz"
@@ -147,15 +147,15 @@ impl Setup {
             };
             let shadow_ms = random.chance(250).then(|| random.between(50, 3000));
             let expected_epoch = random.chance(100).then(|| random.between(1, 3) as u32);
-            self.faults.push((at_ms, Fault::Swap { service, stage, shadow_ms, expected_epoch }));
+            self.faults.push((at_ms, Fault::Swap { slot, stage, shadow_ms, expected_epoch }));
             // A later request asks for the same stage without a shadow. It promotes an existing
             // shadow or repeats the first request.
             if random.chance(300) {
-                let again = Fault::Swap { service, stage, shadow_ms: None, expected_epoch: None };
+                let again = Fault::Swap { slot, stage, shadow_ms: None, expected_epoch: None };
                 self.faults.push((at_ms + random.between(0, 1500), again));
             }
             if random.chance(100) {
-                self.faults.push((at_ms + random.between(0, 1000), Fault::Cancel { service }));
+                self.faults.push((at_ms + random.between(0, 1000), Fault::Cancel { slot }));
             }
         }
         if random.chance(200) {
@@ -214,7 +214,7 @@ impl Setup {
     /// that subscribes to the slot.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
-            Fault::Swap { service, shadow_ms: None, .. } => Some((*at_ms, *service)),
+            Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, slot.service())),
             _ => None,
         });
         let swaps: Vec<_> = swaps.collect();
@@ -265,7 +265,7 @@ impl Setup {
 
 fn promotion_rule(random: &mut Random, launch: &Launch) -> PromotionRule {
     let (slot, stages) = random.pick(&STAGES);
-    let current = launch.stage(slot).map_or("", |slot| &slot.stage);
+    let current = &launch.stage(slot).stage;
     let another = stages.iter().find(|name| **name != current).copied().unwrap_or(stages[0]);
     PromotionRule {
         slot,

@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use launch::Service;
 use messages::Credit;
-use runtime::{Role, ServiceConfig, service_config::FIRST_EPOCH};
+use runtime::{
+    Role, ServiceConfig,
+    service_config::{FIRST_EPOCH, Resume},
+};
 use supervision::{Action, ControlRequest, Event, Failure, Reply, Spawn, SwapRequest};
 
 use crate::{
@@ -194,16 +197,11 @@ impl World {
         }
         // If the current stage has not sent a checkpoint yet, the process resumes from a checkpoint
         // of another stage. The output is then ambiguous.
-        if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(current_stage)) =
-            (&resume, self.supervision.launch().stage(service))
-        {
-            self.swaps.ambiguous |= checkpoint.stage() != current_stage.stage;
+        let checkpoint = resume.as_ref().and_then(Resume::checkpoint);
+        if let (Some(checkpoint), Some(slot)) = (checkpoint, service.slot()) {
+            self.swaps.ambiguous |= checkpoint.stage() != self.supervision.launch().stage(slot).stage;
         }
-        let checkpoint_tick = match &resume {
-            Some(supervision::Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
-            Some(supervision::Resume::Source { next_tick, .. }) => Some(*next_tick),
-            _ => None,
-        };
+        let checkpoint_tick = resume.as_ref().and_then(Resume::next_tick);
         self.record_candidate(incarnation, service, stage.as_ref(), role, checkpoint_tick);
         if self.random.chance(self.setup.spawn_failure_per_mille) && !(is_first && self.setup.strict) {
             self.trace(|_| format!("{service} {incarnation}: spawn failed"));
@@ -211,10 +209,9 @@ impl World {
         }
         self.restarts += u64::from(!is_first);
         let mut launch = self.supervision.launch().clone();
-        if let Some((slot, stage)) = launch.stage_mut(service).zip(stage) {
-            *slot = stage;
+        if let Some((slot, stage)) = service.slot().zip(stage) {
+            *launch.stage_mut(slot) = stage;
         }
-        let resume = resume.map(to_service_resume);
         let config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config() };
         let candidate = role == Role::Candidate;
         let hangs = self.random.chance(self.setup.hung_start_per_mille) && !(is_first && self.setup.strict);
@@ -263,15 +260,15 @@ impl World {
         role: Role,
         checkpoint_tick: Option<u64>,
     ) {
-        let Some(stage) = stage else { return };
-        let current_stage = self.supervision.launch().stage(service).map(|slot| slot.stage.clone());
+        let Some((slot, stage)) = service.slot().zip(stage) else { return };
+        let current_stage = &self.supervision.launch().stage(slot).stage;
         let owner = self.supervision.entries().find(|(slot, _)| *slot == service);
         let replaces_exited_owner = role != Role::Candidate;
         // If the process is the current owner, this is a restart and not a take-over.
         if replaces_exited_owner && owner.is_some_and(|(_, entry)| entry.incarnation() == incarnation) {
             return;
         }
-        let changes_stage = current_stage.as_ref() != Some(&stage.stage);
+        let changes_stage = *current_stage != stage.stage;
         let stage = stage.stage.clone();
         self.swaps.candidates.insert(
             incarnation,
@@ -321,14 +318,14 @@ impl World {
         let description = format!("{fault:?}");
         let mut disconnect_ms = None;
         let request = match fault {
-            Fault::Swap { service, stage: name, shadow_ms, expected_epoch } => {
+            Fault::Swap { slot, stage: name, shadow_ms, expected_epoch } => {
                 disconnect_ms = shadow_ms.map(|ms| self.now_ms + ms);
                 let shadow = shadow_ms.is_some();
                 let timeout_ms = (!shadow).then_some(SWAP_TIMEOUT_MS);
-                let slot = service.name().into();
+                let slot = slot.name().into();
                 ControlRequest::Swap(SwapRequest { slot, stage: stage(name), shadow, expected_epoch, timeout_ms })
             }
-            Fault::Cancel { service } => ControlRequest::Cancel { slot: service.name().into() },
+            Fault::Cancel { slot } => ControlRequest::Cancel { slot: slot.name().into() },
             _ => ControlRequest::Status,
         };
         self.clients.insert(number, Client { description, replies: 0, disconnect_ms, disconnected: false });
@@ -416,17 +413,5 @@ impl World {
             }
         }
         Ok(())
-    }
-}
-
-/// Converts a resume point to the type of the service configuration.
-fn to_service_resume(resume: supervision::Resume) -> runtime::service_config::Resume {
-    use runtime::service_config::Resume;
-    match resume {
-        supervision::Resume::Fresh => Resume::Fresh,
-        supervision::Resume::Checkpoint(checkpoint) => Resume::Checkpoint(Box::new((&*checkpoint).into())),
-        supervision::Resume::Source { next_tick, start_ns, offset_ns } => {
-            Resume::Source { next_tick, start_ns, offset_ns }
-        }
     }
 }

@@ -6,10 +6,10 @@ use accel::AccelProcessor;
 use course::{CourseMessage, CourseSlot};
 use fuser::{FuserMessage, FuserSlot};
 use gyro::GyroProcessor;
-use launch::Service;
+use launch::Slot;
 use messages::{Difference, Health, State, Ticked};
 use runtime::{
-    ServiceConfig, SingleInputSlot, Slot, input_scheduling::poll_fairly, ordered_subscriber::OrderedStream,
+    ServiceConfig, SingleInputSlot, SlotProcessor, input_scheduling::poll_fairly, ordered_subscriber::OrderedStream,
     service_config::Resume, slot_service::SlotService,
 };
 use swap::Role;
@@ -36,21 +36,19 @@ pub(crate) enum SlotProcess {
 
 impl SlotProcess {
     /// Opens the topics and restores the state from which the slot resumes.
-    pub(crate) fn start(service: Service, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
+    pub(crate) fn start(slot: Slot, config: &ServiceConfig, bus: &mut Bus) -> Result<Self, String> {
         let text = |error: runtime::RuntimeError| error.to_string();
         let mut ports = Ports::new(config, bus);
-        Ok(match service {
-            Service::Gyro => {
+        Ok(match slot {
+            Slot::Gyro => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
-                Self::Gyro(ports.start_worker(gyro::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.gyro))
+                Self::Gyro(ports.start_worker(gyro::slot(config).map_err(text)?, inputs, |bus| &mut bus.gyro))
             }
-            Service::Accel => {
+            Slot::Accel => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
-                Self::Accel(
-                    ports.start_worker(accel::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.accel),
-                )
+                Self::Accel(ports.start_worker(accel::slot(config).map_err(text)?, inputs, |bus| &mut bus.accel))
             }
-            Service::Fuser => {
+            Slot::Fuser => {
                 let inputs: Vec<InputReader<FuserMessage>> = vec![
                     ports.ordered(|bus| &mut bus.gyro),
                     ports.ordered(|bus| &mut bus.accel),
@@ -58,19 +56,12 @@ impl SlotProcess {
                     ports.unordered(|bus| &mut bus.gnss),
                     ports.control(),
                 ];
-                Self::Fuser(
-                    ports.start_worker(fuser::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.fused),
-                )
+                Self::Fuser(ports.start_worker(fuser::slot(config).map_err(text)?, inputs, |bus| &mut bus.fused))
             }
-            Service::Course => {
+            Slot::Course => {
                 let inputs: Vec<InputReader<CourseMessage>> =
                     vec![ports.ordered(|bus| &mut bus.fused), ports.unordered(|bus| &mut bus.gnss)];
-                Self::Course(
-                    ports.start_worker(course::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.attitude),
-                )
-            }
-            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
-                return Err(format!("{service} has no slot"));
+                Self::Course(ports.start_worker(course::slot(config).map_err(text)?, inputs, |bus| &mut bus.attitude))
             }
         })
     }
@@ -114,10 +105,8 @@ struct Ports<'a> {
 
 impl<'a> Ports<'a> {
     fn new(config: &'a ServiceConfig, bus: &'a mut Bus) -> Self {
-        let next_tick = match &config.resume {
-            Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
-            _ => 0,
-        };
+        let checkpoint = config.resume.as_ref().and_then(Resume::checkpoint);
+        let next_tick = checkpoint.map_or(0, |checkpoint| checkpoint.next_tick);
         Self { config, bus, wants_history: config.resume.is_some(), next_tick }
     }
 
@@ -158,10 +147,9 @@ impl<'a> Ports<'a> {
         })
     }
 
-    fn start_worker<S: Slot>(
+    fn start_worker<S: SlotProcessor>(
         mut self,
         slot: S,
-        service: Service,
         inputs: Vec<InputReader<S::Input>>,
         output: TopicAccessor<S::Output>,
     ) -> Box<Worker<S>> {
@@ -173,14 +161,14 @@ impl<'a> Ports<'a> {
         bus.checkpoint.add_publisher(incarnation);
         bus.difference.add_publisher(incarnation);
         let newest = [bus.imu.next_tick, bus.gyro.next_tick, bus.accel.next_tick, bus.fused.next_tick];
-        let input_tick = match service {
-            Service::Fuser => newest[1].max(newest[2]),
-            Service::Course => newest[3],
-            _ => newest[0],
+        let input_tick = match S::SLOT {
+            Slot::Gyro | Slot::Accel => newest[0],
+            Slot::Fuser => newest[1].max(newest[2]),
+            Slot::Course => newest[3],
         };
         let output_tick = output(bus).next_tick;
-        let (slot_service, _) = SlotService::new(slot, service, config, input_tick, output_tick);
-        let health = Health { service: service as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
+        let (slot_service, _) = SlotService::new(slot, config, input_tick, output_tick);
+        let health = Health { service: S::SLOT.service() as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
         Box::new(Worker {
             service: slot_service,
             inputs,
@@ -195,7 +183,7 @@ impl<'a> Ports<'a> {
 }
 
 /// Running service of a slot.
-pub(crate) struct Worker<S: Slot> {
+pub(crate) struct Worker<S: SlotProcessor> {
     service: SlotService<S>,
     inputs: Vec<InputReader<S::Input>>,
     control: SubscriberId,
@@ -206,7 +194,7 @@ pub(crate) struct Worker<S: Slot> {
     difference_sent_ms: u64,
 }
 
-impl<S: Slot> Worker<S> {
+impl<S: SlotProcessor> Worker<S> {
     fn poll(&mut self, context: &mut PollContext<'_>) -> bool {
         let owned_next_tick = self.service.owns_next_tick();
         let mut report_now = self.health_sent_ms.is_none();

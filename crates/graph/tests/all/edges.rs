@@ -2,7 +2,7 @@
 use graph::{
     Presence, Service,
     Service::{Accel, Cockpit, Course, Drivers, Fuser, Gateway, Gyro, Ingest},
-    Topic,
+    Slot, Topic,
 };
 
 fn names(topics: impl Iterator<Item = Topic>) -> Vec<&'static str> {
@@ -46,6 +46,24 @@ fn sources_publish_every_tick() {
 #[test]
 fn sparse_topics_are_carried_before_dense_ones() {
     assert_eq!(names(Topic::carried()), ["mag", "gnss", "imu", "gyro", "accel", "fused"]);
+}
+
+#[test]
+fn slots_are_services_of_the_path_that_run_a_stage() {
+    let services = Slot::ALL.map(Slot::service);
+    assert_eq!(services, [Gyro, Accel, Fuser, Course]);
+    assert_eq!(Service::ALL.into_iter().filter(|service| service.slot().is_some()).collect::<Vec<_>>(), services);
+    assert_eq!(services.map(Service::slot), Slot::ALL.map(Some));
+    assert_eq!(["fuser", "ingest", "fusers"].map(Slot::from_name), [Some(Slot::Fuser), None, None]);
+}
+
+#[test]
+fn properties_follow_the_table_of_services() {
+    assert_eq!(Service::LISTED, [Ingest, Gyro, Accel, Fuser, Course, Gateway, Cockpit]);
+    let with = |property: fn(Service) -> bool| Service::ALL.into_iter().filter(|s| property(*s)).collect::<Vec<_>>();
+    assert_eq!(with(Service::is_auxiliary), [Gateway, Drivers, Cockpit]);
+    assert_eq!(with(Service::carries_ticks), [Gateway]);
+    assert_eq!(with(Service::is_low_priority), [Gateway, Cockpit]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use attitude::{
     stage::{RestoreError, Stage, Validate},
 };
 use host::{HostError, HostedStage};
-use launch::{ExternalStage, Service};
+use launch::{ExternalStage, Slot};
 
 const TIMEOUT: Duration = Duration::from_millis(300);
 
@@ -49,7 +49,7 @@ while request := requests.recv(16384):
 
 fn start(fault: &str) -> Result<HostedStage<Accelerometer>, HostError> {
     let command = ["python3", "-c", PROGRAM, fault].map(String::from).into();
-    HostedStage::start("own", &ExternalStage { slot: Service::Accel, command, folder: ".".into() }, TIMEOUT)
+    HostedStage::start("own", &ExternalStage { slot: Slot::Accel, command, folder: ".".into() }, TIMEOUT)
 }
 
 fn steps(stage: &mut HostedStage<Accelerometer>) -> f64 {
@@ -115,7 +115,7 @@ fn invalid_output_is_left_to_the_slot() {
 
 #[test]
 fn stage_of_another_slot_is_not_started() {
-    let mut program = ExternalStage { slot: Service::Fuser, command: vec!["python3".into()], folder: ".".into() };
+    let mut program = ExternalStage { slot: Slot::Fuser, command: vec!["python3".into()], folder: ".".into() };
     program.command.extend(["-c", PROGRAM, "none"].map(String::from));
     let message = HostedStage::<attitude::fuser::Fuser>::start("own", &program, TIMEOUT).unwrap_err().to_string();
     assert!(message.ends_with("it is a stage of the slot accel, not of fuser"), "{message}");

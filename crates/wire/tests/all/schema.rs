@@ -5,6 +5,7 @@ use crate::common::{RandomMessage, TestRng, for_every_message};
 use messages::Layout;
 use prost::Message as _;
 use prost_types::{DescriptorProto, FileDescriptorSet, field_descriptor_proto::Type};
+use wire::v1;
 
 fn descriptors() -> BTreeMap<String, DescriptorProto> {
     let set = FileDescriptorSet::decode(wire::schema::DESCRIPTORS).unwrap();
@@ -48,6 +49,15 @@ fn every_topic_has_message_and_batch() {
         let fields: Vec<_> = batch.field.iter().map(|field| (field.number(), field.type_name())).collect();
         assert_eq!(fields, [(1, ".plumbline.v1.Envelope"), (2, format!(".plumbline.v1.{name}").as_str())]);
     }
+}
+
+#[test]
+fn schema_numbers_services_as_the_graph_does() {
+    for (value, service) in (1..).zip(graph::Service::ALL) {
+        let name = v1::Service::try_from(value).unwrap().as_str_name();
+        assert_eq!(name, format!("SERVICE_{}", service.name().to_uppercase()));
+    }
+    assert!(v1::Service::try_from(graph::Service::ALL.len() as i32 + 1).is_err());
 }
 
 /// Lists the released schema: each field as `Message.field number label type` and each enum value

@@ -20,15 +20,17 @@ pub(crate) struct RateLimit {
 impl RateLimit {
     /// Returns the limit of a topic, or `None` if the topic is not limited.
     pub(crate) fn for_topic(topic: Topic) -> Option<Self> {
-        let (span_ns, count_max) = match topic {
-            Topic::Event => return None,
-            // Several processes publish each of these topics in turn, and a minimum interval could
-            // permanently exclude one of them. The number of messages per second is limited
-            // instead.
-            Topic::Health | Topic::Difference => (SECOND_NS, MAX_MESSAGES),
-            _ => (SECOND_NS.div_ceil(MAX_MESSAGES as u64), 1),
+        if topic == Topic::Event {
+            return None;
+        }
+        // If several processes publish a topic in turn, a minimum interval could permanently
+        // exclude one of them. The number of messages per second is limited instead.
+        let (window_ns, max_count) = if topic.entry().publisher.is_many() {
+            (SECOND_NS, MAX_MESSAGES)
+        } else {
+            (SECOND_NS.div_ceil(MAX_MESSAGES as u64), 1)
         };
-        Some(Self { window_ns: span_ns, max_count: count_max, admitted_ns: VecDeque::new() })
+        Some(Self { window_ns, max_count, admitted_ns: VecDeque::new() })
     }
 
     /// Returns `true` if a message at `t_ns` is within the limit, and counts it.

@@ -1,5 +1,7 @@
 //! Conformance of every built-in stage.
-fn assert_all_conform(slot: &str) {
+use launch::Slot;
+
+fn assert_all_conform(slot: Slot) {
     let check = |stage: &str| {
         let report = conformance::run(slot, stage).unwrap();
         println!("{report}\n");
@@ -15,20 +17,20 @@ fn assert_all_conform(slot: &str) {
 
 #[test]
 fn gyro_stages_conform() {
-    assert_all_conform("gyro");
+    assert_all_conform(Slot::Gyro);
 }
 
 #[test]
 fn accel_stages_conform() {
-    assert_all_conform("accel");
+    assert_all_conform(Slot::Accel);
 }
 
 #[test]
 fn fuser_stages_conform() {
-    assert_all_conform("fuser");
+    assert_all_conform(Slot::Fuser);
 }
 
 #[test]
 fn course_stages_conform() {
-    assert_all_conform("course");
+    assert_all_conform(Slot::Course);
 }

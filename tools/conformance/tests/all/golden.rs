@@ -14,9 +14,9 @@ fn stages_match_their_golden_traces() {
     let mut differences = String::new();
     for (slot, stage) in conformance::stages() {
         let trace = trace(slot, stage).unwrap();
-        fs::create_dir_all(actual.join(slot)).unwrap();
-        fs::write(actual.join(slot).join(stage).with_extension("csv"), &trace).unwrap();
-        let golden = fs::read_to_string(Path::new(GOLDEN).join(slot).join(stage).with_extension("csv"));
+        fs::create_dir_all(actual.join(slot.name())).unwrap();
+        fs::write(actual.join(slot.name()).join(stage).with_extension("csv"), &trace).unwrap();
+        let golden = fs::read_to_string(Path::new(GOLDEN).join(slot.name()).join(stage).with_extension("csv"));
         let difference = golden.map_or(Some("no golden trace".into()), |golden| difference(&trace, &golden));
         differences.extend(difference.map(|difference| format!("{slot} {stage}: {difference}\n")));
     }

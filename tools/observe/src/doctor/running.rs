@@ -74,20 +74,17 @@ impl Observation {
     }
 
     fn record(&mut self, service: Service, bytes: &[u8]) {
-        match service {
-            Service::Ingest => {
-                let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) else { return };
-                self.at_rest.push(&sample);
-                let field = self.fields.take(sample.header.tick);
-                self.diagnoses.extend(self.input_check.update(&sample, field.as_ref()));
-            }
-            Service::Course => {
-                let Ok(output) = bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes) else { return };
-                self.attitudes += 1;
-                let set = (0..64).filter(|bit| output.header().flags.any(Flags(1 << bit)));
-                set.for_each(|bit| self.flag_counts[bit] += 1);
-            }
-            _ => {}
+        if service == Service::Ingest {
+            let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) else { return };
+            self.at_rest.push(&sample);
+            let field = self.fields.take(sample.header.tick);
+            self.diagnoses.extend(self.input_check.update(&sample, field.as_ref()));
+        }
+        if service == Service::Course {
+            let Ok(output) = bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes) else { return };
+            self.attitudes += 1;
+            let set = (0..64).filter(|bit| output.header().flags.any(Flags(1 << bit)));
+            set.for_each(|bit| self.flag_counts[bit] += 1);
         }
     }
 
@@ -200,13 +197,15 @@ fn rate_check(service: Service, flow: &FlowMonitor, expected_hz: Option<f64>, co
     let topic = &report.topic;
     let Some(rate_hz) = report.rate_hz else {
         let found = format!("{topic}: {} during the observation", pluralize(report.messages, "message"));
-        let remedy = match (service, config.launch.ingest.source) {
-            (Service::Ingest, Source::Bus) => "check that the sensor driver runs and publishes on the topic `sensor`",
-            (Service::Ingest, source) if source.needs_drivers() => {
-                "check that the device sends; driver messages are in the output of `plumb up`"
-            }
-            (Service::Ingest, _) => "the source may have reached its end; see `plumb ps`",
-            _ => "check the services upstream of it",
+        let source = config.launch.ingest.source;
+        let remedy = if service != Service::Ingest {
+            "check the services upstream of it"
+        } else if source == Source::Bus {
+            "check that the sensor driver runs and publishes on the topic `sensor`"
+        } else if source.needs_drivers() {
+            "check that the device sends; driver messages are in the output of `plumb up`"
+        } else {
+            "the source may have reached its end; see `plumb ps`"
         };
         return Check::problem(check, found, remedy);
     };
