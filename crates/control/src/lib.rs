@@ -13,11 +13,13 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `client` | the client side |
+//! | `request` | requests and their replies |
 //! | `server` | the supervisor's side |
 
 #![forbid(unsafe_code)]
 
 mod client;
+mod request;
 mod server;
 #[cfg(test)]
 mod tests;
@@ -27,8 +29,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 pub use client::{ControlError, send_request};
+pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use server::ControlSocket;
-pub use supervision::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use swap::SwapOutcome;
 
 /// Maximum length of a request or response, bytes.

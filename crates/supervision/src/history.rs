@@ -6,10 +6,11 @@
 //! - Time: added by the caller.
 //! - Failure: a text that is too long is truncated, and the event is marked.
 
+use control::SwapReport;
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 
-use crate::{Action, Resume, Supervision, SwapReport};
+use crate::{Action, Resume, Supervision};
 
 /// Maximum number of stages remembered per slot.
 const MAX_INSTANCES: usize = 64;

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use control::Diagnostic;
 use launch::{Restart, Service};
 use messages::{Health, State};
 
 use crate::{
-    Action, Diagnostic, Resume,
+    Action, Resume,
     restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 

@@ -1,11 +1,12 @@
 //! Slot ownership: one coordinator per slot, with its events and actions.
 
+use control::{SwapReport, SwapRequest};
 use launch::{Launch, Service, StageConfig, nearest};
 use messages::{EventKind, Health, SystemEvent};
 use swap::{Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Role, SwapLimits, SwapOutcome, SwapState};
 
 use crate::{
-    Action, Config, OutputProgress, Reply, Resume, Spawn, Supervision, SwapReport, SwapRequest,
+    Action, Config, OutputProgress, Reply, Resume, Spawn, Supervision,
     history::{StageHistory, StageInstance, with_stage},
     pending_swaps::{Pending, Requester},
     process::Process,
@@ -511,8 +512,10 @@ mod tests {
     use bytemuck::Zeroable;
     use messages::{Control, State};
 
+    use control::ControlRequest;
+
     use super::*;
-    use crate::{ControlRequest, Event};
+    use crate::Event;
 
     const RATE_HZ: f64 = 100.0;
     const ALL: [Service; 5] = [Service::Ingest, Service::Gyro, Service::Accel, Service::Fuser, Service::Course];

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use control::{ControlRequest, SwapRequest};
 use launch::Service;
 use messages::Credit;
 use runtime::{Role, ServiceConfig, service_config::FIRST_EPOCH};
-use supervision::{Action, ControlRequest, Event, Failure, Reply, Spawn, SwapRequest};
+use supervision::{Action, Event, Failure, Reply, Spawn};
 
 use crate::{
     bus::SUPERVISOR,

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use launch::StageConfig;
+use graph::StageConfig;
 use serde::{Deserialize, Serialize};
 use swap::SwapOutcome;
 
@@ -113,7 +113,7 @@ pub struct SwapReport {
 
 impl SwapReport {
     /// Creates the report of a swap that was not committed.
-    pub(crate) fn failed(slot: String, from: String, to: String, outcome: SwapOutcome, reason: String) -> Self {
+    pub fn failed(slot: String, from: String, to: String, outcome: SwapOutcome, reason: String) -> Self {
         let (lost, duplicated, gap_us, jump_deg) = (0, 0, 0.0, 0.0);
         Self { slot, from, to, commit_tick: None, lost, duplicated, gap_us, jump_deg, outcome, reason: Some(reason) }
     }
