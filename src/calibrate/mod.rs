@@ -14,10 +14,10 @@ use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
 use indicatif::{ProgressBar, ProgressStyle};
-use ingest::source::{Reading, SourceError};
 use launch::{GyroSamples, Launch, LaunchError};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
+use readings::source::{Reading, SourceError};
 use score::{
     ScoreError,
     trial::{Gnss, Trial, TrialOptions},

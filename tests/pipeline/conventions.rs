@@ -213,7 +213,7 @@ fn published(vector: &Vector) -> AttitudeOutput {
         supervisor_pid: 0,
     };
     let mut output = None;
-    course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
+    slots::course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 

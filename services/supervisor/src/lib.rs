@@ -43,9 +43,9 @@ use std::{
 
 use bus::BusError;
 use control::ControlError;
-use ingest::{flight_replay::FlightReplayError, source::SourceError};
 use launch::LaunchError;
 use pipeline::CollectorError;
+use readings::{flight_replay::FlightReplayError, source::SourceError};
 use recording::RecordingError;
 use runtime::RuntimeError;
 use supervision::Failure;

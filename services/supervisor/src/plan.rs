@@ -219,10 +219,10 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
     let config = standalone_config(launch.clone(), 1000.0, Pace::Speed(1.0));
     let result = match slot {
         Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => return Ok(()),
-        Service::Gyro => gyro::slot(&config).map(|_| ()),
-        Service::Accel => accel::slot(&config).map(|_| ()),
-        Service::Fuser => fuser::slot(&config).map(|_| ()),
-        Service::Course => course::slot(&config).map(|_| ()),
+        Service::Gyro => slots::gyro::slot(&config).map(|_| ()),
+        Service::Accel => slots::accel::slot(&config).map(|_| ()),
+        Service::Fuser => slots::fuser::slot(&config).map(|_| ()),
+        Service::Course => slots::course::slot(&config).map(|_| ()),
     };
     result.map_err(|error| error.to_string())
 }

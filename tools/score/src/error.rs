@@ -3,9 +3,9 @@
 use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
-use ingest::source::SourceError;
 use launch::Service;
 use pipeline::CollectorError;
+use readings::source::SourceError;
 use recording::RecordingError;
 use runtime::RuntimeError;
 use scenario::ScenarioError;

@@ -14,7 +14,7 @@ use attitude::{
     metrics::{Accuracy, AttitudeError},
     state::Attitude,
 };
-use ingest::source::Truth;
+use readings::source::Truth;
 use serde::Serialize;
 
 use crate::{plot::curve::Curve, table::ErrorsDeg};

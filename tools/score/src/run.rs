@@ -17,12 +17,12 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use ingest::conditioner::Sample;
 use judge::{Diagnosis, InputCheck, TimestampCheck};
 use launch::{Launch, Source, pluralize};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
 use pipeline::{AttitudeFile, Collector, is_same_file};
 use rayon::prelude::*;
+use readings::conditioner::Sample;
 use runtime::{Pace, ServiceConfig};
 
 use crate::{
@@ -237,7 +237,7 @@ fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, boo
     let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
     let mut chain_runs = configs.iter().map(chain_run).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = configs.first() else { return Ok(Vec::new()) };
-    let mut conditioner = ingest::conditioner(first)?;
+    let mut conditioner = readings::conditioner(first)?;
     let gyro_bias = gyro_bias(trial, launches);
     for reading in trial.readings()? {
         let reading = reading?;
@@ -298,7 +298,7 @@ fn run_trial(
     let compares_stages = launches.len() > 1 && !trial.has_reference;
     let mut overlay = (is_first && (request.report.is_some() || compares_stages))
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
-    let mut conditioner = ingest::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
+    let mut conditioner = readings::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let gyro_bias = gyro_bias(trial, launches);
     let (mut input_check, mut timestamp_check, mut findings) =
         (InputCheck::default(), TimestampCheck::default(), Vec::new());

@@ -55,17 +55,20 @@ pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &SwapsBySlot) -> Res
     };
     let initial = config(&flight.launch);
     let swaps_of = |service: Service| swaps.get(service.name()).cloned().unwrap_or_default();
-    let mut gyro = SlotChain::new(Service::Gyro, gyro::slot(&initial).map_err(text)?, swaps_of(Service::Gyro));
-    let mut accel = SlotChain::new(Service::Accel, accel::slot(&initial).map_err(text)?, swaps_of(Service::Accel));
-    let mut fuser = SlotChain::new(Service::Fuser, fuser::slot(&initial).map_err(text)?, swaps_of(Service::Fuser));
-    let mut course = SlotChain::new(Service::Course, course::slot(&initial).map_err(text)?, swaps_of(Service::Course));
+    let mut gyro = SlotChain::new(Service::Gyro, slots::gyro::slot(&initial).map_err(text)?, swaps_of(Service::Gyro));
+    let mut accel =
+        SlotChain::new(Service::Accel, slots::accel::slot(&initial).map_err(text)?, swaps_of(Service::Accel));
+    let mut fuser =
+        SlotChain::new(Service::Fuser, slots::fuser::slot(&initial).map_err(text)?, swaps_of(Service::Fuser));
+    let mut course =
+        SlotChain::new(Service::Course, slots::course::slot(&initial).map_err(text)?, swaps_of(Service::Course));
     let mut attitudes = Vec::new();
     for sample in flight.samples.iter().take(ticks as usize) {
         let tick = sample.imu.header.tick;
-        gyro.start_candidates(tick, |name| gyro::slot(&config_with(Service::Gyro, name)).map_err(text))?;
-        accel.start_candidates(tick, |name| accel::slot(&config_with(Service::Accel, name)).map_err(text))?;
-        fuser.start_candidates(tick, |name| fuser::slot(&config_with(Service::Fuser, name)).map_err(text))?;
-        course.start_candidates(tick, |name| course::slot(&config_with(Service::Course, name)).map_err(text))?;
+        gyro.start_candidates(tick, |name| slots::gyro::slot(&config_with(Service::Gyro, name)).map_err(text))?;
+        accel.start_candidates(tick, |name| slots::accel::slot(&config_with(Service::Accel, name)).map_err(text))?;
+        fuser.start_candidates(tick, |name| slots::fuser::slot(&config_with(Service::Fuser, name)).map_err(text))?;
+        course.start_candidates(tick, |name| slots::course::slot(&config_with(Service::Course, name)).map_err(text))?;
         let mut fused = Vec::new();
         if let Some(fix) = sample.gnss {
             course.offer(|| fix.into(), &mut attitudes);

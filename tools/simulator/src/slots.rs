@@ -2,15 +2,17 @@
 
 use std::convert::Infallible;
 
-use accel::AccelProcessor;
-use course::{CourseMessage, CourseSlot};
-use fuser::{FuserMessage, FuserSlot};
-use gyro::GyroProcessor;
 use launch::Service;
 use messages::{Difference, Health, State, Ticked};
 use runtime::{
     ServiceConfig, SingleInputSlot, Slot, input_scheduling::poll_fairly, ordered_subscriber::OrderedStream,
     service_config::Resume, slot_service::SlotService,
+};
+use slots::{
+    accel::AccelProcessor,
+    course::{CourseMessage, CourseSlot},
+    fuser::{FuserMessage, FuserSlot},
+    gyro::GyroProcessor,
 };
 use swap::Role;
 
@@ -42,12 +44,15 @@ impl SlotProcess {
         Ok(match service {
             Service::Gyro => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
-                Self::Gyro(ports.start_worker(gyro::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.gyro))
+                Self::Gyro(
+                    ports.start_worker(slots::gyro::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.gyro),
+                )
             }
             Service::Accel => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
                 Self::Accel(
-                    ports.start_worker(accel::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.accel),
+                    ports
+                        .start_worker(slots::accel::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.accel),
                 )
             }
             Service::Fuser => {
@@ -59,14 +64,17 @@ impl SlotProcess {
                     ports.control(),
                 ];
                 Self::Fuser(
-                    ports.start_worker(fuser::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.fused),
+                    ports
+                        .start_worker(slots::fuser::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.fused),
                 )
             }
             Service::Course => {
                 let inputs: Vec<InputReader<CourseMessage>> =
                     vec![ports.ordered(|bus| &mut bus.fused), ports.unordered(|bus| &mut bus.gnss)];
                 Self::Course(
-                    ports.start_worker(course::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.attitude),
+                    ports.start_worker(slots::course::slot(config).map_err(text)?, service, inputs, |bus| {
+                        &mut bus.attitude
+                    }),
                 )
             }
             Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {

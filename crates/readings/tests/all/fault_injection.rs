@@ -1,11 +1,11 @@
 //! Tests the effect of injected faults on the samples of the conditioner.
 use attitude::{Vector3, gnss::Fix};
-use ingest::{
+use launch::{Fault, FaultKind, GyroSamples, Launch, Sensor};
+use messages::Flags;
+use readings::{
     conditioner::{Conditioner, Sample},
     source::{Reading, ReceiverFix},
 };
-use launch::{Fault, FaultKind, GyroSamples, Launch, Sensor};
-use messages::Flags;
 
 const RATE_HZ: f64 = 100.0;
 const FROM: usize = 100;

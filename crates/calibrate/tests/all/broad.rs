@@ -3,10 +3,10 @@ use std::path::{Path, PathBuf};
 
 use attitude::{Vector3, gyro::RateKind};
 use calibrate::{Kind, Prior, Sample};
-use ingest::source::Reading;
 use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::Collector;
+use readings::source::Reading;
 use runtime::{Pace, Role, ServiceConfig};
 use score::trial::{Trial, TrialOptions};
 
@@ -87,7 +87,7 @@ fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
         publishes_readings: false,
         supervisor_pid: std::process::id(),
     };
-    let mut conditioner = ingest::conditioner(&config).unwrap();
+    let mut conditioner = readings::conditioner(&config).unwrap();
     let mut path = pipeline::Path::new(&config).unwrap();
     let mut collector = Collector::new(None).unwrap();
     for reading in readings {

@@ -1,8 +1,8 @@
 //! Tests each row of the conditioner's table, and random stamps and values.
 use attitude::gnss::Fix;
-use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
+use readings::{conditioner::Conditioner, source::Reading};
 
 const RATE_HZ: f64 = 200.0;
 const INTERVAL_NS: i64 = 5_000_000;

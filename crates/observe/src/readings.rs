@@ -4,9 +4,9 @@ use attitude::calibration::CalibrationError;
 use bytemuck::try_pod_read_unaligned;
 use calibrate::{Prior, Sample};
 use graph::Topic;
-use ingest::source::Reading;
 use launch::{Calibrations, Launch, Source};
 use messages::{SensorReading, TakenReading};
+use readings::source::Reading;
 use runtime::ServiceConfig;
 
 /// Reason for which a running system cannot be calibrated.
