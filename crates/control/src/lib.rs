@@ -28,7 +28,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-pub use client::{ControlError, send_request};
+pub use client::{ControlError, notify, send_request};
 pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use server::ControlSocket;
 pub use swap::SwapOutcome;
