@@ -25,12 +25,12 @@ use serde::Serialize;
 use swap::ReorderBuffer;
 
 use crate::{
-    fail,
+    duration::duration_s,
+    failure::fail,
     remote::RemoteError,
     stdout::print,
     system::LocalSystemArgs,
     topics::{POLL_INTERVAL, StopCondition, observer},
-    up::duration_s,
 };
 
 /// Interval between two attempts to open a topic.

@@ -24,11 +24,11 @@ use score::{
 };
 
 use crate::{
-    fail,
+    duration::duration_s,
+    failure::fail,
     import::{ReadOptions, ReadableFile},
     stdout::print,
     system::LocalSystemArgs,
-    up::duration_s,
 };
 use live::LiveError;
 

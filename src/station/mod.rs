@@ -22,7 +22,7 @@ use link::{Link, MessageStream};
 use observe::tables::{CsvTables, TableError};
 use wire::keys;
 
-use crate::{fail, remote::RemoteEndpoint, stdout};
+use crate::{failure::fail, remote::RemoteEndpoint, stdout};
 use fleet::Vehicles;
 
 /// Interval between two printed tables.

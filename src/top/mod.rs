@@ -15,7 +15,8 @@ use dashboard::Screen;
 use observe::top::{SystemMonitor, SystemSnapshot};
 
 use crate::{
-    fail, stdout,
+    failure::fail,
+    stdout,
     system::LocalSystemArgs,
     topics::{POLL_INTERVAL, StopCondition, duration, observer},
 };

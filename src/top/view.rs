@@ -15,7 +15,7 @@ use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
 use super::{ObservedSystem, TopCommand};
 use crate::{
-    fail,
+    failure::fail,
     topics::{POLL_INTERVAL, StopCondition, frame::DisplayFrame},
 };
 

@@ -16,8 +16,8 @@ use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
 
 use crate::{
-    Kind, Prior, Sample,
     ellipsoid::{Ellipsoid, standard_deviations},
+    input::{Kind, Prior, Sample},
     least_squares::NormalEquations,
     motion::{MeanForce, MotionWindows},
     report::{Coverage, Rejection, Report, Residual, Value, array, pluralize, rows},

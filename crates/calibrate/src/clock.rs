@@ -11,8 +11,8 @@ use attitude::{Vector3, calibration::Calibration};
 use nalgebra::{SVector, UnitQuaternion};
 
 use crate::{
-    Kind, Prior, Sample,
     history::AttitudeHistory,
+    input::{Kind, Prior, Sample},
     least_squares::NormalEquations,
     report::{Coverage, Rejection, Report, Residual, Value, pluralize},
 };

@@ -5,7 +5,7 @@
 use attitude::Vector3;
 
 use crate::{
-    Kind, Sample,
+    input::{Kind, Sample},
     report::{Coverage, Rejection, Report, Residual, Value, array, pluralize},
     rest::{MeanNoise, Rest, RestFinder, mean},
 };

@@ -12,8 +12,8 @@ use attitude::{Matrix3, Vector3};
 use nalgebra::SMatrix;
 
 use crate::{
-    Kind, Prior, Sample,
     ellipsoid::{Ellipsoid, standard_deviations},
+    input::{Kind, Prior, Sample},
     least_squares::NormalEquations,
     report::{Coverage, Rejection, Report, Residual, Value, array, pluralize, rows},
     sphere::{SECTORS, Sphere},

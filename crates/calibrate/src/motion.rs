@@ -13,7 +13,7 @@
 use attitude::{GRAVITY_M_S2, Matrix3, Vector3, calibration::Calibration};
 use nalgebra::UnitQuaternion;
 
-use crate::{Sample, sphere::face};
+use crate::{input::Sample, sphere::face};
 
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 2_000_000_000;

@@ -14,7 +14,7 @@ use attitude::{
 use nalgebra::{Rotation3, UnitQuaternion};
 
 use crate::{
-    Kind, Prior, Sample,
+    input::{Kind, Prior, Sample},
     report::{Coverage, Rejection, Report, Residual, Value, array, pluralize},
     rest::{MeanNoise, Rest, RestFinder},
 };

@@ -5,7 +5,7 @@ use std::fmt;
 use attitude::{Matrix3, Vector3};
 use serde::Serialize;
 
-use crate::Kind;
+use crate::input::Kind;
 
 /// Extent to which the readings so far meet the conditions of a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize)]

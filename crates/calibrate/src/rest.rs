@@ -9,7 +9,7 @@
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
-use crate::Sample;
+use crate::input::Sample;
 
 /// Length of a block, ns.
 const BLOCK_NS: i64 = 250_000_000;
