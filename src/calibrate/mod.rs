@@ -13,7 +13,7 @@ use ::import::ImportError;
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use launch::{GyroSamples, Launch, LaunchError};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
@@ -30,7 +30,7 @@ use crate::{
     stdout::print,
     system::LocalSystemArgs,
 };
-use live::LiveError;
+use live::{LiveError, progress_style};
 
 /// Arguments of `plumb calibrate`.
 #[derive(Args)]
@@ -208,11 +208,6 @@ fn calibrate_flight(
         calibrator.push(&to_sample(&Reading::from(&taken?)));
     }
     Ok(calibrator.finish()?)
-}
-
-/// Returns the style of the progress bar, which is drawn only on a terminal.
-fn progress_style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 /// Parses the local gravity, m/s², within the range found on earth.

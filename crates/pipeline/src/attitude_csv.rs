@@ -21,7 +21,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::CollectorError;
+use crate::error::CollectorError;
 
 /// Size at which a batch of lines is sent to the writer thread, bytes.
 const BATCH_BYTES: usize = 8192;

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use messages::{AttitudeOutput, FusedState};
 
-use crate::{CollectorError, attitude_csv::CsvWriter, columns::AttitudeFile};
+use crate::{attitude_csv::CsvWriter, columns::AttitudeFile, error::CollectorError};
 
 /// Maximum number of attitudes held until their fused states arrive. It also limits the fused
 /// states held until their attitudes arrive. The number is twice the capacity of a topic.

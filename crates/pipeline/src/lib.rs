@@ -24,12 +24,14 @@ mod attitude_csv;
 mod attitude_lines;
 pub mod collector;
 pub mod columns;
+mod error;
 pub mod path;
 pub mod schedule;
 mod slot_runner;
 
 pub use attitude_csv::is_same_file;
-pub use collector::{Collector, CollectorError};
+pub use collector::Collector;
 pub use columns::{AttitudeFile, Column};
+pub use error::CollectorError;
 pub use path::Path;
 pub use schedule::{ReplayWarning, Schedule};

@@ -20,11 +20,13 @@ use runtime::{
 };
 
 use crate::{
-    Plan, Report, UpError, announce,
+    Plan, Report,
+    error::UpError,
     flight::{Flight, TakenReadings},
     input::InputChecker,
     processes::own_cpu_s,
     report::{RunTotals, ServiceReport},
+    terminal::announce,
     view::View,
 };
 

@@ -11,7 +11,7 @@ use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
-use crate::{Flight, UpError, warm};
+use crate::{Flight, error::UpError, warm};
 
 /// Name of the default launch file.
 const LAUNCH_FILE: &str = "launch.toml";

@@ -22,7 +22,8 @@ use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, Reply, Spawn, Supervision};
 
 use crate::{
-    Plan, Report, UpError,
+    Plan, Report,
+    error::UpError,
     flight::start_event,
     input::InputChecker,
     notify::Notifier,
