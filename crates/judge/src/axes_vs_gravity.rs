@@ -16,7 +16,7 @@ use crate::diagnosis::{self, Diagnosis, Hypothesis};
 const STEP_S: f64 = 0.004;
 /// Longest sample interval that is integrated, s. It admits 10 Hz, the lowest rate at which an
 /// attitude can still be tracked.
-const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
+pub(crate) const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
 /// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,

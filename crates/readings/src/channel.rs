@@ -7,15 +7,13 @@
 //! Time: the duration of constant or invalid values is the sum of the intervals that the caller
 //! passes.
 
-use attitude::gnss::Fix;
+use attitude::gnss::{Fix, MAX_SPEED_M_S};
 use messages::Flags;
 
 use crate::source::ReceiverFix;
 
 /// Multiple of the measuring range beyond which a value is invalid rather than clipped.
 const SANITY_FACTOR: f64 = 10.0;
-/// Maximum plausible speed of a vehicle, m/s. Fixes with a larger velocity component are invalid.
-const MAX_SPEED_M_S: f64 = 3000.0;
 /// Maximum plausible magnitude of an altitude, m. Altitudes beyond it are discarded.
 const MAX_ALTITUDE_M: f64 = 1e6;
 

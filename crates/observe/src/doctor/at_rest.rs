@@ -4,13 +4,12 @@
 //! - Output: two checks.
 //! - Failure: while the body moves, both checks are reported as skipped.
 
+use attitude::GRAVITY_M_S2;
 use launch::pluralize;
 use messages::ImuSample;
 
 use super::Check;
 
-/// Standard gravity, m/s² (ISO 80000-3).
-const GRAVITY_M_S2: f64 = 9.806_65;
 /// Maximum standard deviation of |f|, the magnitude of the specific force, at rest, m/s². It allows
 /// for vibration and the noise of common sensors.
 const MAX_FORCE_SD_M_S2: f64 = 0.3;
