@@ -11,7 +11,10 @@ use hdrhistogram::Histogram;
 use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
-use crate::{attitude_lines::AttitudeLines, columns::AttitudeFile, error::CollectorError};
+use crate::{
+    attitude_file::{AttitudeFile, AttitudeLines},
+    error::CollectorError,
+};
 
 /// Maximum number of references held until their attitudes arrive: twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;

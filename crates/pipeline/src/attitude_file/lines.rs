@@ -12,7 +12,8 @@ use std::collections::VecDeque;
 
 use messages::{AttitudeOutput, FusedState};
 
-use crate::{attitude_csv::CsvWriter, columns::AttitudeFile, error::CollectorError};
+use super::{columns::AttitudeFile, csv_writer::CsvWriter};
+use crate::error::CollectorError;
 
 /// Maximum number of attitudes held until their fused states arrive. It also limits the fused
 /// states held until their attitudes arrive. The number is twice the capacity of a topic.
@@ -105,7 +106,7 @@ mod tests {
     use bytemuck::Zeroable;
 
     use super::*;
-    use crate::columns::Column;
+    use crate::attitude_file::columns::Column;
 
     fn attitude(tick: u64) -> AttitudeOutput {
         let mut output = AttitudeOutput::zeroed();
