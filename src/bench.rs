@@ -6,7 +6,10 @@ use campaign::{CampaignError, KillCampaign, SwapCampaign};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, fail_after_result, stdout::print};
+use crate::{
+    failure::{fail, fail_after_result},
+    stdout::print,
+};
 
 #[derive(Subcommand)]
 pub(crate) enum Bench {

@@ -12,7 +12,7 @@ use observe::{
 use runtime::ServiceConfig;
 
 use crate::{
-    fail,
+    failure::fail,
     stdout::print,
     system::LocalSystemArgs,
     topics::{StopCondition, duration, observer},

@@ -10,7 +10,7 @@ use import::{Format, ImportError, Mapping, MappingError, Options, Summary, conve
 use indicatif::{ProgressBar, ProgressStyle};
 use tempfile::TempDir;
 
-use crate::{fail, stdout::print};
+use crate::{failure::fail, stdout::print};
 
 /// Arguments of `plumb import`.
 #[derive(Args)]

@@ -13,7 +13,7 @@ use recording::{RecordingError, survey};
 use serde::Serialize;
 
 use crate::{
-    fail, fail_after_result,
+    failure::{fail, fail_after_result},
     import::{ReadableFile, summary_text},
     stdout::print,
 };

@@ -6,7 +6,10 @@ use ::keys::{Host, Keys, KeysError, Party, Role, WrittenFolder, certificate::DEF
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, fail_after_result, stdout::print};
+use crate::{
+    failure::{fail, fail_after_result},
+    stdout::print,
+};
 
 /// Remaining validity below which `plumb keys check` fails, days.
 const RENEWAL_WARNING_DAYS: i64 = 30;

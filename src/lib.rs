@@ -5,6 +5,8 @@ mod bench;
 mod bridge;
 mod calibrate;
 mod doctor;
+mod duration;
+mod failure;
 mod import;
 mod info;
 mod keys;
@@ -28,6 +30,8 @@ use std::{fmt::Display, path::PathBuf, process::ExitCode};
 
 use clap::{CommandFactory, Parser, Subcommand};
 use launch::{Launch, Service};
+
+use failure::{fail, print_error_object};
 
 /// Estimate attitude and course with stages that can be swapped at run time
 #[derive(Parser)]
@@ -217,22 +221,10 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Reports the failure of a command that has not printed a result.
-fn fail(error: &dyn Display, code: u8) -> ExitCode {
-    stdout::print_error_object(error);
-    fail_after_result(error, code)
-}
-
-/// Reports the error of a command that has already printed its result.
-fn fail_after_result(error: &dyn Display, code: u8) -> ExitCode {
-    supervisor::announce(error);
-    ExitCode::from(code)
-}
-
 /// Prints the help, the version or a usage error.
 fn report_usage_error(error: &clap::Error) -> ExitCode {
     if error.use_stderr() {
-        stdout::print_error_object(&error.render());
+        print_error_object(&error.render());
     }
     // If standard error is closed, the exit code still reports the failure.
     let _ = error.print();

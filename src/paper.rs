@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use papers::{Paper, picture::Picture};
 
-use crate::{fail, stdout::print};
+use crate::{failure::fail, stdout::print};
 
 /// Arguments of `plumb paper`.
 #[derive(Args)]

@@ -18,11 +18,11 @@ use runtime::ServiceConfig;
 use supervisor::{RecordingReport, Report, UpError};
 
 use crate::{
-    fail, fail_after_result,
+    duration::duration_s,
+    failure::{fail, fail_after_result},
     stdout::print,
     system::LocalSystemArgs,
     topics::{ObserveError, POLL_INTERVAL, StopCondition, observer},
-    up::duration_s,
 };
 
 /// Timeout for reattaching after the supervisor has renewed the system's bus.

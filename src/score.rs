@@ -18,7 +18,7 @@ use score::{
 };
 
 use crate::{
-    fail,
+    failure::fail,
     import::{ReadOptions, ReadableFile},
     stdout::print,
 };

@@ -11,7 +11,7 @@ use conformance::Report;
 use launch::{Launch, LaunchError, Slot};
 use sdk::template::{Language, Template, TemplateError};
 
-use crate::{fail, stdout::print};
+use crate::{failure::fail, stdout::print};
 
 #[derive(Subcommand)]
 pub(crate) enum Stage {

@@ -11,7 +11,7 @@ use std::{
 
 use console::Term;
 
-use crate::fail_after_result;
+use crate::failure::fail_after_result;
 
 /// Prints the only or last result of a command and returns the exit code.
 pub(crate) fn print(text: &dyn Display) -> ExitCode {
@@ -26,14 +26,6 @@ pub(crate) fn print_item(text: &dyn Display) -> ControlFlow<ExitCode> {
         Err(cause) => {
             ControlFlow::Break(fail_after_result(&format_args!("cannot write to standard output: {cause}"), 1))
         }
-    }
-}
-
-/// Prints `{"error": …}` if `--json` was given, so that scripts always get an object.
-pub(crate) fn print_error_object(error: &dyn Display) {
-    if std::env::args_os().any(|argument| argument == "--json") {
-        // If the output is closed, the exit code still reports the failure.
-        let _ = writeln!(io::stdout(), "{}", serde_json::json!({ "error": error.to_string().trim_end() }));
     }
 }
 

@@ -18,7 +18,8 @@ use launch::{Service, StageConfig};
 use messages::Difference;
 
 use crate::{
-    fail, remote,
+    failure::fail,
+    remote,
     stdout::{self, print},
     system::SystemArgs,
     topics::observer,

@@ -13,7 +13,7 @@ use observe::{
 };
 
 use crate::{
-    fail,
+    failure::fail,
     stdout::{print, print_item},
     system::SystemArgs,
     topics::{

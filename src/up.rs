@@ -8,7 +8,8 @@ use runtime::Pace;
 use supervisor::{Recorder, Report, Request};
 
 use crate::{
-    fail_after_result,
+    duration::duration_s,
+    failure::fail_after_result,
     import::{ReadOptions, ReadableFile},
     record::FlightRecorder,
     replay,
@@ -174,17 +175,4 @@ fn pace(text: &str) -> Result<Pace, String> {
         Ok(speed) if (1e-3..=1e6).contains(&speed) => Ok(Pace::Speed(speed)),
         _ => Err("expected `max` or a number from 0.001 to 1000000".into()),
     }
-}
-
-pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
-    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
-    let scale = match &text[split..] {
-        "ms" => 1e-3,
-        "s" | "" => 1.0,
-        "m" | "min" => 60.0,
-        "h" => 3600.0,
-        _ => return Err("expected a number with ms, s, m or h".into()),
-    };
-    let number: f64 = text[..split].trim().parse().map_err(|_| "expected a number with ms, s, m or h")?;
-    Some(number * scale).filter(|s| (1e-3..=1e8).contains(s)).ok_or_else(|| "expected 1 ms to 27000 h".into())
 }

@@ -13,7 +13,7 @@ use launch::TopicRate;
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
-use super::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 
 /// Interval between two heartbeats.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);

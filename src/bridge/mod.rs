@@ -3,40 +3,15 @@
 mod mavlink;
 mod ros;
 mod ros_sensor;
+mod sender;
 
-use std::{
-    collections::VecDeque,
-    fmt,
-    process::ExitCode,
-    thread,
-    time::{Duration, Instant},
-};
+use std::{fmt, process::ExitCode};
 
-use bridges::{datagrams::DatagramError, validity::WithholdReason};
-use bus::{BusError, Observer, Tap};
-use clap::{Args, Subcommand};
-use control::{ControlError, ControlRequest, send_request};
-use driver::DriverError;
-use graph::Topic;
-use link::LinkError;
-use messages::{AttitudeOutput, ImuSample};
-use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
+use clap::Subcommand;
 use serde::Serialize;
-use swap::ReorderBuffer;
 
-use crate::{
-    fail,
-    remote::RemoteError,
-    stdout::print,
-    system::LocalSystemArgs,
-    topics::{POLL_INTERVAL, StopCondition, observer},
-    up::duration_s,
-};
-
-/// Interval between two attempts to open a topic.
-const OPEN_INTERVAL: Duration = Duration::from_millis(200);
-/// Maximum number of samples kept until the attitudes of their ticks arrive.
-const MAX_SAMPLES: usize = 16_384;
+use crate::{failure::fail, stdout::print};
+use sender::BridgeError;
 
 #[derive(Subcommand)]
 pub(crate) enum Bridge {
@@ -46,79 +21,6 @@ pub(crate) enum Bridge {
     Ros(ros::Ros),
     /// Feed ROS 2 IMU topics (rmw_zenoh) to a system with source = "bus"
     RosSensor(ros_sensor::RosSensor),
-}
-
-/// Arguments that select the system and the time.
-#[derive(Args)]
-struct BridgeArgs {
-    #[command(flatten)]
-    system: LocalSystemArgs,
-    /// Time before stopping, such as 500ms, 10s or 1h [default: unlimited]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    duration_s: Option<f64>,
-}
-
-/// Error of a bridge.
-#[derive(Debug, thiserror::Error)]
-enum BridgeError {
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    #[error(transparent)]
-    Control(#[from] ControlError),
-    #[error(transparent)]
-    Datagrams(#[from] DatagramError),
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    #[error(transparent)]
-    Driver(#[from] DriverError),
-}
-
-impl BridgeError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            Self::Remote(error) => error.exit_code(),
-            _ => 1,
-        }
-    }
-}
-
-/// Sender of attitudes in another protocol.
-trait AttitudeSender {
-    /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
-    /// tick, if samples are read.
-    fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
-    /// Called several times a second, after all available attitudes have been sent.
-    fn poll(&mut self);
-}
-
-/// Counts of attitudes sent and withheld, and of messages dropped.
-#[derive(Debug, Default, Serialize)]
-struct SendCounts {
-    /// Attitudes sent.
-    attitudes: u64,
-    /// Heartbeats sent, if the protocol has them.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    heartbeats: Option<u64>,
-    /// Attitudes not sent because they are flagged as not aligned yet.
-    unaligned: u64,
-    /// Attitudes not sent because they were not a finite rotation or lacked a required sample.
-    invalid: u64,
-    /// Attitudes not sent because they were too old.
-    stale: u64,
-    /// Messages not accepted by the network.
-    dropped: u64,
-}
-
-impl SendCounts {
-    fn withhold(&mut self, why: WithholdReason) {
-        match why {
-            WithholdReason::Unaligned => self.unaligned += 1,
-            WithholdReason::Invalid => self.invalid += 1,
-            WithholdReason::Stale => self.stale += 1,
-        }
-    }
 }
 
 pub(crate) fn run(bridge: &Bridge) -> ExitCode {
@@ -137,98 +39,4 @@ fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, jso
         Ok(counts) => print(&counts),
         Err(error) => fail(&error, error.exit_code()),
     }
-}
-
-impl BridgeArgs {
-    fn attach(&self) -> Result<Observer, BridgeError> {
-        Ok(observer(&self.system.name(), "bridge")?)
-    }
-
-    /// Sends attitudes until the time limit is reached, a signal arrives or the system ends.
-    fn forward(
-        &self,
-        observer: &Observer,
-        with_samples: bool,
-        sender: &mut dyn AttitudeSender,
-    ) -> Result<(), BridgeError> {
-        let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
-        let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
-        let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
-        let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
-        let (mut samples, mut arrived, mut is_joined) =
-            (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
-        while !stop.is_met() {
-            if let Some(tap) = taps.1.tap(observer)? {
-                tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
-            }
-            // A sample is published before the attitude of its tick, so it is available by now.
-            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(observer)).transpose()?.flatten() {
-                tap.drain(&mut |bytes| samples.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
-                samples.drain(..samples.len().saturating_sub(MAX_SAMPLES));
-            }
-            for output in arrived.drain(..) {
-                reorder_buffer.offer(output, &mut |output, _| {
-                    while samples.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
-                        samples.pop_front();
-                    }
-                    let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
-                    // The samples of the first attitudes may have been published before their topic
-                    // was opened, so attitudes are sent only from the first one that has a sample.
-                    is_joined |= sample.is_some();
-                    if is_joined {
-                        sender.send(&output, sample);
-                    }
-                });
-            }
-            sender.poll();
-            thread::sleep(POLL_INTERVAL);
-        }
-        Ok(())
-    }
-}
-
-/// Topic that may become available later.
-struct LateTopic {
-    topic: Topic,
-    tap: Option<Tap>,
-    tried_at: Option<Instant>,
-}
-
-impl LateTopic {
-    fn new(topic: Topic) -> Self {
-        Self { topic, tap: None, tried_at: None }
-    }
-
-    fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
-        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
-            self.tried_at = Some(Instant::now());
-            self.tap = match observer.tap(self.topic) {
-                Ok(tap) => Some(tap),
-                Err(BusError::TopicNotOpen { .. }) => None,
-                Err(error) => return Err(error),
-            };
-        }
-        Ok(self.tap.as_ref())
-    }
-}
-
-impl fmt::Display for SendCounts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { attitudes, heartbeats, unaligned, invalid, stale, dropped } = self;
-        write!(f, "{attitudes} attitudes sent")?;
-        heartbeats.iter().try_for_each(|beats| write!(f, ", {beats} heartbeats"))?;
-        let withheld = [(unaligned, "unaligned"), (invalid, "invalid"), (stale, "stale")];
-        for (count, what) in withheld.into_iter().filter(|(count, _)| **count > 0) {
-            write!(f, ", {count} {what} attitudes not sent")?;
-        }
-        if *dropped > 0 {
-            write!(f, "; {dropped} messages dropped by the network")?;
-        }
-        Ok(())
-    }
-}
-
-fn rate_hz(text: &str) -> Result<f64, String> {
-    let hz = text.parse().ok().filter(|hz| (0.1..=1000.0).contains(hz));
-    hz.ok_or_else(|| "expected a rate in Hz from 0.1 to 1000".into())
 }

@@ -13,7 +13,7 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
-use super::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 use crate::remote::RemoteEndpoint;
 
 /// Largest ROS 2 domain id.

@@ -8,7 +8,10 @@ use driver::{DriverError, Sensor};
 use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
-use super::{BridgeArgs, BridgeError, ros::MAX_DOMAIN};
+use super::{
+    ros::MAX_DOMAIN,
+    sender::{BridgeArgs, BridgeError},
+};
 use crate::{remote::RemoteEndpoint, topics::StopCondition};
 
 /// Longest wait for a message before the stop condition is checked.

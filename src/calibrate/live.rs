@@ -9,11 +9,10 @@ use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
 use bus::{BusError, Observer, Tap};
 use control::{ControlError, ControlRequest, send_request};
 use graph::Topic;
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressStyle};
 use observe::readings::{self, ReadingsError};
 use runtime::ServiceConfig;
 
-use super::progress_style;
 use crate::topics::{POLL_INTERVAL, StopCondition, observer};
 
 /// Default time limit.
@@ -103,4 +102,9 @@ fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> 
 fn drain(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
     tap.drain(&mut |bytes| readings::decode_sample(topic, bytes).iter().for_each(|sample| calibrator.push(sample)))?;
     Ok(())
+}
+
+/// Returns the style of the progress bar, which is drawn only on a terminal.
+pub(super) fn progress_style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -13,24 +13,24 @@ use ::import::ImportError;
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
-use indicatif::{ProgressBar, ProgressStyle};
-use ingest::source::{Reading, SourceError};
+use indicatif::ProgressBar;
 use launch::{GyroSamples, Launch, LaunchError};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
+use readings::source::{Reading, SourceError};
 use score::{
     ScoreError,
     trial::{Gnss, Trial, TrialOptions},
 };
 
 use crate::{
-    fail,
+    duration::duration_s,
+    failure::fail,
     import::{ReadOptions, ReadableFile},
     stdout::print,
     system::LocalSystemArgs,
-    up::duration_s,
 };
-use live::LiveError;
+use live::{LiveError, progress_style};
 
 /// Arguments of `plumb calibrate`.
 #[derive(Args)]
@@ -208,11 +208,6 @@ fn calibrate_flight(
         calibrator.push(&to_sample(&Reading::from(&taken?)));
     }
     Ok(calibrator.finish()?)
-}
-
-/// Returns the style of the progress bar, which is drawn only on a terminal.
-fn progress_style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 /// Parses the local gravity, m/s², within the range found on earth.

@@ -2,6 +2,7 @@
 
 pub(crate) mod fleet;
 mod lines;
+mod monitor;
 mod view;
 
 use std::{
@@ -9,28 +10,22 @@ use std::{
     ops::ControlFlow,
     path::PathBuf,
     process::ExitCode,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::{Arc, atomic::AtomicBool},
     time::{Duration, Instant},
 };
 
 use clap::Args;
 use dashboard::Screen;
-use link::{Link, MessageStream};
+use link::Link;
 use observe::tables::{CsvTables, TableError};
 use wire::keys;
 
-use crate::{fail, remote::RemoteEndpoint, stdout};
+use crate::{failure::fail, remote::RemoteEndpoint, stdout};
 use fleet::Vehicles;
+use monitor::VehicleMonitor;
 
 /// Interval between two printed tables.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
-/// Longest wait for a message.
-const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
-/// Maximum number of messages received per poll, so that key input and display are not starved.
-const MAX_MESSAGES: usize = 1000;
 
 /// Arguments of `plumb station`.
 #[derive(Args)]
@@ -57,17 +52,6 @@ pub(crate) struct Station {
     /// Print a table each second, also on a terminal
     #[arg(long)]
     lines: bool,
-}
-
-/// Received messages and the state of the vehicles.
-struct VehicleMonitor {
-    messages: MessageStream,
-    liveliness: MessageStream,
-    tables: Option<CsvTables>,
-    vehicles: Vehicles,
-    stop: Arc<AtomicBool>,
-    started: Instant,
-    seconds: Option<f64>,
 }
 
 /// Monitors vehicles until the time limit is reached, the user quits or a signal arrives.
@@ -124,25 +108,4 @@ fn print_tables(monitor: &mut VehicleMonitor, station: &Station) -> Result<Contr
         }
     }
     Ok(printed)
-}
-
-impl VehicleMonitor {
-    fn is_finished(&self) -> bool {
-        let is_timed_out = self.seconds.is_some_and(|limit_s| self.started.elapsed().as_secs_f64() > limit_s);
-        is_timed_out || self.stop.load(Ordering::SeqCst)
-    }
-
-    /// Processes received messages. Waits briefly if no message is available.
-    fn poll(&mut self) -> Result<(), TableError> {
-        while let Some(token) = self.liveliness.next(Duration::ZERO) {
-            fleet::update_liveliness(&mut self.vehicles, &token);
-        }
-        let mut wait = RECEIVE_TIMEOUT;
-        for _ in 0..MAX_MESSAGES {
-            let Some(message) = self.messages.next(wait) else { break };
-            wait = Duration::ZERO;
-            fleet::record_message(&mut self.vehicles, &message, self.tables.as_mut())?;
-        }
-        Ok(())
-    }
 }

@@ -11,8 +11,8 @@ use messages::{AttitudeOutput, Message};
 use observe::hops::LatencyUs;
 
 use super::{
-    VehicleMonitor,
     fleet::{Vehicle, Vehicles},
+    monitor::VehicleMonitor,
 };
 use wire::delivery::DeliveryTracker;
 

@@ -1,74 +1,23 @@
 //! `plumb top`: shows the live state, rate and latency of each service.
 
+mod observed_system;
 mod view;
 
-use std::{
-    ops::ControlFlow,
-    process::ExitCode,
-    time::{Duration, Instant},
-};
+use std::{ops::ControlFlow, process::ExitCode, time::Instant};
 
-use bus::{BusError, Observer};
-use clap::Args;
-use control::{ControlError, ControlRequest, ServiceStatus, send_request};
+use bus::Observer;
+use control::{ControlRequest, ServiceStatus, send_request};
 use dashboard::Screen;
 use observe::top::{SystemMonitor, SystemSnapshot};
 
+pub(crate) use observed_system::TopCommand;
+use observed_system::{ObservedSystem, TopError};
+
 use crate::{
-    fail, stdout,
-    system::LocalSystemArgs,
-    topics::{POLL_INTERVAL, StopCondition, duration, observer},
+    failure::fail,
+    stdout,
+    topics::{POLL_INTERVAL, StopCondition},
 };
-
-/// Arguments of `plumb top`.
-#[derive(Args)]
-#[command(after_help = "\
-Examples:
-  plumb top
-  plumb top --interval 0.5 --lines
-  plumb top --count 10 --json")]
-pub(crate) struct TopCommand {
-    #[command(flatten)]
-    system: LocalSystemArgs,
-    /// Interval between two updates, s, 0.001 to 1e8
-    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
-    interval: Duration,
-    /// Number of updates before stopping, printed as lines
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    count: Option<u64>,
-    /// Time before stopping, s [default: until q or Ctrl-C]
-    #[arg(long, value_parser = duration)]
-    seconds: Option<Duration>,
-    /// Print updates as lines, also on a terminal
-    #[arg(long)]
-    lines: bool,
-}
-
-/// Error while observing a system.
-#[derive(Debug, thiserror::Error)]
-enum TopError {
-    /// The supervisor does not respond.
-    #[error(transparent)]
-    Control(#[from] ControlError),
-    /// The system's bus cannot be read.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-}
-
-/// Running system with its observer.
-struct ObservedSystem {
-    observer: Observer,
-    monitor: SystemMonitor,
-    name: String,
-}
-
-impl ObservedSystem {
-    fn attach(name: &str) -> Result<Self, TopError> {
-        let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status)?;
-        let observer = observer(name, "top")?;
-        Ok(Self { monitor: SystemMonitor::new(&observer, &statuses)?, observer, name: name.into() })
-    }
-}
 
 /// Returns a snapshot that covers the time since the previous one, or `None` if the system has
 /// ended.

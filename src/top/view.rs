@@ -13,9 +13,9 @@ use dashboard::{Attitude, DataState, Figures, Key, Panel, Row, RowStyle, Screen,
 use observe::top::SystemSnapshot;
 use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
-use super::{ObservedSystem, TopCommand};
+use super::observed_system::{ObservedSystem, TopCommand};
 use crate::{
-    fail,
+    failure::fail,
     topics::{POLL_INTERVAL, StopCondition, frame::DisplayFrame},
 };
 

@@ -2,6 +2,7 @@
 //!
 //! `observe` displays bytes with their layout and is independent of the source.
 
+mod error;
 pub(crate) mod frame;
 pub(crate) mod remote;
 
@@ -20,7 +21,8 @@ use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
-use crate::{remote::RemoteError, system::SystemArgs};
+use crate::system::SystemArgs;
+pub(crate) use error::ObserveError;
 use remote::{RemoteTopic, RemoteVehicle};
 
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
@@ -31,41 +33,6 @@ const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Callback for a message and, if known, the frame of its attitude. Returns `false` to stop.
 pub(crate) type OnMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> bool + 'a;
-
-/// Error while observing a system.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum ObserveError {
-    /// The system on this machine cannot be observed.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    /// The vehicle cannot be reached over the network.
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
-    /// The topic name is unknown.
-    #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
-    NoTopic { topic: String },
-    /// The vehicle did not reply.
-    #[error(
-        "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
-    )]
-    NoVehicle { vehicle: String, limit_s: f64 },
-    /// The vehicle does not publish this topic.
-    #[error(
-        "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
-    )]
-    NotSent { vehicle: String, topic: String, sent: String },
-}
-
-impl ObserveError {
-    /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, else 1.
-    pub(crate) fn exit_code(&self) -> u8 {
-        match self {
-            Self::NoTopic { .. } => 2,
-            Self::Remote(error) => error.exit_code(),
-            _ => 1,
-        }
-    }
-}
 
 /// Attaches an observer to a system.
 pub(crate) fn observer(system: &str, observer_name: &str) -> Result<Observer, BusError> {
@@ -226,10 +193,6 @@ impl TopicView {
         });
         Ok(topics::TopicInfo { name: self.name.into(), layout: self.layout, ports, flow: self.flow.report() })
     }
-}
-
-fn names(topics: &[Topic]) -> String {
-    topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
 }
 
 /// Parses a duration in seconds.

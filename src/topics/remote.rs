@@ -17,7 +17,7 @@ use wire::{
     v1::{Envelope, GatewayReport},
 };
 
-use super::ObserveError;
+use super::error::ObserveError;
 use crate::remote::{RemoteEndpoint, RemoteError};
 
 /// Timeout for finding a vehicle once connected. A gateway reports its topics once a second.

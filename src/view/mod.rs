@@ -25,7 +25,7 @@ use flight::reader;
 use launch::{Cockpit, CockpitTls, Service};
 
 use crate::{
-    fail,
+    failure::fail,
     remote::{RemoteEndpoint, RemoteError},
     stdout::print,
     topics::{StopCondition, duration},

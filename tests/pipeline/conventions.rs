@@ -201,7 +201,7 @@ fn fused(vector: &Vector) -> FusedState {
 fn published(vector: &Vector) -> AttitudeOutput {
     let config = ServiceConfig::standalone(Launch::default(), 100.0, Pace::Max);
     let mut output = None;
-    course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
+    slots::course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 

@@ -12,10 +12,10 @@ use attitude::{
     stage::{RestoreError, Stage},
 };
 use bus::Subscriber;
-use course::{CourseMessage, CourseSlot};
 use launch::{Service, Slot};
 use messages::{AttitudeOutput, Control, Field, FusedState, GnssFix, Layout, Message};
 use runtime::{Sequence, ServiceContext, SlotProcessor, serve};
+use slots::course::{CourseMessage, CourseSlot};
 
 fn main() -> ExitCode {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
@@ -37,7 +37,7 @@ fn service() {
     let mut context = ServiceContext::join(Service::Course).unwrap();
     let program = context.config.launch.external_stage(Slot::Course).map(|program| program.command[1].clone());
     let Some(fault) = program.filter(|fault| fault != "hosted") else {
-        let slot = course::slot(&context.config).unwrap();
+        let slot = slots::course::slot(&context.config).unwrap();
         let (fused, gnss) =
             (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
         return serve(context, slot, &[&fused, &gnss]).unwrap();
@@ -53,7 +53,7 @@ fn service() {
         _ => {}
     }
     let slot = Faulty {
-        slot: course::slot(&context.config).unwrap(),
+        slot: slots::course::slot(&context.config).unwrap(),
         control: Rc::new(context.control().unwrap()),
         incarnation: context.config.incarnation,
         fault: fault.clone(),

@@ -2,6 +2,9 @@
 
 use crate::{Vector3, scalars::Scalars};
 
+/// Largest plausible component of a vehicle's velocity over ground, m/s.
+pub const MAX_SPEED_M_S: f64 = 3000.0;
+
 /// Velocity fix. A stage receives it at the tick of its arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fix {

@@ -61,6 +61,8 @@ pub use nalgebra::{Complex, Matrix3, Quaternion, Vector3};
 
 /// Standard gravity, m/s².
 pub const GRAVITY_M_S2: f64 = 9.806_65;
+/// Rotation rate of the earth, rad/s (WGS 84).
+pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
 /// Imaginary unit, j in the papers.
 pub(crate) const J: Complex<f64> = Complex::new(0.0, 1.0);

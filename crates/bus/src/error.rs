@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use crate::machine_limits::{Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
+use crate::limits::{MAX_OBSERVERS, Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
 
 /// Error of a bus operation.
 #[derive(Debug, thiserror::Error)]
@@ -103,7 +103,7 @@ pub enum BusError {
     /// The system has the maximum number of observers.
     #[error(
         "observing the system {name:?}: {} observers are attached already, which is the maximum; end one (`plumb top`, `plumb topic`): processes {pids:?}",
-        crate::MAX_OBSERVERS
+        MAX_OBSERVERS
     )]
     TooManyObservers {
         /// System name.

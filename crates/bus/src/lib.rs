@@ -16,6 +16,7 @@
 mod bootstrap;
 mod error;
 mod feeder;
+mod limits;
 mod machine_limits;
 mod observer;
 mod owned_files;
@@ -32,13 +33,12 @@ mod wake;
 
 pub use error::BusError;
 pub use feeder::Feeder;
-pub use machine_limits::{
-    Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory, report_memory_exhaustion,
-};
+pub use limits::{MAX_OBSERVERS, Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
+pub use machine_limits::report_memory_exhaustion;
 pub use observer::Observer;
-pub use port::MAX_OBSERVERS;
+pub use session::Port;
 pub use stale_resources::{StaleResources, SystemLiveness};
 pub use system_name::{Claim, SystemName};
-pub use tap::{Port, Ports, Tap};
+pub use tap::{Ports, Tap};
 pub use topic::{Bus, Publisher, Subscriber};
 pub use wake::WaitOutcome;

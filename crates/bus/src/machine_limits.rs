@@ -8,27 +8,18 @@
 
 use std::{fmt, fs, io};
 
-use rustix::{
-    fs::statvfs,
-    process::{Resource, Rlimit, getrlimit, setrlimit},
-};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use signal_hook::{
     consts::SIGBUS,
     low_level::{emulate_default_handler, register},
 };
 
-use crate::{BusError, system_name::SHARED_MEMORY};
+use crate::{
+    error::BusError,
+    limits::{Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory},
+};
 
-/// Number of files that a process must be allowed to open. In a system of five services a process
-/// opens 75 files. The gateway, candidates and leftovers of killed processes need more.
-pub const REQUIRED_OPEN_FILES: u64 = 256;
-/// Advice for raising the open-file limit.
-pub const OPEN_FILES_REMEDY: &str =
-    "allow more: ulimit -n 4096, or LimitNOFILE=4096 in the unit; in a container --ulimit nofile=4096";
-/// Advice for freeing or adding shared memory.
-pub const SHARED_MEMORY_REMEDY: &str =
-    "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
 /// A failure is attributed to the open-file limit if fewer than this number of files could still be
 /// opened. The threshold is above zero because the failed operation has closed the files that it
 /// had opened.
@@ -37,22 +28,7 @@ const MIN_SPARE_FILES: u64 = 16;
 /// bytes.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
-/// Shared memory of this machine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SharedMemory {
-    /// Free bytes.
-    pub free_bytes: u64,
-    /// Total bytes.
-    pub size_bytes: u64,
-}
-
 impl SharedMemory {
-    /// Returns the current amounts, or `None` if they cannot be determined.
-    pub fn query() -> Option<Self> {
-        let stat = statvfs(SHARED_MEMORY).ok()?;
-        Some(Self { free_bytes: stat.f_bavail * stat.f_frsize, size_bytes: stat.f_blocks * stat.f_frsize })
-    }
-
     /// Checks that `needed_bytes` are free for the system `name`.
     ///
     /// # Errors
@@ -63,22 +39,6 @@ impl SharedMemory {
             Some(memory) => Err(BusError::SharedMemory { name: name.into(), needed: Mib(needed_bytes), memory }),
             None => Ok(()),
         }
-    }
-}
-
-impl fmt::Display for SharedMemory {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {} are free in {SHARED_MEMORY}", Mib(self.free_bytes), Mib(self.size_bytes))
-    }
-}
-
-/// Number of bytes, displayed in MiB.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Mib(pub u64);
-
-impl fmt::Display for Mib {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.1} MiB", self.0 as f64 / f64::from(1 << 20))
     }
 }
 

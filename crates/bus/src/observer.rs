@@ -9,7 +9,7 @@ use graph::Topic;
 use iceoryx2::{node::Node, prelude::ipc};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::{BusError, SystemName, Tap, port::MAX_OBSERVERS, session::ObserverSession, topic};
+use crate::{BusError, SystemName, Tap, limits::MAX_OBSERVERS, session::ObserverSession, topic};
 
 /// Observing process of a running system.
 #[derive(Debug)]

@@ -25,10 +25,8 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{BusError, machine_limits::describe_cause};
+use crate::{error::BusError, limits::MAX_OBSERVERS, machine_limits::describe_cause};
 
-/// Maximum number of observers of a system at the same time.
-pub const MAX_OBSERVERS: usize = 4;
 /// Maximum number of publishers of a topic: owner, candidate and feeder, and the same number of
 /// killed processes that are not yet cleaned up.
 const MAX_PUBLISHERS: usize = 6;

@@ -12,7 +12,7 @@ use iceoryx2::{
     prelude::{CallbackProgression, Config, ipc},
 };
 
-use crate::{BusError, Port, SystemName, shared_state::SharedState};
+use crate::{BusError, SystemName, shared_state::SharedState};
 
 /// Session of an observer or a feeder, bound to one run of a system.
 #[derive(Debug)]
@@ -94,4 +94,15 @@ pub(crate) fn list_processes(system_name: &SystemName, config: &Config) -> Resul
         cause: format!("listing processes: {cause:?}"),
     })?;
     Ok(found.into_inner())
+}
+
+/// Process connected to a topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Port {
+    /// Name under which the process joined the bus.
+    pub name: String,
+    /// Process identifier; 0 if unknown.
+    pub pid: u32,
+    /// `true` unless the process was killed.
+    pub alive: bool,
 }

@@ -7,7 +7,7 @@ use iceoryx2::{node::Node, prelude::ipc};
 use crate::{
     BusError,
     port::{BusTopic, InPort},
-    session::ObserverSession,
+    session::{ObserverSession, Port},
 };
 
 /// Maximum number of messages buffered for an observer. If the observer is too slow, messages are
@@ -37,17 +37,6 @@ pub struct Ports {
     pub subscribers: Vec<Port>,
     /// Maximum number of messages buffered per subscriber.
     pub buffer: usize,
-}
-
-/// Process connected to a topic.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Port {
-    /// Name under which the process joined the bus.
-    pub name: String,
-    /// Process identifier; 0 if unknown.
-    pub pid: u32,
-    /// `true` unless the process was killed.
-    pub alive: bool,
 }
 
 impl Tap {

@@ -4,7 +4,8 @@ use std::{
     io::{self, BufRead, BufReader, ErrorKind, Read, Write},
     os::unix::net::UnixStream,
     path::{Path, PathBuf},
-    time::Duration,
+    thread,
+    time::{Duration, Instant},
 };
 
 use bus::{BusError, SystemName};
@@ -12,6 +13,11 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connec
 use serde::de::DeserializeOwned;
 
 use crate::{ControlRequest, MAX_LINE_BYTES, RESPONSE_TIMEOUT, Response, completion_timeout};
+
+/// Time after which a notification is no longer retried.
+const NOTIFY_TIMEOUT: Duration = Duration::from_secs(30);
+/// Pause between two attempts to deliver a notification.
+const NOTIFY_RETRY_PAUSE: Duration = Duration::from_millis(100);
 
 /// Error of a request to a running system.
 #[derive(Debug, thiserror::Error)]
@@ -116,4 +122,16 @@ pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
     let stream = UnixStream::from(socket);
     stream.set_nonblocking(false)?;
     Ok(stream)
+}
+
+/// Sends a notification and retries until the supervisor has responded, [`NOTIFY_TIMEOUT`] has
+/// elapsed or `should_stop` returns `true`.
+///
+/// A service can start before the control socket is open. A notification that is not delivered is
+/// dropped.
+pub fn notify(system: &str, request: &ControlRequest, should_stop: impl Fn() -> bool) {
+    let deadline = Instant::now() + NOTIFY_TIMEOUT;
+    while send_request::<()>(system, request).is_err() && Instant::now() < deadline && !should_stop() {
+        thread::sleep(NOTIFY_RETRY_PAUSE);
+    }
 }

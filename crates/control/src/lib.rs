@@ -13,12 +13,14 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `client` | the client side |
+//! | `request` | requests and their replies |
 //! | `server` | the supervisor's side |
 //! | `swap_answer` | conversion of swap reports to messages beyond the board, feature `wire` |
 
 #![forbid(unsafe_code)]
 
 mod client;
+mod request;
 mod server;
 #[cfg(feature = "wire")]
 pub mod swap_answer;
@@ -29,9 +31,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-pub use client::{ControlError, send_request};
+pub use client::{ControlError, notify, send_request};
+pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use server::ControlSocket;
-pub use supervision::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 pub use swap::SwapOutcome;
 
 /// Maximum length of a request or response, bytes.

@@ -10,7 +10,7 @@ use std::{
 };
 
 use bus::{Claim, SystemName};
-use launch::StageConfig;
+use graph::StageConfig;
 
 use super::{client::connect_socket, *};
 

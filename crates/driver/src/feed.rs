@@ -1,12 +1,15 @@
 //! Publisher of an external program on a topic. It rejoins the system after the system has
 //! restarted.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bus::{BusError, Feeder, SystemName};
 use messages::Message;
 
-use crate::{CHECK_INTERVAL, DriverError};
+use crate::error::DriverError;
+
+/// Interval between checks that the joined system is still running.
+const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Publisher of `M` to whichever running system has the given name.
 #[derive(Debug)]

@@ -20,19 +20,16 @@
 #![forbid(unsafe_code)]
 
 pub mod clock_fit;
+mod error;
 mod feed;
-
-use std::time::Duration;
 
 use messages::{ReceiverReading, SensorReading};
 
 pub use bus::BusError;
 pub use clock_fit::{ClockFit, Stamp};
+pub use error::DriverError;
 
 use feed::Feed;
-
-/// Interval between checks that the joined system is still running.
-pub(crate) const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Connection of an IMU, with or without a magnetometer, to a running system.
 #[derive(Debug)]
@@ -126,22 +123,4 @@ pub struct FixMetadata {
     pub longitude_rad: Option<f64>,
     /// Altitude as reported by the receiver, m.
     pub altitude_m: Option<f64>,
-}
-
-/// Error while joining or feeding a system.
-#[derive(Debug, thiserror::Error)]
-pub enum DriverError {
-    /// The system is not running or cannot be joined.
-    #[error(transparent)]
-    Bus(BusError),
-    /// The system is running but has not opened the topic.
-    #[error(
-        "feeding the system {system:?}: its topic {topic:?} is not open; set source = \"bus\" in [ingest] of its launch file, or wait until ingest has started"
-    )]
-    TopicNotOpen {
-        /// Name of the system.
-        system: String,
-        /// Name of the topic.
-        topic: &'static str,
-    },
 }

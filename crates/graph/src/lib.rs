@@ -10,15 +10,18 @@
 //! | --- | --- |
 //! | [`table`](topics) | the table, one line per topic |
 //! | [`service`] | services, slots and other participants |
+//! | [`stage_config`](StageConfig) | stage and parameters of a slot |
 //! | [`topic`] | the entry of a topic, and [`Topic`], an enum with one variant per line |
 //! | [`edges`] | queries: inputs and outputs of a service, downstream services, carried topics |
 #![forbid(unsafe_code)]
 
 pub mod edges;
 pub mod service;
+mod stage_config;
 mod table;
 pub mod topic;
 
 pub use edges::{GRAPH, Graph};
 pub use service::{Participant, Service, Slot};
+pub use stage_config::StageConfig;
 pub use topic::{Buffer, Entry, Presence, Topic};

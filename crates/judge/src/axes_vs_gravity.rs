@@ -9,14 +9,14 @@
 
 use attitude::{Matrix3, Vector3};
 
-use crate::diagnosis::{self, Diagnosis};
+use crate::diagnosis::{self, Diagnosis, Hypothesis};
 
 /// Length of an integration step, s. Over a window of two seconds, 250 Hz is as accurate as 8 kHz,
 /// at a thirtieth of the cost.
 const STEP_S: f64 = 0.004;
 /// Longest sample interval that is integrated, s. It admits 10 Hz, the lowest rate at which an
 /// attitude can still be tracked.
-const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
+pub(crate) const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
 /// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,
@@ -44,15 +44,6 @@ const TIE_RATIO: f64 = 1.15;
 const TIE_DIFFERENCE: f64 = 0.01;
 /// Unit hypotheses: unchanged, °/s read as rad/s, and rad/s read as °/s.
 const SCALES: [f64; 3] = [1.0, std::f64::consts::PI / 180.0, 180.0 / std::f64::consts::PI];
-
-/// Hypothesis that the true rate is `scale * axes` times the measured one.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Hypothesis {
-    pub(crate) axes: Matrix3<f64>,
-    pub(crate) scale: f64,
-    /// Spread that remains under the hypothesis, as a share of the spread in body axes.
-    pub(crate) residual: f64,
-}
 
 /// Hypotheses with the same unit and the same handedness.
 ///

@@ -5,8 +5,6 @@ use core::fmt;
 
 use attitude::{GRAVITY_M_S2, Matrix3};
 
-use crate::axes_vs_gravity::Hypothesis;
-
 /// Issue with the input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputIssue {
@@ -228,6 +226,15 @@ pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     let evidence = format!("{count} field samples were rejected: at or beyond field_max_ut, or not finite");
     let remedy = "`--units nT` of `plumb import`; a driver on the bus sends µT";
     Diagnosis { issue: InputIssue::FieldUnit, evidence, causes: vec![cause("fields in nT", remedy)] }
+}
+
+/// Hypothesis that the true rate is `scale * axes` times the measured one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hypothesis {
+    pub(crate) axes: Matrix3<f64>,
+    pub(crate) scale: f64,
+    /// Spread that remains under the hypothesis, as a share of the spread in body axes.
+    pub(crate) residual: f64,
 }
 
 /// Creates the diagnosis of wrong axes or a wrong unit of the gyro. `all` contains the hypotheses

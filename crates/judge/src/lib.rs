@@ -260,7 +260,3 @@ impl TimestampCheck {
         }
     }
 }
-
-fn length(vector: [f64; 3]) -> f64 {
-    attitude::Vector3::from(vector).norm()
-}

@@ -3,10 +3,7 @@
 
 use attitude::GRAVITY_M_S2;
 
-use crate::{
-    diagnosis::{self, Diagnosis},
-    length,
-};
+use crate::diagnosis::{self, Diagnosis};
 
 /// Plausible median force, g. Steep turns reach 2 to 3 g for half a minute, and no crewed or winged
 /// vehicle sustains 5 g. Confusing g and m/s² changes the force by a factor of 9.8, which takes it
@@ -138,4 +135,8 @@ impl Quantiles {
         })?;
         Some(10f64.powf((bin as f64 + 0.5) / BINS_PER_DECADE + MIN_EXPONENT))
     }
+}
+
+pub(crate) fn length(vector: [f64; 3]) -> f64 {
+    attitude::Vector3::from(vector).norm()
 }

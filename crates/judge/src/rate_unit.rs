@@ -8,16 +8,16 @@
 
 use attitude::Vector3;
 
-use crate::diagnosis::{self, Diagnosis};
+use crate::{
+    axes_vs_gravity::MAX_SAMPLE_INTERVAL_S,
+    diagnosis::{self, Diagnosis},
+};
 
 /// Length of a window, s. A swinging hand does not return within this time.
 const WINDOW_S: f64 = 0.5;
 /// Length of a step, s. It is long enough for motor and propeller vibration to average out, and
 /// short enough that the body rotates only a little.
 const STEP_S: f64 = 0.05;
-/// Longest sample interval that is integrated, s. It admits 10 Hz, the lowest rate at which an
-/// attitude can still be tracked.
-const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Minimum rotation perpendicular to the force for a window to count, rad. No hand or vehicle
 /// repeatedly rotates that far in one window.
 const MIN_ROTATION_RAD: f64 = 1.0;

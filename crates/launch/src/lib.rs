@@ -50,7 +50,7 @@ mod source_uri;
 mod split;
 mod toml_reader;
 
-pub use graph::{Service, Slot};
+pub use graph::{Service, Slot, StageConfig};
 
 pub use cockpit::{Cockpit, CockpitTls};
 pub use external_stage::ExternalStage;
@@ -60,7 +60,7 @@ pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, MAX_TOPIC_MESSAGES, OnLimit,
-    Replay, Restart, Sim, Source, StageConfig, StateFile,
+    Replay, Restart, Sim, Source, StateFile,
 };
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;

@@ -5,7 +5,7 @@ use attitude::{
     calibration::{self, CalibrationError},
     gyro::RateKind,
 };
-use graph::{Service, Slot};
+use graph::{Service, Slot, StageConfig};
 use scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
@@ -104,15 +104,6 @@ pub enum OnLimit {
     Degrade,
     /// The service is restarted after the longest pause, without limit.
     Retry,
-}
-
-/// Stage of a slot with its parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StageConfig {
-    /// Name of the stage: one of the slot's `NAMES` or of [`Launch::stages`].
-    pub stage: String,
-    /// Parameters that differ from their defaults, by name.
-    pub set: BTreeMap<String, f64>,
 }
 
 /// Source of the samples, and the limits, calibration, mounting and faults that are applied to

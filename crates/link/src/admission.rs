@@ -6,7 +6,7 @@ use keys::access::AccessList;
 use serde_json::Value;
 use zenoh::Config;
 
-use crate::LinkError;
+use crate::error::LinkError;
 
 /// Maximum message size, bytes. Larger messages are dropped while they are received. Zenoh's
 /// default is 1 GiB.

@@ -33,7 +33,9 @@ fn attempt(endpoints: &Endpoints, endpoint: &str) -> String {
         let set = |(what, value)| config.insert_json5(what, value);
         match settings.into_iter().try_for_each(set) {
             Ok(()) => Ok(config),
-            Err(cause) => Err(crate::LinkError::Config { what: "the connection attempt", cause: cause.to_string() }),
+            Err(cause) => {
+                Err(crate::error::LinkError::Config { what: "the connection attempt", cause: cause.to_string() })
+            }
         }
     });
     match config.map(|config| zenoh::open(config).wait()) {

@@ -9,7 +9,7 @@ use std::{
 use keys::access::AccessList;
 use zenoh::Config;
 
-use crate::{LinkError, admission};
+use crate::{admission, error::LinkError};
 
 /// Prefixes of loopback addresses.
 const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];

@@ -1,6 +1,9 @@
 //! Parses and applies a column mapping with its units and frame.
 
-use attitude::frames::{self, Body, Earth};
+use attitude::{
+    GRAVITY_M_S2,
+    frames::{self, Body, Earth},
+};
 
 use crate::{names::nearest, rotation::is_rotation};
 
@@ -30,8 +33,6 @@ const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
 /// Targets of the position. Each is optional.
 pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
-const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
-
 /// Quantity that a unit measures, with the factor that converts the unit to the internal one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Unit {
@@ -46,7 +47,7 @@ const UNITS: [(&str, Unit); 12] = [
     ("rad/s", Unit::Rate(1.0)),
     ("deg/s", Unit::Rate(std::f64::consts::PI / 180.0)),
     ("m/s2", Unit::Force(1.0)),
-    ("g", Unit::Force(STANDARD_GRAVITY_M_S2)),
+    ("g", Unit::Force(GRAVITY_M_S2)),
     ("uT", Unit::Field(1.0)),
     ("nT", Unit::Field(1e-3)),
     ("gauss", Unit::Field(100.0)),

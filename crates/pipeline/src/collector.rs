@@ -1,49 +1,26 @@
 //! Evaluates the order, accuracy and latency of a run's attitudes, and writes the attitudes to a
 //! file.
 
-use std::{collections::VecDeque, io, path::PathBuf};
+use std::collections::VecDeque;
 
 use attitude::{
     Quaternion,
     metrics::{Accuracy, AttitudeError},
 };
-use hdrhistogram::{CreationError, Histogram};
+use hdrhistogram::Histogram;
 use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
-use crate::{attitude_lines::AttitudeLines, columns::AttitudeFile};
+use crate::{
+    attitude_file::{AttitudeFile, AttitudeLines},
+    error::CollectorError,
+};
 
 /// Maximum number of references held until their attitudes arrive: twice the capacity of a topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
 /// Largest latency recorded, ns. Larger latencies are counted as this value.
 const MAX_LATENCY_NS: u64 = 3_600_000_000_000;
-
-/// Error when evaluating or writing attitudes.
-#[derive(Debug, thiserror::Error)]
-pub enum CollectorError {
-    /// The latency histogram could not be created.
-    #[error("creating the latency histogram: {0}")]
-    Histogram(#[from] CreationError),
-    /// The file could not be created.
-    #[error("writing {path}: {cause}")]
-    Create {
-        /// Path of the file.
-        path: PathBuf,
-        /// Operating system error.
-        cause: io::Error,
-    },
-    /// The file can no longer be written.
-    #[error(
-        "writing {path}: {cause}; the file ends early with a complete line and the run continues: free disk space or set --out to another path"
-    )]
-    Write {
-        /// Path of the file.
-        path: PathBuf,
-        /// Operating system error.
-        cause: io::Error,
-    },
-}
 
 /// Collector of the attitudes of a run.
 pub struct Collector {

@@ -14,22 +14,19 @@
 //! | [`path`] | the slots of the data path in sequence |
 //! | [`schedule`] | stages of each slot and their ticks, as recorded in a flight |
 //! | `slot_runner` | a slot with its stages in sequence |
-//! | [`columns`] | columns of the attitude file |
-//! | `attitude_lines` | lines of the file, each joined from an attitude and a fused state |
 //! | [`collector`] | accuracy, latency and order of the attitudes |
-//! | `attitude_csv` | writer thread of the attitude file |
+//! | [`attitude_file`] | CSV file of the attitudes, `--out` |
 #![forbid(unsafe_code)]
 
-mod attitude_csv;
-mod attitude_lines;
+pub mod attitude_file;
 pub mod collector;
-pub mod columns;
+mod error;
 pub mod path;
 pub mod schedule;
 mod slot_runner;
 
-pub use attitude_csv::is_same_file;
-pub use collector::{Collector, CollectorError};
-pub use columns::{AttitudeFile, Column};
+pub use attitude_file::{AttitudeFile, Column, is_same_file};
+pub use collector::Collector;
+pub use error::CollectorError;
 pub use path::Path;
 pub use schedule::{ReplayWarning, Schedule};

@@ -3,19 +3,19 @@
 //! [`Path`] uses the same slots, joins and hand-overs as the services, so its output is
 //! bit-identical to theirs.
 
-use ingest::conditioner::Sample;
 use launch::Slot;
 use messages::{AttitudeOutput, FusedState};
+use readings::conditioner::Sample;
 use runtime::{RuntimeError, ServiceConfig};
 
 use crate::{schedule::Schedule, slot_runner::SlotRunner};
 
 /// Data path from sample to attitude.
 pub struct Path {
-    gyro: SlotRunner<runtime::SingleInputSlot<gyro::GyroProcessor>>,
-    accel: SlotRunner<runtime::SingleInputSlot<accel::AccelProcessor>>,
-    fuser: SlotRunner<fuser::FuserSlot>,
-    course: SlotRunner<course::CourseSlot>,
+    gyro: SlotRunner<runtime::SingleInputSlot<slots::gyro::GyroProcessor>>,
+    accel: SlotRunner<runtime::SingleInputSlot<slots::accel::AccelProcessor>>,
+    fuser: SlotRunner<slots::fuser::FuserSlot>,
+    course: SlotRunner<slots::course::CourseSlot>,
 }
 
 impl Path {
@@ -35,10 +35,10 @@ impl Path {
     /// Returns an error if a stage cannot be built.
     pub fn with_schedule(config: &ServiceConfig, schedule: &Schedule) -> Result<Self, RuntimeError> {
         Ok(Self {
-            gyro: SlotRunner::new(gyro::slot, config, schedule)?,
-            accel: SlotRunner::new(accel::slot, config, schedule)?,
-            fuser: SlotRunner::new(fuser::slot, config, schedule)?,
-            course: SlotRunner::new(course::slot, config, schedule)?,
+            gyro: SlotRunner::new(slots::gyro::slot, config, schedule)?,
+            accel: SlotRunner::new(slots::accel::slot, config, schedule)?,
+            fuser: SlotRunner::new(slots::fuser::slot, config, schedule)?,
+            course: SlotRunner::new(slots::course::slot, config, schedule)?,
         })
     }
 

@@ -14,8 +14,8 @@ use core::f64::consts::TAU;
 use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, rotation::Rotation, state::Attitude};
 
 use crate::{
-    Truth,
     random::{RandomStream, StreamId},
+    truth::Truth,
 };
 
 /// Time constant of the logistic transition at the start and end of a turn, s.

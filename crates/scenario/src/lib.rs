@@ -31,11 +31,13 @@ pub mod s1;
 pub mod s3;
 pub mod scenario;
 pub mod sensors;
+mod truth;
 pub mod tumble;
 
-pub use motion::{Motion, Truth};
+pub use motion::Motion;
 pub use scenario::{PARAMETERS, Parameter, Scenario, ScenarioError};
 pub use sensors::{
     Reading, Sensors,
     errors::{Coverage, Magnetometer, Receiver, SensorErrors},
 };
+pub use truth::Truth;

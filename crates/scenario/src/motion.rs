@@ -1,12 +1,14 @@
 //! Motions of a body and the true state at a given time.
 
-use attitude::{GRAVITY_M_S2, Vector3, rotation::Rotation, state::Attitude};
+use attitude::{GRAVITY_M_S2, Vector3, rotation::Rotation};
 
 use crate::{
     coning::Coning,
     cruise::{Flight, FlightPlan},
     s1::{self, Swing},
-    s3, tumble,
+    s3,
+    truth::Truth,
+    tumble,
 };
 
 /// Motion of a body.
@@ -22,18 +24,6 @@ pub enum Motion {
     Coning(Coning),
     /// Aircraft in cruise.
     Cruise(Flight),
-}
-
-/// True state of the body at a given time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Truth {
-    /// True attitude.
-    pub attitude: Attitude,
-    /// Body rate, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Specific force, m/s², body axes. In all motions except the flights, the body rotates in
-    /// place, so the force is due to gravity alone.
-    pub force_m_s2: Vector3<f64>,
 }
 
 impl Motion {

@@ -2,11 +2,10 @@
 
 use std::{path::PathBuf, time::Duration};
 
+use control::{ControlRequest, ServiceStatus, SwapReport};
 use launch::{Launch, Service, Slot, StageConfig};
 use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
 use swap::{Resume, Role};
-
-use crate::request::{ControlRequest, ServiceStatus, SwapReport};
 
 /// Configuration of the [`Supervision`](crate::Supervision) of one system.
 #[derive(Debug, Clone)]

@@ -6,11 +6,12 @@
 //! - Time: added by the caller.
 //! - Failure: a text that is too long is truncated, and the event is marked.
 
+use control::SwapReport;
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 use swap::Resume;
 
-use crate::{Action, Supervision, SwapReport};
+use crate::{Action, Supervision};
 
 /// Maximum number of stages remembered per slot.
 const MAX_INSTANCES: usize = 64;

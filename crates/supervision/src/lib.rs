@@ -13,7 +13,6 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`event`] | events and actions |
-//! | [`request`] | requests from clients and their replies |
 //! | [`process`] | services and their processes |
 //! | `restart_policy`, `restart` | when a service is restarted or given up |
 //! | `checkpoint_store` | the state a service resumes from |
@@ -31,7 +30,6 @@ mod history;
 mod pending_swaps;
 pub mod process;
 mod renewal;
-pub mod request;
 mod restart;
 mod restart_policy;
 mod swaps;
@@ -39,6 +37,7 @@ mod watch;
 
 use std::time::Duration;
 
+use control::{ControlRequest, ServiceStatus};
 use launch::{Launch, Service, Slot};
 use messages::{Checkpoint, Health};
 
@@ -49,7 +48,6 @@ use {
 
 pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Spawn};
 pub use process::{ProcessEntry, ProcessTable};
-pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 
 /// State and decision logic of one system's supervisor.
 #[derive(Debug)]

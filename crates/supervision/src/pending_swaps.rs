@@ -1,9 +1,10 @@
 //! Tracks swap requests from receipt to reply, and their effect on the attitudes in the meantime.
 
+use control::SwapReport;
 use launch::Slot;
 use swap::{FailureReason, Report, SwapOutcome};
 
-use crate::{OutputProgress, SwapReport};
+use crate::OutputProgress;
 
 /// Number of attitudes after the commit tick that are included in the longest interval reported for
 /// a swap.

@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use control::Diagnostic;
 use launch::{Restart, Service};
 use messages::{Health, State};
 use swap::Resume;
 
 use crate::{
-    Action, Diagnostic,
+    Action,
     restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 

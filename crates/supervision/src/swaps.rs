@@ -1,5 +1,6 @@
 //! Slot ownership: one coordinator per slot, with its events and actions.
 
+use control::{SwapReport, SwapRequest};
 use launch::{Launch, Service, Slot, StageConfig, nearest};
 use messages::{EventKind, Health, SystemEvent};
 use swap::{
@@ -7,7 +8,7 @@ use swap::{
 };
 
 use crate::{
-    Action, Config, OutputProgress, Reply, Spawn, Supervision, SwapReport, SwapRequest,
+    Action, Config, OutputProgress, Reply, Spawn, Supervision,
     history::{StageHistory, StageInstance, with_stage},
     pending_swaps::{Pending, Requester},
     process::Process,
@@ -525,8 +526,10 @@ mod tests {
     use bytemuck::Zeroable;
     use messages::{Control, State};
 
+    use control::ControlRequest;
+
     use super::*;
-    use crate::{ControlRequest, Event};
+    use crate::Event;
 
     const RATE_HZ: f64 = 100.0;
     const ALL: [Service; 5] = [Service::Ingest, Service::Gyro, Service::Accel, Service::Fuser, Service::Course];

@@ -7,11 +7,12 @@
 
 use std::time::Duration;
 
+use control::{SwapReport, SwapRequest};
 use launch::{Launch, Measure, Slot, StageConfig};
 use messages::Difference;
 use swap::SwapOutcome;
 
-use crate::{Supervision, SwapReport, SwapRequest, pending_swaps::Requester};
+use crate::{Supervision, pending_swaps::Requester};
 
 /// Consecutive failed attempts after which a watch ends.
 const MAX_ATTEMPTS: u32 = 5;

@@ -1,40 +1,9 @@
-//! The slot `accel`: reads `imu` and publishes the measured up direction of each tick on `accel`.
-//!
-//! Input: checked IMU samples.
-//!
-//! Output: the up direction as a point (u, v), and the trust in it.
-//!
-//! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
+//! The service `accel`: runs the slot [`slots::accel`] as a process on the bus.
 #![forbid(unsafe_code)]
 
-use attitude::{
-    accel::{Accelerometer, MIN_FORCE_M_S2},
-    resetting::ResettingStage,
-};
-use host::AnyStage;
-use launch::{Service, Slot};
-use messages::{AccelPoint, Flags, Header, ImuSample};
-use runtime::{
-    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
-    convert::{chart_to_payload, complex_to_payload},
-    serve, stage,
-};
-
-/// Message processor of the slot `accel`.
-#[derive(Debug)]
-pub struct AccelProcessor {
-    stage: ResettingStage<AnyStage<Accelerometer>>,
-}
-
-/// Creates the slot with the stage that `config` names.
-///
-/// # Errors
-///
-/// Returns an error if the stage cannot be built.
-pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
-    Ok(SingleInputSlot::new(AccelProcessor { stage }))
-}
+use launch::Service;
+use messages::ImuSample;
+use runtime::{RuntimeError, ServiceContext, serve};
 
 /// Runs the service until it is requested to stop.
 ///
@@ -43,39 +12,7 @@ pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, R
 /// Returns an error if the service cannot join the system, build its stage or continue.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Accel)?;
-    let slot = slot(&context.config)?;
+    let slot = slots::accel::slot(&context.config)?;
     let imu = context.subscriber::<ImuSample>()?;
     serve(context, slot, &[&imu])
-}
-
-impl TickProcessor for AccelProcessor {
-    const SLOT: Slot = Slot::Accel;
-
-    type Input = ImuSample;
-    type Output = AccelPoint;
-    type Stage = AnyStage<Accelerometer>;
-
-    fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
-        let (inclination, was_reset) = self.stage.step(&input.force_m_s2.into())?;
-        header.flags |= Flags::RESET.when(was_reset);
-        header.flags |= Flags::FORCE_SMALL.when(inclination.norm_m_s2 < MIN_FORCE_M_S2);
-        Some(AccelPoint {
-            header,
-            w: complex_to_payload(inclination.up.w),
-            chart: chart_to_payload(inclination.up.chart),
-            norm_m_s2: inclination.norm_m_s2,
-            trust: inclination.trust,
-            force_m_s2: input.force_m_s2,
-        })
-    }
-
-    fn resetting_stage(&self) -> &ResettingStage<AnyStage<Accelerometer>> {
-        &self.stage
-    }
-
-    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Accelerometer>> {
-        &mut self.stage
-    }
-
-    fn visit_own_state(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}
 }

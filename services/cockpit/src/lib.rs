@@ -78,8 +78,6 @@ pub const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(33);
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// Niceness of the cockpit, so that the services of the data path take precedence.
 const NICENESS: i32 = 10;
-/// Time limit for reporting the page's address to the supervisor.
-const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Error that ends the cockpit.
 #[derive(Debug, thiserror::Error)]
@@ -197,8 +195,5 @@ fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn So
 /// Reports the address of the page to the supervisor, retrying until it responds.
 fn report_address(system: &str, address: &str) {
     let request = ControlRequest::Address { service: Service::Cockpit.name().into(), address: address.into() };
-    let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;
-    while control::send_request::<()>(system, &request).is_err() && Instant::now() < deadline {
-        thread::sleep(Duration::from_millis(100));
-    }
+    control::notify(system, &request, || false);
 }

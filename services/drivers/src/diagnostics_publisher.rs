@@ -4,7 +4,6 @@
 use std::{
     sync::mpsc::{self, SyncSender},
     thread,
-    time::{Duration, Instant},
 };
 
 use control::{ControlRequest, Diagnostic};
@@ -12,10 +11,6 @@ use launch::Service;
 
 /// Maximum number of queued requests. Further ones are dropped.
 const MAX_QUEUED: usize = 64;
-/// Time limit for sending a request to the supervisor.
-const SUPERVISOR_TIMEOUT: Duration = Duration::from_secs(5);
-/// Pause between attempts to send a request.
-const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
 pub(crate) struct DiagnosticsPublisher {
     requests: SyncSender<ControlRequest>,
@@ -27,10 +22,7 @@ impl DiagnosticsPublisher {
         let (requests, queue) = mpsc::sync_channel::<ControlRequest>(MAX_QUEUED);
         thread::Builder::new().name("diagnostics".into()).spawn(move || {
             while let Ok(request) = queue.recv() {
-                let deadline = Instant::now() + SUPERVISOR_TIMEOUT;
-                while control::send_request::<()>(&system, &request).is_err() && Instant::now() < deadline {
-                    thread::sleep(RETRY_PAUSE);
-                }
+                control::notify(&system, &request, || false);
             }
         })?;
         Ok(Self { requests, published: Vec::new() })

@@ -13,7 +13,7 @@ use decoders::{
 };
 use launch::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat};
 
-use crate::{DriversError, protobuf::Protobuf};
+use crate::{error::DriversError, protobuf::Protobuf};
 
 /// Creates a decoder for the format of a device.
 pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, DriversError> {

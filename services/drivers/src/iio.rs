@@ -20,7 +20,7 @@ use rustix::{
 };
 
 use crate::{
-    DriversError,
+    error::DriversError,
     input::{DeviceReport, Input, ReadOutcome},
     reconnecting_port::DeviceFailure,
 };

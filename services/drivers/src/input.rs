@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use decoders::{Counts, Measurement};
 
-use crate::{DriversError, reconnecting_port::DeviceFailure};
+use crate::{error::DriversError, reconnecting_port::DeviceFailure};
+
+/// Maximum wait for bytes. It limits the time between two health messages.
+pub(crate) const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Device that yields measurements.
 pub(crate) trait Input {

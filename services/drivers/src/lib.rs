@@ -16,7 +16,7 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | `input` | interface of a device |
+//! | `input`, `error` | interface of a device; errors of the service |
 //! | `stream` | device that sends bytes over a port |
 //! | `iio` | Linux industrial I/O device |
 //! | `receiver` | additional satellite receiver |
@@ -32,6 +32,7 @@
 
 mod device_monitor;
 mod diagnostics_publisher;
+mod error;
 mod format;
 mod iio;
 mod input;
@@ -48,48 +49,25 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::BusError;
-use decoders::lines::LinesError;
 use launch::{Ingest, Service, Source};
-use mapping::MappingError;
 use messages::State;
-use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
+use runtime::{ServiceContext, clock::monotonic_ns};
+
+pub use error::DriversError;
 
 use device_monitor::DeviceMonitor;
 use diagnostics_publisher::DiagnosticsPublisher;
 use iio::IioInput;
-use input::{Input, ReadOutcome};
+use input::{Input, READ_TIMEOUT, ReadOutcome};
 use reading_publisher::ReadingPublisher;
 use receiver::Receiver;
 use stream::DeviceStream;
 use stream_preamble::StreamPreamble;
 
-/// Maximum wait for bytes. It limits the time between two health messages.
-const READ_TIMEOUT: Duration = Duration::from_millis(50);
 /// Pause before trying again while ingest has no room for more readings.
 const INGEST_WAIT: Duration = Duration::from_micros(500);
 /// Interval between two evaluations of the device reports.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);
-
-/// Error that ends the service.
-#[derive(Debug, thiserror::Error)]
-pub enum DriversError {
-    /// The system could not be joined.
-    #[error(transparent)]
-    Runtime(#[from] RuntimeError),
-    /// The bus failed.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    /// The column mapping is invalid.
-    #[error(transparent)]
-    Mapping(#[from] MappingError),
-    /// The settings of a text format are invalid.
-    #[error(transparent)]
-    Lines(#[from] LinesError),
-    /// A thread could not be started.
-    #[error("cannot start a thread of the drivers: {0}")]
-    Thread(#[from] std::io::Error),
-}
 
 /// Runs the service until the system stops.
 ///

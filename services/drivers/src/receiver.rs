@@ -13,8 +13,9 @@ use decoders::{Measurement, Value};
 use launch::ReceiverSource;
 
 use crate::{
-    DriversError, READ_TIMEOUT, format,
-    input::{DeviceReport, Input, ReadOutcome},
+    error::DriversError,
+    format,
+    input::{DeviceReport, Input, READ_TIMEOUT, ReadOutcome},
     stream::DeviceStream,
 };
 

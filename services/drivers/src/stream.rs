@@ -6,7 +6,7 @@ use decoders::{Counts, Decoder, Measurement};
 use launch::Port;
 
 use crate::{
-    DriversError,
+    error::DriversError,
     input::{DeviceReport, Input, ReadOutcome},
     reconnecting_port::{Received, ReconnectingPort, StreamStart},
     stream_preamble::StreamPreamble,

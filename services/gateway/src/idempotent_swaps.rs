@@ -17,7 +17,7 @@ use launch::StageConfig;
 use runtime::clock::monotonic_ns;
 use wire::v1::{SwapAnswer, SwapRequest, swap_answer};
 
-use crate::locked;
+use crate::locked::locked;
 
 /// Maximum number of remembered requests.
 const MAX_REMEMBERED: usize = 256;

@@ -17,6 +17,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `tap` | reads a bus topic, reduced to its configured rate |
+//! | `shared`, `locked`, `error` | shared state, and access to it; errors |
 //! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
 //! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
@@ -29,134 +30,56 @@
 #![forbid(unsafe_code)]
 
 pub mod decimator;
+mod error;
 pub mod idempotent_swaps;
+mod locked;
 mod memory_limit;
 mod network_publisher;
 mod poll_timer;
 mod queries;
 pub mod queue;
+mod shared;
 pub mod split;
 mod tap;
 mod worker_pool;
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
+        Arc, Mutex, OnceLock,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
     thread,
     time::{Duration, Instant},
 };
 
-use bus::BusError;
 use control::ControlRequest;
 use graph::Topic;
 use keys::access::AccessList;
 use launch::{Launch, Service};
-use link::LinkError;
 use messages::{Health, State};
-use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
-use wire::DecodeErrorCounts;
+use runtime::{ServiceContext, service_config::CONTROL_BUFFER};
+
+pub use error::GatewayError;
 
 use crate::{
     idempotent_swaps::IdempotentSwaps,
+    locked::locked,
     memory_limit::MemoryLimit,
     network_publisher::NetworkPublisher,
     poll_timer::PollTimer,
-    queue::Queue,
+    queue::{MAX_QUEUED_BATCHES, Queue},
+    shared::{Shared, notify_supervisor},
     split::{BusSide, NetworkSide},
     tap::Taps,
 };
 
-/// Capacity of the queue between bus and network. It holds the batches of all topics for more than
-/// a second.
-const MAX_QUEUED_BATCHES: usize = 512;
 /// Niceness of the gateway. Services of the data path keep the default priority.
 const NICENESS: i32 = 5;
-/// Time after which a request to the supervisor is no longer retried.
-const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// Interval between checks of the gateway's own certificates.
 const CERTIFICATES_INTERVAL: Duration = Duration::from_secs(60);
-/// Time without a health message after which a service no longer counts as live.
-const HEALTH_TIMEOUT: Duration = Duration::from_millis(1000);
-
-/// Error that ended the gateway.
-#[derive(Debug, thiserror::Error)]
-pub enum GatewayError {
-    /// The system cannot be joined.
-    #[error(transparent)]
-    Runtime(#[from] RuntimeError),
-    /// Access to the bus failed.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    /// The network cannot be opened, or a declaration failed.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// The process exceeds its memory limit.
-    #[error(
-        "memory limit exceeded: {used_mib} MiB used, {limit_mib} MiB allowed; a client sends or requests too much; the gateway restarts and clients reconnect"
-    )]
-    Memory {
-        /// Memory used, MiB.
-        used_mib: u64,
-        /// Memory limit, MiB.
-        limit_mib: u64,
-    },
-    /// The network thread panicked.
-    #[error("network thread terminated unexpectedly")]
-    NetworkThread,
-}
-
-/// State shared by the threads of the gateway.
-#[derive(Debug)]
-pub(crate) struct Shared {
-    pub(crate) system: String,
-    pub(crate) vehicle: String,
-    pub(crate) queue: Queue,
-    pub(crate) swaps: Arc<IdempotentSwaps>,
-    /// Counts of invalid messages from the network.
-    pub(crate) decode_errors: Mutex<DecodeErrorCounts>,
-    /// Number of queries rejected because too many were in progress.
-    pub(crate) rejected_queries: Arc<AtomicU64>,
-    /// Time of the last health message of each service.
-    last_health: Mutex<[Option<Instant>; Service::ALL.len()]>,
-    /// Total number of dropped samples, as reported in the health message.
-    pub(crate) dropped: AtomicU64,
-    stopping: AtomicBool,
-}
-
-impl Shared {
-    pub(crate) fn is_stopping(&self) -> bool {
-        self.stopping.load(Ordering::SeqCst)
-    }
-
-    /// Returns the services that have published a health message recently.
-    pub(crate) fn live_services(&self) -> Vec<Service> {
-        let last_health = locked(&self.last_health);
-        let is_live = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < HEALTH_TIMEOUT);
-        Service::ALL
-            .into_iter()
-            .zip(last_health.iter())
-            .filter(|(_, at)| is_live(at))
-            .map(|(service, _)| service)
-            .collect()
-    }
-
-    fn on_health(&self, health: &Health) {
-        if let Some(at) = locked(&self.last_health).get_mut(health.service as usize) {
-            *at = Some(Instant::now());
-        }
-    }
-}
 
 /// Publisher shared by both threads. It is set once the network is open.
 type SharedPublisher = Arc<OnceLock<Mutex<NetworkPublisher>>>;
-
-/// Locks a mutex, even if a thread panicked while holding it. This is safe, because the contents
-/// are counts and queues, which stay usable.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// Runs the gateway service until the system stops.
 ///
@@ -272,19 +195,6 @@ fn run_network(
     let _ = split_thread.map(thread::JoinHandle::join);
     link.close();
     Ok(())
-}
-
-/// Sends a request to the supervisor in the background, retrying until it responds.
-pub(crate) fn notify_supervisor(shared: Arc<Shared>, request: ControlRequest) {
-    thread::spawn(move || {
-        let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;
-        while control::send_request::<()>(&shared.system, &request).is_err()
-            && Instant::now() < deadline
-            && !shared.is_stopping()
-        {
-            thread::sleep(Duration::from_millis(100));
-        }
-    });
 }
 
 /// Returns a client that forwards swap requests to the supervisor.

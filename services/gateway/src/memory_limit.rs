@@ -10,7 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::GatewayError;
+use crate::error::GatewayError;
 
 /// Interval between checks.
 const CHECK_INTERVAL: Duration = Duration::from_millis(50);

@@ -17,7 +17,11 @@ use wire::{
     v1::{Envelope, GatewayReport, TopicReport},
 };
 
-use crate::{MAX_QUEUED_BATCHES, Shared, locked, queue::Batch};
+use crate::{
+    locked::locked,
+    queue::{Batch, MAX_QUEUED_BATCHES},
+    shared::Shared,
+};
 
 /// Interval between updates of the liveliness tokens.
 pub(crate) const LIVELINESS_INTERVAL: Duration = Duration::from_millis(100);

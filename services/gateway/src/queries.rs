@@ -11,7 +11,7 @@ use wire::{
     v1::{ServiceStatus, Services, SwapAnswer, SwapRequest, Trouble},
 };
 
-use crate::{Shared, locked, network_publisher::LastMessages, worker_pool::WorkerPool};
+use crate::{locked::locked, network_publisher::LastMessages, shared::Shared, worker_pool::WorkerPool};
 
 /// Declares the queryables. They reply until the returned values are dropped.
 pub(crate) fn serve(link: &Link, shared: &Arc<Shared>, last: LastMessages) -> Result<[QueryHandler; 2], LinkError> {

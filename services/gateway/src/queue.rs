@@ -10,7 +10,11 @@ use std::{
     time::Duration,
 };
 
-use crate::locked;
+use crate::locked::locked;
+
+/// Capacity of the queue between bus and network. It holds the batches of all topics for more than
+/// a second.
+pub(crate) const MAX_QUEUED_BATCHES: usize = 512;
 
 /// Encoded samples of a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]

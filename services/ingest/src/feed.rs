@@ -5,7 +5,7 @@ use launch::Service;
 use messages::{Health, ReceiverReading, SensorReading, State};
 use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
 
-use crate::source::{Reading, receiver_fix};
+use readings::source::{Reading, receiver_fix};
 
 /// Subscriptions to the topics `sensor` and `receiver`.
 pub(crate) struct BusFeed {

@@ -7,16 +7,11 @@
 //! Time: readings are published when they are due; in lockstep, not before the subscribers have
 //! room.
 //!
-//! Failure: see [`mod@conditioner`].
+//! Failure: see [`mod@readings::conditioner`].
 #![forbid(unsafe_code)]
 
-mod channel;
-pub mod conditioner;
-mod fault_injection;
 mod feed;
-pub mod flight_replay;
-mod raw_readings;
-pub mod source;
+mod raw_reading_publisher;
 
 use std::time::Duration;
 
@@ -25,16 +20,19 @@ use launch::Service;
 use messages::{
     Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, Reference, SensorReading, State,
 };
+use readings::{
+    conditioner,
+    conditioner::{Conditioner, Sample},
+    source::{Reading, Readings, SourceError, Truth},
+};
 use runtime::{
     Pace, RuntimeError, ServiceConfig, ServiceContext,
     clock::{monotonic_ns, sleep_until_ns},
     service_config::{CONTROL_BUFFER, Resume},
 };
 
-use conditioner::{Conditioner, Sample};
 use feed::BusFeed;
-use raw_readings::RawReadingPublisher;
-use source::{Reading, Readings, SourceError, Truth};
+use raw_reading_publisher::RawReadingPublisher;
 
 /// Maximum number of samples published before the subscribers are woken.
 const MAX_BATCH_SAMPLES: usize = 64;
@@ -56,15 +54,6 @@ impl From<BusError> for IngestError {
     fn from(cause: BusError) -> Self {
         Self::Runtime(cause.into())
     }
-}
-
-/// Creates the conditioner for the source that `config` names.
-///
-/// # Errors
-///
-/// Returns an error if a calibration or the mounting is invalid.
-pub fn conditioner(config: &ServiceConfig) -> Result<Conditioner, SourceError> {
-    Ok(Conditioner::new(&config.launch.ingest, config.rate_hz, config.gyro_samples())?)
 }
 
 /// Runs the service until it is stopped. After its source has ended, it serves late subscribers.

@@ -9,7 +9,7 @@ use messages::{EventKind, SystemEvent, TakenReading};
 use pipeline::Schedule;
 use runtime::Prior;
 
-use crate::UpError;
+use crate::error::UpError;
 
 /// Recorded readings in order. An error ends the iteration; its text is shown to the user.
 pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;

@@ -6,25 +6,27 @@ use std::{
     time::Duration,
 };
 
-use ingest::{
+use launch::Service;
+use messages::{FusedState, Reference};
+use pipeline::{AttitudeFile, Collector, Path};
+use readings::{
     conditioner::{Conditioner, Sample},
     flight_replay::FlightReplay,
     source::{Readings, Truth},
 };
-use launch::Service;
-use messages::{FusedState, Reference};
-use pipeline::{AttitudeFile, Collector, Path};
 use runtime::{
     Pace,
     clock::{monotonic_ns, sleep_until_ns},
 };
 
 use crate::{
-    Plan, Report, UpError, announce,
+    Plan, Report,
+    error::UpError,
     flight::{Flight, TakenReadings},
     input::InputChecker,
     processes::own_cpu_s,
     report::{RunTotals, ServiceReport},
+    terminal::announce,
     view::View,
 };
 
@@ -42,7 +44,7 @@ const VIEW_INTERVAL_NS: u64 = 100_000_000;
 pub fn run(plan: &Plan, stop_requested: &AtomicBool) -> Result<Report, UpError> {
     let samples = Samples::Source {
         readings: Box::new(Readings::open(&plan.config.launch)?),
-        conditioner: Box::new(ingest::conditioner(&plan.config)?),
+        conditioner: Box::new(readings::conditioner(&plan.config)?),
     };
     run_samples(plan, stop_requested, samples, Path::new(&plan.config)?)
 }

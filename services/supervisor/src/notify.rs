@@ -17,7 +17,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::UpError;
+use crate::error::UpError;
 
 /// Timeout for sending to a service manager that does not respond.
 const SEND_TIMEOUT: Duration = Duration::from_millis(10);

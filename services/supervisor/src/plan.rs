@@ -11,7 +11,7 @@ use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
-use crate::{Flight, UpError, warm};
+use crate::{Flight, error::UpError, warm};
 
 /// Name of the default launch file.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -204,10 +204,10 @@ pub(crate) fn validate(launch: &Launch, slot: Slot) -> Result<(), String> {
     }
     let config = ServiceConfig::standalone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let result = match slot {
-        Slot::Gyro => gyro::slot(&config).map(|_| ()),
-        Slot::Accel => accel::slot(&config).map(|_| ()),
-        Slot::Fuser => fuser::slot(&config).map(|_| ()),
-        Slot::Course => course::slot(&config).map(|_| ()),
+        Slot::Gyro => slots::gyro::slot(&config).map(|_| ()),
+        Slot::Accel => slots::accel::slot(&config).map(|_| ()),
+        Slot::Fuser => slots::fuser::slot(&config).map(|_| ()),
+        Slot::Course => slots::course::slot(&config).map(|_| ()),
     };
     result.map_err(|error| error.to_string())
 }

@@ -14,7 +14,7 @@ use std::{
 
 use bus::SystemName;
 
-use crate::UpError;
+use crate::error::UpError;
 
 /// Delay from an exit to the removal. It is long enough for the service to have restarted.
 const CLEANUP_DELAY: Duration = Duration::from_millis(50);

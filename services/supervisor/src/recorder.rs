@@ -4,13 +4,13 @@
 //! - Output: defined by the recorder.
 //! - Failure: a failed recorder reports its failure. The system keeps running.
 
-use std::path::PathBuf;
-
 use graph::Topic;
 use runtime::ServiceConfig;
-use serde::Serialize;
 
-use crate::{Report, UpError};
+use crate::{
+    error::UpError,
+    report::{RecordingReport, Report},
+};
 
 /// Recorder of all published messages.
 ///
@@ -33,19 +33,4 @@ pub trait Recorder {
     fn failure(&self) -> Option<String>;
     /// Finishes the recording with the report of the run.
     fn finish(&mut self, report: &Report) -> RecordingReport;
-}
-
-/// Summary of a recording.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct RecordingReport {
-    /// Path of the file.
-    pub file: PathBuf,
-    /// Number of recorded messages.
-    pub messages: u64,
-    /// Lower bound on the number of published messages that are missing from the file.
-    pub missed: u64,
-    /// File size in bytes.
-    pub bytes: u64,
-    /// Reason why the recording is incomplete; `None` if it is complete.
-    pub error: Option<String>,
 }

@@ -1,13 +1,13 @@
 //! Report of a run: a JSON object for scripts and a short text for the user.
 
-use std::fmt;
+use std::{fmt, path::PathBuf};
 
 use launch::pluralize;
 use messages::Flags;
 use pipeline::Collector;
 use serde::Serialize;
 
-use crate::{RecordingReport, UpError};
+use crate::error::UpError;
 
 /// Report of a run.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -211,4 +211,19 @@ impl fmt::Display for Report {
         }
         write!(f, "digest   {:016x}", self.digest)
     }
+}
+
+/// Summary of a recording.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct RecordingReport {
+    /// Path of the file.
+    pub file: PathBuf,
+    /// Number of recorded messages.
+    pub messages: u64,
+    /// Lower bound on the number of published messages that are missing from the file.
+    pub missed: u64,
+    /// File size in bytes.
+    pub bytes: u64,
+    /// Reason why the recording is incomplete; `None` if it is complete.
+    pub error: Option<String>,
 }

@@ -13,15 +13,17 @@ use std::{
 };
 
 use bus::{Claim, SharedMemory, SystemName};
+use control::RecordStatus;
 use launch::Service;
 use messages::{Credit, EventKind, SystemEvent};
 use pipeline::{AttitudeFile, Collector};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
-use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
+use supervision::{Action, Config, Event, OutputProgress, Reply, Spawn, Supervision};
 
 use crate::{
-    Plan, Report, UpError,
+    Plan, Report,
+    error::UpError,
     flight::start_event,
     input::InputChecker,
     notify::Notifier,

@@ -44,3 +44,11 @@ fn has_room(timeout: Option<&Timespec>) -> bool {
         }
     }
 }
+
+/// Prints a line to standard error.
+///
+/// The line is dropped if standard error is closed or stays blocked for 1 s, so that a blocked
+/// terminal does not stop the system.
+pub fn announce(line: impl std::fmt::Display) {
+    write_line(line, WRITE_TIMEOUT);
+}

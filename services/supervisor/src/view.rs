@@ -11,7 +11,7 @@ use runtime::Pace;
 use supervision::{ProcessEntry, Supervision};
 
 use self::painter::{Frame, Painter};
-use crate::{Plan, UpError, report::LatencyUs};
+use crate::{Plan, error::UpError, report::LatencyUs};
 
 /// Time without a health report after which a service is shown as silent.
 const SILENCE_THRESHOLD: Duration = Duration::from_millis(500);

@@ -11,7 +11,7 @@ use ratatui::{
     widgets::{Block, Paragraph, Sparkline, SparklineBar, Wrap},
 };
 
-use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon};
+use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon, trend::format_signed};
 
 /// Colour of the estimate and the sky line. All colours are from Okabe and Ito 2008, as entries of
 /// the 256-colour palette.
@@ -146,12 +146,6 @@ fn attitude_line(snapshot: &Snapshot) -> String {
     };
     let [roll, pitch, yaw] = [roll, pitch, yaw].map(|degrees| format_signed(*degrees));
     format!("roll {roll}° pitch {pitch}° yaw {yaw}° course {course_deg:.1}° {course_reference}")
-}
-
-/// Formats a number with sign and one decimal. A value that rounds to zero is +0.0.
-pub(crate) fn format_signed(number: f64) -> String {
-    let rounded = (number * 10.0).round() / 10.0 + 0.0;
-    format!("{rounded:+.1}")
 }
 
 fn format_sd(degrees: Option<f64>, digits: usize) -> String {

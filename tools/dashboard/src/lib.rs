@@ -22,6 +22,7 @@ pub mod screen;
 pub mod snapshot;
 pub mod trend;
 
+pub use orientation::Attitude;
 pub use screen::{Key, Screen};
-pub use snapshot::{Attitude, DataState, Figures, Panel, Row, RowStyle, Snapshot};
-pub use trend::{Trend, Trends};
+pub use snapshot::{DataState, Panel, Row, RowStyle, Snapshot};
+pub use trend::{Figures, Trend, Trends};

@@ -5,7 +5,28 @@ use std::f64::consts::PI;
 use attitude::frames::Frame;
 use messages::{AttitudeOutput, CourseReference, Flags};
 
-use crate::Attitude;
+/// Attitude for display. Angles and rate refer to `frame`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Attitude {
+    /// Unit vector pointing up, in body axes right, forward, up.
+    pub up: [f64; 3],
+    /// Roll, pitch, yaw, °.
+    pub roll_pitch_yaw_deg: [f64; 3],
+    /// Standard deviation of the inclination, °; `None` if unknown.
+    pub inclination_sd_deg: Option<f64>,
+    /// Course, °, clockwise seen from above.
+    pub course_deg: f64,
+    /// Standard deviation of the course, °; `None` if unknown.
+    pub course_sd_deg: Option<f64>,
+    /// Reference of the course: `arb.`, `mag.` or `true`.
+    pub course_reference: &'static str,
+    /// Body rate, corrected by the estimated bias, °/s.
+    pub rate_deg_s: [f64; 3],
+    /// Name of the frame.
+    pub frame: &'static str,
+    /// Names of the flags that indicate a fault or a limitation.
+    pub flags: Vec<&'static str>,
+}
 
 impl Attitude {
     /// Converts a message. The quaternion (w, x, y, z), the angles and the rate must refer to

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use crate::Trends;
+use crate::{
+    orientation::Attitude,
+    trend::{Figures, Trends},
+};
 
 /// Age at which data become stale.
 pub const STALE_AFTER: Duration = Duration::from_millis(500);
@@ -60,42 +63,6 @@ impl DataState {
             Self::Ended(reason) => format!("ended: {reason}"),
         }
     }
-}
-
-/// Figures of a system as a whole. A figure is `None` if it is unknown.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Figures {
-    /// Newest tick.
-    pub tick: Option<u64>,
-    /// Attitudes per second.
-    pub rate_hz: Option<f64>,
-    /// Median and 99th percentile of the end-to-end latency, µs.
-    pub latency_us: Option<[f64; 2]>,
-    /// Number of lost ticks, or of lost messages of a remote vehicle.
-    pub lost: Option<u64>,
-}
-
-/// Attitude for display. Angles and rate refer to `frame`.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Attitude {
-    /// Unit vector pointing up, in body axes right, forward, up.
-    pub up: [f64; 3],
-    /// Roll, pitch, yaw, °.
-    pub roll_pitch_yaw_deg: [f64; 3],
-    /// Standard deviation of the inclination, °; `None` if unknown.
-    pub inclination_sd_deg: Option<f64>,
-    /// Course, °, clockwise seen from above.
-    pub course_deg: f64,
-    /// Standard deviation of the course, °; `None` if unknown.
-    pub course_sd_deg: Option<f64>,
-    /// Reference of the course: `arb.`, `mag.` or `true`.
-    pub course_reference: &'static str,
-    /// Body rate, corrected by the estimated bias, °/s.
-    pub rate_deg_s: [f64; 3],
-    /// Name of the frame.
-    pub frame: &'static str,
-    /// Names of the flags that indicate a fault or a limitation.
-    pub flags: Vec<&'static str>,
 }
 
 /// Table with a title.

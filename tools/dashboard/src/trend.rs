@@ -2,12 +2,25 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use crate::{Attitude, Figures, drawing::format_signed};
+use crate::orientation::Attitude;
 
 /// Interval between two values of a trend.
 pub const SAMPLE_INTERVAL: Duration = Duration::from_millis(500);
 /// Number of values kept: one minute.
 const MAX_SAMPLES: usize = 120;
+
+/// Figures of a system as a whole. A figure is `None` if it is unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Figures {
+    /// Newest tick.
+    pub tick: Option<u64>,
+    /// Attitudes per second.
+    pub rate_hz: Option<f64>,
+    /// Median and 99th percentile of the end-to-end latency, µs.
+    pub latency_us: Option<[f64; 2]>,
+    /// Number of lost ticks, or of lost messages of a remote vehicle.
+    pub lost: Option<u64>,
+}
 
 /// Values of one quantity over the last minute.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,6 +120,12 @@ impl Trend {
         let missing = count.saturating_sub(bars.len());
         std::iter::repeat_n(None, missing).chain(bars).collect()
     }
+}
+
+/// Formats a number with sign and one decimal. A value that rounds to zero is +0.0.
+pub(crate) fn format_signed(number: f64) -> String {
+    let rounded = (number * 10.0).round() / 10.0 + 0.0;
+    format!("{rounded:+.1}")
 }
 
 #[cfg(test)]

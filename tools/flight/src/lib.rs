@@ -25,6 +25,7 @@
 mod chunk_file;
 mod error;
 mod gaps;
+mod header;
 pub mod info;
 #[cfg(test)]
 mod layouts;
@@ -36,8 +37,9 @@ mod tests;
 mod writer;
 
 pub use error::FlightError;
+pub use header::FlightHeader;
 pub use info::FlightInfo;
 pub use reader::{is_flight, read_launch_file, read_messages};
-pub use recorder::{FlightHeader, Recorder, RecordingMode, unused_path};
+pub use recorder::{Recorder, RecordingMode, unused_path};
 pub use summary::RecordingSummary;
 pub use wire::channel::Stamps;

@@ -15,7 +15,12 @@ use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions, records
 use messages::layout;
 use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
 
-use crate::{FlightError, FlightHeader, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
+use crate::{
+    FlightError, Stamps,
+    chunk_file::ChunkFile,
+    header::{FlightHeader, now_ns},
+    summary::TopicSummary,
+};
 
 /// Uncompressed size at which a chunk is completed early, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
@@ -144,11 +149,6 @@ impl Writer {
         let topics = topics.collect();
         (self.mcap.into_inner(), self.span_ns.map_or(0.0, |[first, last]| (last - first) as f64 * 1e-9), topics)
     }
-}
-
-/// Returns the current time on CLOCK_REALTIME, from the clock offset of the recording, ns.
-pub(crate) fn now_ns(clocks: Clocks) -> u64 {
-    runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
 /// Converts a write error. For an operating system error, the MCAP library's text is omitted.

@@ -22,7 +22,8 @@ use crate::{
     Format, ImportError, Mapping, Note,
     csv_reader::CsvReader,
     error::open_error,
-    force_aligner::{ForceAligner, Sample},
+    force_aligner::ForceAligner,
+    row_writer::Sample,
     row_writer::{Attitude, RowWriter, Samples},
     source::{FixSink, ReceiverFix, Source, Survey},
 };

@@ -7,7 +7,7 @@ use std::{
 
 use recording::RecordingError;
 
-use crate::{Format, MappingError};
+use crate::{MappingError, format::Format};
 
 /// Error that prevents an import.
 #[derive(Debug, thiserror::Error)]

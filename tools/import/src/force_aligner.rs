@@ -11,7 +11,10 @@
 
 use std::collections::VecDeque;
 
-use crate::{ImportError, row_writer::RowWriter};
+use crate::{
+    ImportError,
+    row_writer::{RowWriter, Sample},
+};
 
 /// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
@@ -20,9 +23,6 @@ const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
 const MAX_HOLD_NS: u64 = 20_000_000;
 /// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;
-
-/// Time in ns and vector of a sample.
-pub(crate) type Sample = (i64, [f64; 3]);
 
 #[derive(Default)]
 pub(crate) struct ForceAligner {

@@ -15,7 +15,7 @@
 //! | module | content |
 //! | --- | --- |
 //! | [`mod@convert`] | conversion of files into a recording |
-//! | [`format`](mod@format) | format detection by content |
+//! | [`format`](mod@format), `detection` | formats, and their detection by content |
 //! | [`summary`] | result of an import |
 //! | [`mcap_file`] | conversion of a recording into an MCAP file |
 //! | [`ros_messages`] | decoding of single ROS 2 messages |
@@ -34,6 +34,7 @@ pub mod convert;
 mod csv_reader;
 mod csv_source;
 mod dataflash;
+mod detection;
 mod error;
 mod force_aligner;
 pub mod format;

@@ -13,7 +13,10 @@ use std::iter::Peekable;
 
 use recording::{Reference, Row, Writer};
 
-use crate::{ImportError, force_aligner::Sample};
+use crate::ImportError;
+
+/// Time in ns and vector of a sample.
+pub(crate) type Sample = (i64, [f64; 3]);
 
 /// Maximum distance between a field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;

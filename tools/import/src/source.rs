@@ -5,7 +5,8 @@
 
 use crate::{
     Format, ImportError, Note,
-    force_aligner::{ForceAligner, Sample},
+    force_aligner::ForceAligner,
+    row_writer::Sample,
     row_writer::{Attitude, RowWriter, Samples},
 };
 

@@ -6,7 +6,8 @@
 use std::{fs, io, path::Path};
 
 use crate::{
-    Paper, PaperError,
+    PaperError,
+    paper::Paper,
     picture::{Part, Picture},
 };
 

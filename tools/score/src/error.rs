@@ -3,9 +3,9 @@
 use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
-use ingest::source::SourceError;
 use launch::Slot;
 use pipeline::CollectorError;
+use readings::source::SourceError;
 use recording::RecordingError;
 use runtime::RuntimeError;
 use scenario::ScenarioError;
@@ -103,11 +103,10 @@ pub enum ScoreError {
         name: String,
     },
     /// The seed range is malformed, empty or too long.
-    #[error(
-        "invalid seeds in {text}: expected seed=A..B with A at most B and at most {} seeds",
-        crate::seeds::MAX_SEEDS
-    )]
+    #[error("invalid seeds in {text}: expected seed=A..B with A at most B and at most {max} seeds")]
     InvalidSeedRange {
+        /// Maximum number of seeds.
+        max: u64,
         /// Name of the simulation.
         text: String,
     },

@@ -18,6 +18,7 @@
 //! | [`seeds`] | a simulation repeated with many seeds, and the spread of its errors |
 //! | [`mod@run`] | run of all stages over all trials, in the slots of the real system |
 //! | [`timing`] | CPU time per update of the bare stages |
+//! | `evaluation` | run of chains over trials |
 //! | [`error_stats`] | error statistics of a chain over a trial |
 //! | [`normalised`] | errors divided by their reported standard deviations |
 //! | [`table`], `text` | the scores as JSON and as text tables |
@@ -34,6 +35,7 @@ pub mod chain;
 mod csv;
 mod error;
 pub mod error_stats;
+mod evaluation;
 pub mod normalised;
 pub mod overlay;
 pub mod plot;

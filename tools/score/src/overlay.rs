@@ -14,8 +14,7 @@ use attitude::{
     metrics::{Accuracy, AttitudeError},
     state::Attitude,
 };
-use ingest::source::Truth;
-use serde::Serialize;
+use readings::source::Truth;
 
 use crate::{plot::curve::Curve, table::ErrorsDeg};
 
@@ -45,20 +44,6 @@ pub(crate) struct ErrorCurves {
     /// Inclination, heading and total, degrees.
     pub(crate) curves: [Curve; 3],
     accuracy: Accuracy,
-}
-
-/// Root mean square difference between two chains over a trial.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StageDifference {
-    /// Name of the trial.
-    pub trial: String,
-    /// Fuser of the first chain.
-    pub from: String,
-    /// Fuser of the other chain.
-    pub to: String,
-    /// Root mean square difference.
-    #[serde(flatten)]
-    pub rms: ErrorsDeg,
 }
 
 impl Overlay {

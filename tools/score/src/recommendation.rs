@@ -1,23 +1,9 @@
 //! Recommended stage and setting.
 
-use serde::Serialize;
-
-use crate::{
-    table::{ErrorsDeg, Scores, StageScore},
-    tune::Sweep,
-};
+use crate::table::{ErrorsDeg, Recommendation, Scores, StageScore, Sweep};
 
 /// Relative difference below which two errors count as equal.
 const EQUIVALENCE_SHARE: f64 = 0.02;
-
-/// Recommendation derived from the scores.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Recommendation {
-    /// Best and second-best stage with their errors, as text.
-    pub text: String,
-    /// Sections of `launch.toml` that select the best stage; empty if there is no reference.
-    pub launch: String,
-}
 
 impl Recommendation {
     /// Ranks complete scores. Returns `None` if there is only one chain and no setting was

@@ -10,33 +10,29 @@
 //! scored.
 
 use std::{
-    cell::Cell,
     collections::HashSet,
     fs,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
-use ingest::conditioner::Sample;
 use judge::{Diagnosis, InputCheck, TimestampCheck};
-use launch::{Launch, Source, pluralize};
-use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
-use pipeline::{AttitudeFile, Collector, is_same_file};
+use launch::{Launch, pluralize};
+use pipeline::is_same_file;
 use rayon::prelude::*;
-use runtime::{Pace, ServiceConfig};
+use runtime::ServiceConfig;
 
 use crate::{
     ScoreError,
     chain::StageChain,
     csv::TickTable,
-    error_stats::{ErrorStats, TickErrors, Truth},
-    overlay::{ErrorCurves, Overlay, StageDifference},
+    evaluation::{ChainRun, TrialOutputs, config, gyro_bias, truth},
+    overlay::{ErrorCurves, Overlay},
     plot::{PlotOptions, PlotRecord, Plotter},
-    recommendation::Recommendation,
     report::HtmlReport,
     seeds::{self, merge},
     stages::{self, StageSelection},
-    table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, TrialWarning},
+    table::{Recommendation, Scores, StageDifference, StageScore, TrialScore, TrialWarning},
     timing::{MAX_SAMPLES, StageInput, ns_per_update},
     trial::{Gnss, Trial, TrialOptions},
     tune::{self, SettingRange},
@@ -191,66 +187,6 @@ fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<StageDifference> {
     others.iter().zip(&overlay.differences).map(difference).collect()
 }
 
-/// Mean errors of a launch configuration over the trials with a reference.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Evaluation {
-    pub(crate) mean: Errors,
-    /// `true` if the heading is known at the end of every trial.
-    pub(crate) heading_is_known: bool,
-}
-
-/// Evaluates every launch configuration on all cores.
-///
-/// The configurations are split into one part per core, and each trial is read once per part.
-/// `report_progress` is called with the number of readings processed since its last call.
-pub(crate) fn evaluate(
-    trials: &[Trial],
-    launches: &[Launch],
-    report_progress: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<Evaluation>, ScoreError> {
-    if launches.is_empty() {
-        return Ok(Vec::new());
-    }
-    let cores = rayon::current_num_threads().max(1);
-    let shares: Vec<_> = launches.chunks(launches.len().div_ceil(cores)).collect();
-    let with_reference = trials.iter().filter(|trial| trial.has_reference);
-    let jobs: Vec<_> = with_reference.flat_map(|trial| shares.iter().map(move |share| (trial, *share))).collect();
-    let done = jobs.par_iter().map(|(trial, share)| {
-        let evaluated = evaluate_trial(trial, share)?;
-        report_progress(trial.rows / shares.len() as u64);
-        Ok(evaluated)
-    });
-    let done: Vec<Vec<_>> = done.collect::<Result<_, ScoreError>>()?;
-    let errors_by_trial: Vec<Vec<(Errors, bool)>> = done.chunks(shares.len()).map(<[_]>::concat).collect();
-    let mean = |at: usize| {
-        let errors: Vec<_> = errors_by_trial.iter().map(|trial_errors| trial_errors[at].0).collect();
-        let heading_is_known = errors_by_trial.iter().all(|trial_errors| trial_errors[at].1);
-        Evaluation { mean: Errors::mean(&errors), heading_is_known }
-    };
-    Ok((0..launches.len()).map(mean).collect())
-}
-
-/// Returns the errors of each launch configuration over a trial. The flag of a configuration is
-/// `true` if its heading is known at the end.
-fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
-    let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
-    let mut chain_runs = configs.iter().map(chain_run).collect::<Result<Vec<_>, _>>()?;
-    let Some(first) = configs.first() else { return Ok(Vec::new()) };
-    let mut conditioner = ingest::conditioner(first)?;
-    let gyro_bias = gyro_bias(trial, launches);
-    for reading in trial.readings()? {
-        let reading = reading?;
-        let Some(sample) = conditioner.condition(&reading) else { continue };
-        let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
-        chain_runs.iter_mut().try_for_each(|chain_run| chain_run.process(&sample, truth.as_ref()))?;
-    }
-    Ok(chain_runs
-        .iter()
-        .map(|chain_run| (chain_run.errors(), chain_run.stats.heading_is_known() != Some(false)))
-        .collect())
-}
-
 fn open_trials(request: &Request, groups: &[TrialGroup]) -> Result<Vec<Trial>, ScoreError> {
     if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
         return Err(ScoreError::FixesForSeveralTrials { fixes: fixes.clone(), trials });
@@ -298,7 +234,7 @@ fn run_trial(
     let compares_stages = launches.len() > 1 && !trial.has_reference;
     let mut overlay = (is_first && (request.report.is_some() || compares_stages))
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
-    let mut conditioner = ingest::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
+    let mut conditioner = readings::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let gyro_bias = gyro_bias(trial, launches);
     let (mut input_check, mut timestamp_check, mut findings) =
         (InputCheck::default(), TimestampCheck::default(), Vec::new());
@@ -395,51 +331,6 @@ fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {
     })
 }
 
-/// Returns the true state at a tick; `None` if there is no reference.
-fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
-    sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
-}
-
-/// Returns the true gyro bias, rad/s, body axes, as a function of time in ns.
-///
-/// The result is `None` for a recording, or if calibration or mounting changes the rate of a
-/// simulation.
-fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
-    let default = Launch::default().ingest;
-    let is_default = |launch: &Launch| {
-        launch.ingest.calibration.gyro == default.calibration.gyro && launch.ingest.mounting == default.mounting
-    };
-    trial.gyro_bias_rad_s().filter(|_| launches.iter().all(is_default))
-}
-
-/// Returns the configuration of the slots: that of a system that replays a recording at maximum
-/// speed.
-fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
-    let mut launch = launch.clone();
-    launch.ingest.source = Source::Replay;
-    launch.ingest.replay.gyro_samples = trial.gyro_samples;
-    ServiceConfig::standalone(launch, trial.rate_hz, Pace::Max)
-}
-
-/// Run of one chain over one trial, with its statistics and outputs.
-struct ChainRun {
-    path: pipeline::Path,
-    collector: Collector,
-    stats: ErrorStats,
-    files: TrialOutputs,
-    /// Outputs of the current tick.
-    outputs: Vec<(AttitudeOutput, FusedState)>,
-    newest: Option<(AttitudeOutput, FusedState)>,
-}
-
-/// Optional outputs of a chain in addition to its score.
-#[derive(Default)]
-struct TrialOutputs {
-    out: Option<PathBuf>,
-    csv: Option<TickTable>,
-    record: Option<Box<PlotRecord>>,
-}
-
 /// Opens the requested outputs. If a simulation is repeated with many seeds, only the first one is
 /// drawn.
 fn create_outputs(
@@ -478,79 +369,4 @@ fn output_path(
 
 fn create_folder(folder: &Path) -> Result<(), ScoreError> {
     fs::create_dir_all(folder).map_err(|cause| ScoreError::Write { path: folder.into(), cause })
-}
-
-impl ChainRun {
-    fn new(config: &ServiceConfig, files: TrialOutputs) -> Result<Self, ScoreError> {
-        Ok(Self {
-            path: pipeline::Path::new(config)?,
-            collector: Collector::new(files.out.as_ref().map(AttitudeFile::new).as_ref())?,
-            stats: ErrorStats::default(),
-            files,
-            outputs: Vec::new(),
-            newest: None,
-        })
-    }
-
-    fn attitude_at(&self, tick: u64) -> Option<[f64; 4]> {
-        self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
-    }
-
-    /// Returns `true` if the heading is known at the last scored tick, or at the last tick if none
-    /// is scored.
-    fn heading_is_known(&self) -> bool {
-        let known_at_end =
-            || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
-        self.stats.heading_is_known().unwrap_or_else(known_at_end)
-    }
-
-    fn errors(&self) -> Errors {
-        self.stats.errors(ErrorsDeg::from_error(self.collector.accuracy().rmse()))
-    }
-
-    fn process(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
-        let Self { path, collector, stats, files, outputs, newest } = self;
-        let tick = sample.imu.header.tick;
-        if let Some(truth) = truth {
-            collector.record_reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
-        }
-        let state = Cell::new(None);
-        outputs.clear();
-        path.offer_observed(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
-            outputs.extend(state.get().map(|fused| (output, fused)));
-        })?;
-        for (output, fused) in outputs.iter() {
-            collector.record_attitude(output);
-            *newest = Some((*output, *fused));
-            let errors = truth.map(|truth| (truth, TickErrors::new(output, fused, truth)));
-            if let Some((_, errors)) = errors.as_ref().filter(|(truth, _)| truth.scored) {
-                stats.update(errors, output, fused);
-            }
-            if let Some(record) = &mut files.record {
-                record.update(&sample.imu, errors.as_ref().map(|(truth, errors)| (*truth, errors)), output, fused);
-            }
-            if let Some(csv) = &mut files.csv {
-                csv.write(&sample.imu, output, fused, truth)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn finish(mut self, trial: &Trial, ns_per_update: Option<f64>) -> Result<TrialScore, ScoreError> {
-        self.collector.finish()?;
-        self.files.csv.take().map_or(Ok(()), TickTable::finish)?;
-        let (error, heading_is_known) = (self.errors(), self.heading_is_known());
-        let ratios = self.stats.into_ratios();
-        Ok(TrialScore {
-            name: trial.name.clone(),
-            error,
-            heading_is_known,
-            normalised: ratios.quantiles(),
-            ratios,
-            scored: self.collector.accuracy().count(),
-            ticks: self.collector.ticks(),
-            ns_per_update,
-            spread: None,
-        })
-    }
 }

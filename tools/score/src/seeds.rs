@@ -6,39 +6,15 @@
 //!
 //! Failure: a range that is empty or too long is rejected.
 
-use std::collections::BTreeMap;
-
-use serde::Serialize;
-
 use crate::{
     ScoreError,
     normalised::RatioHistograms,
     recommendation::ranking_error,
-    table::{Errors, TrialScore},
+    table::{Errors, QUANTILES, Spread, TrialScore},
 };
 
 /// Maximum number of seeds for one simulation.
 pub const MAX_SEEDS: u64 = 10_000;
-/// Probabilities of the reported quantiles.
-pub const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
-
-/// Spread of the errors over the seeds of a simulation.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Spread {
-    /// Number of seeds.
-    pub seeds: u64,
-    /// Standard deviation of each error.
-    pub sd: Errors,
-    /// Errors that 5, 50 and 95 % of the seeds do not exceed.
-    pub quantiles: [Errors; QUANTILES.len()],
-    /// Seed with the largest total error. If the heading is unknown, seed with the largest
-    /// inclination error.
-    pub worst_seed: u64,
-    /// Errors of the worst seed.
-    pub worst: Errors,
-    /// Seed with the largest magnitude of each known error, keyed by error name.
-    pub worst_seed_by_error: BTreeMap<&'static str, u64>,
-}
 
 /// Expands a seed range into one simulation per seed; `None` if the name contains no range.
 ///
@@ -52,7 +28,7 @@ pub fn expand(text: &str) -> Result<Option<Vec<(u64, String)>>, ScoreError> {
     };
     let range = |pair: &str| pair.strip_prefix("seed=")?.split_once("..").map(|(a, b)| (a.to_owned(), b.to_owned()));
     let Some((first, last)) = query.split('&').find_map(range) else { return Ok(None) };
-    let invalid = || ScoreError::InvalidSeedRange { text: text.into() };
+    let invalid = || ScoreError::InvalidSeedRange { max: MAX_SEEDS, text: text.into() };
     let (first, last): (u64, u64) = first.parse().ok().zip(last.parse().ok()).ok_or_else(invalid)?;
     if last.checked_sub(first).is_none_or(|more| more >= MAX_SEEDS) {
         return Err(invalid());

@@ -9,11 +9,11 @@
 //!
 //! Failure: an error if a stage cannot be built; `None` if an output is unusable.
 
-use accel::AccelProcessor;
 use attitude::{point::Point, state::Attitude};
-use gyro::GyroProcessor;
 use messages::ImuSample;
 use runtime::{RuntimeError, ServiceConfig, SingleInputSlot, SlotProcessor, convert};
+use slots::accel::AccelProcessor;
+use slots::gyro::GyroProcessor;
 
 /// Separate instances of the gyro and accelerometer slots for a run.
 pub(crate) struct SensorSlots {
@@ -23,7 +23,7 @@ pub(crate) struct SensorSlots {
 
 impl SensorSlots {
     pub(crate) fn new(config: &ServiceConfig) -> Result<Self, RuntimeError> {
-        Ok(Self { gyro: gyro::slot(config)?, accel: accel::slot(config)? })
+        Ok(Self { gyro: slots::gyro::slot(config)?, accel: slots::accel::slot(config)? })
     }
 
     /// Processes a sample and returns the gyro's attitude and the accelerometer's up point.

@@ -8,11 +8,7 @@ use serde::Serialize;
 
 use crate::{
     normalised::{NormalisedErrors, RatioHistograms},
-    overlay::StageDifference,
-    recommendation::Recommendation,
-    seeds::Spread,
     text,
-    tune::Sweep,
 };
 
 /// Scores of all chains.
@@ -122,8 +118,84 @@ pub struct Errors {
     pub drift_end_deg: Option<f64>,
 }
 
+/// Probabilities of the reported quantiles.
+pub const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
 /// Number of errors.
 pub(crate) const ERROR_COUNT: usize = 10;
+
+/// Root mean square difference between two chains over a trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageDifference {
+    /// Name of the trial.
+    pub trial: String,
+    /// Fuser of the first chain.
+    pub from: String,
+    /// Fuser of the other chain.
+    pub to: String,
+    /// Root mean square difference.
+    #[serde(flatten)]
+    pub rms: ErrorsDeg,
+}
+
+/// Spread of the errors over the seeds of a simulation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spread {
+    /// Number of seeds.
+    pub seeds: u64,
+    /// Standard deviation of each error.
+    pub sd: Errors,
+    /// Errors that 5, 50 and 95 % of the seeds do not exceed.
+    pub quantiles: [Errors; QUANTILES.len()],
+    /// Seed with the largest total error. If the heading is unknown, seed with the largest
+    /// inclination error.
+    pub worst_seed: u64,
+    /// Errors of the worst seed.
+    pub worst: Errors,
+    /// Seed with the largest magnitude of each known error, keyed by error name.
+    pub worst_seed_by_error: BTreeMap<&'static str, u64>,
+}
+
+/// Result of a sweep or search for one chain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sweep {
+    /// Fuser of the chain.
+    pub fuser: String,
+    /// Name of the setting, as `slot.key`.
+    pub setting: String,
+    /// Unit of the setting.
+    pub unit: &'static str,
+    /// Name of the minimised error: total, or inclination if the heading is unknown.
+    pub objective: &'static str,
+    /// Value before the sweep or search.
+    pub before: Point,
+    /// Value with the smallest error.
+    pub best: Point,
+    /// `true` if the best value is at an end of the range, so that a better one may lie beyond it.
+    pub at_range_end: bool,
+    /// Every value that was tried, in ascending order.
+    pub curve: Vec<Point>,
+}
+
+/// A value of a setting and its errors.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Point {
+    /// Value, in the unit of the setting.
+    pub value: f64,
+    /// Mean of the minimised RMSE over the trials, degrees.
+    pub error_deg: f64,
+    /// Mean of every error over the trials.
+    #[serde(flatten)]
+    pub errors: Errors,
+}
+
+/// Recommendation derived from the scores.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Recommendation {
+    /// Best and second-best stage with their errors, as text.
+    pub text: String,
+    /// Sections of `launch.toml` that select the best stage; empty if there is no reference.
+    pub launch: String,
+}
 
 impl Errors {
     /// Names of the errors in JSON.

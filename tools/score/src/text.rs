@@ -6,8 +6,7 @@
 
 use crate::{
     normalised::RatioQuantiles,
-    seeds::{QUANTILES, Spread},
-    table::{ERROR_COUNT, Errors, Scores, StageScore, TrialScore},
+    table::{ERROR_COUNT, Errors, QUANTILES, Scores, Spread, StageScore, TrialScore},
 };
 
 /// Number of text columns at the left of each table.

@@ -20,8 +20,8 @@ use attitude::{
     gyro::{RateKind, RateSample},
     stage::Stage,
 };
-use ingest::conditioner::Sample;
 use messages::Flags;
+use readings::conditioner::Sample;
 use runtime::convert;
 use rustix::time::{ClockId, clock_gettime};
 

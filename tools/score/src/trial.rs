@@ -11,8 +11,8 @@
 use std::path::{Path, PathBuf};
 
 use attitude::gyro::RateKind;
-use ingest::source::{Reading, RecordedReadings, Truth};
 use launch::GyroSamples;
+use readings::source::{Reading, RecordedReadings, Truth};
 use recording::{RecordingError, References, gnss, survey};
 use scenario::Scenario;
 

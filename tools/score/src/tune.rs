@@ -13,15 +13,14 @@
 use std::{collections::HashSet, str::FromStr};
 
 use launch::Launch;
-use serde::Serialize;
 
 use crate::{
     ScoreError,
     chain::StageChain,
+    evaluation::{Evaluation, evaluate},
     recommendation::ranking_error,
-    run::{Evaluation, evaluate},
     stages::{Setting, apply},
-    table::{Errors, ErrorsDeg},
+    table::{ErrorsDeg, Point, Sweep},
     trial::Trial,
 };
 
@@ -54,39 +53,6 @@ impl FromStr for SettingRange {
         let (Setting { target, key, value: from }, to) = (end(from)?, end(to)?.value);
         if from < to { Ok(Self { target, key, from, to }) } else { Err(format!("{expected} with a below b")) }
     }
-}
-
-/// Result of a sweep or search for one chain.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sweep {
-    /// Fuser of the chain.
-    pub fuser: String,
-    /// Name of the setting, as `slot.key`.
-    pub setting: String,
-    /// Unit of the setting.
-    pub unit: &'static str,
-    /// Name of the minimised error: total, or inclination if the heading is unknown.
-    pub objective: &'static str,
-    /// Value before the sweep or search.
-    pub before: Point,
-    /// Value with the smallest error.
-    pub best: Point,
-    /// `true` if the best value is at an end of the range, so that a better one may lie beyond it.
-    pub at_range_end: bool,
-    /// Every value that was tried, in ascending order.
-    pub curve: Vec<Point>,
-}
-
-/// A value of a setting and its errors.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Point {
-    /// Value, in the unit of the setting.
-    pub value: f64,
-    /// Mean of the minimised RMSE over the trials, degrees.
-    pub error_deg: f64,
-    /// Mean of every error over the trials.
-    #[serde(flatten)]
-    pub errors: Errors,
 }
 
 /// Evaluates a range and leaves the chains unchanged.
@@ -267,6 +233,7 @@ fn round(value: f64, from: f64, to: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::table::Errors;
 
     #[test]
     fn setting_range_is_parsed() {

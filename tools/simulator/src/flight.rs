@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use ingest::{conditioner::Sample, source::Readings};
 use launch::{Launch, StageConfig};
+use readings::{conditioner::Sample, source::Readings};
 use runtime::{Pace, ServiceConfig, service_config::FIRST_EPOCH};
 
 /// Number of ticks of the longest flight.
@@ -40,7 +40,7 @@ impl Flight {
         (launch.gyro, launch.accel) = (stage(gyro), stage(accel));
         (launch.fuser, launch.course) = (stage(fuser), stage(course));
         let config = config(&launch);
-        let mut conditioner = ingest::conditioner(&config).map_err(|error| error.to_string())?;
+        let mut conditioner = readings::conditioner(&config).map_err(|error| error.to_string())?;
         let readings = Readings::open(&launch).map_err(|error| error.to_string())?;
         let readings = readings.take(MAX_TICKS as usize + 1).filter_map(Result::ok);
         let mut samples: Vec<_> = readings.filter_map(|reading| conditioner.condition(&reading)).collect();

@@ -53,17 +53,17 @@ pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &SwapsBySlot) -> Res
     };
     let initial = config(&flight.launch);
     let swaps_of = |slot: Slot| swaps.get(slot.name()).cloned().unwrap_or_default();
-    let mut gyro = SlotChain::new(gyro::slot(&initial).map_err(text)?, swaps_of(Slot::Gyro));
-    let mut accel = SlotChain::new(accel::slot(&initial).map_err(text)?, swaps_of(Slot::Accel));
-    let mut fuser = SlotChain::new(fuser::slot(&initial).map_err(text)?, swaps_of(Slot::Fuser));
-    let mut course = SlotChain::new(course::slot(&initial).map_err(text)?, swaps_of(Slot::Course));
+    let mut gyro = SlotChain::new(slots::gyro::slot(&initial).map_err(text)?, swaps_of(Slot::Gyro));
+    let mut accel = SlotChain::new(slots::accel::slot(&initial).map_err(text)?, swaps_of(Slot::Accel));
+    let mut fuser = SlotChain::new(slots::fuser::slot(&initial).map_err(text)?, swaps_of(Slot::Fuser));
+    let mut course = SlotChain::new(slots::course::slot(&initial).map_err(text)?, swaps_of(Slot::Course));
     let mut attitudes = Vec::new();
     for sample in flight.samples.iter().take(ticks as usize) {
         let tick = sample.imu.header.tick;
-        gyro.start_candidates(tick, |name| gyro::slot(&config_with(Slot::Gyro, name)).map_err(text))?;
-        accel.start_candidates(tick, |name| accel::slot(&config_with(Slot::Accel, name)).map_err(text))?;
-        fuser.start_candidates(tick, |name| fuser::slot(&config_with(Slot::Fuser, name)).map_err(text))?;
-        course.start_candidates(tick, |name| course::slot(&config_with(Slot::Course, name)).map_err(text))?;
+        gyro.start_candidates(tick, |name| slots::gyro::slot(&config_with(Slot::Gyro, name)).map_err(text))?;
+        accel.start_candidates(tick, |name| slots::accel::slot(&config_with(Slot::Accel, name)).map_err(text))?;
+        fuser.start_candidates(tick, |name| slots::fuser::slot(&config_with(Slot::Fuser, name)).map_err(text))?;
+        course.start_candidates(tick, |name| slots::course::slot(&config_with(Slot::Course, name)).map_err(text))?;
         let mut fused = Vec::new();
         if let Some(fix) = sample.gnss {
             course.offer(|| fix.into(), &mut attitudes);

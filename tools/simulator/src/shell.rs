@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
+use control::{ControlRequest, SwapRequest};
 use launch::Service;
 use messages::Credit;
 use runtime::{
     Role, ServiceConfig,
     service_config::{FIRST_EPOCH, Resume},
 };
-use supervision::{Action, ControlRequest, Event, Failure, Reply, Spawn, SwapRequest};
+use supervision::{Action, Event, Failure, Reply, Spawn};
 
 use crate::{
     bus::SUPERVISOR,

@@ -2,15 +2,17 @@
 
 use std::convert::Infallible;
 
-use accel::AccelProcessor;
-use course::{CourseMessage, CourseSlot};
-use fuser::{FuserMessage, FuserSlot};
-use gyro::GyroProcessor;
 use launch::Slot;
 use messages::{Difference, Health, State, Ticked};
 use runtime::{
     ServiceConfig, SingleInputSlot, SlotProcessor, input_scheduling::poll_fairly, ordered_subscriber::OrderedStream,
     service_config::Resume, slot_service::SlotService,
+};
+use slots::{
+    accel::AccelProcessor,
+    course::{CourseMessage, CourseSlot},
+    fuser::{FuserMessage, FuserSlot},
+    gyro::GyroProcessor,
 };
 use swap::Role;
 
@@ -42,11 +44,11 @@ impl SlotProcess {
         Ok(match slot {
             Slot::Gyro => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
-                Self::Gyro(ports.start_worker(gyro::slot(config).map_err(text)?, inputs, |bus| &mut bus.gyro))
+                Self::Gyro(ports.start_worker(slots::gyro::slot(config).map_err(text)?, inputs, |bus| &mut bus.gyro))
             }
             Slot::Accel => {
                 let inputs = vec![ports.unordered(|bus| &mut bus.imu)];
-                Self::Accel(ports.start_worker(accel::slot(config).map_err(text)?, inputs, |bus| &mut bus.accel))
+                Self::Accel(ports.start_worker(slots::accel::slot(config).map_err(text)?, inputs, |bus| &mut bus.accel))
             }
             Slot::Fuser => {
                 let inputs: Vec<InputReader<FuserMessage>> = vec![
@@ -56,12 +58,14 @@ impl SlotProcess {
                     ports.unordered(|bus| &mut bus.gnss),
                     ports.control(),
                 ];
-                Self::Fuser(ports.start_worker(fuser::slot(config).map_err(text)?, inputs, |bus| &mut bus.fused))
+                Self::Fuser(ports.start_worker(slots::fuser::slot(config).map_err(text)?, inputs, |bus| &mut bus.fused))
             }
             Slot::Course => {
                 let inputs: Vec<InputReader<CourseMessage>> =
                     vec![ports.ordered(|bus| &mut bus.fused), ports.unordered(|bus| &mut bus.gnss)];
-                Self::Course(ports.start_worker(course::slot(config).map_err(text)?, inputs, |bus| &mut bus.attitude))
+                Self::Course(
+                    ports.start_worker(slots::course::slot(config).map_err(text)?, inputs, |bus| &mut bus.attitude),
+                )
             }
         })
     }

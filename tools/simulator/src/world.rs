@@ -46,7 +46,7 @@ pub(crate) struct World {
     /// Exited processes with their exit status, until the supervisor handles them.
     pub(crate) exited: Vec<(u32, &'static str)>,
     pub(crate) clients: BTreeMap<u64, Client>,
-    pub(crate) requests: VecDeque<(u64, supervision::ControlRequest)>,
+    pub(crate) requests: VecDeque<(u64, control::ControlRequest)>,
     pub(crate) disconnected: VecDeque<u64>,
     pub(crate) swaps: SwapRecord,
     pub(crate) finished: Option<Option<Failure>>,

@@ -8,6 +8,8 @@ use crate::{
     state::Attitude,
 };
 
+/// Largest plausible specific force, m/s² (300 g).
+pub(crate) const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
 /// Smallest usable force, m/s². Below it, near free fall, the direction of the force is noise.
 pub const MIN_FORCE_M_S2: f64 = 0.5;
 

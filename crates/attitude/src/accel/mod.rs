@@ -21,6 +21,7 @@ mod inclination;
 pub mod inclinometer;
 pub mod projector;
 
+pub(crate) use inclination::MAX_PLAUSIBLE_FORCE_M_S2;
 pub use inclination::{Inclination, MIN_FORCE_M_S2};
 pub use projector::Projector;
 

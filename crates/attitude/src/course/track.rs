@@ -25,7 +25,7 @@ use super::{
     reference::CourseReference,
 };
 use crate::{
-    gnss::Fix,
+    gnss::{Fix, MAX_SPEED_M_S},
     parameters::{Parameter, ParameterError, Parameters, settings},
     scalars::Scalars,
     stage::{RestoreError, Stage},
@@ -62,8 +62,6 @@ const TURN_RATE_AVERAGING_S: f64 = 0.5;
 const MAX_TURN_RATE_RAD_S: f64 = 10.0;
 /// Assumed standard deviation of a velocity if the receiver does not report it, m/s.
 const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
-/// Maximum plausible ground speed, m/s.
-const MAX_SPEED_M_S: f64 = 3000.0;
 
 /// Course stage `track`.
 ///

@@ -9,16 +9,17 @@ use super::{
     gyro_scale::GyroScale,
     hard_iron::HardIron,
     input::FuserInput,
-    rest::{BIAS_SD_AT_REST_RAD_S, RestDetector},
+    rest::{BIAS_SD_AT_REST_RAD_S, MAX_SPEED_AT_REST_M_S, RestDetector},
 };
-use crate::{Vector3, accel::Inclination, scalars::Scalars, stage::bias_validation_error};
+use crate::{
+    Vector3,
+    accel::{Inclination, MAX_PLAUSIBLE_FORCE_M_S2},
+    scalars::Scalars,
+    stage::bias_validation_error,
+};
 
-/// Largest plausible specific force, m/s² (300 g). Samples with a larger force are not used.
-const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
 /// Largest plausible component of the rate, rad/s. Samples with a larger component are not used.
 const MAX_PLAUSIBLE_RATE_RAD_S: f64 = 1e3;
-/// Largest speed over ground at which the body may be at rest, m/s.
-const MAX_REST_SPEED_M_S: f64 = 0.7;
 /// Interval between updates of the rest detector, s. Slightly below 0.2 s to tolerate rounding in
 /// sums of intervals.
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
@@ -54,7 +55,7 @@ impl HandedOverBias {
         self.age_s += motion.dt_s;
         self.since_update_s += motion.dt_s;
         if let Some(fix) = &input.fix {
-            self.is_moving = fix.velocity_m_s.norm() > MAX_REST_SPEED_M_S;
+            self.is_moving = fix.velocity_m_s.norm() > MAX_SPEED_AT_REST_M_S;
         }
         let is_plausible = |inclination: &&Inclination| {
             inclination.norm_m_s2 <= MAX_PLAUSIBLE_FORCE_M_S2 && motion.rate_rad_s.amax() <= MAX_PLAUSIBLE_RATE_RAD_S

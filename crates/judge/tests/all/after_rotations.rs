@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use attitude::Vector3;
-use ingest::source::Reading;
+use readings::source::Reading;
 
 /// Recordings in which the body only translates, is at rest or makes coordinated turns.
 const WITHOUT_ROTATION: [&str; 5] = [

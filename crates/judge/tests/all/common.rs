@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use ingest::{conditioner::Conditioner, source::Reading};
 use judge::{Diagnosis, InputCheck, InputIssue};
 use launch::{GyroSamples, Launch};
+use readings::{conditioner::Conditioner, source::Reading};
 use recording::Reader;
 
 pub(crate) fn data() -> PathBuf {

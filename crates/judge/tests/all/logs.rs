@@ -5,8 +5,8 @@
 //! the coordinated turns of an aeroplane.
 
 use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
-use ingest::source::Reading;
 use judge::InputIssue;
+use readings::source::Reading;
 
 /// Names of the errors that are visible in any motion.
 const ALWAYS_VISIBLE: [&str; 9] = [

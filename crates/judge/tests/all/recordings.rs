@@ -1,8 +1,8 @@
 //! Recordings and simulations, unchanged and with artificial errors.
 
 use crate::common::{INPUT_ERRORS, diagnose, rate_hz, readings, recordings, scaled};
-use ingest::source::Reading;
 use judge::InputIssue;
+use readings::source::Reading;
 use scenario::Scenario;
 use std::thread;
 

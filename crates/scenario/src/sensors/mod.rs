@@ -7,7 +7,7 @@
 pub mod errors;
 mod receiver;
 
-use attitude::{Vector3, gnss::Fix};
+use attitude::{EARTH_RATE_RAD_S, Vector3, gnss::Fix};
 
 use crate::{
     Motion, SensorErrors, Truth,
@@ -15,9 +15,6 @@ use crate::{
     random::{RandomStream, StreamId},
 };
 use receiver::SimulatedReceiver;
-
-/// Rotation rate of the earth, rad/s (WGS 84).
-const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
 /// Simulated sensors on a moving body.
 #[derive(Debug, Clone)]

@@ -16,14 +16,13 @@ use swap::ReorderBuffer;
 use wire::keys;
 
 use super::{
-    ProgressCheckpoints,
     cache::Cache,
     frame::{Frame, FrameHeader},
     merge::Merge,
+    progress::{ProgressCheckpoints, run_id},
     record::{index_of, topics_in},
-    run_id,
 };
-use crate::{Shared, locked, worker_pool::WorkerPool};
+use crate::{locked::locked, shared::Shared, worker_pool::WorkerPool};
 
 /// Maximum number of frames in one reply. These frames hold a few seconds of ticks. A client
 /// requests the remaining ticks with another query.

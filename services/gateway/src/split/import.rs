@@ -20,13 +20,16 @@ use runtime::{
 use wire::{DecodeError, keys};
 
 use super::{
-    ProgressCheckpoints,
     frame::Frame,
     losses::LossLog,
+    progress::ProgressCheckpoints,
     reassembly::{Delivery, Reassembly},
     record::{CARRIED_TOPICS, Record, index_of},
 };
-use crate::{Shared, locked, notify_supervisor};
+use crate::{
+    locked::locked,
+    shared::{Shared, notify_supervisor},
+};
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);

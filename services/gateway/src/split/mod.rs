@@ -17,6 +17,7 @@
 //! | [`frame`] | records in network format |
 //! | [`reassembly`] | received, missing and lost ticks |
 //! | [`losses`] | summaries of lost ticks |
+//! | `progress` | progress as checkpoints |
 //! | `export`, `import` | exporting and importing end, each between bus and network |
 
 pub mod cache;
@@ -25,18 +26,16 @@ pub mod frame;
 pub(crate) mod import;
 pub mod losses;
 pub mod merge;
+mod progress;
 pub mod reassembly;
 pub mod record;
 
-use std::{fs, sync::Arc, thread::JoinHandle, time::Duration};
+use std::{sync::Arc, thread::JoinHandle, time::Duration};
 
-use bus::Publisher;
-use launch::Service;
 use link::{Endpoints, Link, LinkError};
-use messages::Checkpoint;
-use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
+use runtime::{RuntimeError, ServiceContext};
 
-use crate::{Shared, tap::Taps};
+use crate::{shared::Shared, tap::Taps};
 use export::{Export, ExportState};
 use import::{Import, ImportState};
 
@@ -121,46 +120,4 @@ impl NetworkSide {
             Self::Import(state) => state.spawn(Link::open(&endpoints.connect_only())?, shared.clone()).map(Some),
         }
     }
-}
-
-/// Publisher of the gateway's progress as checkpoints, from which neighbouring services and the
-/// gateway's next incarnation resume.
-struct ProgressCheckpoints {
-    checkpoints: Publisher<Checkpoint>,
-    due_tick: u64,
-}
-
-impl ProgressCheckpoints {
-    fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
-        Ok(Self { checkpoints: context.bus.publisher(CONTROL_BUFFER)?, due_tick: 1 })
-    }
-
-    fn publish(&mut self, context: &ServiceContext, next_tick: u64, run: u64) -> Result<(), RuntimeError> {
-        if next_tick < self.due_tick {
-            return Ok(());
-        }
-        self.due_tick = next_tick + context.config.checkpoint_ticks();
-        let mut checkpoint = Checkpoint {
-            next_tick,
-            service: Service::Gateway as u32,
-            incarnation: context.config.incarnation,
-            slot_words: 1,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        checkpoint.words[0] = run;
-        checkpoint.checksum = checkpoint.compute_checksum();
-        Ok(self.checkpoints.send(&checkpoint)?)
-    }
-}
-
-/// Returns a number that is unique to this run. It is derived from the boot identifier and from the
-/// process identifier and start time of the supervisor.
-fn run_id(supervisor_pid: u32) -> u64 {
-    let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
-    let boot = read("/proc/sys/kernel/random/boot_id");
-    let stat = read(&format!("/proc/{supervisor_pid}/stat"));
-    // The process name may contain any character, so the fields are counted from its closing
-    // parenthesis. The start time is the 20th field after it.
-    let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();
-    messages::hash(messages::HASH_START, format!("{boot} {supervisor_pid} {start}").as_bytes())
 }

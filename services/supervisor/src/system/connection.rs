@@ -11,7 +11,7 @@ use runtime::{OrderedSubscriber, ServiceConfig, SlotInput, service_config::CONTR
 use supervision::Event;
 
 use super::recorded_topics::RecordedTopics;
-use crate::{UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
+use crate::{error::UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
 
 /// Free shared memory required to publish an event, bytes. This is more than the topic `event`
 /// occupies.

@@ -15,7 +15,7 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::{UpError, terminal};
+use crate::{error::UpError, terminal};
 
 /// Maximum redraw rate of the terminal, Hz.
 const MAX_FRAMES_HZ: u8 = 10;

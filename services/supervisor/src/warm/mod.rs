@@ -31,7 +31,7 @@ use runtime::Prior;
 pub(crate) use location::state_file_path;
 use {clock::Timestamp, file::FileError, record::StateError, writer::StateWriter};
 
-use crate::{Plan, UpError};
+use crate::{Plan, error::UpError};
 
 /// Interval between two checks for a new state.
 const CHECK_INTERVAL: Duration = Duration::from_millis(500);

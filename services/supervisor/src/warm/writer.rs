@@ -11,7 +11,7 @@ use std::{
 use runtime::Prior;
 
 use super::{clock::Timestamp, file, record};
-use crate::UpError;
+use crate::error::UpError;
 
 /// Time limit for writing the last state at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);

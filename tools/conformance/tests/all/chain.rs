@@ -1,9 +1,9 @@
 //! Runs faulty sensor readings through the complete chain. The conditioner of ingest must clean up
 //! these readings.
 use attitude::Quaternion;
-use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch, Slot};
 use messages::AttitudeOutput;
+use readings::{conditioner::Conditioner, source::Reading};
 use runtime::{Pace, ServiceConfig};
 use scenario::{Motion, SensorErrors, Sensors};
 

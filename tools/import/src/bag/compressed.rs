@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use super::Message;
+use super::message::Message;
 
 /// First bytes of compressed data. No supported CDR or protobuf message starts with them.
 const ZSTD_MAGIC: &[u8] = b"\x28\xb5\x2f\xfd";

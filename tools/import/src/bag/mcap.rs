@@ -19,7 +19,10 @@ use mcap::{
     sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use super::{Message, ReadError, topics::Topic};
+use super::{
+    message::{Message, ReadError},
+    topics::Topic,
+};
 use crate::{csv_reader::CountingReader, error::open_error};
 
 /// Maximum length of a record or chunk, bytes. Reading stops at the first record or chunk that is

@@ -14,6 +14,7 @@
 
 mod compressed;
 mod mcap;
+mod message;
 mod plumbline;
 pub(crate) mod ros;
 mod sqlite;
@@ -30,56 +31,18 @@ use std::{
 use crate::{
     Format, ImportError, Note,
     error::open_error,
-    force_aligner::{ForceAligner, Sample},
+    force_aligner::ForceAligner,
+    row_writer::Sample,
     row_writer::{Attitude, RowWriter, Samples},
     source::{FixSink, ReceiverFix, Source, Survey},
 };
+use message::{InertialSample, Message, Position, ReadError, VelocityFix};
 use topics::{Kind, Role, Topic, Topics};
 
 /// Number of messages between two progress reports.
 const PROGRESS_INTERVAL_MESSAGES: u64 = 1024;
 /// Maximum number of directory entries that are inspected in a bag.
 const MAX_FILES: usize = 10_000;
-
-/// Message on a readable topic.
-struct Message {
-    topic: Rc<Topic>,
-    data: Vec<u8>,
-}
-
-/// Error while reading the next message. After damage, reading continues with the next file; a
-/// fatal error ends the import.
-enum ReadError {
-    Fatal(ImportError),
-    Damage(String),
-}
-
-/// Sample of rate and force in native axes, with the attitude from the same message, if any.
-pub(crate) struct InertialSample {
-    pub(crate) t_ns: i64,
-    pub(crate) rate_rad_s: [f64; 3],
-    pub(crate) force_m_s2: [f64; 3],
-    /// `true` if the rate is the value at the end of the interval instead of its mean over the
-    /// interval.
-    is_instant: bool,
-    attitude: Option<Attitude>,
-}
-
-/// Velocity measured by a GNSS receiver, east, north, up.
-struct VelocityFix {
-    t_ns: i64,
-    velocity_m_s: [f64; 3],
-    /// Position, if the same message contains it.
-    position: Option<Position>,
-}
-
-/// Position measured by a GNSS receiver.
-#[derive(Clone, Copy)]
-struct Position {
-    latitude_deg: f64,
-    longitude_deg: f64,
-    altitude_m: f64,
-}
 
 /// Files of a bag and the topics selected from them.
 pub(crate) struct Bag<'a> {

@@ -14,8 +14,8 @@ use std::collections::VecDeque;
 use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
-use super::{InertialSample, Position, VelocityFix};
-use crate::{force_aligner::Sample, row_writer::Attitude};
+use super::message::{InertialSample, Position, VelocityFix};
+use crate::row_writer::{Attitude, Sample};
 
 /// Maximum length of each queue. One queue holds the samples waiting for their reference. The other
 /// queue holds the references waiting for their sample.

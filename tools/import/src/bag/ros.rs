@@ -15,8 +15,8 @@ use mapping::is_rotation;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
-use super::{InertialSample, Position, VelocityFix};
-use crate::{force_aligner::Sample, row_writer::Attitude};
+use super::message::{InertialSample, Position, VelocityFix};
+use crate::row_writer::{Attitude, Sample};
 
 const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;

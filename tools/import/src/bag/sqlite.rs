@@ -15,7 +15,10 @@ use std::{
 
 use rusqlite::{Connection, OpenFlags, limits::Limit};
 
-use super::{Message, ReadError, topics::Topic};
+use super::{
+    message::{Message, ReadError},
+    topics::Topic,
+};
 
 const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;

@@ -4,7 +4,7 @@ use attitude::frames::{self, Body, Earth};
 use mapping::is_rotation;
 use recording::Reference;
 
-use super::messages::Field;
+use super::field::Field;
 use crate::{row_writer::Attitude, source::ReceiverFix};
 
 const UT_PER_MGAUSS: f64 = 0.1;

@@ -21,7 +21,7 @@ use std::{
     rc::Rc,
 };
 
-use super::fields::Layout;
+use super::{field::Field, fields::Layout};
 use crate::csv_reader::CountingReader;
 
 const MESSAGE_MAGIC: [u8; 2] = [0xa3, 0x95];
@@ -31,13 +31,6 @@ const HEADER_BYTES: usize = 3;
 const FMT: u8 = 0x80;
 const FMT_BYTES: usize = 89;
 const BUFFER_BYTES: usize = 1 << 16;
-
-/// Offset and type code of a field in a message.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Field {
-    offset: usize,
-    type_code: u8,
-}
 
 /// Length and layout of a message type.
 pub(super) struct Format {
@@ -167,46 +160,4 @@ fn parse_fields(type_codes: &[u8], length_bytes: usize) -> Option<Vec<Field>> {
 /// Returns the bytes before the first NUL.
 fn until_nul(bytes: &[u8]) -> &[u8] {
     bytes.split(|byte| *byte == 0).next().unwrap_or_default()
-}
-
-impl Field {
-    /// Returns the value of the field in a message; NaN if it is not numeric.
-    pub(super) fn number(self, message: &[u8]) -> f64 {
-        let Some(bytes) = message.get(self.offset..) else { return f64::NAN };
-        macro_rules! number {
-            ($type:ty) => {
-                bytes.first_chunk().map_or(f64::NAN, |bytes| <$type>::from_le_bytes(*bytes) as f64)
-            };
-        }
-        match self.type_code {
-            b'b' => number!(i8),
-            b'B' | b'M' => number!(u8),
-            b'h' => number!(i16),
-            b'H' => number!(u16),
-            b'i' => number!(i32),
-            b'I' => number!(u32),
-            b'q' => number!(i64),
-            b'Q' => number!(u64),
-            b'f' => number!(f32),
-            b'd' => number!(f64),
-            b'c' => number!(i16) / 100.0,
-            b'C' => number!(u16) / 100.0,
-            b'e' => number!(i32) / 100.0,
-            b'E' => number!(u32) / 100.0,
-            b'L' => number!(i32) / 1e7,
-            _ => f64::NAN,
-        }
-    }
-
-    /// Returns the value of an unsigned integer field in a message; `None` for other types.
-    pub(super) fn unsigned(self, message: &[u8]) -> Option<u64> {
-        let bytes = message.get(self.offset..)?;
-        match self.type_code {
-            b'B' => bytes.first().map(|byte| (*byte).into()),
-            b'H' => bytes.first_chunk().map(|bytes| u16::from_le_bytes(*bytes).into()),
-            b'I' => bytes.first_chunk().map(|bytes| u32::from_le_bytes(*bytes).into()),
-            b'Q' => bytes.first_chunk().map(|bytes| u64::from_le_bytes(*bytes)),
-            _ => None,
-        }
-    }
 }

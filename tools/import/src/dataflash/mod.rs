@@ -11,6 +11,7 @@
 //! Failure: a log that contains no usable messages is an error. If a log is damaged, all complete
 //! messages are read.
 
+mod field;
 mod fields;
 mod messages;
 
@@ -25,7 +26,8 @@ use std::{
 use crate::{
     Format, ImportError, Note,
     error::open_error,
-    force_aligner::{ForceAligner, Sample},
+    force_aligner::ForceAligner,
+    row_writer::Sample,
     row_writer::{Attitude, RowWriter, Samples},
     source::{FixSink, Source, Survey},
 };

@@ -7,7 +7,11 @@ use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
-use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::ReceiverFix};
+use crate::{
+    ImportError,
+    row_writer::{Attitude, Sample},
+    source::ReceiverFix,
+};
 
 /// Relative timestamp that marks a missing measurement.
 const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;

@@ -26,7 +26,8 @@ use std::{
 use crate::{
     Format, ImportError, Note,
     error::open_error,
-    force_aligner::{ForceAligner, Sample},
+    force_aligner::ForceAligner,
+    row_writer::Sample,
     row_writer::{Attitude, RowWriter, Samples},
     source::{FixSink, Source, Survey},
 };

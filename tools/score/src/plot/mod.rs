@@ -22,6 +22,7 @@
 //! | `sweep.SETTING` | error over the range of a setting |
 
 pub(crate) mod curve;
+mod options;
 mod record;
 mod sphere;
 
@@ -36,8 +37,9 @@ use figures::{
 };
 use launch::Launch;
 
-use crate::{ScoreError, tune::Sweep};
+use crate::{ScoreError, table::Sweep};
 use curve::Curve;
+pub use options::{Format, PlotOptions};
 pub(crate) use record::PlotRecord;
 use record::{Curves, Quantity, Source};
 use sphere::Sphere;
@@ -52,38 +54,6 @@ const SPHERE_SIZE: (u32, u32) = (900, 900);
 /// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
 /// curve is interrupted there.
 const WRAP_DEG: f64 = 180.0;
-
-/// Options for the figures.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PlotOptions {
-    /// Output folder.
-    pub folder: PathBuf,
-    /// Start of the time window, seconds from the first sample.
-    pub from_s: f64,
-    /// End of the time window, seconds from the first sample; `None` for the end of the trial.
-    pub to_s: Option<f64>,
-    /// Width and height, pixels; `None` for the defaults.
-    pub size: Option<(u32, u32)>,
-    /// File format.
-    pub format: Format,
-}
-
-/// File format of a figure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Format {
-    /// Vector graphics.
-    #[default]
-    Svg,
-    /// Pixel graphics.
-    Png,
-}
-
-impl PlotOptions {
-    /// Returns `true` if the time is in the window.
-    pub(crate) fn includes(&self, t_s: f64) -> bool {
-        t_s >= self.from_s && self.to_s.is_none_or(|to_s| t_s <= to_s)
-    }
-}
 
 /// A figure over time. Each panel is given by the label of its vertical axis and its quantity.
 struct Figure {

@@ -9,8 +9,8 @@ use messages::{AttitudeOutput, FusedState, ImuSample};
 use runtime::{RuntimeError, ServiceConfig};
 
 use super::{
-    PlotOptions,
     curve::{BINS, Curve},
+    options::PlotOptions,
 };
 use crate::{
     error_stats::{TickErrors, Truth},

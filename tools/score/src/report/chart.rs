@@ -7,7 +7,6 @@
 
 use std::fmt::Write;
 
-use super::escape;
 use crate::plot::curve::Curve;
 
 /// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
@@ -195,7 +194,7 @@ fn draw_line(svg: &mut String, line: &Line, x_axis: &Axis, y_axis: &Axis) {
 
 /// Returns the CSS class of a line.
 pub(super) fn stage_class(stage: Option<usize>) -> String {
-    stage.map_or("reference".into(), |index| format!("stage{}", index % super::STYLE_COUNT))
+    stage.map_or("reference".into(), |index| format!("stage{}", index % STYLE_COUNT))
 }
 
 /// Formats a number without trailing zeros.
@@ -203,6 +202,14 @@ fn format_number(value: f64) -> String {
     let text = if value != 0.0 && value.abs() < 0.01 { format!("{value:.1e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };
     if short == "-0" { "0".into() } else { short.into() }
+}
+
+/// Number of line styles available for stages. Further stages reuse the styles in order.
+pub(super) const STYLE_COUNT: usize = 6;
+
+/// Escapes a text for HTML.
+pub(super) fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -16,13 +16,10 @@ use crate::{
     ScoreError,
     overlay::{AngleCurves, ErrorCurves, Overlay},
     recommendation::ranking_error,
-    table::{ErrorsDeg, Scores, StageScore},
-    tune::{Sweep, is_log_range},
+    table::{ErrorsDeg, Scores, StageScore, Sweep},
+    tune::is_log_range,
 };
-use chart::{Chart, Line, stage_class};
-
-/// Number of line styles available for stages. Further stages reuse the styles in order.
-const STYLE_COUNT: usize = 6;
+use chart::{Chart, Line, escape, stage_class};
 
 /// Style sheet, with the colours of Okabe and Ito 2008. The reference has the colour of the text.
 const CSS: &str = "\
@@ -309,9 +306,4 @@ impl PageBuilder {
 
 fn format_deg(deg: Option<f64>) -> String {
     deg.map_or("–".into(), |deg| format!("{deg:.3}"))
-}
-
-/// Escapes a text for HTML.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -11,12 +11,13 @@ use super::{
     standstill::{WITH_RECEIVER, WITHOUT_RECEIVER},
     variance::{correlated_variance, square},
 };
-use crate::{Vector3, fuser::input::FuserInput};
+use crate::{
+    Vector3,
+    fuser::{input::FuserInput, rest::MAX_SPEED_AT_REST_M_S},
+};
 
 /// Interval between two updates with an assumed velocity, s.
 const INTERVAL_S: f64 = 0.2;
-/// Largest speed over ground at which the body may be standing still, m/s.
-const MAX_STANDSTILL_SPEED_M_S: f64 = 0.7;
 /// Standard deviation of the velocity at standstill, m/s.
 const STANDSTILL_SD_M_S: f64 = 0.1;
 /// States that an assumed velocity does not correct.
@@ -84,7 +85,7 @@ impl Aided {
             return false;
         };
         let has_fix = self.aiding.since_fix_s < self.settings.fix_timeout_s;
-        let limits = match (self.aiding.has_velocity, has_fix && self.aiding.speed_m_s < MAX_STANDSTILL_SPEED_M_S) {
+        let limits = match (self.aiding.has_velocity, has_fix && self.aiding.speed_m_s < MAX_SPEED_AT_REST_M_S) {
             (true, true) => Some(&WITH_RECEIVER),
             (true, false) => None,
             (false, _) => Some(&WITHOUT_RECEIVER),

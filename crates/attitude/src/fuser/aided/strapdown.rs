@@ -6,10 +6,8 @@ use super::{
     sums::IntervalSums,
     variance::square,
 };
-use crate::{GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rotation::Rotation};
+use crate::{EARTH_RATE_RAD_S, GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rotation::Rotation};
 
-/// Rotation rate of the earth, rad/s (WGS 84).
-const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 /// Largest plausible specific force of a vehicle, m/s².
 const MAX_FORCE_M_S2: f64 = 1e3;
 /// Largest component of a vehicle's velocity, m/s.

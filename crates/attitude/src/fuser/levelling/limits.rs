@@ -1,14 +1,16 @@
 //! Plausibility limits of force, rate, speed and interval of a vehicle, and the accuracy limit of
 //! levelling.
 
-use crate::{Vector3, gnss::Fix, gyro::Motion};
+use crate::{
+    Vector3,
+    gnss::{Fix, MAX_SPEED_M_S},
+    gyro::Motion,
+};
 
 /// Maximum force or acceleration of a vehicle, m/s². Larger values are limited to it.
 pub(super) const MAX_FORCE_M_S2: f64 = 500.0;
 /// Maximum rate of a vehicle, rad/s. Larger values are limited to it.
 pub(super) const MAX_RATE_RAD_S: f64 = 100.0;
-/// Maximum speed of a vehicle, m/s. Fixes with a larger velocity component are ignored.
-const MAX_SPEED_M_S: f64 = 3000.0;
 /// Smallest standard deviation of the inclination, rad.
 ///
 /// It is the tilt due to the bias of a consumer accelerometer, 0.02 m/s², which levelling cannot

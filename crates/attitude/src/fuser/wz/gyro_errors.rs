@@ -73,7 +73,7 @@ const TILT_WALK_PER_RATE: f64 = 2.5e-4;
 /// Largest rate used for the process noise, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
 /// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
-const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
+pub(super) const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
 /// acceleration of 3 m/s², when the level is initialised.
 const INITIAL_LEVEL_SD_RAD: f64 = 0.3;

@@ -45,6 +45,7 @@ use super::{
 
 use crate::{
     Complex, Vector3,
+    accel::MAX_PLAUSIBLE_FORCE_M_S2,
     parameters::{Parameter, ParameterError, Parameters},
     rotation::Rotation,
     scalars::Scalars,
@@ -61,8 +62,6 @@ use {
 /// Longest interval over which one rate sample may be integrated, s. The motion of a body over a
 /// longer interval is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
-/// Largest plausible specific force, m/s² (300 g). Larger values are discarded.
-const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
 
 /// Fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq)]

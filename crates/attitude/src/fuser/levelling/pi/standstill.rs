@@ -3,7 +3,7 @@
 //! The rate is compared with its own mean, so that a bias does not hide the standstill. A very
 //! smooth steady turn slower than 1 °/s is mistaken for a bias.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, fuser::rest::MAX_SPEED_AT_REST_M_S, scalars::Scalars};
 
 /// Time constant of the means and of the variances about them, s.
 const AVERAGING_S: f64 = 2.0;
@@ -19,8 +19,6 @@ const MAX_FORCE_RMS_M_S2: f64 = 0.08;
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
 /// Largest component of a mean rate that is accepted as a bias, rad/s: 1 °/s.
 const MAX_BIAS_RAD_S: f64 = 0.017_453;
-/// Largest speed over ground at standstill, m/s.
-const MAX_SPEED_M_S: f64 = 0.7;
 /// Minimum duration of the quiet phase, s.
 const MIN_QUIET_S: f64 = 5.0;
 
@@ -61,7 +59,7 @@ impl StandstillDetector {
         let quiet = self.rate_square_rad2_s2 < rate_rms * rate_rms
             && self.force_square_m2_s4 < force_rms * force_rms
             && self.rate_mean_rad_s.amax() < MAX_BIAS_RAD_S
-            && speed_m_s.is_none_or(|speed_m_s| speed_m_s < MAX_SPEED_M_S);
+            && speed_m_s.is_none_or(|speed_m_s| speed_m_s < MAX_SPEED_AT_REST_M_S);
         self.quiet_s = if quiet { (self.quiet_s + dt_s).min(MIN_QUIET_S) } else { 0.0 };
         (self.quiet_s >= MIN_QUIET_S).then_some(self.rate_mean_rad_s)
     }

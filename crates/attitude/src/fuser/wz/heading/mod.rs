@@ -51,7 +51,7 @@ use crate::{
     fuser::{
         estimate::Estimate,
         hard_iron::HardIron,
-        wz::{correction_smoothing, settings::Settings},
+        wz::{correction_smoothing, gyro_errors::ASSUMED_UNOBSERVED_RATE_RAD_S, settings::Settings},
     },
     scalars::Scalars,
     state::{Attitude, wrapped_rad},
@@ -82,8 +82,6 @@ const SETTLED_TILT_RAD: f64 = 4e-4;
 const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
-/// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
-const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
 /// rotation the direction is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;

@@ -1,0 +1,14 @@
+//! Contents of a slot.
+
+use std::collections::BTreeMap;
+
+/// Stage of a slot with its parameters.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct StageConfig {
+    /// Name of the stage: one of the slot's `NAMES` in `attitude`, or an external stage of the
+    /// launch file.
+    pub stage: String,
+    /// Parameters that differ from their defaults, by name.
+    pub set: BTreeMap<String, f64>,
+}

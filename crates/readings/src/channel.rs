@@ -1,0 +1,87 @@
+//! Checks the values of one sensor channel.
+//!
+//! Input: values as reported by the sensor.
+//!
+//! Output: usable values, or `None`, with flags.
+//!
+//! Time: the duration of constant or invalid values is the sum of the intervals that the caller
+//! passes.
+
+use attitude::gnss::{Fix, MAX_SPEED_M_S};
+use messages::Flags;
+
+use crate::source::ReceiverFix;
+
+/// Multiple of the measuring range beyond which a value is invalid rather than clipped.
+const SANITY_FACTOR: f64 = 10.0;
+/// Maximum plausible magnitude of an altitude, m. Altitudes beyond it are discarded.
+const MAX_ALTITUDE_M: f64 = 1e6;
+
+/// Returns the fix without implausible values, or `None` with a flag if its velocity is invalid.
+pub(crate) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
+    let Some(ReceiverFix { fix, longitude_rad, altitude_m }) = fix else { return (None, Flags::NONE) };
+    // The comparison also rejects NaN.
+    if !fix.velocity_m_s.iter().all(|x| x.abs() < MAX_SPEED_M_S) {
+        return (None, Flags::FIX_INVALID);
+    }
+    let plausible = |value: Option<f64>, limit: f64| value.filter(|value| value.is_finite() && value.abs() <= limit);
+    let fix = Fix {
+        velocity_m_s: fix.velocity_m_s,
+        sd_m_s: plausible(fix.sd_m_s, MAX_SPEED_M_S).filter(|sd| *sd > 0.0),
+        age_s: plausible(fix.age_s, 10.0).filter(|age| *age >= 0.0),
+        latitude_rad: plausible(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
+    };
+    let longitude_rad = plausible(longitude_rad, std::f64::consts::PI);
+    (Some(ReceiverFix { fix, longitude_rad, altitude_m: plausible(altitude_m, MAX_ALTITUDE_M) }), Flags::FIX)
+}
+
+/// Magnetometer channel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FieldChannel {
+    pub(crate) limit_ut: f64,
+    pub(crate) previous_ut: Option<[f64; 3]>,
+}
+
+impl FieldChannel {
+    /// Returns the field if it is a new valid sample, with its flags.
+    pub(crate) fn check(&mut self, field_ut: Option<[f64; 3]>) -> (Option<[f64; 3]>, Flags) {
+        let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
+        if !field_ut.iter().all(|x| x.abs() < self.limit_ut) {
+            return (None, Flags::FIELD_INVALID);
+        }
+        // A magnetometer is slower than a gyro, and a recording repeats its value until the next
+        // sample. An unchanged value is therefore not a new sample.
+        if self.previous_ut.replace(field_ut) == Some(field_ut) {
+            return (None, Flags::NONE);
+        }
+        (Some(field_ut), Flags::FIELD)
+    }
+}
+
+/// Channel of one vector: rate or force.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct VectorChannel {
+    pub(crate) limit: f64,
+    pub(crate) invalid: Flags,
+    pub(crate) clipped: Flags,
+    pub(crate) stuck: Flags,
+    pub(crate) stuck_ns: i64,
+    pub(crate) last_valid: [f64; 3],
+    pub(crate) repeated_ns: i64,
+    pub(crate) invalid_ns: i64,
+}
+
+impl VectorChannel {
+    /// Returns the value to use and its flags. An invalid value is replaced by the last valid one.
+    pub(crate) fn check(&mut self, value: [f64; 3], dt_ns: i64) -> ([f64; 3], Flags) {
+        if !value.iter().all(|x| x.abs() < self.limit * SANITY_FACTOR) {
+            self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
+            return (self.last_valid, self.invalid);
+        }
+        self.invalid_ns = 0;
+        self.repeated_ns = if value == self.last_valid { self.repeated_ns.saturating_add(dt_ns) } else { 0 };
+        self.last_valid = value;
+        let is_clipped = value.iter().any(|x| x.abs() >= self.limit);
+        (value, self.clipped.when(is_clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
+    }
+}

@@ -1,0 +1,280 @@
+//! Slot `fuser`: fuses `gyro` and `accel`, joined by tick, with `mag` and `gnss` at the ticks that
+//! have them.
+//!
+//! - Input: motion and up direction of each tick; magnetic field and satellite fix of some ticks.
+//! - Output: one attitude per tick, on the topic `fused`.
+//! - Time: timestamps of the samples.
+//! - Failure: missing and unusable input is flagged. [`SupervisedFuser`] decides which input is used
+//!   and when the level is reset.
+
+use attitude::{
+    accel::Inclination,
+    fuser::{
+        Fuser, FuserStage, SupervisedFuser,
+        supervised::{ForceFaults, RateFaults, SensorTick, SupervisedFused},
+    },
+};
+use host::AnyStage;
+use launch::{Service, Slot};
+use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
+use runtime::{
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, SlotProcessor,
+    convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
+    join::MAX_QUEUED,
+    join_inputs, stage,
+    state_words::StateWords,
+};
+
+/// Message received on one of the slot's inputs.
+#[derive(Debug, Clone, Copy)]
+pub enum FuserMessage {
+    /// Message of the topic `gyro`.
+    Gyro(GyroStep),
+    /// Message of the topic `accel`.
+    Accel(AccelPoint),
+    /// Message of the topic `mag`.
+    Mag(MagSample),
+    /// Message of the topic `gnss`.
+    Gnss(GnssFix),
+    /// Message of the topic `control`.
+    Control(Control),
+}
+
+impl From<Control> for FuserMessage {
+    fn from(message: Control) -> Self {
+        Self::Control(message)
+    }
+}
+
+impl From<GyroStep> for FuserMessage {
+    fn from(message: GyroStep) -> Self {
+        Self::Gyro(message)
+    }
+}
+
+impl From<AccelPoint> for FuserMessage {
+    fn from(message: AccelPoint) -> Self {
+        Self::Accel(message)
+    }
+}
+
+impl From<MagSample> for FuserMessage {
+    fn from(message: MagSample) -> Self {
+        Self::Mag(message)
+    }
+}
+
+impl From<GnssFix> for FuserMessage {
+    fn from(message: GnssFix) -> Self {
+        Self::Gnss(message)
+    }
+}
+
+join_inputs! {
+    /// Inputs of the join, in the order of the slot's inputs.
+    Inputs => Tick { gyro: GyroStep, accel: AccelPoint, mag: MagSample, gnss: GnssFix, }
+}
+
+/// Slot `fuser`.
+#[derive(Debug)]
+pub struct FuserSlot {
+    join: Join<Inputs>,
+    fuser: SupervisedFuser<AnyStage<Fuser>>,
+}
+
+/// Creates the slot with the stage that `config` names.
+///
+/// # Errors
+///
+/// Returns an error if the stage cannot be built.
+pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
+    let mut stage = stage::build_stage(Slot::Fuser, &config.launch, Fuser::from_name)?;
+    if let Some(Err(error)) = config.prior.map(|prior| stage.seed_sensor_errors(&prior.estimate())) {
+        eprintln!("service fuser: sensor errors of an earlier run ignored: {error}");
+    }
+    let join = Join::new(Inputs::default(), config.lateness_ticks());
+    Ok(FuserSlot { join, fuser: SupervisedFuser::new(stage) })
+}
+
+impl SlotProcessor for FuserSlot {
+    const SLOT: Slot = Slot::Fuser;
+
+    type Input = FuserMessage;
+    type Output = FusedState;
+    type Stage = AnyStage<Fuser>;
+
+    fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
+        match input {
+            FuserMessage::Gyro(message) => self.join.offer(|inputs| Some(&mut inputs.gyro), message),
+            FuserMessage::Accel(message) => self.join.offer(|inputs| Some(&mut inputs.accel), message),
+            FuserMessage::Mag(message) => self.join.offer(|inputs| Some(&mut inputs.mag), message),
+            FuserMessage::Gnss(message) => self.join.offer(|inputs| Some(&mut inputs.gnss), message),
+            FuserMessage::Control(message) => self.on_control(&message),
+        }
+        while let Some(tick) = self.join.next() {
+            if let Some(state) = self.fuse(&tick) {
+                publish(state);
+            }
+        }
+    }
+
+    fn sequence(&self) -> &Sequence {
+        self.join.sequence()
+    }
+
+    fn awaited_input(&self) -> usize {
+        self.join.awaited_input()
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.fuser.failure().map(|failure| failure.to_string())
+    }
+
+    fn stage(&self) -> &AnyStage<Fuser> {
+        self.fuser.stage()
+    }
+
+    fn stage_mut(&mut self) -> &mut AnyStage<Fuser> {
+        self.fuser.stage_mut()
+    }
+
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.join.sequence_mut().visit(visit);
+        self.fuser.state_mut().visit(visit);
+    }
+
+    fn validation_error(&self) -> Option<&'static str> {
+        self.fuser.state().validation_error()
+    }
+
+    fn is_initialised(&self) -> bool {
+        self.fuser.state().is_aligned
+    }
+
+    fn expect_backlog(&mut self, tick: u64) {
+        self.join.expect_backlog(tick, MAX_QUEUED as u64);
+    }
+}
+
+impl FuserSlot {
+    /// Stops waiting for the input from a slot while that slot has no owner.
+    fn on_control(&mut self, control: &Control) {
+        let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
+        match Service::from_index(control.service).and_then(Service::slot) {
+            Some(Slot::Gyro) => self.join.inputs_mut().gyro.set_absent_from(absent_from),
+            Some(Slot::Accel) => self.join.inputs_mut().accel.set_absent_from(absent_from),
+            Some(Slot::Fuser | Slot::Course) | None => {}
+        }
+    }
+
+    /// Fuses the messages of a tick. Returns `None` once the stage has failed.
+    fn fuse(&mut self, joined: &Joined<Tick>) -> Option<FusedState> {
+        let Tick { gyro, accel, mag, gnss } = &joined.messages;
+        let origin = gyro.as_ref().map(Ticked::header).or(accel.as_ref().map(Ticked::header))?;
+        let mut header = self.join.sequence().mark_header(*origin, joined.missing);
+        if let Some(accel) = accel {
+            header.flags |= accel.header.flags;
+        }
+        let tick = SensorTick {
+            motion: gyro.as_ref().and_then(|gyro| convert::motion(gyro, header.dt_s())),
+            force_m_s2: accel.as_ref().map(|accel| accel.force_m_s2.into()),
+            inclination: accel.as_ref().and_then(inclination),
+            field_ut: mag.as_ref().and_then(convert::field_ut),
+            fix: gnss.as_ref().and_then(convert::fix),
+            ..sensor_tick(&header)
+        };
+        let is_aiding_missing = header.flags.any(Flags::FIELD) && tick.field_ut.is_none()
+            || header.flags.any(Flags::FIX) && tick.fix.is_none();
+        let SupervisedFused { fused, is_aligned, is_reset, reset_counter } = self.fuser.step(&tick)?;
+        header.flags |= Flags::GYRO_MISSING.when(tick.motion.is_none())
+            | Flags::ACCEL_MISSING.when(accel.is_none())
+            | Flags::AIDING_MISSING.when(is_aiding_missing)
+            | Flags::RESET.when(is_reset)
+            | Flags::ALIGNED.when(fused.corrections.aligned)
+            | Flags::UNALIGNED.when(!is_aligned)
+            | Flags::AT_REST.when(fused.corrections.rest)
+            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
+        Some(FusedState {
+            header,
+            w: complex_to_payload(fused.attitude.up.w),
+            z_rad: fused.attitude.z_rad,
+            chart: chart_to_payload(fused.attitude.up.chart),
+            rate_rad_s: fused.rate_rad_s.into(),
+            bias_rad_s: fused.bias_rad_s.into(),
+            innovation_rad: fused.innovation_rad,
+            inclination_sd_rad: fused.inclination_sd_rad,
+            heading_sd_rad: fused.heading_sd_rad,
+            course_reference: course_reference_to_payload(fused.reference),
+            reset_counter,
+        })
+    }
+}
+
+/// Returns the interval and the faults of a tick, without its sensor values.
+fn sensor_tick(header: &Header) -> SensorTick {
+    let any = |flags: Flags| header.flags.any(flags);
+    SensorTick {
+        t_start_ns: header.t_start_ns,
+        t_end_ns: header.t_end_ns,
+        is_after_gap: any(Flags::GAP | Flags::LOST_BEFORE),
+        is_sensor_stage_reset: any(Flags::RESET),
+        rate_faults: RateFaults {
+            is_invalid: any(Flags::RATE_INVALID),
+            is_clipped: any(Flags::RATE_CLIPPED),
+            is_stuck: any(Flags::RATE_STUCK),
+        },
+        force_faults: ForceFaults {
+            is_invalid: any(Flags::FORCE_INVALID),
+            is_small: any(Flags::FORCE_SMALL),
+            is_stuck: any(Flags::FORCE_STUCK),
+        },
+        ..SensorTick::default()
+    }
+}
+
+/// Returns the inclination, or `None` if a value is not finite or the chart is unknown.
+fn inclination(accel: &AccelPoint) -> Option<Inclination> {
+    let force_m_s2 = finite_vector(accel.force_m_s2)?;
+    Some(Inclination { up: convert::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
+}
+
+#[cfg(test)]
+mod tests {
+    use attitude::Complex;
+    use launch::Launch;
+    use runtime::{Pace, checkpoint};
+
+    use super::*;
+
+    fn slot_with(stage: &str) -> FuserSlot {
+        let mut launch = Launch::default();
+        launch.fuser.stage = stage.into();
+        let config = ServiceConfig::standalone(launch, 100.0, Pace::Max);
+        slot(&config).unwrap()
+    }
+
+    #[test]
+    fn fuser_joins_the_inputs_of_the_graph() {
+        let mut joined = Inputs::TOPICS.to_vec();
+        let mut inputs: Vec<_> = Service::Fuser.inputs().map(graph::Topic::name).collect();
+        joined.sort_unstable();
+        inputs.sort_unstable();
+        assert_eq!(joined, inputs);
+    }
+
+    #[test]
+    fn resume_from_unaligned_stage_aligns_the_new_stage() {
+        let unaligned = checkpoint::capture(&mut slot_with("wz"), 1, false);
+        let mut other = slot_with("wz-closed");
+        checkpoint::resume(&mut other, &unaligned).unwrap();
+        let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };
+        level.force_m_s2 =
+            attitude::point::Point { w: Complex::new(0.3, 0.1), ..Default::default() }.direction().into();
+        let still = GyroStep { p: [1.0, 0.0], ..bytemuck::Zeroable::zeroed() };
+        let mut outputs = Vec::new();
+        other.offer(level.into(), &mut |out| outputs.push(out));
+        other.offer(still.into(), &mut |out| outputs.push(out));
+        assert_eq!(outputs[0].w.map(|x| (x * 1e9).round() / 1e9), [0.3, 0.1]);
+        assert!(outputs[0].header.flags.any(Flags::ALIGNED));
+    }
+}

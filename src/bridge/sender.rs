@@ -1,0 +1,199 @@
+//! Forwarding of attitudes in another protocol: arguments, loop and counts.
+
+use std::{
+    collections::VecDeque,
+    fmt, thread,
+    time::{Duration, Instant},
+};
+
+use bridges::{datagrams::DatagramError, validity::WithholdReason};
+use bus::{BusError, Observer, Tap};
+use clap::Args;
+use control::{ControlError, ControlRequest, send_request};
+use driver::DriverError;
+use graph::Topic;
+use link::LinkError;
+use messages::{AttitudeOutput, ImuSample};
+use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
+use serde::Serialize;
+use swap::ReorderBuffer;
+
+use crate::{
+    duration::duration_s,
+    remote::RemoteError,
+    system::LocalSystemArgs,
+    topics::{POLL_INTERVAL, StopCondition, observer},
+};
+
+/// Interval between two attempts to open a topic.
+pub(super) const OPEN_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Maximum number of samples kept until the attitudes of their ticks arrive.
+pub(super) const MAX_SAMPLES: usize = 16_384;
+
+/// Arguments that select the system and the time.
+#[derive(Args)]
+pub(super) struct BridgeArgs {
+    #[command(flatten)]
+    pub(super) system: LocalSystemArgs,
+    /// Time before stopping, such as 500ms, 10s or 1h [default: unlimited]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
+    pub(super) duration_s: Option<f64>,
+}
+
+/// Error of a bridge.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum BridgeError {
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    #[error(transparent)]
+    Control(#[from] ControlError),
+    #[error(transparent)]
+    Datagrams(#[from] DatagramError),
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    #[error(transparent)]
+    Driver(#[from] DriverError),
+}
+
+impl BridgeError {
+    pub(super) fn exit_code(&self) -> u8 {
+        match self {
+            Self::Remote(error) => error.exit_code(),
+            _ => 1,
+        }
+    }
+}
+
+/// Sender of attitudes in another protocol.
+pub(super) trait AttitudeSender {
+    /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
+    /// tick, if samples are read.
+    fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
+    /// Called several times a second, after all available attitudes have been sent.
+    fn poll(&mut self);
+}
+
+/// Counts of attitudes sent and withheld, and of messages dropped.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct SendCounts {
+    /// Attitudes sent.
+    pub(super) attitudes: u64,
+    /// Heartbeats sent, if the protocol has them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) heartbeats: Option<u64>,
+    /// Attitudes not sent because they are flagged as not aligned yet.
+    pub(super) unaligned: u64,
+    /// Attitudes not sent because they were not a finite rotation or lacked a required sample.
+    pub(super) invalid: u64,
+    /// Attitudes not sent because they were too old.
+    pub(super) stale: u64,
+    /// Messages not accepted by the network.
+    pub(super) dropped: u64,
+}
+
+impl SendCounts {
+    pub(super) fn withhold(&mut self, why: WithholdReason) {
+        match why {
+            WithholdReason::Unaligned => self.unaligned += 1,
+            WithholdReason::Invalid => self.invalid += 1,
+            WithholdReason::Stale => self.stale += 1,
+        }
+    }
+}
+
+impl BridgeArgs {
+    pub(super) fn attach(&self) -> Result<Observer, BridgeError> {
+        Ok(observer(&self.system.name(), "bridge")?)
+    }
+
+    /// Sends attitudes until the time limit is reached, a signal arrives or the system ends.
+    pub(super) fn forward(
+        &self,
+        observer: &Observer,
+        with_samples: bool,
+        sender: &mut dyn AttitudeSender,
+    ) -> Result<(), BridgeError> {
+        let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
+        let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
+        let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
+        let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
+        let (mut samples, mut arrived, mut is_joined) =
+            (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
+        while !stop.is_met() {
+            if let Some(tap) = taps.1.tap(observer)? {
+                tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
+            }
+            // A sample is published before the attitude of its tick, so it is available by now.
+            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(observer)).transpose()?.flatten() {
+                tap.drain(&mut |bytes| samples.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
+                samples.drain(..samples.len().saturating_sub(MAX_SAMPLES));
+            }
+            for output in arrived.drain(..) {
+                reorder_buffer.offer(output, &mut |output, _| {
+                    while samples.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
+                        samples.pop_front();
+                    }
+                    let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
+                    // The samples of the first attitudes may have been published before their topic
+                    // was opened, so attitudes are sent only from the first one that has a sample.
+                    is_joined |= sample.is_some();
+                    if is_joined {
+                        sender.send(&output, sample);
+                    }
+                });
+            }
+            sender.poll();
+            thread::sleep(POLL_INTERVAL);
+        }
+        Ok(())
+    }
+}
+
+/// Topic that may become available later.
+pub(super) struct LateTopic {
+    pub(super) topic: Topic,
+    pub(super) tap: Option<Tap>,
+    pub(super) tried_at: Option<Instant>,
+}
+
+impl LateTopic {
+    pub(super) fn new(topic: Topic) -> Self {
+        Self { topic, tap: None, tried_at: None }
+    }
+
+    pub(super) fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
+        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
+            self.tried_at = Some(Instant::now());
+            self.tap = match observer.tap(self.topic) {
+                Ok(tap) => Some(tap),
+                Err(BusError::TopicNotOpen { .. }) => None,
+                Err(error) => return Err(error),
+            };
+        }
+        Ok(self.tap.as_ref())
+    }
+}
+
+impl fmt::Display for SendCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { attitudes, heartbeats, unaligned, invalid, stale, dropped } = self;
+        write!(f, "{attitudes} attitudes sent")?;
+        heartbeats.iter().try_for_each(|beats| write!(f, ", {beats} heartbeats"))?;
+        let withheld = [(unaligned, "unaligned"), (invalid, "invalid"), (stale, "stale")];
+        for (count, what) in withheld.into_iter().filter(|(count, _)| **count > 0) {
+            write!(f, ", {count} {what} attitudes not sent")?;
+        }
+        if *dropped > 0 {
+            write!(f, "; {dropped} messages dropped by the network")?;
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn rate_hz(text: &str) -> Result<f64, String> {
+    let hz = text.parse().ok().filter(|hz| (0.1..=1000.0).contains(hz));
+    hz.ok_or_else(|| "expected a rate in Hz from 0.1 to 1000".into())
+}

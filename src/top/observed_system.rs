@@ -1,0 +1,63 @@
+//! Arguments of `plumb top`, and the system that it observes.
+
+use std::time::Duration;
+
+use bus::{BusError, Observer};
+use clap::Args;
+use control::{ControlError, ControlRequest, ServiceStatus, send_request};
+use observe::top::SystemMonitor;
+
+use crate::{
+    system::LocalSystemArgs,
+    topics::{duration, observer},
+};
+
+/// Arguments of `plumb top`.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  plumb top
+  plumb top --interval 0.5 --lines
+  plumb top --count 10 --json")]
+pub(crate) struct TopCommand {
+    #[command(flatten)]
+    pub(super) system: LocalSystemArgs,
+    /// Interval between two updates, s, 0.001 to 1e8
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
+    pub(super) interval: Duration,
+    /// Number of updates before stopping, printed as lines
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) count: Option<u64>,
+    /// Time before stopping, s [default: until q or Ctrl-C]
+    #[arg(long, value_parser = duration)]
+    pub(super) seconds: Option<Duration>,
+    /// Print updates as lines, also on a terminal
+    #[arg(long)]
+    pub(super) lines: bool,
+}
+
+/// Error while observing a system.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum TopError {
+    /// The supervisor does not respond.
+    #[error(transparent)]
+    Control(#[from] ControlError),
+    /// The system's bus cannot be read.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+}
+
+/// Running system with its observer.
+pub(super) struct ObservedSystem {
+    pub(super) observer: Observer,
+    pub(super) monitor: SystemMonitor,
+    pub(super) name: String,
+}
+
+impl ObservedSystem {
+    pub(super) fn attach(name: &str) -> Result<Self, TopError> {
+        let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status)?;
+        let observer = observer(name, "top")?;
+        Ok(Self { monitor: SystemMonitor::new(&observer, &statuses)?, observer, name: name.into() })
+    }
+}

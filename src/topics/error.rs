@@ -1,0 +1,45 @@
+//! Error while observing the topics of a system.
+
+use bus::BusError;
+use graph::Topic;
+
+use crate::remote::RemoteError;
+
+/// Error while observing a system.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ObserveError {
+    /// The system on this machine cannot be observed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The vehicle cannot be reached over the network.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    /// The topic name is unknown.
+    #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
+    NoTopic { topic: String },
+    /// The vehicle did not reply.
+    #[error(
+        "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
+    )]
+    NoVehicle { vehicle: String, limit_s: f64 },
+    /// The vehicle does not publish this topic.
+    #[error(
+        "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
+    )]
+    NotSent { vehicle: String, topic: String, sent: String },
+}
+
+impl ObserveError {
+    /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, else 1.
+    pub(crate) fn exit_code(&self) -> u8 {
+        match self {
+            Self::NoTopic { .. } => 2,
+            Self::Remote(error) => error.exit_code(),
+            _ => 1,
+        }
+    }
+}
+
+pub(super) fn names(topics: &[Topic]) -> String {
+    topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
+}

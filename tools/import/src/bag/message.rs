@@ -1,0 +1,46 @@
+//! Messages of a bag, and the samples that they contain.
+
+use std::rc::Rc;
+
+use super::topics::Topic;
+use crate::{ImportError, row_writer::Attitude};
+
+/// Message on a readable topic.
+pub(super) struct Message {
+    pub(super) topic: Rc<Topic>,
+    pub(super) data: Vec<u8>,
+}
+
+/// Error while reading the next message. After damage, reading continues with the next file; a
+/// fatal error ends the import.
+pub(super) enum ReadError {
+    Fatal(ImportError),
+    Damage(String),
+}
+
+/// Sample of rate and force in native axes, with the attitude from the same message, if any.
+pub(crate) struct InertialSample {
+    pub(crate) t_ns: i64,
+    pub(crate) rate_rad_s: [f64; 3],
+    pub(crate) force_m_s2: [f64; 3],
+    /// `true` if the rate is the value at the end of the interval instead of its mean over the
+    /// interval.
+    pub(super) is_instant: bool,
+    pub(super) attitude: Option<Attitude>,
+}
+
+/// Velocity measured by a GNSS receiver, east, north, up.
+pub(super) struct VelocityFix {
+    pub(super) t_ns: i64,
+    pub(super) velocity_m_s: [f64; 3],
+    /// Position, if the same message contains it.
+    pub(super) position: Option<Position>,
+}
+
+/// Position measured by a GNSS receiver.
+#[derive(Clone, Copy)]
+pub(super) struct Position {
+    pub(super) latitude_deg: f64,
+    pub(super) longitude_deg: f64,
+    pub(super) altitude_m: f64,
+}
