@@ -8,10 +8,9 @@ use bridges::{
     validity,
 };
 use clap::Args;
-use gateway::decimator::Decimator;
 use launch::TopicRate;
 use messages::{AttitudeOutput, ImuSample};
-use runtime::clock::monotonic_ns;
+use runtime::{clock::monotonic_ns, decimator::Decimator};
 
 use super::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 

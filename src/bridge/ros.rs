@@ -7,11 +7,10 @@ use bridges::{
     validity::{self, WithholdReason},
 };
 use clap::Args;
-use gateway::decimator::Decimator;
 use launch::TopicRate;
 use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
-use runtime::clock::monotonic_ns;
+use runtime::{clock::monotonic_ns, decimator::Decimator};
 
 use super::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 use crate::remote::RemoteEndpoint;

@@ -17,7 +17,6 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `tap` | reads a bus topic, reduced to its configured rate |
-//! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
 //! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
 //! | `network_publisher` | publishes liveliness tokens, the report, and messages in envelopes |
@@ -28,7 +27,6 @@
 //! | [`split`] | split systems, whose ticks are carried from one gateway to another |
 #![forbid(unsafe_code)]
 
-pub mod decimator;
 pub mod idempotent_swaps;
 mod memory_limit;
 mod network_publisher;
