@@ -8,6 +8,7 @@ use runtime::Pace;
 use supervisor::{Recorder, Report, Request};
 
 use crate::{
+    absent::absent_services,
     fail_after_result,
     import::{ReadOptions, ReadableFile},
     record::FlightRecorder,
@@ -116,6 +117,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         columns,
         cold,
         publish_readings: readings,
+        absent_services: absent_services(),
     };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };

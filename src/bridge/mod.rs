@@ -1,7 +1,9 @@
 //! `plumb bridge`: forwards attitudes to other protocols, and readings from ROS 2 to a system.
 
 mod mavlink;
+#[cfg(feature = "network")]
 mod ros;
+#[cfg(feature = "network")]
 mod ros_sensor;
 
 use std::{
@@ -18,12 +20,13 @@ use clap::{Args, Subcommand};
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
-use link::LinkError;
 use messages::{AttitudeOutput, ImuSample};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
 use swap::ReorderBuffer;
 
+#[cfg(not(feature = "network"))]
+use crate::absent::{ros, ros_sensor};
 use crate::{
     fail,
     remote::RemoteError,
@@ -69,8 +72,9 @@ enum BridgeError {
     Datagrams(#[from] DatagramError),
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    #[cfg(feature = "network")]
     #[error(transparent)]
-    Link(#[from] LinkError),
+    Link(#[from] link::LinkError),
     #[error(transparent)]
     Driver(#[from] DriverError),
 }
@@ -124,8 +128,8 @@ impl SendCounts {
 pub(crate) fn run(bridge: &Bridge) -> ExitCode {
     match bridge {
         Bridge::Mavlink(mavlink) => print_counts(mavlink.run(), mavlink.args.system.json),
-        Bridge::Ros(ros) => print_counts(ros.run(), ros.args.system.json),
-        Bridge::RosSensor(sensor) => print_counts(sensor.run(), sensor.args.system.json),
+        Bridge::Ros(ros) => ros::run(ros),
+        Bridge::RosSensor(sensor) => ros_sensor::run(sensor),
     }
 }
 

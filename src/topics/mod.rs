@@ -3,6 +3,7 @@
 //! `observe` displays bytes with their layout and is independent of the source.
 
 pub(crate) mod frame;
+#[cfg(feature = "network")]
 pub(crate) mod remote;
 
 use std::{
@@ -20,7 +21,10 @@ use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
+#[cfg(not(feature = "network"))]
+use crate::remote::{RemoteTopic, RemoteVehicle};
 use crate::{remote::RemoteError, system::SystemArgs};
+#[cfg(feature = "network")]
 use remote::{RemoteTopic, RemoteVehicle};
 
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
@@ -45,11 +49,13 @@ pub(crate) enum ObserveError {
     #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
     NoTopic { topic: String },
     /// The vehicle did not reply.
+    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
     #[error(
         "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
     )]
     NoVehicle { vehicle: String, limit_s: f64 },
     /// The vehicle does not publish this topic.
+    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
     #[error(
         "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
     )]
