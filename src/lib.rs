@@ -1,6 +1,7 @@
 //! `plumb`: one executable with the command line, the supervisor and every service.
 #![forbid(unsafe_code)]
 
+mod absent;
 mod bench;
 mod bridge;
 mod calibrate;
@@ -9,25 +10,42 @@ mod duration;
 mod failure;
 mod import;
 mod info;
+#[cfg(feature = "network")]
 mod keys;
 mod paper;
 mod record;
+#[cfg(feature = "network")]
 mod remote;
 mod replay;
 mod score;
 mod stage;
+#[cfg(all(feature = "network", feature = "tui"))]
 mod station;
+#[cfg(all(feature = "network", feature = "cockpit", not(feature = "tui")))]
+#[allow(dead_code, reason = "the cockpit uses only a part of it")]
+#[path = "station/fleet.rs"]
+mod station_fleet;
 mod stdout;
 mod swap;
 mod system;
+#[cfg(feature = "tui")]
 mod top;
 mod topic;
 mod topics;
 mod up;
+#[cfg(feature = "cockpit")]
 mod view;
 
 use std::{fmt::Display, path::PathBuf, process::ExitCode};
 
+#[cfg(not(all(feature = "network", feature = "tui")))]
+use absent::station;
+#[cfg(not(feature = "tui"))]
+use absent::top;
+#[cfg(not(feature = "cockpit"))]
+use absent::{cockpit, view};
+#[cfg(not(feature = "network"))]
+use absent::{gateway, keys, remote};
 use clap::{CommandFactory, Parser, Subcommand};
 use launch::{Launch, Service};
 
@@ -199,10 +217,13 @@ pub fn main() -> ExitCode {
         Command::Bench { command } => bench::run(&command),
         Command::Keys { command } => keys::run(command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
-            Ok(_) => {
-                supervisor::announce(format_args!("{} is valid", file.display()));
-                ExitCode::SUCCESS
-            }
+            Ok(launch) => match absent::find_absent_service(&launch) {
+                Some(error) => fail(&error, 3),
+                None => {
+                    supervisor::announce(format_args!("{} is valid", file.display()));
+                    ExitCode::SUCCESS
+                }
+            },
             Err(error) => fail(&error, 3),
         },
         Command::Service { service } => {

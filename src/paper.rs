@@ -15,8 +15,7 @@ Examples:
   plumb paper s1
   plumb paper all --out papers
 
-Writes DIR/PAPER/NAME.svg, NAME.png if the system has a font, and DIR/index.html with all
-papers in DIR. Tables are also printed.")]
+Writes DIR/PAPER/NAME.svg and DIR/index.html with all papers in DIR. Tables are also printed.")]
 pub(crate) struct PaperCommand {
     /// Paper to reproduce
     #[arg(value_name = "PAPER")]
@@ -54,7 +53,6 @@ impl PaperArg {
 
 pub(crate) fn run(command: &PaperCommand) -> ExitCode {
     let mut text = String::new();
-    let mut missing_typeface = None;
     for paper in command.paper.papers() {
         let bar = ProgressBar::new(0).with_style(progress_style()).with_message(paper.name());
         let result = papers::reproduce(paper, &command.out, &mut |done, total| {
@@ -63,19 +61,15 @@ pub(crate) fn run(command: &PaperCommand) -> ExitCode {
         });
         bar.finish_and_clear();
         match result {
-            Ok(output) => {
-                for part in &output.parts {
+            Ok(parts) => {
+                for part in &parts {
                     if let Picture::Table(table) = &part.picture {
                         text += &format!("{}: {}\n{table}\n\n", paper.name(), part.title);
                     }
                 }
-                missing_typeface = output.png_skipped_reason;
             }
             Err(error) => return fail(&error, 1),
         }
-    }
-    if let Some(note) = missing_typeface {
-        supervisor::announce(note);
     }
     text += &format!("All figures: {}", command.out.join(papers::page::INDEX_FILE).display());
     print(&text)

@@ -78,6 +78,7 @@ pub(crate) struct RemoteEndpoint {
 
 impl RemoteEndpoint {
     /// Returns `true` if both ends present certificates, so that commands are accepted.
+    #[cfg_attr(not(feature = "cockpit"), allow(dead_code, reason = "only the cockpit uses it"))]
     pub(crate) fn is_secured(&self) -> bool {
         self.keys.is_some() && self.endpoints().iter().all(|endpoint| is_secured(endpoint))
     }

@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use score::{
     Request,
-    plot::{Format, PlotOptions},
+    plot::PlotOptions,
     stages::{Setting, StageSelection},
     trial::{Gnss, RecordedGyroSamples, TrialOptions},
     tune::SettingRange,
@@ -100,9 +100,6 @@ pub(crate) struct Score {
     /// Width and height of each figure, px, 480x320 to 8000x8000
     #[arg(long, value_name = "WIDTHxHEIGHT", requires = "plot", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Figure format; png has doubled resolution and needs a system font
-    #[arg(long, value_name = "svg|png", requires = "plot", default_value = "svg")]
-    format: PlotFormat,
     /// Self-contained HTML page with attitudes, errors and recommendation
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -125,12 +122,6 @@ enum Switch {
     Off,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum PlotFormat {
-    Svg,
-    Png,
-}
-
 /// Argument of `--set`: a value or a range of values.
 #[derive(Clone)]
 enum Set {
@@ -146,18 +137,13 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, csv, plot, from, to, size, format, report, tune, all_errors, json, reading, reference, .. } =
-        score;
+    let Score { out, csv, plot, from, to, size, report, tune, all_errors, json, reading, reference, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference belongs to a single recording; score other files separately", 2);
     }
     if to.is_some_and(|to| to <= from) {
         return fail(&"--to must be later than --from", 2);
     }
-    let format = match format {
-        PlotFormat::Svg => Format::Svg,
-        PlotFormat::Png => Format::Png,
-    };
     let (mut values, mut sweeps) = (Vec::new(), Vec::new());
     for setting in settings {
         match setting {
@@ -194,7 +180,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         selection: StageSelection { gyro, accel, course, fusers, launch: base, settings: values },
         out,
         csv,
-        plot: plot.map(|folder| PlotOptions { folder, from_s: from, to_s: to, size, format }),
+        plot: plot.map(|folder| PlotOptions { folder, from_s: from, to_s: to, size }),
         report,
         command: command_line(),
         sweeps,

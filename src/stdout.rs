@@ -30,12 +30,14 @@ pub(crate) fn print_item(text: &dyn Display) -> ControlFlow<ExitCode> {
 }
 
 /// Returns the width of the terminal, columns, or `None` if standard output is not a terminal.
+#[cfg_attr(not(feature = "tui"), allow(dead_code, reason = "only terminal views use it"))]
 pub(crate) fn terminal_columns() -> Option<usize> {
     let terminal = Term::stdout();
     terminal.is_term().then(|| terminal.size().1.into())
 }
 
 /// Prints lines, each truncated to the width of the terminal.
+#[cfg_attr(not(feature = "tui"), allow(dead_code, reason = "only terminal views use it"))]
 pub(crate) fn print_truncated(text: &str) -> ControlFlow<ExitCode> {
     let columns = terminal_columns().unwrap_or(usize::MAX);
     let cut = |line: &str| line.chars().take(columns).collect::<String>();

@@ -8,6 +8,7 @@ use runtime::Pace;
 use supervisor::{Recorder, Report, Request};
 
 use crate::{
+    absent::absent_services,
     duration::duration_s,
     failure::fail_after_result,
     import::{ReadOptions, ReadableFile},
@@ -117,6 +118,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         columns,
         cold,
         publish_readings: readings,
+        absent_services: absent_services(),
     };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };

@@ -16,7 +16,7 @@ use std::{
 
 use mavlink::{
     MAVLinkV2MessageRaw, MavHeader,
-    dialects::ardupilotmega::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage},
+    dialects::common::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage},
 };
 use prost::Message as _;
 use rustix::{

@@ -4,14 +4,13 @@ use std::time::{Duration, Instant};
 
 use bridges::{
     datagrams::{DatagramError, DatagramSender, Endpoint},
-    mavlink::{AUTOPILOT_COMPONENT_ID, AttitudeMessages, HeartbeatStatus, MavlinkEncoder, attitude_messages},
+    mavlink::{AUTOPILOT_COMPONENT_ID, HeartbeatStatus, MavlinkAttitude, MavlinkEncoder},
     validity,
 };
 use clap::Args;
-use gateway::decimator::Decimator;
 use launch::TopicRate;
 use messages::{AttitudeOutput, ImuSample};
-use runtime::clock::monotonic_ns;
+use runtime::{clock::monotonic_ns, decimator::Decimator};
 
 use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
 
@@ -87,9 +86,9 @@ impl AttitudeSender for MavlinkSender {
         if let Err(why) = validity::validate(output, monotonic_ns()) {
             return self.counts.withhold(why);
         }
-        let AttitudeMessages { quaternion, angles } = attitude_messages(output);
-        for raw in [self.speaker.encode(&quaternion), self.speaker.encode(&angles)] {
-            self.counts.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
+        let attitude = MavlinkAttitude::new(output);
+        for frame in [self.speaker.attitude_quaternion(&attitude), self.speaker.attitude(&attitude)] {
+            self.counts.dropped += u64::from(!self.datagrams.send(&frame));
         }
         self.counts.attitudes += 1;
         self.last_attitude = Some(Instant::now());
@@ -108,8 +107,8 @@ impl AttitudeSender for MavlinkSender {
             Some(last_attitude) if last_attitude.elapsed() < SILENCE_TIMEOUT => HeartbeatStatus::Active,
             Some(_) => HeartbeatStatus::Silent,
         };
-        let raw = self.speaker.heartbeat(condition);
-        self.counts.dropped += u64::from(!self.datagrams.send(raw.raw_bytes()));
+        let frame = self.speaker.heartbeat(condition);
+        self.counts.dropped += u64::from(!self.datagrams.send(&frame));
         self.counts.heartbeats.iter_mut().for_each(|beats| *beats += 1);
     }
 }

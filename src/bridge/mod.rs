@@ -1,7 +1,9 @@
 //! `plumb bridge`: forwards attitudes to other protocols, and readings from ROS 2 to a system.
 
 mod mavlink;
+#[cfg(feature = "network")]
 mod ros;
+#[cfg(feature = "network")]
 mod ros_sensor;
 mod sender;
 
@@ -10,6 +12,8 @@ use std::{fmt, process::ExitCode};
 use clap::Subcommand;
 use serde::Serialize;
 
+#[cfg(not(feature = "network"))]
+use crate::absent::{ros, ros_sensor};
 use crate::{failure::fail, stdout::print};
 use sender::BridgeError;
 
@@ -26,8 +30,8 @@ pub(crate) enum Bridge {
 pub(crate) fn run(bridge: &Bridge) -> ExitCode {
     match bridge {
         Bridge::Mavlink(mavlink) => print_counts(mavlink.run(), mavlink.args.system.json),
-        Bridge::Ros(ros) => print_counts(ros.run(), ros.args.system.json),
-        Bridge::RosSensor(sensor) => print_counts(sensor.run(), sensor.args.system.json),
+        Bridge::Ros(ros) => ros::run(ros),
+        Bridge::RosSensor(sensor) => ros_sensor::run(sensor),
     }
 }
 

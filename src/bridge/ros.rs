@@ -1,19 +1,24 @@
 //! `plumb bridge ros`: publishes `sensor_msgs/msg/Imu` over Zenoh.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::{
+    process::ExitCode,
+    time::{SystemTime, UNIX_EPOCH},
+};
 
 use bridges::{
     ros::{MessageType, Node, attachment, encode_imu, parse_frame_id, parse_topic_name},
     validity::{self, WithholdReason},
 };
 use clap::Args;
-use gateway::decimator::Decimator;
 use launch::TopicRate;
 use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
-use runtime::clock::monotonic_ns;
+use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
+use super::{
+    print_counts,
+    sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz},
+};
 use crate::remote::RemoteEndpoint;
 
 /// Largest ROS 2 domain id.
@@ -30,7 +35,7 @@ Examples:
 See docs/how-to/bridges.md.")]
 pub(crate) struct Ros {
     #[command(flatten)]
-    pub(super) args: BridgeArgs,
+    args: BridgeArgs,
     #[command(flatten)]
     endpoint: RemoteEndpoint,
     /// ROS_DOMAIN_ID, 0 to 232
@@ -47,8 +52,12 @@ pub(crate) struct Ros {
     rate_hz: f64,
 }
 
+pub(super) fn run(ros: &Ros) -> ExitCode {
+    print_counts(ros.run(), ros.args.system.json)
+}
+
 impl Ros {
-    pub(super) fn run(&self) -> Result<SendCounts, BridgeError> {
+    fn run(&self) -> Result<SendCounts, BridgeError> {
         let observer = self.args.attach()?;
         let link = self.endpoint.open_as_client()?;
         let mut publisher = RosPublisher::open(self, &link)?;

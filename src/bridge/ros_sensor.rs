@@ -1,6 +1,6 @@
 //! `plumb bridge ros-sensor`: feeds readings from ROS 2 topics to a running system.
 
-use std::{fmt, time::Duration};
+use std::{fmt, process::ExitCode, time::Duration};
 
 use bridges::ros::{MessageType, Node, parse_topic_name};
 use clap::Args;
@@ -9,6 +9,7 @@ use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
 use super::{
+    print_counts,
     ros::MAX_DOMAIN,
     sender::{BridgeArgs, BridgeError},
 };
@@ -27,7 +28,7 @@ Examples:
 The launch file of the system needs source = \"bus\" in [ingest] (docs/how-to/bridges.md).")]
 pub(crate) struct RosSensor {
     #[command(flatten)]
-    pub(super) args: BridgeArgs,
+    args: BridgeArgs,
     #[command(flatten)]
     endpoint: RemoteEndpoint,
     /// ROS_DOMAIN_ID, 0 to 232
@@ -54,8 +55,12 @@ pub(super) struct SensorCounts {
     undelivered: u64,
 }
 
+pub(super) fn run(sensor: &RosSensor) -> ExitCode {
+    print_counts(sensor.run(), sensor.args.system.json)
+}
+
 impl RosSensor {
-    pub(super) fn run(&self) -> Result<SensorCounts, BridgeError> {
+    fn run(&self) -> Result<SensorCounts, BridgeError> {
         let observer = self.args.attach()?;
         // Fails immediately if the system does not receive its readings from the bus.
         let mut sensor = Sensor::open(&self.args.system.name())?;

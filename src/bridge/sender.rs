@@ -12,7 +12,6 @@ use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
-use link::LinkError;
 use messages::{AttitudeOutput, ImuSample};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
@@ -52,8 +51,9 @@ pub(super) enum BridgeError {
     Datagrams(#[from] DatagramError),
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    #[cfg(feature = "network")]
     #[error(transparent)]
-    Link(#[from] LinkError),
+    Link(#[from] link::LinkError),
     #[error(transparent)]
     Driver(#[from] DriverError),
 }

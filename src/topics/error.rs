@@ -18,11 +18,13 @@ pub(crate) enum ObserveError {
     #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
     NoTopic { topic: String },
     /// The vehicle did not reply.
+    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
     #[error(
         "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
     )]
     NoVehicle { vehicle: String, limit_s: f64 },
     /// The vehicle does not publish this topic.
+    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
     #[error(
         "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
     )]

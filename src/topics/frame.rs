@@ -27,6 +27,7 @@ impl DisplayFrame {
         Self(config.map_or_else(Output::default, |config| config.launch.output))
     }
 
+    #[cfg_attr(not(feature = "tui"), allow(dead_code, reason = "only terminal views use it"))]
     pub(crate) fn frame(&self) -> Frame {
         self.0.frame
     }

@@ -4,6 +4,7 @@
 
 mod error;
 pub(crate) mod frame;
+#[cfg(feature = "network")]
 pub(crate) mod remote;
 
 use std::{
@@ -21,8 +22,11 @@ use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
+#[cfg(not(feature = "network"))]
+use crate::remote::{RemoteTopic, RemoteVehicle};
 use crate::system::SystemArgs;
 pub(crate) use error::ObserveError;
+#[cfg(feature = "network")]
 use remote::{RemoteTopic, RemoteVehicle};
 
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more

@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     convert::Infallible,
+    process::ExitCode,
     sync::{Arc, Mutex, PoisonError},
     thread,
     time::{Duration, Instant},
@@ -11,6 +12,7 @@ use std::{
 use cockpit::{
     hub::Hub,
     source::{CommandTarget, Source, SourceState, SystemDescription},
+    token::Tokens,
     vehicles::{VehicleDirectory, VehicleView},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
@@ -24,10 +26,15 @@ use wire::{
     v1::{Services, VehicleLine},
 };
 
-use super::remote::{RemoteCommandTarget, RemoteSource, VehicleLines};
+use super::{
+    View, ViewError,
+    remote::{RemoteCommandTarget, RemoteSource, VehicleLines},
+    site, wait_until_stopped,
+};
 use crate::{
-    remote::RemoteEndpoint,
+    remote::{RemoteEndpoint, RemoteError},
     station::fleet::{self, Vehicle, Vehicles},
+    stdout::print,
 };
 
 /// Interval between two updates of the summaries.
@@ -42,6 +49,20 @@ const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
 const MAX_VIEWS: usize = 8;
 /// Time after which an unused view is closed. Prometheus typically polls once a minute.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(90);
+
+/// Shows remote vehicles, beginning with `vehicle` if given.
+pub(super) fn show(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
+    let tokens = Tokens::load()?;
+    let link = view.endpoint.open()?;
+    let fleet = Fleet::start(link.clone(), &view.endpoint, vehicle).map_err(RemoteError::from)?;
+    let server = view.bind()?;
+    let url = server.address(Some(view.role_token(&tokens)));
+    server.start(site(fleet, Some(tokens), None))?;
+    let printed = print(&url);
+    wait_until_stopped(view);
+    link.close();
+    Ok(printed)
+}
 
 /// Vehicles that are reachable over a link.
 pub(super) struct Fleet {

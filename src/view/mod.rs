@@ -1,6 +1,8 @@
 //! `plumb view`: shows a system, remote vehicles or a recorded flight in a browser.
 
+#[cfg(feature = "network")]
 mod fleet;
+#[cfg(feature = "network")]
 mod remote;
 
 use std::{
@@ -24,6 +26,8 @@ use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
 use launch::{Cockpit, CockpitTls, Service};
 
+#[cfg(not(feature = "network"))]
+use crate::absent::fleet;
 use crate::{
     failure::fail,
     remote::{RemoteEndpoint, RemoteError},
@@ -69,7 +73,7 @@ pub(crate) struct View {
 
 /// Error of `plumb view`.
 #[derive(Debug, thiserror::Error)]
-enum ViewError {
+pub(crate) enum ViewError {
     #[error(transparent)]
     Server(#[from] server::ServerError),
     #[error(transparent)]
@@ -93,7 +97,7 @@ enum ViewError {
 pub(crate) fn run(view: &View) -> ExitCode {
     let result = match (&view.file, &view.remote) {
         (Some(file), _) => show_flight(view, file),
-        (None, Some(vehicle)) => show_fleet(view, vehicle.as_deref()),
+        (None, Some(vehicle)) => fleet::show(view, vehicle.as_deref()),
         (None, None) => show_system(view),
     };
     match result {
@@ -156,20 +160,6 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     server.start(site(vehicle_view, tokens, Some(recording)))?;
     let printed = print(&url);
     wait_until_stopped(view);
-    Ok(printed)
-}
-
-/// Shows remote vehicles.
-fn show_fleet(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
-    let tokens = Tokens::load()?;
-    let link = view.endpoint.open()?;
-    let fleet = fleet::Fleet::start(link.clone(), &view.endpoint, vehicle).map_err(RemoteError::from)?;
-    let server = view.bind()?;
-    let url = server.address(Some(view.role_token(&tokens)));
-    server.start(site(fleet, Some(tokens), None))?;
-    let printed = print(&url);
-    wait_until_stopped(view);
-    link.close();
     Ok(printed)
 }
 

@@ -94,7 +94,7 @@ fn stages_and_reference_share_one_figure() {
 }
 
 #[test]
-fn figures_have_requested_window_size_and_format() {
+fn figures_have_requested_window_and_size() {
     let folder = folder_with(&[]);
     let trial = ["sim:s1?duration_s=20", "--plot", "figures", "--from", "8", "--to", "11.5", "--size", "640x480"];
     scores(folder.path(), &trial);
@@ -102,10 +102,6 @@ fn figures_have_requested_window_size_and_format() {
     assert!(svg.starts_with("<svg width=\"640\" height=\"480\""), "{}", &svg[..80]);
     let ticks: Vec<_> = ["8", "10", "11", "7", "12", "20"].map(|tick| svg.contains(&format!("\n{tick}\n"))).into();
     assert_eq!(ticks, [true, true, true, false, false, false]);
-    scores(folder.path(), &[&trial[..], &["--format", "png"]].concat());
-    let png = fs::read(folder.path().join("figures/sim_s1_duration_s_20.sphere.png")).unwrap();
-    let size = [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().unwrap()));
-    assert_eq!((&png[..8], size), (&b"\x89PNG\r\n\x1a\n"[..], [1280, 960]), "lengths are not doubled");
     let rejected = |more: &[&str], message: &str| {
         assert_rejected(folder.path(), &[&["sim:s1"], more].concat(), 2, &[message]);
     };

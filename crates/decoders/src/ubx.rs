@@ -12,15 +12,6 @@
 //! A message yields a fix only if `gnssFixOK` is set. Other frames are counted. NMEA and RTCM
 //! between the frames count as skipped bytes.
 
-use ublox::{
-    GnssFixType, UbxProtocol,
-    nav_pvt::{
-        common::{NavPvtFlags, NavPvtValidFlags},
-        proto23::NavPvtRef,
-    },
-    proto23::{PacketRef, Proto23},
-};
-
 use crate::{
     ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
     framed::{Format, ParseOutcome},
@@ -38,7 +29,9 @@ const ID_PVT: u8 = 0x07;
 /// Lengths of a NAV-PVT payload before and since u-blox 8. If a frame has any other length, its
 /// length field is corrupted. Such a frame is rejected immediately, because waiting for its end
 /// would delay the next fixes.
-const PVT_LENGTHS_BYTES: [usize; 2] = [84, 92];
+const PVT_LENGTHS_BYTES: [usize; 2] = [84, PVT_BYTES];
+/// Length of the decoded NAV-PVT payload.
+const PVT_BYTES: usize = 92;
 
 /// UBX format. It has no settings.
 #[derive(Debug, Clone, Copy, Default)]
@@ -64,8 +57,8 @@ impl Format for Ubx {
         if fletcher(&covered[2..]) != checksum {
             return ParseOutcome::Rejected;
         }
-        if is_pvt && let Ok(PacketRef::NavPvt(pvt)) = Proto23::match_packet(class, id, &covered[HEADER_BYTES..]) {
-            measurements.extend(fix(&pvt));
+        if is_pvt && let Ok(payload) = covered[HEADER_BYTES..].try_into() {
+            measurements.extend(NavPvt::parse(payload).fix());
         }
         ParseOutcome::Frame(frame.len())
     }
@@ -78,36 +71,98 @@ fn fletcher(bytes: &[u8]) -> [u8; 2] {
     })
 }
 
-fn fix(pvt: &NavPvtRef<'_>) -> Option<Measurement> {
-    let min_sd_m_s = match pvt.fix_type() {
-        GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning => 0.0,
-        GnssFixType::Fix2D => ASSUMED_VERTICAL_SD_M_S,
-        _ => return None,
-    };
-    if !pvt.flags().contains(NavPvtFlags::GPS_FIX_OK) {
-        return None;
-    }
-    let value = Value::Fix {
-        velocity_m_s: [pvt.vel_east(), pvt.vel_north(), -pvt.vel_down()],
-        sd_m_s: Some(pvt.speed_accuracy().max(min_sd_m_s)),
-        position: if pvt.flags3().invalid_llh() {
-            Position::default()
-        } else {
-            Position::from_degrees(pvt.latitude(), pvt.longitude(), pvt.height_msl())
-        },
-    };
-    Some(Measurement { time: unix_time(pvt), value })
+/// Fields of a NAV-PVT payload that a fix is made from, in the units of the message.
+struct NavPvt {
+    year: u16,
+    month: u8,
+    day: u8,
+    hour: u8,
+    minute: u8,
+    second: u8,
+    valid: u8,
+    nano_ns: i32,
+    fix_type: u8,
+    flags: u8,
+    longitude_e7_deg: i32,
+    latitude_e7_deg: i32,
+    height_msl_mm: i32,
+    velocity_ned_mm_s: [i32; 3],
+    speed_accuracy_mm_s: u32,
+    flags3: u8,
 }
 
-fn unix_time(pvt: &NavPvtRef<'_>) -> Option<DeviceTime> {
-    if !pvt.valid().contains(NavPvtValidFlags::VALID_DATE | NavPvtValidFlags::VALID_TIME) {
-        return None;
+/// Bits of `valid`.
+const VALID_DATE: u8 = 1 << 0;
+const VALID_TIME: u8 = 1 << 1;
+/// Bit `gnssFixOK` of `flags`.
+const GNSS_FIX_OK: u8 = 1 << 0;
+/// Bit `invalidLlh` of `flags3`.
+const INVALID_LLH: u8 = 1 << 0;
+/// Values of `fixType` with a velocity.
+const FIX_2D: u8 = 2;
+const FIX_3D: u8 = 3;
+const GNSS_AND_DEAD_RECKONING: u8 = 4;
+
+impl NavPvt {
+    /// Reads the fields at the offsets that the interface description defines for protocol versions
+    /// 15 to 34.
+    fn parse(payload: &[u8; PVT_BYTES]) -> Self {
+        let four = |at: usize| [payload[at], payload[at + 1], payload[at + 2], payload[at + 3]];
+        let signed = |at| i32::from_le_bytes(four(at));
+        Self {
+            year: u16::from_le_bytes([payload[4], payload[5]]),
+            month: payload[6],
+            day: payload[7],
+            hour: payload[8],
+            minute: payload[9],
+            second: payload[10],
+            valid: payload[11],
+            nano_ns: signed(16),
+            fix_type: payload[20],
+            flags: payload[21],
+            longitude_e7_deg: signed(24),
+            latitude_e7_deg: signed(28),
+            height_msl_mm: signed(36),
+            velocity_ned_mm_s: [48, 52, 56].map(signed),
+            speed_accuracy_mm_s: u32::from_le_bytes(four(68)),
+            flags3: payload[78],
+        }
     }
-    let date = chrono::NaiveDate::from_ymd_opt(pvt.year().into(), pvt.month().into(), pvt.day().into())?;
-    let midnight_s = date.and_hms_opt(0, 0, 0)?.and_utc().timestamp();
-    // The time is computed arithmetically, because the seconds may be 60 in a leap second and the
-    // nanoseconds may be negative.
-    let now_s = midnight_s + (i64::from(pvt.hour()) * 60 + i64::from(pvt.min())) * 60 + i64::from(pvt.sec());
-    let now_ns = now_s.checked_mul(1_000_000_000)?.checked_add(pvt.nanosec().into())?;
-    Some(DeviceTime::Unix { now_ns: u64::try_from(now_ns).ok()? })
+
+    /// Returns the fix, or `None` if the message has no usable velocity.
+    fn fix(&self) -> Option<Measurement> {
+        let min_sd_m_s = match self.fix_type {
+            FIX_3D | GNSS_AND_DEAD_RECKONING => 0.0,
+            FIX_2D => ASSUMED_VERTICAL_SD_M_S,
+            _ => return None,
+        };
+        if self.flags & GNSS_FIX_OK == 0 {
+            return None;
+        }
+        let [north, east, down] = self.velocity_ned_mm_s.map(|part| f64::from(part) * 1e-3);
+        let value = Value::Fix {
+            velocity_m_s: [east, north, -down],
+            sd_m_s: Some((f64::from(self.speed_accuracy_mm_s) * 1e-3).max(min_sd_m_s)),
+            position: if self.flags3 & INVALID_LLH != 0 {
+                Position::default()
+            } else {
+                let [latitude, longitude] = [self.latitude_e7_deg, self.longitude_e7_deg].map(|x| f64::from(x) * 1e-7);
+                Position::from_degrees(latitude, longitude, f64::from(self.height_msl_mm) * 1e-3)
+            },
+        };
+        Some(Measurement { time: self.unix_time(), value })
+    }
+
+    fn unix_time(&self) -> Option<DeviceTime> {
+        if self.valid & VALID_DATE == 0 || self.valid & VALID_TIME == 0 {
+            return None;
+        }
+        let date = chrono::NaiveDate::from_ymd_opt(self.year.into(), self.month.into(), self.day.into())?;
+        let midnight_s = date.and_hms_opt(0, 0, 0)?.and_utc().timestamp();
+        // The time is computed arithmetically, because the seconds may be 60 in a leap second and
+        // the nanoseconds may be negative.
+        let now_s = midnight_s + (i64::from(self.hour) * 60 + i64::from(self.minute)) * 60 + i64::from(self.second);
+        let now_ns = now_s.checked_mul(1_000_000_000)?.checked_add(self.nano_ns.into())?;
+        Some(DeviceTime::Unix { now_ns: u64::try_from(now_ns).ok()? })
+    }
 }

@@ -13,6 +13,7 @@
 //! | [`join`] | join of several inputs by tick |
 //! | [`prior`] | estimates of sensor errors from an earlier run |
 //! | [`convert`] | conversion between payloads and mathematical types |
+//! | [`decimator`] | selection of samples to meet a rate |
 //! | [`frames`] | conversion of messages to other axis conventions |
 //! | [`service_config`] | start-up configuration of a service, and values derived from it |
 //! | [`stderr_tail`] | last standard-error output of a child process |
@@ -31,6 +32,7 @@ pub mod checkpoint;
 pub mod clock;
 pub mod comparable;
 pub mod convert;
+pub mod decimator;
 mod error;
 pub mod frames;
 pub mod input_scheduling;

@@ -18,7 +18,6 @@
 //! | --- | --- |
 //! | `tap` | reads a bus topic, reduced to its configured rate |
 //! | `shared`, `locked`, `error` | shared state, and access to it; errors |
-//! | [`decimator`] | selection of samples to meet a rate |
 //! | `poll_timer` | schedule of polling the bus |
 //! | [`queue`] | bounded queue between bus and network, which drops the oldest batch if full |
 //! | `network_publisher` | publishes liveliness tokens, the report, and messages in envelopes |
@@ -29,7 +28,6 @@
 //! | [`split`] | split systems, whose ticks are carried from one gateway to another |
 #![forbid(unsafe_code)]
 
-pub mod decimator;
 mod error;
 pub mod idempotent_swaps;
 mod locked;

@@ -6,14 +6,13 @@ use bus::{BusError, Subscriber};
 use graph::{Presence, Topic};
 use launch::TopicRate;
 use messages::Ticked;
-use runtime::{ServiceContext, clock::monotonic_ns, frames::attitude_to_frame, service_config::FIRST_EPOCH};
+use runtime::{
+    ServiceContext, clock::monotonic_ns, decimator::Decimator, frames::attitude_to_frame, service_config::FIRST_EPOCH,
+};
 use swap::ReorderBuffer;
 use wire::Payload;
 
-use crate::{
-    decimator::Decimator,
-    queue::{Batch, Queue},
-};
+use crate::queue::{Batch, Queue};
 
 /// Taps of all topics that are sent to the network, in data-path order.
 pub(crate) struct Taps(Vec<Box<dyn TopicTap>>);

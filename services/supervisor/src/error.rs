@@ -35,6 +35,18 @@ pub enum UpError {
     /// The system stopped prematurely.
     #[error(transparent)]
     Failed(#[from] Failure),
+    /// The launch file lists a service that this executable lacks.
+    #[error(
+        "{file}: services lists {service:?}, which needs the feature `{feature}`, which this build lacks; remove {service:?}, or rebuild plumb with --features {feature}"
+    )]
+    AbsentService {
+        /// Path of the launch file.
+        file: PathBuf,
+        /// Name of the service.
+        service: &'static str,
+        /// Missing feature.
+        feature: &'static str,
+    },
     /// The configuration requires all slots on this host.
     #[error("cannot split the system over hosts: {reason}; run it live from \"sim\", \"bus\" or a device")]
     Split {
@@ -139,7 +151,7 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
-            Self::NoDate | Self::NoModel { .. } => 3,
+            Self::AbsentService { .. } | Self::NoDate | Self::NoModel { .. } => 3,
             Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::Receiver | Self::NoBus => 2,
             _ => 1,
         }

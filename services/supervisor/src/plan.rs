@@ -49,6 +49,9 @@ pub struct Request {
     /// `true` to publish the raw readings of the source, so that the recorded flight can be
     /// replayed.
     pub publish_readings: bool,
+    /// Services that this executable lacks, with the feature that adds them. The built-in launch
+    /// file runs without these services; any other one must not list them.
+    pub absent_services: Vec<(Service, &'static str)>,
 }
 
 /// Validated configuration of a run.
@@ -79,7 +82,7 @@ impl Plan {
     ///
     /// Returns an error if the launch file or the source is invalid, or if options conflict.
     pub fn new(request: &Request) -> Result<Self, UpError> {
-        let mut launch = read_launch(request.launch.as_deref())?;
+        let mut launch = read_launch(request)?;
         if let Some(line) = &request.source {
             launch.set_source(line).map_err(launch::LaunchError::from)?;
         }
@@ -226,10 +229,20 @@ pub fn launch_text(path: Option<&Path>) -> io::Result<String> {
     }
 }
 
-fn read_launch(path: Option<&Path>) -> Result<Launch, UpError> {
-    match path {
-        Some(path) => Ok(Launch::read(path)?),
-        None if Path::new(LAUNCH_FILE).exists() => Ok(Launch::read(Path::new(LAUNCH_FILE))?),
-        None => Ok(Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?),
+fn read_launch(request: &Request) -> Result<Launch, UpError> {
+    let default = Path::new(LAUNCH_FILE);
+    let file = request.launch.as_deref().or_else(|| default.exists().then_some(default));
+    let mut launch = match file {
+        Some(path) => Launch::read(path)?,
+        None => Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?,
+    };
+    for (service, feature) in &request.absent_services {
+        match file {
+            Some(file) if launch.services.contains(service) => {
+                return Err(UpError::AbsentService { file: file.into(), service: service.name(), feature: *feature });
+            }
+            _ => launch.services.retain(|listed| listed != service),
+        }
     }
+    Ok(launch)
 }

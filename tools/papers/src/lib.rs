@@ -2,8 +2,8 @@
 //!
 //! Input: a paper and a folder.
 //!
-//! Output: each figure and table as SVG and PNG, and one HTML page with all papers reproduced in
-//! the folder. Tables are also available as text.
+//! Output: each figure and table as SVG, and one HTML page with all papers reproduced in the folder.
+//! Tables are also available as text.
 //!
 //! Failure: a file cannot be written, or the section of a previously reproduced paper cannot be
 //! read.
@@ -35,50 +35,33 @@ mod table;
 use std::path::Path;
 
 pub use error::PaperError;
-use figures::Typeface;
 pub use paper::Paper;
 use picture::Part;
 pub use progress::Progress;
-
-/// Figures and tables reproduced from a paper.
-#[derive(Debug)]
-pub struct PaperOutput {
-    /// Figures and tables in the order of the page.
-    pub parts: Vec<Part>,
-    /// Reason why no PNG files were written; `None` if they were written.
-    pub png_skipped_reason: Option<String>,
-}
 
 /// Reproduces a paper: writes its figures and tables to `folder/NAME/`, and updates
 /// `folder/index.html`.
 ///
 /// The index page contains every paper that the folder holds. `on_progress` receives the number of
-/// finished steps and the total number of steps. A step is a simulation run or a picture.
+/// finished steps and the total number of steps. A step is a simulation run or a picture. Returns
+/// the figures and tables in the order of the page.
 ///
 /// # Errors
 ///
 /// Returns an error if a file or folder cannot be written, a picture cannot be drawn, or the
 /// section of another paper in the folder cannot be read.
-pub fn reproduce(
-    paper: Paper,
-    folder: &Path,
-    on_progress: &mut dyn FnMut(u64, u64),
-) -> Result<PaperOutput, PaperError> {
+pub fn reproduce(paper: Paper, folder: &Path, on_progress: &mut dyn FnMut(u64, u64)) -> Result<Vec<Part>, PaperError> {
     let mut progress = Progress::new(paper.run_count(), on_progress);
     let parts = paper.parts(&mut progress);
     progress.add_steps(parts.len() as u64);
     let paper_folder = folder.join(paper.name());
     std::fs::create_dir_all(&paper_folder).map_err(|cause| PaperError::Write { path: paper_folder.clone(), cause })?;
-    let (typeface, png_skipped_reason) = match Typeface::find() {
-        Ok(typeface) => (Some(typeface), None),
-        Err(missing) => (None, Some(format!("no PNG files written, only SVG: {missing}"))),
-    };
     let mut svgs = Vec::new();
     for part in &parts {
-        svgs.push(part.write(&paper_folder, typeface.as_ref())?);
+        svgs.push(part.write(&paper_folder)?);
         progress.step();
     }
     page::write_section(paper, &paper_folder, &parts, &svgs)?;
     page::write_index(folder)?;
-    Ok(PaperOutput { parts, png_skipped_reason })
+    Ok(parts)
 }

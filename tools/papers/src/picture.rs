@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use figures::{Area, Chart, Draw, DrawResult, Typeface};
+use figures::{Area, Chart, Draw, DrawResult};
 use plotters::prelude::*;
 
 use crate::{PaperError, block_diagram::BlockDiagram, heatmap::Heatmap, scene::Scene, table::Table};
@@ -47,19 +47,12 @@ pub struct Part {
 }
 
 impl Part {
-    /// Writes `NAME.svg` and, if a typeface is given, `NAME.png` to a folder. Returns the SVG text.
-    pub(crate) fn write(&self, folder: &Path, typeface: Option<&Typeface>) -> Result<String, PaperError> {
-        let draw_error = |cause| PaperError::Draw { picture: self.name, cause };
-        let path = |extension: &str| folder.join(format!("{}.{extension}", self.name));
-        let size = self.picture.size();
-        let svg = figures::svg(size, &self.picture).map_err(draw_error)?;
-        let write_file = |path: std::path::PathBuf, bytes: &[u8]| {
-            fs::write(&path, bytes).map_err(|cause| PaperError::Write { path, cause })
-        };
-        write_file(path("svg"), svg.as_bytes())?;
-        if let Some(typeface) = typeface {
-            write_file(path("png"), &figures::png(size, &self.picture, typeface).map_err(draw_error)?)?;
-        }
+    /// Writes `NAME.svg` to a folder. Returns the SVG text.
+    pub(crate) fn write(&self, folder: &Path) -> Result<String, PaperError> {
+        let svg = figures::svg(self.picture.size(), &self.picture)
+            .map_err(|cause| PaperError::Draw { picture: self.name, cause })?;
+        let path = folder.join(format!("{}.svg", self.name));
+        fs::write(&path, &svg).map_err(|cause| PaperError::Write { path, cause })?;
         Ok(svg)
     }
 }

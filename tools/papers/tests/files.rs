@@ -14,28 +14,19 @@ fn files(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_part_has_svg_png_and_page_entry() {
+fn every_part_has_svg_and_page_entry() {
     let folder = tempfile::tempdir().unwrap();
     let mut progress = Vec::new();
-    let output = reproduce(Paper::S1, folder.path(), &mut |done, total| progress.push((done, total))).unwrap();
+    let parts = reproduce(Paper::S1, folder.path(), &mut |done, total| progress.push((done, total))).unwrap();
     let page = fs::read_to_string(folder.path().join(INDEX_FILE)).unwrap();
     let paper_folder = folder.path().join("s1");
-    for part in &output.parts {
+    for part in &parts {
         let svg = fs::read_to_string(paper_folder.join(part.name).with_extension("svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{}", part.name);
         assert!(page.contains(&format!("id=\"s1-{}\"", part.name)), "{}", part.name);
-        match output.png_skipped_reason {
-            Some(ref missing) => assert!(missing.contains("apt-get install"), "{missing}"),
-            None => {
-                let png = fs::read(paper_folder.join(part.name).with_extension("png")).unwrap();
-                assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png.ends_with(b"IEND\xaeB`\x82"), "{}", part.name);
-                // A picture of a single colour would take only a few hundred bytes.
-                assert!(png.len() > 10_000, "{}: {} bytes", part.name, png.len());
-            }
-        }
     }
     for number in [4, 5, 6, 7, 8, 9, 10] {
-        assert!(output.parts.iter().any(|part| part.name == format!("figure-{number}")), "figure {number}");
+        assert!(parts.iter().any(|part| part.name == format!("figure-{number}")), "figure {number}");
     }
     let (done, total) = *progress.last().unwrap();
     assert!(done == total && progress.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{progress:?}");
@@ -57,8 +48,8 @@ fn page_contains_all_papers_without_external_resources() {
 #[test]
 fn table_display_shows_computed_values() {
     let folder = tempfile::tempdir().unwrap();
-    let output = reproduce(Paper::S1, folder.path(), &mut |_, _| {}).unwrap();
-    let table = output.parts.iter().find(|part| part.name == "table-parameters").unwrap();
+    let parts = reproduce(Paper::S1, folder.path(), &mut |_, _| {}).unwrap();
+    let table = parts.iter().find(|part| part.name == "table-parameters").unwrap();
     let Picture::Table(table) = &table.picture else { panic!("a table") };
     assert!(table.to_string().contains("25    -0.267949192  -0.267949192"), "{table}");
 }

@@ -137,12 +137,6 @@ pub enum ScoreError {
         /// Name of the parameter.
         key: String,
     },
-    /// No typeface for the text of a PNG is available.
-    #[error("drawing PNG: {why}, or draw SVG with --format svg")]
-    Typeface {
-        /// Missing typeface and remedy.
-        why: String,
-    },
     /// A slot cannot be started.
     #[error(transparent)]
     Slot(#[from] RuntimeError),
@@ -180,7 +174,7 @@ impl ScoreError {
             | Self::OutputIsRecording { .. } => 2,
             Self::Recording(RecordingError::Write { .. }) => 1,
             Self::Recording(_) => 3,
-            Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } | Self::Typeface { .. } => 1,
+            Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Input: recordings or simulations, and the stages to compare on them.
 //!
-//! Output: errors per trial and their mean, time per update, attitudes as CSV, figures as SVG or
-//! PNG, an HTML report, and the best value of a setting.
+//! Output: errors per trial and their mean, time per update, attitudes as CSV, figures as SVG, an
+//! HTML report, and the best value of a setting.
 //!
 //! Time: sample timestamps. Only the timing of the stages reads a clock.
 //!

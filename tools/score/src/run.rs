@@ -81,7 +81,7 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
     request.report.as_deref().map_or(Ok(()), check_parent_folder)?;
     let groups = request.files.iter().map(|file| TrialGroup::from_argument(file)).collect::<Result<Vec<_>, _>>()?;
     let trials = open_trials(request, &groups)?;
-    let plotter = request.plot.as_ref().map(Plotter::new).transpose()?;
+    let plotter = request.plot.as_ref().map(Plotter::new);
     let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
     let passes = request.tune.as_ref().map_or(0, |_| tune::SEARCH_PASSES) + request.sweeps.len() as u64;
     let total = rows * (1 + passes);

@@ -2,9 +2,10 @@
 
 use decoders::{
     Framed, Measurement, Value,
-    mavlink::{FixMessage, ImuMessage, Mavlink, MavlinkSettings, RawScale},
+    mavlink::{FixMessage, ImuMessage, Mavlink, MavlinkSettings, RawScale, frame::crc_extra},
 };
-use mavlink::dialects::ardupilotmega::{
+use mavlink::Message as _;
+use mavlink::dialects::common::{
     GPS_RAW_INT_DATA, GpsFixType, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage, RAW_IMU_DATA, SCALED_IMU_DATA,
 };
 
@@ -88,5 +89,15 @@ fn gps_raw_without_fix_or_course_yields_no_fix() {
         assert!((east + 10.0).abs() < 1e-9 && north.abs() < 1e-9 && up == 0.0, "{found:?}");
         assert_eq!(sd_m_s, Some(sd));
         assert_eq!(found[0].time, None, "time_usec of 0 means no clock");
+    }
+}
+
+#[test]
+fn crc_seeds_match_crate_mavlink() {
+    // Identifiers of MAVLink 2 have 24 bits. The dialects assign none above 65,535.
+    let known: Vec<u32> = (0..=0xffff).filter(|id| MavMessage::default_message_from_id(*id).is_some()).collect();
+    assert!(known.len() > 200, "{}", known.len());
+    for id in known {
+        assert_eq!(crc_extra(id), Some(MavMessage::extra_crc(id)), "message {id}");
     }
 }

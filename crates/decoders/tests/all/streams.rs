@@ -12,7 +12,7 @@ use decoders::{
     witmotion::{Ranges, WitMotion},
     xsens::{FIELD_UT, Xsens},
 };
-use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, dialects::ardupilotmega as dialect};
+use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, dialects::common as dialect};
 
 /// Sample stream of one format.
 pub(crate) struct Stream {

@@ -181,7 +181,18 @@ def rvc(file):
         before = angles
 
 
+def mavlink_all(file):
+    """Every message of the dialect `ardupilotmega`, with a payload of zeros. Only SCALED_IMU yields a measurement."""
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    link = dialect.MAVLink(file, srcSystem=1, srcComponent=1)
+    for kind in dialect.mavlink_map.values():
+        message = dialect.MAVLink_message(kind.id, kind.msgname)
+        file.write(message._pack(link, kind.crc_extra, bytes(kind.unpacker.size)))
+    expect("skip", "none", 0)
+
+
 with open(sys.argv[2], "wb") as out:
     {"witmotion": lambda: witmotion(out), "rvc": lambda: rvc(out), "mavlink-1": lambda: mavlink(out, "1"), "mavlink-2": lambda: mavlink(out, "2"),
-     "mavlink-signed": lambda: mavlink(out, "signed"), "scaled": lambda: scaled(out), "ubx": lambda: ubx(out),
+     "mavlink-signed": lambda: mavlink(out, "signed"), "mavlink-all": lambda: mavlink_all(out), "scaled": lambda: scaled(out), "ubx": lambda: ubx(out),
      "nmea": lambda: nmea(out)}[sys.argv[1]]()

@@ -108,6 +108,12 @@ fn scaled_imu_and_global_position_match_pymavlink() {
 }
 
 #[test]
+fn every_ardupilot_message_counts_as_frame() {
+    let Some(counts) = check("mavlink-all", Framed::new(Mavlink::new(MavlinkSettings::default()))) else { return };
+    assert_eq!((counts.frames, counts.skipped_bytes), (301, 0));
+}
+
+#[test]
 fn witmotion_matches_python_package() {
     let Some(counts) = check("witmotion", Framed::new(WitMotion::new(Ranges::default()))) else { return };
     assert_eq!((counts.frames, counts.skipped_bytes), (1200, 0));

@@ -3,11 +3,11 @@
 //!
 //! Input: the inputs and outputs of the slots at each tick.
 //!
-//! Output: SVG or PNG files with at most about 2000 points per curve.
+//! Output: SVG files with at most about 2000 points per curve.
 //!
 //! Time: sample timestamps, relative to that of the first sample.
 //!
-//! Failure: an error if a file cannot be written, or if no typeface for PNG is installed.
+//! Failure: an error if a file cannot be written.
 //!
 //! | figure | contents |
 //! | --- | --- |
@@ -32,7 +32,7 @@ use std::{
 };
 
 use figures::{
-    Axis, Chart, Draw, Stack, Typeface,
+    Axis, Chart, Draw, Stack,
     style::{AMBER, LineStyle, REFERENCE, SKY, series_style},
 };
 use launch::Launch;
@@ -133,16 +133,11 @@ struct Series<'a> {
 /// Draws the figures and writes them to files.
 pub(crate) struct Plotter<'a> {
     plots: &'a PlotOptions,
-    typeface: Option<Typeface>,
 }
 
 impl<'a> Plotter<'a> {
-    pub(crate) fn new(plots: &'a PlotOptions) -> Result<Self, ScoreError> {
-        let typeface = match plots.format {
-            Format::Svg => None,
-            Format::Png => Some(Typeface::find().map_err(|why| ScoreError::Typeface { why })?),
-        };
-        Ok(Self { plots, typeface })
+    pub(crate) fn new(plots: &'a PlotOptions) -> Self {
+        Self { plots }
     }
 
     /// Draws one chain's results for a trial, next to those from gyro and accelerometer alone.
@@ -244,7 +239,7 @@ impl<'a> Plotter<'a> {
         self.write(base_path, figure.name, (WIDTH, height), &stack)
     }
 
-    /// Writes `BASE_PATH.NAME.svg` or the corresponding PNG.
+    /// Writes `BASE_PATH.NAME.svg`.
     fn write(
         &self,
         base_path: &Path,
@@ -253,14 +248,11 @@ impl<'a> Plotter<'a> {
         drawing: &impl Draw,
     ) -> Result<(), ScoreError> {
         let size = self.plots.size.unwrap_or(default_size);
-        let (extension, bytes) = match &self.typeface {
-            None => ("svg", figures::svg(size, drawing).map(String::into_bytes)),
-            Some(typeface) => ("png", figures::png(size, drawing, typeface)),
-        };
+        let svg = figures::svg(size, drawing);
         let mut path = base_path.to_path_buf().into_os_string();
-        path.push(if name.is_empty() { format!(".{extension}") } else { format!(".{name}.{extension}") });
+        path.push(if name.is_empty() { ".svg".into() } else { format!(".{name}.svg") });
         let path = PathBuf::from(path);
-        let written = bytes.map_err(|cause| io::Error::other(cause.to_string())).and_then(|it| fs::write(&path, it));
+        let written = svg.map_err(|cause| io::Error::other(cause.to_string())).and_then(|it| fs::write(&path, it));
         written.map_err(|cause| ScoreError::Write { path, cause })
     }
 }

@@ -13,18 +13,6 @@ pub struct PlotOptions {
     pub to_s: Option<f64>,
     /// Width and height, pixels; `None` for the defaults.
     pub size: Option<(u32, u32)>,
-    /// File format.
-    pub format: Format,
-}
-
-/// File format of a figure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Format {
-    /// Vector graphics.
-    #[default]
-    Svg,
-    /// Pixel graphics.
-    Png,
 }
 
 impl PlotOptions {

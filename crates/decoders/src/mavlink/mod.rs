@@ -26,26 +26,38 @@
 //! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with
 //! `common`) cannot be recognised and count as skipped bytes.
 
-use mavlink::{
-    MavlinkVersion, Message, MessageData, calculate_crc,
-    dialects::ardupilotmega::{
-        GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage,
-        RAW_IMU_DATA, SCALED_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA,
-    },
-};
+pub mod frame;
 
+use std::ops::RangeInclusive;
+
+use self::frame::{STX_V1, STX_V2, checksum, crc_extra};
 use crate::{
     ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
     framed::{Format, ParseOutcome},
 };
 
-const STX_V1: u8 = 0xfe;
-const STX_V2: u8 = 0xfd;
 const HEADER_V1_BYTES: usize = 6;
 const HEADER_V2_BYTES: usize = 10;
+const MAX_PAYLOAD_BYTES: usize = 255;
 const CHECKSUM_BYTES: usize = 2;
 const SIGNATURE_BYTES: usize = 13;
 const FLAG_SIGNED: u8 = 1;
+
+/// Identifiers of the decoded messages.
+const GPS_RAW_INT: u32 = 24;
+const SCALED_IMU: u32 = 26;
+const RAW_IMU: u32 = 27;
+const GLOBAL_POSITION_INT: u32 = 33;
+const HIGHRES_IMU: u32 = 105;
+const SCALED_IMU2: u32 = 116;
+const SCALED_IMU3: u32 = 129;
+
+/// Bits of `fields_updated` for three axes of force, rate and field.
+const FORCE_UPDATED: u16 = 0b000_000_111;
+const RATE_UPDATED: u16 = 0b000_111_000;
+const FIELD_UPDATED: u16 = 0b111_000_000;
+/// Values of `GPS_FIX_TYPE` with a position: from a 2D fix to precise point positioning.
+const FIX_TYPES: RangeInclusive<u8> = 2..=8;
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 const UT_PER_GAUSS: f64 = 100.0;
@@ -130,20 +142,20 @@ impl Mavlink {
         if self.system.is_some_and(|system| system != header.system) {
             return;
         }
+        let payload = Payload::new(payload);
+        let scaled = || Some(payload.scaled());
         let measurement = match header.message {
-            HIGHRES_IMU_DATA::ID => self.accept_imu(ImuMessage::HighresImu, || highres(&decode(header, payload)?)),
-            SCALED_IMU_DATA::ID => self.accept_imu(ImuMessage::ScaledImu, || scaled(&decode(header, payload)?)),
-            SCALED_IMU2_DATA::ID => self.accept_imu(ImuMessage::ScaledImu2, || scaled2(&decode(header, payload)?)),
-            SCALED_IMU3_DATA::ID => self.accept_imu(ImuMessage::ScaledImu3, || scaled3(&decode(header, payload)?)),
-            RAW_IMU_DATA::ID => self
-                .settings
-                .raw_scale
-                .and_then(|scale| self.accept_imu(ImuMessage::RawImu, || raw(&decode(header, payload)?, &scale))),
-            GPS_RAW_INT_DATA::ID if self.settings.fix == FixMessage::GpsRawInt => {
-                decode(header, payload).and_then(|message| gps_raw(&message))
+            HIGHRES_IMU => self.accept_imu(ImuMessage::HighresImu, || payload.highres()),
+            SCALED_IMU => self.accept_imu(ImuMessage::ScaledImu, scaled),
+            SCALED_IMU2 => self.accept_imu(ImuMessage::ScaledImu2, scaled),
+            SCALED_IMU3 => self.accept_imu(ImuMessage::ScaledImu3, scaled),
+            RAW_IMU => {
+                let scale = self.settings.raw_scale;
+                scale.and_then(|scale| self.accept_imu(ImuMessage::RawImu, || payload.raw(&scale)))
             }
-            GLOBAL_POSITION_INT_DATA::ID if self.settings.fix == FixMessage::GlobalPositionInt => {
-                decode(header, payload).and_then(|message| global_position(&message))
+            GPS_RAW_INT if self.settings.fix == FixMessage::GpsRawInt => payload.gps_raw(),
+            GLOBAL_POSITION_INT if self.settings.fix == FixMessage::GlobalPositionInt => {
+                Some(payload.global_position())
             }
             _ => None,
         };
@@ -179,8 +191,7 @@ impl Format for Mavlink {
         };
         let Some(frame) = bytes.get(..header.frame_bytes()) else { return ParseOutcome::Incomplete };
         let (covered, rest) = frame.split_at(header.bytes + header.payload_bytes);
-        let checksum = calculate_crc(&covered[1..], header.extra_crc);
-        if !rest.starts_with(&checksum.to_le_bytes()) {
+        if !rest.starts_with(&checksum(&covered[1..], header.crc_extra).to_le_bytes()) {
             return ParseOutcome::Rejected;
         }
         self.process(&header, &covered[header.bytes..], measurements);
@@ -190,43 +201,33 @@ impl Format for Mavlink {
 
 /// Header of a frame.
 struct Header {
-    version: MavlinkVersion,
     bytes: usize,
     payload_bytes: usize,
     signature_bytes: usize,
     system: u8,
     message: u32,
-    /// CRC seed derived from the definition of the message.
-    extra_crc: u8,
+    /// CRC seed of the message.
+    crc_extra: u8,
 }
 
 impl Header {
     fn parse(bytes: &[u8]) -> Result<Self, ParseOutcome> {
-        let (version, head_bytes, signature_bytes) = match *bytes {
-            [STX_V1, ..] => (MavlinkVersion::V1, HEADER_V1_BYTES, 0),
-            [STX_V2, _, 0, ..] => (MavlinkVersion::V2, HEADER_V2_BYTES, 0),
-            [STX_V2, _, FLAG_SIGNED, ..] => (MavlinkVersion::V2, HEADER_V2_BYTES, SIGNATURE_BYTES),
+        let (head_bytes, signature_bytes) = match *bytes {
+            [STX_V1, ..] => (HEADER_V1_BYTES, 0),
+            [STX_V2, _, 0, ..] => (HEADER_V2_BYTES, 0),
+            [STX_V2, _, FLAG_SIGNED, ..] => (HEADER_V2_BYTES, SIGNATURE_BYTES),
             [STX_V2] | [STX_V2, _] => return Err(ParseOutcome::Incomplete),
             _ => return Err(ParseOutcome::Skip(1)),
         };
         let Some(header) = bytes.get(..head_bytes) else { return Err(ParseOutcome::Incomplete) };
-        let (system, message) = match version {
-            MavlinkVersion::V1 => (header[3], u32::from(header[5])),
-            MavlinkVersion::V2 => (header[5], u32::from_le_bytes([header[7], header[8], header[9], 0])),
+        let (system, message) = if head_bytes == HEADER_V1_BYTES {
+            (header[3], u32::from(header[5]))
+        } else {
+            (header[5], u32::from_le_bytes([header[7], header[8], header[9], 0]))
         };
         // If the message is unknown, its checksum cannot be verified.
-        if MavMessage::default_message_from_id(message).is_none() {
-            return Err(ParseOutcome::Skip(1));
-        }
-        Ok(Self {
-            version,
-            bytes: head_bytes,
-            payload_bytes: header[1].into(),
-            signature_bytes,
-            system,
-            message,
-            extra_crc: MavMessage::extra_crc(message),
-        })
+        let Some(crc_extra) = crc_extra(message) else { return Err(ParseOutcome::Skip(1)) };
+        Ok(Self { bytes: head_bytes, payload_bytes: header[1].into(), signature_bytes, system, message, crc_extra })
     }
 
     fn frame_bytes(&self) -> usize {
@@ -234,54 +235,97 @@ impl Header {
     }
 }
 
-fn decode<D: MessageData>(header: &Header, payload: &[u8]) -> Option<D> {
-    D::deser(header.version, payload).ok()
-}
+/// Payload of a message. MAVLink 2 omits trailing zeros, and older senders omit the fields that
+/// were added later; both read as zero.
+struct Payload([u8; MAX_PAYLOAD_BYTES]);
 
-fn highres(message: &HIGHRES_IMU_DATA) -> Option<Measurement> {
-    use HighresImuUpdatedFlags as Updated;
-    let force =
-        Updated::HIGHRES_IMU_UPDATED_XACC | Updated::HIGHRES_IMU_UPDATED_YACC | Updated::HIGHRES_IMU_UPDATED_ZACC;
-    let rate =
-        Updated::HIGHRES_IMU_UPDATED_XGYRO | Updated::HIGHRES_IMU_UPDATED_YGYRO | Updated::HIGHRES_IMU_UPDATED_ZGYRO;
-    let field =
-        Updated::HIGHRES_IMU_UPDATED_XMAG | Updated::HIGHRES_IMU_UPDATED_YMAG | Updated::HIGHRES_IMU_UPDATED_ZMAG;
-    if message.id != 0 {
-        return None;
+/// Fields are at the offsets that the XML definitions yield: sorted by size, then extensions.
+impl Payload {
+    fn new(bytes: &[u8]) -> Self {
+        let mut padded = [0; MAX_PAYLOAD_BYTES];
+        padded.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        Self(padded)
     }
-    let gauss = [message.xmag, message.ymag, message.zmag];
-    let field_ut =
-        message.fields_updated.contains(field).then(|| frd_to_rfu(gauss.map(|part| f64::from(part) * UT_PER_GAUSS)));
-    let value = if message.fields_updated.contains(force | rate) {
-        let rate_rad_s = frd_to_rfu([message.xgyro, message.ygyro, message.zgyro].map(f64::from));
-        let force_m_s2 = frd_to_rfu([message.xacc, message.yacc, message.zacc].map(f64::from));
-        Value::Imu { rate_rad_s, force_m_s2, field_ut }
-    } else {
-        Value::Field(field_ut?)
-    };
-    Some(Measurement { time: timestamp(message.time_usec), value })
-}
 
-macro_rules! scaled {
-    ($($name:ident of $message:ident),*) => { $(
-        fn $name(message: &$message) -> Option<Measurement> {
-            let time = Some(since_boot(message.time_boot_ms));
-            let field = [message.xmag, message.ymag, message.zmag];
-            let (rate, force) = ([message.xgyro, message.ygyro, message.zgyro], [message.xacc, message.yacc, message.zacc]);
-            Some(Measurement { time, value: RawScale::ARDUPILOT.imu(rate, force, field) })
+    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
+        std::array::from_fn(|index| self.0[at + index])
+    }
+
+    fn u16(&self, at: usize) -> u16 {
+        u16::from_le_bytes(self.bytes(at))
+    }
+
+    fn i32(&self, at: usize) -> i32 {
+        i32::from_le_bytes(self.bytes(at))
+    }
+
+    fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes(self.bytes(at))
+    }
+
+    fn u64(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.bytes(at))
+    }
+
+    fn three_i16(&self, at: usize) -> [i16; 3] {
+        [0, 2, 4].map(|offset| i16::from_le_bytes(self.bytes(at + offset)))
+    }
+
+    fn three_f32(&self, at: usize) -> [f64; 3] {
+        [0, 4, 8].map(|offset| f32::from_le_bytes(self.bytes(at + offset)).into())
+    }
+
+    fn highres(&self) -> Option<Measurement> {
+        let (updated, id) = (self.u16(60), self.0[62]);
+        if id != 0 {
+            return None;
         }
-    )* };
-}
-
-scaled!(scaled of SCALED_IMU_DATA, scaled2 of SCALED_IMU2_DATA, scaled3 of SCALED_IMU3_DATA);
-
-fn raw(message: &RAW_IMU_DATA, scale: &RawScale) -> Option<Measurement> {
-    if message.id != 0 {
-        return None;
+        let has = |fields| updated & fields == fields;
+        let field_ut = has(FIELD_UPDATED).then(|| frd_to_rfu(self.three_f32(32).map(|part| part * UT_PER_GAUSS)));
+        let value = if has(FORCE_UPDATED | RATE_UPDATED) {
+            let (force_m_s2, rate_rad_s) = (frd_to_rfu(self.three_f32(8)), frd_to_rfu(self.three_f32(20)));
+            Value::Imu { rate_rad_s, force_m_s2, field_ut }
+        } else {
+            Value::Field(field_ut?)
+        };
+        Some(Measurement { time: timestamp(self.u64(0)), value })
     }
-    let field = [message.xmag, message.ymag, message.zmag];
-    let (rate, force) = ([message.xgyro, message.ygyro, message.zgyro], [message.xacc, message.yacc, message.zacc]);
-    Some(Measurement { time: timestamp(message.time_usec), value: scale.imu(rate, force, field) })
+
+    /// Reads SCALED_IMU, SCALED_IMU2 or SCALED_IMU3, which have the same fields.
+    fn scaled(&self) -> Measurement {
+        let (force, rate, field) = (self.three_i16(4), self.three_i16(10), self.three_i16(16));
+        Measurement { time: Some(since_boot(self.u32(0))), value: RawScale::ARDUPILOT.imu(rate, force, field) }
+    }
+
+    fn raw(&self, scale: &RawScale) -> Option<Measurement> {
+        let (force, rate, field, id) = (self.three_i16(8), self.three_i16(14), self.three_i16(20), self.0[26]);
+        (id == 0).then(|| Measurement { time: timestamp(self.u64(0)), value: scale.imu(rate, force, field) })
+    }
+
+    fn gps_raw(&self) -> Option<Measurement> {
+        let (speed, course, fix_type) = (self.u16(24), self.u16(26), self.0[28]);
+        if !FIX_TYPES.contains(&fix_type) || speed == UNKNOWN || course == UNKNOWN {
+            return None;
+        }
+        let (speed_m_s, (east, north)) = (f64::from(speed) / 100.0, (f64::from(course) / 100.0).to_radians().sin_cos());
+        let sd_m_s = (f64::from(self.u32(42)) / 1000.0).max(ASSUMED_VERTICAL_SD_M_S);
+        let value = Value::Fix {
+            velocity_m_s: [speed_m_s * east, speed_m_s * north, 0.0],
+            sd_m_s: Some(sd_m_s),
+            position: position(self.i32(8), self.i32(12), self.i32(16)),
+        };
+        Some(Measurement { time: timestamp(self.u64(0)), value })
+    }
+
+    fn global_position(&self) -> Measurement {
+        let [north, east, down] = self.three_i16(20).map(|part| f64::from(part) / 100.0);
+        let value = Value::Fix {
+            velocity_m_s: [east, north, -down],
+            sd_m_s: None,
+            position: position(self.i32(4), self.i32(8), self.i32(12)),
+        };
+        Measurement { time: Some(since_boot(self.u32(0))), value }
+    }
 }
 
 impl RawScale {
@@ -299,34 +343,6 @@ impl RawScale {
 /// Converts (forward, right, down) to (right, forward, up).
 fn frd_to_rfu([forward, right, down]: [f64; 3]) -> [f64; 3] {
     [right, forward, -down]
-}
-
-fn gps_raw(message: &GPS_RAW_INT_DATA) -> Option<Measurement> {
-    if matches!(message.fix_type, GpsFixType::GPS_FIX_TYPE_NO_GPS | GpsFixType::GPS_FIX_TYPE_NO_FIX)
-        || message.vel == UNKNOWN
-        || message.cog == UNKNOWN
-    {
-        return None;
-    }
-    let (speed_m_s, (east, north)) =
-        (f64::from(message.vel) / 100.0, (f64::from(message.cog) / 100.0).to_radians().sin_cos());
-    let sd_m_s = (f64::from(message.vel_acc) / 1000.0).max(ASSUMED_VERTICAL_SD_M_S);
-    let value = Value::Fix {
-        velocity_m_s: [speed_m_s * east, speed_m_s * north, 0.0],
-        sd_m_s: Some(sd_m_s),
-        position: position(message.lat, message.lon, message.alt),
-    };
-    Some(Measurement { time: timestamp(message.time_usec), value })
-}
-
-fn global_position(message: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
-    let [north, east, down] = [message.vx, message.vy, message.vz].map(|part| f64::from(part) / 100.0);
-    let value = Value::Fix {
-        velocity_m_s: [east, north, -down],
-        sd_m_s: None,
-        position: position(message.lat, message.lon, message.alt),
-    };
-    Some(Measurement { time: Some(since_boot(message.time_boot_ms)), value })
 }
 
 /// Creates a position from latitude and longitude in 1e-7° and altitude in mm.
