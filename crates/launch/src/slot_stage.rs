@@ -12,7 +12,22 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 
-use crate::{ExternalStage, Launch, Service, StageConfig, problem::nearest, toml_reader::Section};
+use toml::de::DeValue;
+
+use crate::{
+    ExternalStage, Launch, Service, StageConfig,
+    keys::{Key, Kind},
+    kind::one_of,
+    problem::nearest,
+    toml_reader::{Section, Values},
+};
+
+impl StageConfig {
+    /// Creates the stage of this name with its default parameters.
+    pub(crate) fn new(stage: &str) -> Self {
+        Self { stage: stage.into(), ..Self::default() }
+    }
+}
 
 impl Launch {
     /// Checks that the slot has a stage of this name, built-in or external.
@@ -62,25 +77,53 @@ impl fmt::Display for UnknownStage {
 
 impl std::error::Error for UnknownStage {}
 
-/// Reads the stage of a slot from the keys `stage` and `set`.
-pub(crate) fn stage_config(
-    section: &mut Section<'_, '_>,
-    slot: Service,
-    external: &BTreeMap<String, ExternalStage>,
-    out: &mut StageConfig,
-) -> bool {
-    let allowed: Vec<_> = stages(slot, external).into_iter().map(|name| (name, name.to_owned())).collect();
-    let valid = section.choice("stage", allowed, &mut out.stage);
-    section.section("set", |section| {
-        let Some(parameters) = parameters(slot, &out.stage) else { return section.numbers(&mut out.set) };
-        for Parameter { name, min, max, default, .. } in parameters {
-            let mut value = *default;
-            if section.number(name, *min..=*max, &mut value) && section.span(name).is_some() {
-                out.set.insert((*name).into(), value);
+/// Reads the key `stage` of a slot's section or of a promotion rule.
+pub(crate) fn stage_name(section: &mut Section<'_, '_>, key: Key, out: &mut String) {
+    let names = allowed_stages(section, slot(section)).into_iter().map(|name| (name, name.to_owned()));
+    one_of(names).read(section, key, out);
+}
+
+/// Reads the key `set`, a table of the stage's parameters.
+pub(crate) fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<String, f64>) {
+    if section.is_description() {
+        return section.value(key, Values::new("table of numbers", None), out, |_, _| None);
+    }
+    let slot = slot(section);
+    let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
+    let default = Launch::default().stage(slot).map_or_else(String::new, |config| config.stage.clone());
+    let parameters = parameters(slot, chosen.unwrap_or(&default));
+    section.section(key, |section| {
+        let Some(parameters) = parameters else {
+            return section.numbers(|name, value| {
+                out.insert(name.into(), value);
+            });
+        };
+        for Parameter { name, unit, min, max, mut default, description } in parameters.iter().copied() {
+            let key = Key { name, doc: description, unit, example: "" };
+            (min..=max).read(section, key, &mut default);
+            if section.is_set(name) {
+                out.insert(name.into(), default);
             }
         }
     });
-    valid
+}
+
+/// Returns the slot of a section: that of the key `slot`, else the slot of the section's name.
+fn slot(section: &Section<'_, '_>) -> Service {
+    let name = section.peek("slot").unwrap_or(section.path());
+    Service::SLOTS.into_iter().find(|slot| slot.name() == name).unwrap_or(Service::Fuser)
+}
+
+/// Returns the stages that the file being read allows in a slot: built-in ones and its own.
+fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Service) -> Vec<&'t str> {
+    let own = section.root().get("stages").and_then(|stages| stages.get_ref().as_table());
+    let is_for_slot = |stage: &DeValue<'_>| {
+        let name = stage.as_table().and_then(|stage| stage.get("slot")?.get_ref().as_str());
+        name == Some(slot.name())
+    };
+    let own = own.into_iter().flat_map(|stages| stages.iter());
+    let own = own.filter(|(_, stage)| is_for_slot(stage.get_ref())).map(|(name, _)| name.get_ref().as_ref());
+    built_in_stages(slot).iter().copied().chain(own).collect()
 }
 
 impl Launch {
@@ -90,16 +133,20 @@ impl Launch {
     }
 }
 
-fn stages(slot: Service, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
-    let built_in: &[&str] = match slot {
+/// Returns the names of the slot's built-in stages.
+fn built_in_stages(slot: Service) -> &'static [&'static str] {
+    match slot {
         Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => &[],
         Service::Gyro => &Gyro::NAMES,
         Service::Accel => &Accelerometer::NAMES,
         Service::Fuser => &Fuser::NAMES,
         Service::Course => &Course::NAMES,
-    };
+    }
+}
+
+fn stages(slot: Service, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
-    built_in.iter().copied().chain(external_names).collect()
+    built_in_stages(slot).iter().copied().chain(external_names).collect()
 }
 
 fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {

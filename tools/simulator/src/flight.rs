@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ingest::{conditioner::Sample, source::Readings};
-use launch::{Launch, StageConfig};
+use launch::{Launch, Service, StageConfig};
 use runtime::{Pace, Role, ServiceConfig, service_config::FIRST_EPOCH};
 
 /// Number of ticks of the longest flight.
@@ -33,7 +33,7 @@ impl Flight {
     /// Creates the flight with this number, modulo [`FLIGHT_COUNT`].
     pub(crate) fn new(number: usize) -> Result<Self, String> {
         let [gyro, accel, fuser, course] = INITIAL_STAGES[number % FLIGHT_COUNT];
-        let mut launch = Launch::default();
+        let mut launch = Launch { services: Service::PATH.into(), ..Launch::default() };
         launch.ingest.sim.scenario = "cruise".into();
         launch.ingest.sim.rate_hz = RATE_HZ;
         launch.restart.limit = 30;
