@@ -15,6 +15,9 @@ const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 /// Path of this build's executable.
 pub(crate) const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 
+/// Services of the data path, as the other variants have them.
+const SERVICES: &str = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n";
+
 /// Measures the variant that runs the `plumb` executable.
 pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
@@ -22,7 +25,9 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
     let name = format!("bench-real-{}", std::process::id());
     fs::write(
         &launch,
-        format!("name = \"{name}\"\n[ingest.sim]\nscenario = \"s1\"\nrate_hz = {rate_hz}\n[fuser]\nstage = \"wz\"\n"),
+        format!(
+            "name = \"{name}\"\n{SERVICES}[ingest.sim]\nscenario = \"s1\"\nrate_hz = {rate_hz}\n[fuser]\nstage = \"wz\"\n"
+        ),
     )?;
     let launch = launch.to_str().ok_or("the path of the temporary folder is not valid UTF-8")?;
     let deadline = Instant::now() + Duration::from_secs_f64(seconds) + MAX_OVERHEAD;

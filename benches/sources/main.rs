@@ -138,7 +138,8 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     let name = format!("bench-{}-{}", kind.name(), std::process::id());
     let device = Device::new(kind, &name, folder.path(), cli.rate_hz)?;
     let launch = folder.path().join("launch.toml");
-    fs::write(&launch, format!("name = \"{name}\"\n{}", device.launch_sections))?;
+    let services = r#"services = ["ingest", "gyro", "accel", "fuser", "course"]"#;
+    fs::write(&launch, format!("name = \"{name}\"\n{services}\n{}", device.launch_sections))?;
     let mut command = Command::new(PLUMB);
     command.arg("up").arg(&launch).args(["--source", &device.source, "--for", &format!("{}s", cli.seconds), "--json"]);
     if let Some(pipe) = &device.stdin {

@@ -207,23 +207,6 @@ fn value_out_of_range_is_underlined_with_range() {
 }
 
 #[test]
-fn section_of_unstarted_gateway_is_underlined_with_remedy() {
-    let texts = [
-        "gateway: the service is not started",
-        "launch.toml:2:2",
-        "2 | [gateway.rates]\n  |  ^^^^^^^ no effect",
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\", \"cockpit\"]",
-        "1 problem",
-    ];
-    assert_launch_rejected("[gateway.rates]\nimu = \"all\"\n", &texts);
-    let without_gateway =
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[gateway.rates]\nimu = \"all\"\n";
-    let output =
-        plumb(&["config", "check"]).arg(System::from_launch(without_gateway).path("launch.toml")).output().unwrap();
-    assert!(output.status.success(), "services without the gateway disables the section: {}", text(&output.stderr));
-}
-
-#[test]
 fn all_launch_file_problems_are_shown_together() {
     let launch = "buffer_s = 0\n[gyro]\nstage = \"moebius\"\n[ingest]\nsource = \"simulation\"\n";
     let texts = ["launch.toml:2:12", "launch.toml:4:9", "did you mean \"mobius\"?", "launch.toml:6:10", "3 problems"];

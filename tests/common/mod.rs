@@ -38,14 +38,18 @@ pub(crate) struct Run {
     pub(crate) stderr: String,
 }
 
+/// Services of the data path.
+const PATH: &str = r#"["ingest", "gyro", "accel", "fuser", "course"]"#;
+
 impl System {
     /// Creates a system with a unique name and the launch file `text`.
     ///
     /// Unless `text` sets them, the topic buffer and the lateness are longer than the defaults,
-    /// because tests must not depend on how long a restart takes on a busy machine.
+    /// because tests must not depend on how long a restart takes on a busy machine, and the
+    /// services are those of the data path.
     pub(crate) fn new(text: &str) -> Self {
-        let defaults = [("buffer_s", 6.0), ("lateness_s", 4.0)]
-            .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value:?}\n") });
+        let defaults = [("buffer_s", "6.0"), ("lateness_s", "4.0"), ("services", PATH)]
+            .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value}\n") });
         Self::from_launch(&(defaults.concat() + text))
     }
 

@@ -1,6 +1,6 @@
-//! Chapters of `docs/reference` that are rendered from the program.
+//! Chapters of `docs/reference` and the `launch.toml` that are rendered from the program.
 //!
-//! If a chapter is stale, the test updates it and fails. If `CI` is set, it only fails.
+//! If a file is stale, the test updates it and fails. If `CI` is set, it only fails.
 
 use std::{collections::BTreeSet, env, fs};
 
@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::{launch_file, root};
 
-/// Command that updates the chapters.
+/// Command that updates the files.
 const UPDATE: &str = "cargo test --release --test system docs::reference";
 /// Maximum width of a line outside of tables, columns.
 const MAX_COLUMNS: usize = 100;
@@ -25,11 +25,16 @@ pub(super) fn chapter(title: &str, introduction: &str) -> String {
 
 /// Wraps a text to [`MAX_COLUMNS`].
 pub(super) fn wrap(text: &str) -> String {
+    wrap_to(text, MAX_COLUMNS)
+}
+
+/// Wraps a text to lines of at most `max_columns`.
+pub(super) fn wrap_to(text: &str, max_columns: usize) -> String {
     let (mut wrapped, mut columns) = (String::new(), 0);
     for word in text.split_whitespace() {
         let length = word.chars().count();
         let is_first = columns == 0;
-        if !is_first && columns + 1 + length > MAX_COLUMNS {
+        if !is_first && columns + 1 + length > max_columns {
             wrapped.push('\n');
             columns = 0;
         } else if !is_first {
@@ -218,16 +223,17 @@ fn fields(fields: &[Field]) -> String {
 }
 
 #[test]
-fn generated_chapters_match_program() {
-    let chapters = [
-        ("cli.md", command_line()),
-        ("launch-file.md", launch_file::chapter()),
-        ("stages.md", stages()),
-        ("topics.md", topics()),
+fn generated_files_match_program() {
+    let files = [
+        ("docs/reference/cli.md", command_line()),
+        ("docs/reference/launch-file.md", launch_file::chapter()),
+        ("docs/reference/stages.md", stages()),
+        ("docs/reference/topics.md", topics()),
+        ("launch.toml", launch_file::launch_toml()),
     ];
     let mut stale = Vec::new();
-    for (name, text) in chapters {
-        let file = root().join("docs/reference").join(name);
+    for (name, text) in files {
+        let file = root().join(name);
         if fs::read_to_string(&file).ok().as_ref() != Some(&text) {
             if env::var_os("CI").is_none() {
                 fs::write(&file, text).unwrap();
@@ -235,7 +241,7 @@ fn generated_chapters_match_program() {
             stale.push(file);
         }
     }
-    assert!(stale.is_empty(), "chapters do not match the program: {stale:?}; run `{UPDATE}` without CI to update them");
+    assert!(stale.is_empty(), "files do not match the program: {stale:?}; run `{UPDATE}` without CI to update them");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Reset of a stage whose output is invalid.
+//! Reset of a stage after an invalid output.
 //!
 //! Input: the input of the stage.
 //!

@@ -12,3 +12,10 @@ pub struct StageConfig {
     /// Parameters that differ from their defaults, by name.
     pub set: BTreeMap<String, f64>,
 }
+
+impl StageConfig {
+    /// Creates the stage of this name with its default parameters.
+    pub fn new(stage: &str) -> Self {
+        Self { stage: stage.into(), set: BTreeMap::new() }
+    }
+}

@@ -5,40 +5,41 @@ use std::{
     path::PathBuf,
 };
 
-use serde::{Deserialize, Serialize};
-use toml::Spanned;
-
-use crate::{problem::Problem, toml_reader::Section};
+use crate::{
+    keys::{Key, keys},
+    kind::{By, File, Optional, Table, Texts},
+    problem::Problem,
+    toml_reader::Section,
+};
 
 /// Default port.
 const PORT: u16 = 8088;
 const MAX_ORIGINS: usize = 8;
 
-/// Settings of the cockpit service, which serves a web page of the system.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Cockpit {
-    /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is in
-    /// use, the next free one is used.
-    pub listen: SocketAddr,
-    /// Server certificate and key. If set, viewing requires a token, even on the loopback.
-    pub tls: Option<CockpitTls>,
-    /// Origins of other web pages that may read everything at `/foxglove`, in the form that
-    /// browsers send, such as `https://app.foxglove.dev`.
-    pub foxglove_origins: Vec<String>,
+keys! {
+    /// Settings of the cockpit service, which serves a web page of the system.
+    #[derive(Eq)]
+    pub struct Cockpit {
+        /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is in
+        /// use, the next free one is used.
+        listen: SocketAddr = (Ipv4Addr::LOCALHOST, PORT).into(), By(listen);
+        /// Server certificate and key, PEM. If set, viewing requires a token, even on the loopback.
+        tls: Option<CockpitTls> = None, Optional(Table(CockpitTls::read));
+        /// Origins of other web pages that may read everything at `/foxglove`, in the form that
+        /// browsers send, see docs/explanation/security-model.md.
+        foxglove_origins: Vec<String> = Vec::new(), Texts::<MAX_ORIGINS>,
+            example r#"["https://app.foxglove.dev"]"#;
+    }
 }
 
-/// Server certificate and key, PEM.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct CockpitTls {
-    /// File with the certificate and its chain.
-    pub cert: PathBuf,
-    /// File with the private key.
-    pub key: PathBuf,
-}
-
-impl Default for Cockpit {
-    fn default() -> Self {
-        Self { listen: (Ipv4Addr::LOCALHOST, PORT).into(), tls: None, foxglove_origins: Vec::new() }
+keys! {
+    /// Server certificate and key, PEM.
+    #[derive(Eq)]
+    pub struct CockpitTls {
+        /// File with the certificate and its chain.
+        cert: PathBuf = PathBuf::new(), File, example r#""keys/vehicle.alpha/cert.pem""#;
+        /// File with the private key.
+        key: PathBuf = PathBuf::new(), File, example r#""keys/vehicle.alpha/key.pem""#;
     }
 }
 
@@ -51,37 +52,35 @@ impl Cockpit {
     pub fn parse_address(text: &str, has_tls: bool) -> Option<SocketAddr> {
         text.parse().ok().filter(|address: &SocketAddr| has_tls || address.ip().is_loopback())
     }
+
+    /// Reads `[cockpit]` and checks the origins.
+    pub(crate) fn read(&mut self, section: &mut Section<'_, '_>) {
+        self.read_keys(section);
+        let origins = section.elements("foxglove_origins");
+        for (origin, span) in origins.into_iter().filter(|(origin, _)| !is_origin(origin)) {
+            let title = format!("cockpit.foxglove_origins: {origin:?} is not an origin");
+            section.report(Problem {
+                note: Some(
+                    "pages of a listed origin can read everything but send no commands; \"*\" and \"null\" would admit any page"
+                        .into(),
+                ),
+                ..Problem::new(span, title, "expected scheme and host, such as \"https://app.foxglove.dev\"")
+            });
+        }
+    }
 }
 
-/// Reads `[cockpit]`.
-pub(crate) fn cockpit(section: &mut Section<'_, '_>, out: &mut Cockpit) {
-    let has_tls = section.has("tls");
-    section.parsed("listen", Cockpit::EXPECTED_ADDRESS, |text| Cockpit::parse_address(text, has_tls), &mut out.listen);
-    section.section("tls", |section| {
-        let mut tls = CockpitTls::default();
-        let files = [("cert", &mut tls.cert), ("key", &mut tls.key)];
-        let valid = files.map(|(key, file)| section.parsed(key, "a path", |path| Some(path.into()), file));
-        match ["cert", "key"].into_iter().find(|key| !section.has(key)) {
-            Some(key) => {
-                let remedy = "`plumb keys vehicle NAME --host HOST` creates cert.pem and key.pem";
-                section.report_table(&format!("cockpit.tls: {key:?} is missing"), remedy);
-            }
-            None if valid.iter().all(|valid| *valid) => out.tls = Some(tls),
-            None => {}
-        }
-    });
-    let Some(listed) = section.spanned_strings("foxglove_origins", MAX_ORIGINS) else { return };
-    for origin in listed.iter().filter(|origin| !is_origin(origin.get_ref())) {
-        let title = format!("cockpit.foxglove_origins: {:?} is not an origin", origin.get_ref());
-        section.report(Problem {
-            note: Some(
-                "pages of a listed origin can read everything but send no commands; \"*\" and \"null\" would admit any page"
-                    .into(),
-            ),
-            ..Problem::new(origin.span(), title, "expected scheme and host, such as \"https://app.foxglove.dev\"")
-        });
+impl CockpitTls {
+    fn read(&mut self, section: &mut Section<'_, '_>) {
+        self.read_keys(section);
+        section.require(&["cert", "key"], "`plumb keys vehicle NAME --host HOST` creates cert.pem and key.pem");
     }
-    out.foxglove_origins = listed.into_iter().map(Spanned::into_inner).collect();
+}
+
+fn listen(section: &mut Section<'_, '_>, key: Key, out: &mut SocketAddr) {
+    let (has_tls, default) = (section.has("tls"), out.to_string());
+    let parse = |text: &str| Cockpit::parse_address(text, has_tls);
+    section.text(key, Cockpit::EXPECTED_ADDRESS, parse, Some(default), out);
 }
 
 /// Returns `true` for an origin as browsers send it: a scheme with optional host and port, in lower

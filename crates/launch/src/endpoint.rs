@@ -1,27 +1,28 @@
 //! Security of the gateway's endpoints. Those outside the loopback need mutual TLS or a known
 //! tunnel.
 
-use std::net::{IpAddr, Ipv4Addr};
+use std::{
+    net::{IpAddr, Ipv4Addr},
+    ops::Range,
+};
 
-use toml::Spanned;
-
-use crate::{gateway::Gateway, problem::Problem, toml_reader::Section};
+use crate::{keys::read, kind::Texts, problem::Problem, toml_reader::Section};
 
 /// Maximum number of endpoints per key.
-const MAX_ENDPOINTS: usize = 16;
+pub(crate) const MAX_ENDPOINTS: usize = 16;
 const MAX_TUNNELS: usize = 4;
 /// Shortest network prefix accepted for a tunnel. Shorter prefixes cover more than any private
 /// network.
 const MIN_PREFIX_BITS: u32 = 8;
 
-/// Reads `listen`, `connect` and `tunnel`.
-pub(crate) fn endpoints(section: &mut Section<'_, '_>, out: &mut Gateway) {
+/// Checks the endpoints in `listen` and `connect`, and reads `tunnel`.
+pub(crate) fn check_endpoints(section: &mut Section<'_, '_>) {
     let tunnels = tunnels(section);
     let security = |access| Security { tls: section.has("tls"), access, tunnels: &tunnels };
     // Only the listening side enforces the access list, so the connecting side does not need one.
     let [listen_security, connect_security] = [security(section.has("access")), security(true)];
-    read(section, "listen", &listen_security, &mut out.listen);
-    read(section, "connect", &connect_security, &mut out.connect);
+    check(section, "listen", &listen_security);
+    check(section, "connect", &connect_security);
 }
 
 /// Security settings for endpoints outside the loopback.
@@ -31,12 +32,12 @@ struct Security<'t> {
     tunnels: &'t [Network],
 }
 
-/// Reads endpoints. Outside the loopback, any host could eavesdrop or impersonate another, so only
+/// Checks endpoints. Outside the loopback, any host could eavesdrop or impersonate another, so only
 /// mutual TLS and the listed tunnels are allowed.
-fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_>, out: &mut Vec<String>) {
-    let Some(listed) = section.spanned_strings(key, MAX_ENDPOINTS) else { return };
-    for endpoint in &listed {
-        let text = endpoint.get_ref();
+fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_>) {
+    let mut problems = Vec::new();
+    for endpoint in section.elements(key).iter().filter(|_| section.are_valid(&[key])) {
+        let (text, _) = endpoint;
         let problem = match Endpoint::parse(text) {
             Some(Endpoint::Loopback) => continue,
             Some(Endpoint::Quic { names_ipv6: true }) if key == "connect" => Problem {
@@ -76,27 +77,30 @@ fn read(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_
                 }
             }
         };
-        section.report(problem);
+        problems.push(problem);
     }
-    *out = listed.into_iter().map(Spanned::into_inner).collect();
+    problems.into_iter().for_each(|problem| section.report(problem));
 }
 
 const LOOPBACK: &str = "\"tcp/127.0.0.1:7447\"";
 const CERTIFICATES: &str = "set ca, cert and key in [gateway.tls]";
 
-fn endpoint_problem(endpoint: &Spanned<String>, key: &str, what: &str, label: &str) -> Problem {
-    Problem::new(endpoint.span(), format!("gateway.{key}: {:?} {what}", endpoint.get_ref()), label)
+fn endpoint_problem((text, span): &(&str, Range<usize>), key: &str, what: &str, label: &str) -> Problem {
+    Problem::new(span.clone(), format!("gateway.{key}: {text:?} {what}"), label)
 }
 
 /// Reads the networks of encrypted tunnels, and reports invalid ones.
 fn tunnels(section: &mut Section<'_, '_>) -> Vec<Network> {
-    let listed = section.spanned_strings("tunnel", MAX_TUNNELS).unwrap_or_default();
+    read!(section, {
+        /// Networks of encrypted tunnels such as WireGuard, where tcp/HOST:PORT is also allowed.
+        tunnel: Texts::<MAX_TUNNELS> => &mut Vec::new(), example r#"["10.9.0.0/24"]"#;
+    });
     let mut tunnels = Vec::new();
-    for text in &listed {
-        match Network::parse(text.get_ref()) {
+    for listed in section.elements("tunnel") {
+        match Network::parse(listed.0) {
             Some(network) => tunnels.push(network),
             None => section.report(endpoint_problem(
-                text,
+                &listed,
                 "tunnel",
                 "is not a network",
                 "expected ADDRESS/BITS, such as \"10.9.0.0/24\"",

@@ -1,15 +1,17 @@
 //! User-defined stages, run as separate programs: `[stages.NAME]`.
 
-use std::{
-    ops::Range,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{collections::BTreeMap, ops::Range, path::PathBuf, process::Command};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use serde::{Deserialize, Serialize};
 
-use crate::{Launch, Slot, problem::Problem, toml_reader::Section};
+use crate::{
+    Launch, Slot,
+    keys::{Key, read},
+    kind::{Texts, one_of},
+    problem::Problem,
+    toml_reader::Section,
+};
 
 /// Maximum number of words in a command.
 const MAX_WORDS: usize = 64;
@@ -48,18 +50,32 @@ impl Launch {
     }
 }
 
-/// Reads every `[stages.NAME]`. Whether programs exist is checked only if the launch file's
-/// `folder` is known.
-pub(crate) fn external_stages(section: &mut Section<'_, '_>, folder: Option<&Path>, launch: &mut Launch) {
-    section.named_tables("stages", |section, name, span| {
+/// Reads every `[stages.NAME]`. Whether programs exist is checked only if the launch file's folder
+/// is known.
+pub(crate) fn external_stages(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<String, ExternalStage>) {
+    // The folder is absolute, because it becomes the working directory of the stage.
+    let folder = section.folder().map(|folder| {
+        let absolute = std::path::absolute(folder.join("stage")).ok();
+        absolute.and_then(|path| Some(path.parent()?.to_path_buf())).unwrap_or_else(|| folder.into())
+    });
+    section.named_tables(key, "my-fuser", |section, name, span| {
         let mut stage =
-            ExternalStage { slot: Slot::Gyro, command: Vec::new(), folder: folder.unwrap_or(Path::new("")).into() };
-        let is_valid = is_free(section, name, &span) & slot(section, name, &span, &mut stage);
-        command(section, name, &span, folder, &mut stage);
+            ExternalStage { slot: Slot::Fuser, command: Vec::new(), folder: folder.clone().unwrap_or_default() };
+        read!(section, {
+            /// Slot for which the stage is written.
+            slot: one_of(Slot::ALL.map(|slot| (slot.name(), slot))) => &mut stage.slot, example r#""fuser""#;
+            /// Program and its arguments. A path is relative to the folder of the launch file. A
+            /// name without a slash is looked up in PATH.
+            command: Texts::<{ usize::MAX }> => &mut stage.command, example r#"["python3", "my-fuser/my_fuser.py"]"#;
+        });
+        let is_valid = is_free(section, name, &span) & require(section, name, &span, "slot");
+        if require(section, name, &span, "command") && section.are_valid(&["command"]) {
+            check_command(section, name, folder.is_some(), &stage);
+        }
         // A stage with an invalid command is kept, so that a slot that uses it causes no second
         // problem.
         if is_valid {
-            launch.stages.insert(name.into(), stage);
+            out.insert(name.into(), stage);
         }
     });
 }
@@ -80,30 +96,16 @@ fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bo
     !is_taken
 }
 
-fn slot(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, stage: &mut ExternalStage) -> bool {
-    let allowed: Vec<_> = Slot::ALL.iter().map(|slot| (slot.name(), *slot)).collect();
-    require(section, name, span, "slot") && section.choice("slot", allowed, &mut stage.slot)
-}
-
-fn command(
-    section: &mut Section<'_, '_>,
-    name: &str,
-    span: &Range<usize>,
-    folder: Option<&Path>,
-    stage: &mut ExternalStage,
-) {
-    if !(require(section, name, span, "command") && section.strings("command", &mut stage.command)) {
-        return;
-    }
+fn check_command(section: &mut Section<'_, '_>, name: &str, is_folder_known: bool, stage: &ExternalStage) {
     let error = match stage.command.first() {
         None => Some("expected a program and its arguments, found nothing".to_owned()),
         Some(word) if word.is_empty() => Some("expected a program, found \"\"".to_owned()),
         _ if stage.command.len() > MAX_WORDS => Some(format!("expected at most {MAX_WORDS} words")),
         _ if stage.command.iter().any(|word| word.contains('\0')) => Some("a word contains a NUL byte".to_owned()),
-        Some(word) if word.contains('/') && folder.is_some() && !stage.executable().is_file() => {
+        Some(word) if word.contains('/') && is_folder_known && !stage.executable().is_file() => {
             Some(format!("file {} does not exist", stage.executable().display()))
         }
-        Some(word) if !word.contains('/') && folder.is_some() && !is_in_path(word) => {
+        Some(word) if !word.contains('/') && is_folder_known && !is_in_path(word) => {
             Some(format!("{word:?} is not in PATH"))
         }
         _ => None,
@@ -123,7 +125,7 @@ fn is_in_path(name: &str) -> bool {
 
 /// Returns `true` if the key is present. Otherwise reports it as missing.
 fn require(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, key: &str) -> bool {
-    let is_present = section.has(key);
+    let is_present = section.missing(&[key]).is_none();
     if !is_present {
         let title = format!("stages.{name}: {key} is missing");
         let help = Some(r#"set slot = "fuser" and command = ["python3", "my_fuser.py"]"#.into());

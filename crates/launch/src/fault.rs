@@ -1,9 +1,15 @@
 //! Injection of sensor faults: `[[ingest.fault]]`.
 
-use serde::{Deserialize, Serialize};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
-use crate::{problem::Problem, toml_reader::Section};
+use toml::Spanned;
+
+use crate::{
+    keys::{Key, Kind, Named, choices, keys},
+    kind::{By, NATURAL, Tables, Vector, choice},
+    problem::Problem,
+    toml_reader::Section,
+};
 
 /// Maximum number of faults.
 pub const MAX_FAULTS: usize = 64;
@@ -11,96 +17,96 @@ pub const MAX_FAULTS: usize = 64;
 /// the highest rate.
 pub const MAX_DELAYED_READINGS: usize = 20_000;
 
-/// Longest delay, s.
-const MAX_DELAY_S: f64 = 2.0;
-/// Latest allowed start or end of a fault, s (11 days).
-const MAX_TIME_S: f64 = 1e6;
+/// Allowed start and end of a fault, s (11 days).
+const TIME_S: RangeInclusive<f64> = 0.0..=1e6;
 
-/// Fault of a sensor during a time interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Fault {
-    /// Affected sensor.
-    pub sensor: Sensor,
-    /// Effect on the sensor.
-    pub kind: FaultKind,
-    /// Start, s since the first reading, in the source's time.
-    pub from_s: f64,
-    /// End (exclusive), s since the first reading, in the source's time.
-    pub until_s: f64,
-}
-
-/// Sensor to which a fault applies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Sensor {
-    /// The body rate.
-    Gyro,
-    /// The specific force.
-    Accel,
-    /// The magnetic field.
-    Mag,
-    /// The satellite receiver.
-    Gnss,
-    /// All four sensors. If a fault removes all of them, the reading itself is omitted.
-    All,
-}
-
-/// Effect of a fault on a sensor.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FaultKind {
-    /// No output.
-    Off,
-    /// The last output is repeated.
-    Stuck,
-    /// Impossible values: NaN, infinities, 1e300, arbitrary bits.
-    Garbage {
-        /// Seed of the random values.
-        seed: u64,
-    },
-    /// Output of factor · value + offset.
-    Miscalibrated {
-        /// Factor. 1 has no effect.
-        factor: f64,
-        /// Offset in the sensor's units: rad/s, m/s² or µT. For a receiver, the velocity offset
-        /// east, north and up, m/s.
-        offset: [f64; 3],
-    },
-    /// Only every n-th value is output. In between, a gyro or accelerometer repeats the last value,
-    /// like a sensor that is read faster than it samples.
-    Slow {
-        /// Value of n.
-        every: u64,
-    },
-    /// Values are output late.
-    Delayed {
-        /// Delay, s.
-        delay_s: f64,
-    },
-    /// Only randomly selected values are output.
-    Intermittent {
-        /// Share of values that are output, 0 to 1.
-        share: f64,
-        /// Seed of the random selection.
-        seed: u64,
-    },
-}
-
-/// Reads the faults. If faults are not `allowed`, reports a single problem for all of them.
-pub(crate) fn faults(section: &mut Section<'_, '_>, allowed: bool, out: &mut Vec<Fault>) {
-    let (mut count, mut surplus) = (0, None);
-    section.tables("fault", |section, span| {
-        count += 1;
-        if count == MAX_FAULTS + 1 {
-            surplus = Some(span.clone());
-        }
-        out.extend(fault(section, &span));
-    });
-    if let Some(span) = surplus {
-        let title = format!("ingest.fault: {count} entries, expected at most {MAX_FAULTS}");
-        section.report(Problem::new(span, title, "one too many"));
+keys! {
+    /// Fault of a sensor during a time interval.
+    #[derive(Copy)]
+    pub struct Fault {
+        /// Affected sensor.
+        sensor: Sensor = Sensor::Gyro, choice(), example r#""gyro""#;
+        /// Effect on the sensor.
+        kind: FaultKind = FaultKind::Off, By(fault_kind), example r#""stuck""#;
+        /// Start since the first reading, in the source's time.
+        from_s: f64 = 0.0, TIME_S, unit "s", example "10.0";
+        /// End (exclusive) since the first reading, in the source's time.
+        until_s: f64 = 1e6, TIME_S, unit "s", example "12.0";
     }
-    if let (false, 1.., Some(span)) = (allowed, count, section.span("fault")) {
+}
+
+choices! {
+    /// Sensor to which a fault applies.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Sensor {
+        /// The body rate.
+        Gyro = "gyro",
+        /// The specific force.
+        Accel = "accel",
+        /// The magnetic field.
+        Mag = "mag",
+        /// The satellite receiver.
+        Gnss = "gnss",
+        /// All four sensors. If a fault removes all of them, the reading itself is omitted.
+        All = "all",
+    }
+}
+
+choices! {
+    /// Effect of a fault on a sensor.
+    #[serde(rename_all = "lowercase")]
+    pub enum FaultKind {
+        /// No output.
+        Off = "off",
+        /// The last output is repeated.
+        Stuck = "stuck",
+        /// Impossible values: NaN, infinities, 1e300, arbitrary bits.
+        Garbage = "garbage" {
+            /// Seed of the random values.
+            seed: u64 = 1, NATURAL;
+        },
+        /// Output of factor · value + offset.
+        Miscalibrated = "miscalibrated" {
+            /// Factor. 1 has no effect.
+            factor: f64 = 1.0, -1e6..=1e6;
+            /// Offset in the sensor's units: rad/s, m/s² or µT. For a receiver, the velocity offset
+            /// east, north and up, m/s. Not allowed for all sensors, which have no common unit.
+            offset: [f64; 3] = [0.0; 3], Vector;
+        },
+        /// Only every n-th value is output. In between, a gyro or accelerometer repeats the last
+        /// value, like a sensor that is read faster than it samples.
+        Slow = "slow" {
+            /// n: only every n-th value is output.
+            every: u64 = 0, 2..=100_000;
+        },
+        /// Values are output late.
+        Delayed = "delayed" {
+            /// Delay.
+            delay_s: f64 = f64::NAN, 0.001..=2.0, unit "s";
+        },
+        /// Only randomly selected values are output.
+        Intermittent = "intermittent" {
+            /// Share of values that are output.
+            share: f64 = f64::NAN, 0.0..=1.0;
+            /// Seed of the random selection.
+            seed: u64 = 1, NATURAL;
+        },
+    }
+}
+
+/// Kind of the key `fault`.
+pub(crate) const FAULTS: Tables<Fault> = Tables { read: fault, check: require_permission };
+
+/// Checks the number of faults. If faults are not allowed, reports a single problem for all of
+/// them.
+fn require_permission(section: &mut Section<'_, '_>, faults: &[Spanned<Fault>]) {
+    if let Some(surplus) = faults.get(MAX_FAULTS) {
+        let title = format!("ingest.fault: {} entries, expected at most {MAX_FAULTS}", faults.len());
+        section.report(Problem::new(surplus.span(), title, "one too many"));
+    }
+    let is_forbidden = section.root().get("faults").is_none_or(|value| value.get_ref().as_bool() == Some(false));
+    if let Some(span) = section.span("fault").filter(|_| is_forbidden) {
         section.report(Problem {
             help: Some("to inject faults, write faults = true at the top of the file".into()),
             note: Some("on a vehicle, remove the faults instead".into()),
@@ -109,110 +115,51 @@ pub(crate) fn faults(section: &mut Section<'_, '_>, allowed: bool, out: &mut Vec
     }
 }
 
-/// Kinds of faults without their settings.
-#[derive(Clone, Copy, PartialEq)]
-enum KindName {
-    Off,
-    Stuck,
-    Garbage,
-    Miscalibrated,
-    Slow,
-    Delayed,
-    Intermittent,
-}
-
-const SENSORS: [(&str, Sensor); 5] = [
-    ("gyro", Sensor::Gyro),
-    ("accel", Sensor::Accel),
-    ("mag", Sensor::Mag),
-    ("gnss", Sensor::Gnss),
-    ("all", Sensor::All),
-];
-const KINDS: [(&str, KindName); 7] = [
-    ("off", KindName::Off),
-    ("stuck", KindName::Stuck),
-    ("garbage", KindName::Garbage),
-    ("miscalibrated", KindName::Miscalibrated),
-    ("slow", KindName::Slow),
-    ("delayed", KindName::Delayed),
-    ("intermittent", KindName::Intermittent),
-];
-
-fn fault(section: &mut Section<'_, '_>, span: &Range<usize>) -> Option<Fault> {
-    let (mut sensor, mut name) = (Sensor::All, KindName::Off);
-    let (mut from_s, mut until_s) = (0.0, MAX_TIME_S);
-    let mut valid = require(section, span, &["sensor", "kind", "from_s", "until_s"]);
-    valid &= section.choice("sensor", SENSORS, &mut sensor);
-    let kind_valid = section.choice("kind", KINDS, &mut name) && section.has("kind");
-    let times_valid = section.number("from_s", 0.0..=MAX_TIME_S, &mut from_s)
-        & section.number("until_s", 0.0..=MAX_TIME_S, &mut until_s);
-    if valid && times_valid && until_s <= from_s {
+fn fault(section: &mut Section<'_, '_>, span: Range<usize>) -> Option<Fault> {
+    let before = section.problem_count();
+    let mut fault = Fault::default();
+    fault.read_keys(section);
+    require(section, &span, &["sensor", "kind", "from_s", "until_s"]);
+    let Fault { sensor, kind, from_s, until_s } = fault;
+    if section.problem_count() == before && until_s <= from_s {
         let title = format!("ingest.fault.until_s = {until_s} must be more than from_s = {from_s}");
-        let span = section.span("until_s").unwrap_or_default();
         section.report(Problem {
             context: section.span("from_s").map(|span| (span, "starts here".into())),
-            ..Problem::new(span, title, format!("expected more than {from_s}"))
+            ..Problem::new(section.span("until_s").unwrap_or_default(), title, format!("expected more than {from_s}"))
         });
     }
-    let kind = if kind_valid { kind(section, span, name, sensor) } else { allow_kind_keys(section) };
-    kind.filter(|_| valid && times_valid).map(|kind| Fault { sensor, kind, from_s, until_s })
-}
-
-/// Reads the keys of a fault kind.
-fn kind(section: &mut Section<'_, '_>, span: &Range<usize>, name: KindName, sensor: Sensor) -> Option<FaultKind> {
-    let (mut seed, mut factor, mut offset) = (1, 1.0, [0.0; 3]);
-    let (mut every, mut delay_s, mut share) = (2, 0.0, 0.0);
-    let (valid, kind) = match name {
-        KindName::Off => (true, FaultKind::Off),
-        KindName::Stuck => (true, FaultKind::Stuck),
-        KindName::Garbage => (section.unsigned("seed", &mut seed), FaultKind::Garbage { seed }),
-        KindName::Miscalibrated => {
-            let mut valid = section.number("factor", -1e6..=1e6, &mut factor);
-            if sensor == Sensor::All {
-                valid &= require(section, span, &["factor"]);
-            } else {
-                valid &= section.vector("offset", &mut offset);
-                if !(section.has("factor") || section.has("offset")) {
-                    valid &= require(section, span, &["offset"]);
-                }
-            }
-            (valid, FaultKind::Miscalibrated { factor, offset })
+    match kind {
+        FaultKind::Off | FaultKind::Stuck | FaultKind::Garbage { .. } => {}
+        FaultKind::Miscalibrated { .. } if sensor == Sensor::All => {
+            section.exclude("offset");
+            require(section, &span, &["factor"]);
         }
-        KindName::Slow => {
-            let valid = require(section, span, &["every"]) & section.integer("every", 2..=100_000, &mut every);
-            (valid, FaultKind::Slow { every })
-        }
-        KindName::Delayed => {
-            let valid =
-                require(section, span, &["delay_s"]) & section.number("delay_s", 0.001..=MAX_DELAY_S, &mut delay_s);
-            (valid, FaultKind::Delayed { delay_s })
-        }
-        KindName::Intermittent => {
-            let valid = require(section, span, &["share"])
-                & section.number("share", 0.0..=1.0, &mut share)
-                & section.unsigned("seed", &mut seed);
-            (valid, FaultKind::Intermittent { share, seed })
-        }
-    };
-    valid.then_some(kind)
-}
-
-/// Accepts the keys of every kind, so that an unknown kind causes no second problem.
-fn allow_kind_keys(section: &mut Section<'_, '_>) -> Option<FaultKind> {
-    for key in ["seed", "factor", "offset", "every", "delay_s", "share"] {
-        section.allow(key);
+        FaultKind::Miscalibrated { .. } if section.has("factor") => {}
+        FaultKind::Miscalibrated { .. } => require(section, &span, &["offset"]),
+        FaultKind::Slow { .. } => require(section, &span, &["every"]),
+        FaultKind::Delayed { .. } => require(section, &span, &["delay_s"]),
+        FaultKind::Intermittent { .. } => require(section, &span, &["share"]),
     }
-    None
+    (section.problem_count() == before).then_some(fault)
 }
 
-/// Returns `true` if all keys are present. Otherwise reports the first missing one.
-fn require(section: &mut Section<'_, '_>, span: &Range<usize>, keys: &[&str]) -> bool {
-    let missing = keys.iter().find(|key| !section.has(key));
-    if let Some(key) = missing {
+/// Reads `kind` and the keys of that kind.
+fn fault_kind(section: &mut Section<'_, '_>, key: Key, out: &mut FaultKind) {
+    choice().read(section, key, out);
+    if section.is_description() || section.is_set(key.name) {
+        return section
+            .variants(key.name, out, FaultKind::NAMES.iter().copied(), |section, kind| kind.read_keys(section));
+    }
+    // An unknown or missing kind causes no second problem.
+    section.allow(|section| FaultKind::NAMES.iter().for_each(|(_, kind)| kind.clone().read_keys(section)));
+}
+
+/// Reports the first missing key.
+fn require(section: &mut Section<'_, '_>, span: &Range<usize>, keys: &[&str]) {
+    if let Some(key) = section.missing(keys) {
         let title = format!("ingest.fault: {key} is missing");
         section.report(Problem::new(span.clone(), title, format!("expected {key}")));
     }
-    missing.is_none()
 }
 
 #[cfg(test)]

@@ -4,12 +4,11 @@ use mapping::{FORCE, Mapping, MappingError, RATE};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    keys::{Key, Kind, Named, choices, keys, read},
+    kind::{one_of, text},
     problem::{Problem, nearest},
     toml_reader::Section,
 };
-
-/// Allowed widths of a time counter, bits.
-const TIME_BITS: std::ops::RangeInclusive<u64> = 1..=63;
 
 /// Format of the bytes from a port.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,75 +31,101 @@ pub enum Format {
     Mavlink(Autopilot),
 }
 
-/// Meaning of the columns, as for `plumb import`.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Columns {
-    /// Comma-separated pairs `QUANTITY=COLUMN`. Empty if columns are named by their quantity.
-    pub map: String,
-    /// Comma-separated units. Empty for SI units.
-    pub units: String,
-    /// Axes. Empty for `rfu`.
-    pub frame: String,
-    /// Comma-separated column names in order. Empty if a header line names them.
-    pub columns: String,
-    /// Width of the time counter, bits. 0 if the time does not wrap.
-    pub time_bits: u64,
+keys! {
+    /// Meaning of the columns, as for `plumb import`.
+    #[derive(Eq)]
+    pub struct Columns {
+        /// Columns of quantities, as comma-separated pairs `QUANTITY=COLUMN`, such as
+        /// "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz". If not set, columns are named by their
+        /// quantity.
+        map: String = String::new(), text(r#"pairs as "gx=gyro_x,ax=acc_x""#, owned);
+        /// Comma-separated units, such as "deg/s,g,ms". If not set, SI units.
+        units: String = String::new(), text(r#"units as "deg/s,g""#, owned);
+        /// Axes: "rfu" (if not set), "flu" or "frd".
+        frame: String = String::new(), text(r#"axes as "frd""#, owned);
+        /// Comma-separated column names in order. If not set, a header line names them.
+        columns: String = String::new(), text(r#"names as "t,gx,gy,gz,ax,ay,az""#, owned);
+        /// Width of the time counter. If not set, the time does not wrap.
+        time_bits: u64 = 0, 1..=63, unit "bits";
+    }
 }
 
-/// Scales of a WitMotion sensor.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct WitMotion {
-    /// Measuring range of the accelerometer, g.
-    pub range_g: f64,
-    /// Measuring range of the gyro, °/s.
-    pub range_deg_s: f64,
-    /// Scale of the magnetometer, µT per unit. 0 to ignore the magnetometer.
-    pub field_unit_ut: f64,
+fn owned(text: &str) -> Option<String> {
+    Some(text.into())
 }
 
-/// Selection of the autopilot messages to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Autopilot {
-    /// MAVLink system ID. 0 selects the first system received.
-    pub system: u64,
-    /// Message to take rate and force from. `None` takes whichever arrives first.
-    pub imu: Option<ImuMessage>,
-    /// Message to take the velocity from. `None` to ignore fixes.
-    pub fix: Option<FixMessage>,
+/// Allowed scales of a magnetometer, µT per unit.
+const FIELD_UNIT_UT: std::ops::RangeInclusive<f64> = 0.0..=1000.0;
+
+keys! {
+    /// Scales of a WitMotion sensor.
+    #[derive(Copy)]
+    pub struct WitMotion {
+        /// Measuring range of the accelerometer.
+        range_g: f64 = 16.0, 1.0..=1000.0, unit "g";
+        /// Measuring range of the gyro.
+        range_deg_s: f64 = 2000.0, 1.0..=100_000.0, unit "°/s";
+        /// Scale of the magnetometer. 0 ignores the magnetometer.
+        field_unit_ut: f64 = 0.1, FIELD_UNIT_UT, unit "µT per unit";
+    }
 }
 
-/// MAVLink message with rate and force.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum ImuMessage {
-    /// HIGHRES_IMU.
-    HighresImu,
-    /// SCALED_IMU.
-    ScaledImu,
-    /// SCALED_IMU2.
-    ScaledImu2,
-    /// SCALED_IMU3.
-    ScaledImu3,
-    /// RAW_IMU, with the units of ArduPilot: mrad/s, mg and mgauss.
-    RawImu,
+keys! {
+    /// Selection of the autopilot messages to use.
+    #[derive(Copy, Eq)]
+    pub struct Autopilot {
+        /// MAVLink system ID. 0 selects the first system received.
+        system: u64 = 0, 0..=255;
+        /// Message to take rate and force from. "first" takes whichever arrives first.
+        imu: Option<ImuMessage> = None, one_of(with_none("first"));
+        /// Message to take the velocity from.
+        fix: Option<FixMessage> = Some(FixMessage::GpsRawInt), one_of(with_none("off"));
+    }
 }
 
-/// MAVLink message with a velocity over ground.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum FixMessage {
-    /// GPS_RAW_INT.
-    GpsRawInt,
-    /// GLOBAL_POSITION_INT.
-    GlobalPositionInt,
+/// Returns the names of `T`, and a name for `None`.
+fn with_none<T: Named + Copy>(none: &'static str) -> impl Iterator<Item = (&'static str, Option<T>)> {
+    [(none, None)].into_iter().chain(T::NAMES.iter().map(|(name, value)| (*name, Some(*value))))
 }
 
-/// Format of the bytes from a satellite receiver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ReceiverFormat {
-    /// UBX-NAV-PVT of a u-blox receiver.
-    Ubx,
-    /// RMC and VTG of NMEA 0183.
-    Nmea,
+choices! {
+    /// MAVLink message with rate and force.
+    #[derive(Eq)]
+    pub enum ImuMessage {
+        /// HIGHRES_IMU.
+        HighresImu = "highres_imu",
+        /// SCALED_IMU.
+        ScaledImu = "scaled_imu",
+        /// SCALED_IMU2.
+        ScaledImu2 = "scaled_imu2",
+        /// SCALED_IMU3.
+        ScaledImu3 = "scaled_imu3",
+        /// RAW_IMU, with the units of ArduPilot: mrad/s, mg and mgauss.
+        RawImu = "raw_imu",
+    }
+}
+
+choices! {
+    /// MAVLink message with a velocity over ground.
+    #[derive(Eq)]
+    pub enum FixMessage {
+        /// GPS_RAW_INT.
+        GpsRawInt = "gps_raw_int",
+        /// GLOBAL_POSITION_INT.
+        GlobalPositionInt = "global_position_int",
+    }
+}
+
+choices! {
+    /// Format of the bytes from a satellite receiver.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum ReceiverFormat {
+        /// UBX-NAV-PVT of a u-blox receiver.
+        Ubx = "ubx",
+        /// RMC and VTG of NMEA 0183.
+        Nmea = "nmea",
+    }
 }
 
 impl Default for Format {
@@ -128,56 +153,52 @@ impl Format {
         matches!(self, Self::Csv(_))
     }
 
-    /// Returns the default MAVLink format: the first system received, with GPS fixes.
-    pub(crate) const fn mavlink() -> Self {
-        Self::Mavlink(Autopilot { system: 0, imu: None, fix: Some(FixMessage::GpsRawInt) })
-    }
-
     /// Returns every format with the factory settings of the devices.
-    fn all() -> [Self; 6] {
-        let wit_motion = WitMotion { range_g: 16.0, range_deg_s: 2000.0, field_unit_ut: 0.1 };
+    fn all() -> [(&'static str, Self); 6] {
         [
             Self::default(),
             Self::Protobuf,
-            Self::WitMotion(wit_motion),
+            Self::WitMotion(WitMotion::default()),
             Self::Xsens { field_unit_ut: 49.0 },
             Self::Rvc,
-            Self::mavlink(),
+            Self::Mavlink(Autopilot::default()),
         ]
+        .map(|format| (format.name(), format))
     }
 
-    /// Reads the keys of the MAVLink format. Does nothing for other formats.
-    pub(crate) fn mavlink_keys(&mut self, section: &mut Section<'_, '_>) {
-        let Self::Mavlink(Autopilot { system, imu, fix }) = self else { return };
-        section.integer("system", 0..=255, system);
-        let messages = [
-            ("first", None),
-            ("highres_imu", Some(ImuMessage::HighresImu)),
-            ("scaled_imu", Some(ImuMessage::ScaledImu)),
-            ("scaled_imu2", Some(ImuMessage::ScaledImu2)),
-            ("scaled_imu3", Some(ImuMessage::ScaledImu3)),
-            ("raw_imu", Some(ImuMessage::RawImu)),
-        ];
-        section.choice("imu", messages, imu);
-        let messages = [
-            ("gps_raw_int", Some(FixMessage::GpsRawInt)),
-            ("global_position_int", Some(FixMessage::GlobalPositionInt)),
-            ("off", None),
-        ];
-        section.choice("fix", messages, fix);
+    /// Reads the keys that belong to the format.
+    pub(crate) fn read_keys(&mut self, section: &mut Section<'_, '_>) {
+        match self {
+            Self::Csv(columns) => {
+                columns.read_keys(section);
+                check_columns(section, columns);
+            }
+            Self::WitMotion(scales) => scales.read_keys(section),
+            Self::Xsens { field_unit_ut } => read!(section, {
+                /// Scale of the magnetometer.
+                field_unit_ut: FIELD_UNIT_UT => field_unit_ut, unit "µT per unit";
+            }),
+            Self::Mavlink(autopilot) => autopilot.read_keys(section),
+            Self::Protobuf | Self::Rvc => {}
+        }
     }
 }
 
-impl ReceiverFormat {
-    /// Returns the name of the format in a launch file.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ubx => "ubx",
-            Self::Nmea => "nmea",
-        }
+/// Reads `format` and the keys of that format. If the format does not change, its keys keep their
+/// values.
+pub(crate) fn stream_format(section: &mut Section<'_, '_>, key: Key, out: &mut Format) {
+    match section.path() {
+        // These sources have one format only.
+        "ingest.mavlink" => return out.read_keys(section),
+        "ingest.iio" => return,
+        _ => {}
     }
-
-    pub(crate) const NAMES: [(&str, Self); 2] = [("ubx", Self::Ubx), ("nmea", Self::Nmea)];
+    let mut chosen = out.clone();
+    one_of(Format::all()).read(section, key, &mut chosen);
+    if chosen.name() != out.name() {
+        *out = chosen;
+    }
+    section.variants(key.name, out, Format::all(), |section, format| format.read_keys(section));
 }
 
 impl Columns {
@@ -198,50 +219,24 @@ impl Columns {
     }
 }
 
-/// Reads `format` and the keys of that format.
-pub(crate) fn stream_format(section: &mut Section<'_, '_>, out: &mut Format) {
-    let all = Format::all().map(|format| (format.name(), format));
-    let mut chosen = out.clone();
-    section.choice("format", all, &mut chosen);
-    if chosen.name() != out.name() {
-        *out = chosen;
-    }
-    match out {
-        Format::Csv(columns) => csv(section, columns),
-        Format::WitMotion(WitMotion { range_g, range_deg_s, field_unit_ut }) => {
-            section.number("range_g", 1.0..=1000.0, range_g);
-            section.number("range_deg_s", 1.0..=100_000.0, range_deg_s);
-            section.number("field_unit_ut", 0.0..=1000.0, field_unit_ut);
-        }
-        Format::Xsens { field_unit_ut } => drop(section.number("field_unit_ut", 0.0..=1000.0, field_unit_ut)),
-        Format::Mavlink(_) => out.mavlink_keys(section),
-        Format::Protobuf | Format::Rvc => {}
-    }
-}
-
-fn csv(section: &mut Section<'_, '_>, out: &mut Columns) {
-    let text = |text: &str| Some(text.to_owned());
-    section.parsed("map", r#"pairs as "gx=gyro_x,ax=acc_x""#, text, &mut out.map);
-    section.parsed("units", r#"units as "deg/s,g""#, text, &mut out.units);
-    section.parsed("frame", r#"axes as "frd""#, text, &mut out.frame);
-    section.parsed("columns", r#"names as "t,gx,gy,gz,ax,ay,az""#, text, &mut out.columns);
-    section.integer("time_bits", TIME_BITS, &mut out.time_bits);
+/// Reports a mapping that is invalid or incomplete.
+fn check_columns(section: &mut Section<'_, '_>, columns: &Columns) {
     let mut report = |key: &'static str, found: String, help: Option<String>| {
         let span = section.span(key).or_else(|| section.span("format")).unwrap_or_default();
         section.report(Problem { help, ..Problem::new(span, format!("{key}: {found}"), "invalid") });
     };
-    let mapping = match out.mapping() {
+    let mapping = match columns.mapping() {
         Ok(mapping) => mapping,
         Err(error) => return report(error.setting(), error.to_string(), None),
     };
-    if let Some(names) = out.names() {
+    if let Some(names) = columns.names() {
         let names: Vec<_> = names.iter().map(String::as_str).collect();
         if let Some(missing) = missing(&mapping, &names) {
             let help = nearest(missing, &names).map(|near| format!("did you mean {near:?}?"));
             report("columns", format!("the column {missing:?} is missing"), help);
         }
     }
-    if out.time_bits > 0 && mapping.wrap_period_ns(out.time_bits).is_none() {
+    if columns.time_bits > 0 && mapping.wrap_period_ns(columns.time_bits).is_none() {
         report("time_bits", "expected a counter that wraps within 292 years".into(), None);
     }
 }

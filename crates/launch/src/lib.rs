@@ -9,8 +9,10 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | `model` | contents of a launch file, and the defaults |
-//! | `schema` | keys and their allowed values |
+//! | `keys` | declaration of a section: one row per key |
+//! | `kind` | kinds of values |
+//! | `model` | top level, `[restart]`, and the stages of the slots |
+//! | `ingest` | source of the samples, and their limits |
 //! | `slot_stage` | stages allowed in a slot |
 //! | `live_sources` | sources that send in real time |
 //! | `format` | byte formats of ports |
@@ -19,24 +21,28 @@
 //! | `north` | north reference of the course |
 //! | `output` | reference frame of published attitudes |
 //! | `gateway` | connections to other hosts, and the topics sent |
-//! | `gateway_section` | keys of `[gateway]` |
 //! | `cockpit` | web page of the system |
 //! | `endpoint` | security of the gateway's endpoints |
 //! | `split` | one system on several hosts |
 //! | `fault` | injection of sensor faults |
 //! | `external_stage` | user-defined stages |
 //! | `promotion_rule` | automatic promotion of a stage |
-//! | `toml_reader` | reading a TOML table key by key |
+//! | `schema` | reading a launch file, and checks that concern several sections |
+//! | `toml_reader` | reading and describing a TOML table key by key |
+//! | `description` | description of all keys, for documentation |
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
 mod cockpit;
+mod description;
 mod endpoint;
 mod external_stage;
 mod fault;
 mod format;
 mod gateway;
-mod gateway_section;
+mod ingest;
+mod keys;
+mod kind;
 mod live_sources;
 mod model;
 mod north;
@@ -53,19 +59,20 @@ mod toml_reader;
 pub use graph::{Service, Slot, StageConfig};
 
 pub use cockpit::{Cockpit, CockpitTls};
+pub use description::{KeyDescription, SectionDescription, describe};
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
+pub use ingest::{BusSource, Gnss, GyroSamples, Ingest, Limits, Replay, Sim, Source};
 pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
-pub use model::{
-    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, MAX_TOPIC_MESSAGES, OnLimit,
-    Replay, Restart, Sim, Source, StateFile,
-};
+pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
 pub use problem::{LaunchError, Problems, nearest, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
+pub use schema::MAX_TOPIC_MESSAGES;
+pub use sensors::{Calibration, Calibrations};
 pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;

@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     GyroSamples, Ingest, Launch, Service, Source,
-    format::{Format, ReceiverFormat, stream_format},
-    model::BusSource,
+    format::{Autopilot, Format, ReceiverFormat, stream_format},
+    keys::{Key, Kind, choices, keys, read},
+    kind::{By, Inline, Table, Text, choice, text},
     problem::Problem,
     toml_reader::Section,
 };
@@ -18,28 +19,31 @@ pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
 const BAUD_RANGE: RangeInclusive<u64> = 50..=20_000_000;
 const DEFAULT_BAUD: u64 = 115_200;
 
-/// Settings of a stream of readings, independent of its port.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Stream {
-    /// Format of the bytes.
-    pub format: Format,
-    /// Treatment of the device's timestamps.
-    pub clock: Clock,
-    /// Nominal sample rate, Hz.
-    pub rate_hz: f64,
-    /// Kind of rate sample: the mean over its interval, or the value at the end.
-    pub gyro_samples: GyroSamples,
+keys! {
+    /// Settings of a stream of readings, independent of its port.
+    pub struct Stream {
+        /// Format of the bytes.
+        format: Format = Format::default(), By(stream_format);
+        /// Treatment of the device's timestamps.
+        clock: Clock = Clock::Host, choice();
+        /// Nominal sample rate.
+        rate_hz: f64 = 1000.0, RATE_RANGE_HZ, unit "Hz";
+        /// Kind of rate sample.
+        gyro_samples: GyroSamples = GyroSamples::Means, choice();
+    }
 }
 
-/// Treatment of a device's timestamps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Clock {
-    /// Timestamps are used unchanged.
-    Device,
-    /// Timestamps are converted to this machine's CLOCK_MONOTONIC by a linear fit to the arrival
-    /// times.
-    Host,
+choices! {
+    /// Treatment of a device's timestamps.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Clock {
+        /// Timestamps are used unchanged.
+        Device = "device",
+        /// Timestamps are converted to this machine's CLOCK_MONOTONIC by a linear fit to the
+        /// arrival times.
+        Host = "host",
+    }
 }
 
 /// Port from which bytes are received.
@@ -69,82 +73,162 @@ pub struct PortSource {
     pub stream: Stream,
 }
 
-/// Device of Linux industrial I/O.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct IioDevice {
-    /// Folder of the devices in sysfs.
-    pub root: PathBuf,
-    /// Folder of the character devices.
-    pub dev: PathBuf,
-    /// Name of the device or of its folder. Empty if not set.
-    pub device: String,
-    /// Name of the accelerometer's device, if gyro and accelerometer are separate devices. Empty
-    /// otherwise.
-    pub accel_device: String,
-    /// Settings of the stream. The device determines the format.
-    pub stream: Stream,
-}
-
-/// Satellite receiver used in addition to the source.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ReceiverSource {
-    /// Port, or `None` if there is no receiver.
-    pub port: Option<Port>,
-    /// Format of the bytes.
-    pub format: ReceiverFormat,
-}
-
-impl Stream {
-    /// Creates the settings for CSV lines at 1 kHz with the given clock.
-    fn with_clock(clock: Clock) -> Self {
-        Self { format: Format::default(), clock, rate_hz: 1000.0, gyro_samples: GyroSamples::Means }
+keys! {
+    /// Device of Linux industrial I/O.
+    pub struct IioDevice {
+        /// Folder of the devices in sysfs.
+        root: PathBuf = "/sys/bus/iio/devices".into(), FOLDER;
+        /// Folder of the character devices.
+        dev: PathBuf = "/dev".into(), FOLDER;
+        /// Name of the device, from the file `name` in its folder, or name of its folder.
+        device: String = String::new(), text(r#"the name of a device, such as "bmi160""#, device_name),
+            example r#""bmi160""#;
+        /// Name of the accelerometer's device, if gyro and accelerometer are separate devices.
+        accel_device: String = String::new(),
+            text(r#"the name of a device, such as "lsm6dsm_accel""#, device_name), example r#""lsm6dsm_accel""#;
+        /// Settings of the stream. The device determines the format.
+        stream: Stream = Stream { clock: Clock::Device, rate_hz: 100.0, ..Stream::default() },
+            Inline(Stream::read_keys);
     }
 }
 
-/// Settings of all live sources.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LiveSources {
-    /// Source on standard input.
-    pub stdin: PortSource,
-    /// Source sending UDP datagrams.
-    pub udp: PortSource,
-    /// Source on a TCP connection.
-    pub tcp: PortSource,
-    /// Source on a serial line.
-    pub serial: PortSource,
-    /// Autopilot that speaks MAVLink.
-    pub mavlink: PortSource,
-    /// Device of Linux industrial I/O.
-    pub iio: IioDevice,
-    /// Receiver used with any of these sources or the bus. Simulations and recordings ignore it.
-    pub receiver: ReceiverSource,
+const FOLDER: Text<PathBuf> = Text {
+    expected: "a folder",
+    parse: |text| (!text.is_empty()).then(|| text.into()),
+    show: |folder| Some(folder.display().to_string()),
+};
+
+fn device_name(text: &str) -> Option<String> {
+    (!text.is_empty() && !text.contains('/')).then(|| text.to_owned())
 }
 
-impl Default for LiveSources {
-    fn default() -> Self {
-        let stream = || Stream::with_clock(Clock::Host);
-        let loopback = |port: u16| Some(Port::Udp(format!("127.0.0.1:{port}")));
-        Self {
-            stdin: PortSource { port: Some(Port::Stdin), stream: Stream::with_clock(Clock::Device) },
-            udp: PortSource { port: loopback(14_560), stream: stream() },
-            tcp: PortSource { port: None, stream: stream() },
-            serial: PortSource {
-                port: Some(Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD }),
-                stream: stream(),
-            },
-            mavlink: PortSource {
-                port: loopback(14_540),
-                stream: Stream { format: Format::mavlink(), rate_hz: 50.0, ..stream() },
-            },
-            iio: IioDevice {
-                root: "/sys/bus/iio/devices".into(),
-                dev: "/dev".into(),
-                device: String::new(),
-                accel_device: String::new(),
-                stream: Stream { rate_hz: 100.0, ..Stream::with_clock(Clock::Device) },
-            },
-            receiver: ReceiverSource { port: None, format: ReceiverFormat::Ubx },
+keys! {
+    /// Satellite receiver used in addition to the source.
+    #[derive(Eq)]
+    pub struct ReceiverSource {
+        /// Port. If not set, there is no receiver.
+        port as "endpoint": Option<Port> = None, By(endpoint), example r#""serial:/dev/ttyACM0""#;
+        /// Format of the bytes.
+        format: ReceiverFormat = ReceiverFormat::Ubx, choice();
+    }
+}
+
+keys! {
+    /// Settings of all live sources.
+    pub struct LiveSources {
+        /// Source on standard input, as in `PROGRAM | plumb up --source stdin`. No reading is lost
+        /// at any speed, and the run ends with the input.
+        stdin: PortSource = PortSource {
+            port: Some(Port::Stdin),
+            stream: Stream { clock: Clock::Device, ..Stream::default() },
+        }, Table(|source: &mut PortSource, section| source.stream.read_keys(section));
+        /// Source sending UDP datagrams. Each datagram contains whole lines or messages.
+        udp: PortSource = PortSource::new(loopback(14_560)), Table(udp);
+        /// Source on a TCP connection, which is opened again after a loss.
+        tcp: PortSource = PortSource::new(None), Table(tcp);
+        /// Source on a serial line, which is opened again after a disconnection.
+        serial: PortSource = PortSource::new(Some(Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD })),
+            Table(serial);
+        /// IMU and receiver of an autopilot that speaks MAVLink. The autopilot is only read.
+        mavlink: PortSource = PortSource {
+            port: loopback(14_540),
+            stream: Stream { format: Format::Mavlink(Autopilot::default()), rate_hz: 50.0, ..Stream::default() },
+        }, Table(mavlink);
+        /// Device of Linux industrial I/O. The device's nearest sample rate is set.
+        iio: IioDevice = IioDevice::default(), Table(IioDevice::read_keys);
+        /// Satellite receiver used with any of these sources or the bus. Simulations and recordings
+        /// ignore it.
+        receiver: ReceiverSource = ReceiverSource::default(), Table(ReceiverSource::read_keys);
+    }
+}
+
+impl PortSource {
+    /// Creates a source of CSV lines at 1 kHz.
+    fn new(port: Option<Port>) -> Self {
+        Self { port, stream: Stream::default() }
+    }
+}
+
+fn loopback(port: u16) -> Option<Port> {
+    Some(Port::Udp(format!("127.0.0.1:{port}")))
+}
+
+fn udp(out: &mut PortSource, section: &mut Section<'_, '_>) {
+    read!(section, {
+        /// Local address. 0.0.0.0 accepts datagrams from any host.
+        listen: Text {
+            expected: r#"an address and a port, such as "0.0.0.0:14560""#,
+            parse: |text| parse_listen_address(text).map(Port::Udp).map(Some),
+            show: address,
+        } => &mut out.port;
+    });
+    out.stream.read_keys(section);
+}
+
+fn tcp(out: &mut PortSource, section: &mut Section<'_, '_>) {
+    read!(section, {
+        /// Host to connect to.
+        connect: Text {
+            expected: r#"a host and a port, such as "192.168.1.7:5555""#,
+            parse: |text| parse_remote_address(text).map(Port::Tcp).map(Some),
+            show: address,
+        } => &mut out.port, example r#""192.168.1.7:5555""#;
+    });
+    out.stream.read_keys(section);
+}
+
+fn serial(out: &mut PortSource, section: &mut Section<'_, '_>) {
+    if let Some(Port::Serial { path, baud }) = &mut out.port {
+        read!(section, {
+            /// Device file.
+            port: Text {
+                expected: r#"a device file, such as "/dev/ttyUSB0""#,
+                parse: |text| (!text.is_empty()).then(|| text.into()),
+                show: |_| None,
+            } => path, example r#""/dev/ttyUSB0""#;
+        });
+        read_baud(section, baud);
+    }
+    out.stream.read_keys(section);
+}
+
+fn mavlink(out: &mut PortSource, section: &mut Section<'_, '_>) {
+    read!(section, {
+        /// Port of the autopilot.
+        endpoint: By(endpoint) => &mut out.port;
+    });
+    out.stream.read_keys(section);
+}
+
+fn read_baud(section: &mut Section<'_, '_>, baud: &mut u64) {
+    read!(section, {
+        /// Baud rate, with 8 data bits, no parity, 1 stop bit and no flow control.
+        baud: BAUD_RANGE => baud, unit "bit/s";
+    });
+}
+
+/// Reads an endpoint, and the baud rate of a serial line.
+fn endpoint(section: &mut Section<'_, '_>, key: Key, out: &mut Option<Port>) {
+    let kind = Text {
+        expected: r#""udpin:127.0.0.1:14540", "tcp:HOST:PORT" or "serial:/dev/ttyACM0""#,
+        parse: |text| Port::parse(text).map(Some),
+        show: |port| Some(format!("udpin:{}", address(port)?)),
+    };
+    kind.read(section, key, out);
+    let serial = Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD };
+    let all = [("serial:/dev/ttyACM0", Some(serial))];
+    section.variants(key.name, out, all, |section, port| {
+        if let Some(Port::Serial { baud, .. }) = port {
+            read_baud(section, baud);
         }
+    });
+}
+
+/// Returns the address of a network port.
+fn address(port: &Option<Port>) -> Option<String> {
+    match port {
+        Some(Port::Udp(address) | Port::Tcp(address)) => Some(address.clone()),
+        Some(Port::Stdin | Port::Serial { .. }) | None => None,
     }
 }
 
@@ -244,56 +328,8 @@ impl Launch {
     }
 }
 
-/// Reads the sections of the bus, the live sources and the receiver.
-pub(crate) fn live_sources(section: &mut Section<'_, '_>, out: &mut Ingest) {
-    section.section("bus", |section| {
-        let BusSource { rate_hz, gyro_samples } = &mut out.bus;
-        section.number("rate_hz", RATE_RANGE_HZ, rate_hz);
-        section.choice("gyro_samples", GyroSamples::ALL, gyro_samples);
-    });
-    let LiveSources { stdin, udp, tcp, serial, mavlink, iio, receiver } = &mut out.live;
-    section.section("stdin", |section| stream(section, &mut stdin.stream));
-    section.section("udp", |section| {
-        let port = |text: &str| parse_listen_address(text).map(Port::Udp).map(Some);
-        section.parsed("listen", r#"an address and a port, such as "0.0.0.0:14560""#, port, &mut udp.port);
-        stream(section, &mut udp.stream);
-    });
-    section.section("tcp", |section| {
-        let port = |text: &str| parse_remote_address(text).map(Port::Tcp).map(Some);
-        section.parsed("connect", r#"a host and a port, such as "192.168.1.7:5555""#, port, &mut tcp.port);
-        stream(section, &mut tcp.stream);
-    });
-    section.section("serial", |section| {
-        if let Some(Port::Serial { path, baud }) = &mut serial.port {
-            let file = |text: &str| (!text.is_empty()).then(|| text.into());
-            section.parsed("port", r#"a device file, such as "/dev/ttyUSB0""#, file, path);
-            section.integer("baud", BAUD_RANGE, baud);
-        }
-        stream(section, &mut serial.stream);
-    });
-    section.section("mavlink", |section| {
-        endpoint(section, &mut mavlink.port);
-        stream_keys(section, &mut mavlink.stream);
-        mavlink.stream.format.mavlink_keys(section);
-    });
-    section.section("iio", |section| {
-        let path = |text: &str| (!text.is_empty()).then(|| text.into());
-        section.parsed("root", "a folder", path, &mut iio.root);
-        section.parsed("dev", "a folder", path, &mut iio.dev);
-        let name = |text: &str| (!text.is_empty() && !text.contains('/')).then(|| text.to_owned());
-        section.parsed("device", r#"the name of a device, such as "bmi160""#, name, &mut iio.device);
-        section.parsed("accel_device", r#"the name of a device, such as "lsm6dsm_accel""#, name, &mut iio.accel_device);
-        stream_keys(section, &mut iio.stream);
-    });
-    section.section("receiver", |section| {
-        endpoint(section, &mut receiver.port);
-        section.choice("format", ReceiverFormat::NAMES, &mut receiver.format);
-    });
-    require_port(section, out);
-}
-
 /// Reports a problem if the port or device of the source is missing.
-fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
+pub(crate) fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
     let remedy = match ingest.source {
         Source::Serial => r#"port = "/dev/ttyUSB0" in [ingest.serial]"#,
         Source::Tcp => r#"connect = "192.168.1.7:5555" in [ingest.tcp]"#,
@@ -305,31 +341,12 @@ fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
         Source::Iio => ingest.live.iio.device.is_empty(),
         _ => false,
     };
-    if is_missing && !section.has_problems() {
+    if is_missing && section.problem_count() == 0 {
         let span = section.span("source").unwrap_or_default();
         section.report(Problem {
             help: Some(format!("set {remedy}")),
             ..Problem::new(span, "ingest.source: the port or device of the source is not set", "nothing to read")
         });
-    }
-}
-
-fn stream(section: &mut Section<'_, '_>, out: &mut Stream) {
-    stream_format(section, &mut out.format);
-    stream_keys(section, out);
-}
-
-fn stream_keys(section: &mut Section<'_, '_>, out: &mut Stream) {
-    section.choice("clock", [("device", Clock::Device), ("host", Clock::Host)], &mut out.clock);
-    section.number("rate_hz", RATE_RANGE_HZ, &mut out.rate_hz);
-    section.choice("gyro_samples", GyroSamples::ALL, &mut out.gyro_samples);
-}
-
-fn endpoint(section: &mut Section<'_, '_>, out: &mut Option<Port>) {
-    let expected = r#""udpin:127.0.0.1:14540", "tcp:HOST:PORT" or "serial:/dev/ttyACM0""#;
-    section.parsed("endpoint", expected, |text| Port::parse(text).map(Some), out);
-    if let Some(Port::Serial { baud, .. }) = out {
-        section.integer("baud", BAUD_RANGE, baud);
     }
 }
 

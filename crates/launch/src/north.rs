@@ -3,32 +3,54 @@
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-use crate::toml_reader::Section;
+use crate::{
+    keys::keys,
+    kind::{Day, Optional, Table, one_of},
+    toml_reader::Section,
+};
 
 /// Years covered by the built-in coefficients of the World Magnetic Model.
 pub const MODEL_YEARS: std::ops::RangeInclusive<u16> = 2020..=2029;
 
-/// North reference of the course for stages that output a magnetic course.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct NorthReference {
-    /// `true` if the course is converted to true north with the World Magnetic Model.
-    pub is_true: bool,
-    /// Position used until the first fix.
-    pub position: Option<Position>,
-    /// Date for the model. Always set in a running system if `is_true`.
-    pub date: Option<Date>,
+keys! {
+    /// North reference of the course for stages that output a magnetic course.
+    #[derive(Copy)]
+    pub struct NorthReference {
+        /// North to which the course refers. "true" converts a magnetic course with the World
+        /// Magnetic Model at the latest fix, see docs/reference/choosing-a-stage.md.
+        is_true as "north": bool = false, one_of([("magnetic", false), ("true", true)]);
+        /// Position used until the first fix, WGS 84.
+        position: Option<Position> = None, Optional(Table(Position::read));
+        /// Date for the World Magnetic Model. If not set, live sensors use the day of the start.
+        date: Option<Date> = None, Day { expected: expected_date(), parse: Date::new }, example "2026-11-23";
+    }
 }
 
-/// Position on the Earth, WGS 84.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Position {
-    /// Geodetic latitude, °, north positive.
-    pub latitude_deg: f64,
-    /// Longitude, °, east positive.
-    pub longitude_deg: f64,
-    /// Altitude above the ellipsoid or sea level, m. Either may be used, because the difference
-    /// between them does not affect the declination.
-    pub altitude_m: f64,
+fn expected_date() -> String {
+    format!("a date from {} to {}, such as 2026-11-23", MODEL_YEARS.start(), MODEL_YEARS.end())
+}
+
+keys! {
+    /// Position on the Earth, WGS 84.
+    #[derive(Copy)]
+    pub struct Position {
+        /// Geodetic latitude, north positive.
+        latitude_deg: f64 = 0.0, -90.0..=90.0, unit "°", example "55.75";
+        /// Longitude, east positive.
+        longitude_deg: f64 = 0.0, -180.0..=180.0, unit "°", example "37.62";
+        /// Altitude above the ellipsoid or sea level. Either may be used, because the difference
+        /// between them does not affect the declination.
+        altitude_m: f64 = 0.0, -1000.0..=850_000.0, unit "m", example "150";
+    }
+}
+
+impl Position {
+    fn read(&mut self, section: &mut Section<'_, '_>) {
+        self.read_keys(section);
+        if section.missing(&["latitude_deg", "longitude_deg"]).is_some() {
+            section.report_table("course.position: needs both latitude_deg and longitude_deg", "one is missing");
+        }
+    }
 }
 
 /// Calendar date, UTC.
@@ -72,24 +94,6 @@ impl fmt::Display for Date {
         let Self { year, month, day } = self;
         write!(f, "{year:04}-{month:02}-{day:02}")
     }
-}
-
-/// Reads the keys of `[course]` that do not belong to the stage.
-pub(crate) fn north(section: &mut Section<'_, '_>, out: &mut NorthReference) {
-    section.choice("north", [("magnetic", false), ("true", true)], &mut out.is_true);
-    section.section("position", |section| {
-        let mut position = Position::default();
-        section.number("latitude_deg", -90.0..=90.0, &mut position.latitude_deg);
-        section.number("longitude_deg", -180.0..=180.0, &mut position.longitude_deg);
-        section.number("altitude_m", -1000.0..=850_000.0, &mut position.altitude_m);
-        if section.has("latitude_deg") && section.has("longitude_deg") {
-            out.position = Some(position);
-        } else {
-            section.report_table("course.position: needs both latitude_deg and longitude_deg", "one is missing");
-        }
-    });
-    let expected = format!("a date from {} to {}, such as 2026-11-23", MODEL_YEARS.start(), MODEL_YEARS.end());
-    section.date("date", &expected, |(year, month, day)| Date::new(year, month, day), &mut out.date);
 }
 
 #[cfg(test)]

@@ -3,22 +3,19 @@
 use attitude::frames::{Frame, QuaternionOrder};
 use serde::{Deserialize, Serialize};
 
-use crate::toml_reader::Section;
+use crate::{keys::keys, kind::one_of};
 
-/// Frame and quaternion order of attitudes for output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(try_from = "Names", into = "Names")]
-pub struct Output {
-    /// Reference and body axes.
-    pub frame: Frame,
-    /// Order of a quaternion's components in formats that do not name them.
-    pub quaternion: QuaternionOrder,
-}
-
-/// Reads `[output]`.
-pub(crate) fn output(section: &mut Section<'_, '_>, out: &mut Output) {
-    section.choice("frame", Frame::NAMES, &mut out.frame);
-    section.choice("quaternion", QuaternionOrder::NAMES, &mut out.quaternion);
+keys! {
+    /// Frame and quaternion order of attitudes for output.
+    #[derive(Copy, Eq)]
+    #[serde(try_from = "Names", into = "Names")]
+    pub struct Output {
+        /// Reference and body axes: "enu-rfu" is east-north-up and right-forward-up, "enu-flu" is
+        /// that of ROS, "ned-frd" that of PX4 and ArduPilot.
+        frame: Frame = Frame::default(), one_of(Frame::NAMES);
+        /// Order of a quaternion's components in formats that do not name them, unlike protobuf.
+        quaternion: QuaternionOrder = QuaternionOrder::default(), one_of(QuaternionOrder::NAMES);
+    }
 }
 
 /// Serialised form of [`Output`].

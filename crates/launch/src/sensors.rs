@@ -5,87 +5,148 @@ use attitude::{
     angles::Angles,
     calibration::{self, CalibrationError, Mounting},
 };
+use serde::{Deserialize, Serialize};
 
 use crate::{
-    model::{Calibration, IDENTITY},
+    keys::keys,
+    kind::{Matrix, Optional, Table, Vector, text},
     problem::{Problem, nearest},
     toml_reader::Section,
 };
 
+/// Identity matrix.
+pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+keys! {
+    /// Calibrations of the sensors.
+    #[derive(Copy)]
+    pub struct Calibrations {
+        /// Calibration from raw units to rad/s. Readings are calibrated in sensor axes,
+        /// out = matrix (raw − bias), then rotated into body axes.
+        gyro: Calibration = Calibration::default(), Table(calibration);
+        /// Calibration from raw units to m/s².
+        accel: Calibration = Calibration::default(), Table(calibration);
+        /// Calibration from raw units to µT.
+        mag: Calibration = Calibration::default(), Table(calibration);
+    }
+}
+
+/// Calibration of a sensor with three axes: out = M (raw − bias).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Bias in raw units.
+    pub bias: [f64; 3],
+    /// Matrix in SI units (µT for fields) per raw unit, row by row.
+    pub matrix: [[f64; 3]; 3],
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { bias: [0.0; 3], matrix: IDENTITY }
+    }
+}
+
+impl Calibration {
+    /// Converts these values to a calibration that can be applied to readings.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the values are not a valid calibration.
+    pub fn to_calibration(&self) -> Result<calibration::Calibration, CalibrationError> {
+        calibration::Calibration::new(self.bias.into(), matrix_from_rows(self.matrix))
+    }
+}
+
+keys! {
+    /// Keys of a calibration.
+    struct CalibrationKeys {
+        /// Bias in raw units.
+        bias: Option<[f64; 3]> = None, Optional(Vector), example "[0.02, 0.0, -0.05]";
+        /// Scale of each axis, in SI units (µT for fields) per raw unit.
+        scale: Option<[f64; 3]> = None, Optional(Vector), example "[1.001, 1.0, 0.998]";
+        /// Matrix that is multiplied with the scale.
+        misalignment: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
+        /// Product of misalignment and scale, instead of these two.
+        matrix: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
+    }
+}
+
 /// Reads `bias`, and either `matrix` or its factors `scale` and `misalignment`.
-pub(crate) fn calibration(section: &mut Section<'_, '_>, sensor: &'static str, out: &mut Calibration) {
-    section.section(sensor, |section| {
-        let (mut scale, mut misalignment) = ([1.0; 3], IDENTITY);
-        let mut valid = section.vector("bias", &mut out.bias);
-        valid &= section.vector("scale", &mut scale);
-        valid &= section.matrix("misalignment", &mut misalignment);
-        valid &= section.matrix("matrix", &mut out.matrix);
-        let has_factors = section.has("scale") || section.has("misalignment");
-        if section.has("matrix") && has_factors {
-            let note = Some("the matrix is the misalignment times the scale".into());
-            reject(
-                section,
-                "matrix",
-                "matrix: set together with scale or misalignment",
-                "keep either this or scale and misalignment",
-                note,
-            );
-        } else if valid {
-            if has_factors {
-                let product = matrix_from_rows(misalignment) * Matrix3::from_diagonal(&Vector3::from(scale));
-                out.matrix = to_rows(&product);
-            }
-            if let Err(error) = calibration::Calibration::new(out.bias.into(), matrix_from_rows(out.matrix)) {
-                let key = if section.has("matrix") { "matrix" } else { "misalignment" };
-                reject(section, key, &format!("ingest.calibration.{sensor}: {error}"), "invalid calibration", None);
-            }
-        }
-    });
+fn calibration(out: &mut Calibration, section: &mut Section<'_, '_>) {
+    let mut keys = CalibrationKeys::default();
+    let before = section.problem_count();
+    keys.read_keys(section);
+    let CalibrationKeys { bias, scale, misalignment, matrix } = keys;
+    let has_factors = section.has("scale") || section.has("misalignment");
+    if section.has("matrix") && has_factors {
+        let note = Some("the matrix is the misalignment times the scale".into());
+        let title = "matrix: set together with scale or misalignment";
+        return reject(section, "matrix", title, "keep either this or scale and misalignment", note);
+    }
+    if section.problem_count() > before {
+        return;
+    }
+    let scale = Matrix3::from_diagonal(&Vector3::from(scale.unwrap_or([1.0; 3])));
+    let factors = to_rows(&(matrix_from_rows(misalignment.unwrap_or(IDENTITY)) * scale));
+    *out = Calibration { bias: bias.unwrap_or(out.bias), matrix: matrix.unwrap_or(factors) };
+    if let Err(error) = out.to_calibration() {
+        let key = if section.has("matrix") { "matrix" } else { "misalignment" };
+        let title = format!("{}: {error}", section.path());
+        reject(section, key, &title, "invalid calibration", None);
+    }
+}
+
+keys! {
+    /// Keys of the mounting. Angles are allowed together, the others exclude each other.
+    struct MountingKeys {
+        /// Directions of the sensors' x and y: x-DIRECTION-y-DIRECTION, two directions at right
+        /// angles of right, left, forward, back, up, down. "rfu", "flu" and "frd" are short forms.
+        axes: String = String::new(), text("x-DIRECTION-y-DIRECTION", |name| Some(name.into())),
+            example r#""x-right-y-forward""#;
+        /// Quaternion w, x, y, z.
+        quaternion: Option<[f64; 4]> = None, Optional(Vector);
+        /// Rotation matrix.
+        matrix: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
+        /// Yaw of the sensors in the body.
+        yaw_deg: Option<f64> = None, Optional(-360.0..=360.0), unit "°";
+        /// Pitch of the sensors in the body.
+        pitch_deg: Option<f64> = None, Optional(-360.0..=360.0), unit "°";
+        /// Roll of the sensors in the body.
+        roll_deg: Option<f64> = None, Optional(-360.0..=360.0), unit "°";
+    }
 }
 
 /// Reads one of `axes`, `quaternion`, `matrix` or the angles.
-pub(crate) fn mounting(section: &mut Section<'_, '_>, out: &mut [[f64; 3]; 3]) {
-    section.section("mounting", |section| {
-        let (mut axes, mut quaternion, mut matrix) = (String::new(), [1.0, 0.0, 0.0, 0.0], IDENTITY);
-        let mut angles_deg = [0.0; 3];
-        let mut valid = section.parsed("axes", "x-DIRECTION-y-DIRECTION", |name| Some(name.into()), &mut axes);
-        valid &= section.vector("quaternion", &mut quaternion);
-        valid &= section.matrix("matrix", &mut matrix);
-        for (key, angle_deg) in ANGLES.into_iter().zip(&mut angles_deg) {
-            valid &= section.number(key, -360.0..=360.0, angle_deg);
+pub(crate) fn mounting(out: &mut [[f64; 3]; 3], section: &mut Section<'_, '_>) {
+    let mut keys = MountingKeys::default();
+    let before = section.problem_count();
+    keys.read_keys(section);
+    let MountingKeys { axes, quaternion, matrix, yaw_deg, pitch_deg, roll_deg } = keys;
+    let set: Vec<_> =
+        ["axes", "quaternion", "matrix"].into_iter().chain(ANGLES).filter(|key| section.has(key)).collect();
+    let Some(first) = set.first().copied().filter(|_| section.problem_count() == before) else { return };
+    if let Some(second) = set.iter().find(|key| **key != first && !(ANGLES.contains(&first) && ANGLES.contains(key))) {
+        let title = format!("ingest.mounting: both {first} and {second} are set");
+        return reject(section, second, &title, "keep one of the two", None);
+    }
+    let mounting = match (quaternion, matrix) {
+        (Some([w, x, y, z]), _) => Mounting::from_quaternion(Quaternion::new(w, x, y, z)),
+        (_, Some(matrix)) => Mounting::from_matrix(matrix_from_rows(matrix)),
+        _ if first == "axes" => Mounting::from_name(&axes),
+        _ => {
+            let [yaw_rad, pitch_rad, roll_rad] =
+                [yaw_deg, pitch_deg, roll_deg].map(|angle_deg| angle_deg.unwrap_or(0.0).to_radians());
+            Mounting::from_angles(Angles { yaw_rad, pitch_rad, roll_rad })
         }
-        let angles = ANGLES.into_iter().filter(|key| section.has(key));
-        let settings: Vec<_> =
-            ["axes", "quaternion", "matrix"].into_iter().filter(|key| section.has(key)).chain(angles).collect();
-        let Some(first) = settings.first().copied().filter(|_| valid) else { return };
-        if let Some(second) =
-            settings.iter().find(|key| **key != first && !(ANGLES.contains(&first) && ANGLES.contains(key)))
-        {
-            let title = format!("ingest.mounting: both {first} and {second} are set");
-            reject(section, second, &title, "keep one of the two", None);
-            return;
+    };
+    match mounting {
+        Ok(mounting) => *out = to_rows(mounting.matrix()),
+        Err(error) => {
+            let help =
+                nearest_mounting(&axes).filter(|_| first == "axes").map(|name| format!("did you mean {name:?}?"));
+            reject_mounting(section, first, error, help);
         }
-        let mounting = match first {
-            "axes" => Mounting::from_name(&axes),
-            "quaternion" => {
-                let [w, x, y, z] = quaternion;
-                Mounting::from_quaternion(Quaternion::new(w, x, y, z))
-            }
-            "matrix" => Mounting::from_matrix(matrix_from_rows(matrix)),
-            _ => {
-                let [yaw_rad, pitch_rad, roll_rad] = angles_deg.map(f64::to_radians);
-                Mounting::from_angles(Angles { yaw_rad, pitch_rad, roll_rad })
-            }
-        };
-        match mounting {
-            Ok(mounting) => *out = to_rows(mounting.matrix()),
-            Err(error) => {
-                let help =
-                    nearest_mounting(&axes).filter(|_| first == "axes").map(|name| format!("did you mean {name:?}?"));
-                reject_mounting(section, first, error, help);
-            }
-        }
-    });
+    }
 }
 
 const ANGLES: [&str; 3] = ["yaw_deg", "pitch_deg", "roll_deg"];

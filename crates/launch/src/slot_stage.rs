@@ -12,7 +12,26 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 
-use crate::{ExternalStage, Launch, Slot, StageConfig, problem::nearest, toml_reader::Section};
+use toml::de::DeValue;
+
+use crate::{
+    ExternalStage, Launch, Slot, StageConfig,
+    keys::{Key, Kind, read},
+    kind::{By, one_of},
+    problem::nearest,
+    toml_reader::{Section, Values},
+};
+
+/// Reads the keys of a slot's stage.
+pub(crate) fn read_keys(config: &mut StageConfig, section: &mut Section<'_, '_>) {
+    read!(section, {
+        /// Name of a built-in stage, or of a user-defined one in `[stages.NAME]`. `plumb stage
+        /// list` shows all stages and their parameters.
+        stage: By(stage_name) => &mut config.stage, example r#""aided""#;
+        /// Parameters that differ from their defaults, by name.
+        set: By(stage_parameters) => &mut config.set;
+    });
+}
 
 impl Launch {
     /// Checks that the slot has a stage of this name, built-in or external.
@@ -62,25 +81,53 @@ impl fmt::Display for UnknownStage {
 
 impl std::error::Error for UnknownStage {}
 
-/// Reads the stage of a slot from the keys `stage` and `set`.
-pub(crate) fn stage_config(
-    section: &mut Section<'_, '_>,
-    slot: Slot,
-    external: &BTreeMap<String, ExternalStage>,
-    out: &mut StageConfig,
-) -> bool {
-    let allowed: Vec<_> = stages(slot, external).into_iter().map(|name| (name, name.to_owned())).collect();
-    let valid = section.choice("stage", allowed, &mut out.stage);
-    section.section("set", |section| {
-        let Some(parameters) = parameters(slot, &out.stage) else { return section.numbers(&mut out.set) };
-        for Parameter { name, min, max, default, .. } in parameters {
-            let mut value = *default;
-            if section.number(name, *min..=*max, &mut value) && section.span(name).is_some() {
-                out.set.insert((*name).into(), value);
+/// Reads the key `stage` of a slot's section or of a promotion rule.
+fn stage_name(section: &mut Section<'_, '_>, key: Key, out: &mut String) {
+    let names = allowed_stages(section, slot(section)).into_iter().map(|name| (name, name.to_owned()));
+    one_of(names).read(section, key, out);
+}
+
+/// Reads the key `set`, a table of the stage's parameters.
+fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<String, f64>) {
+    if section.is_description() {
+        return section.value(key, Values::new("table of numbers", None), out, |_, _| None);
+    }
+    let slot = slot(section);
+    let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
+    let launch = Launch::default();
+    let parameters = parameters(slot, chosen.unwrap_or(&launch.stage(slot).stage));
+    section.section(key, |section| {
+        let Some(parameters) = parameters else {
+            return section.numbers(|name, value| {
+                out.insert(name.into(), value);
+            });
+        };
+        for Parameter { name, unit, min, max, mut default, description } in parameters.iter().copied() {
+            let key = Key { name, doc: description, unit, example: "" };
+            (min..=max).read(section, key, &mut default);
+            if section.is_set(name) {
+                out.insert(name.into(), default);
             }
         }
     });
-    valid
+}
+
+/// Returns the slot of a section: that of the key `slot`, else the slot of the section's name.
+fn slot(section: &Section<'_, '_>) -> Slot {
+    let name = section.peek("slot").unwrap_or(section.path());
+    Slot::ALL.into_iter().find(|slot| slot.name() == name).unwrap_or(Slot::Fuser)
+}
+
+/// Returns the stages that the file being read allows in a slot: built-in ones and its own.
+fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Slot) -> Vec<&'t str> {
+    let own = section.root().get("stages").and_then(|stages| stages.get_ref().as_table());
+    let is_for_slot = |stage: &DeValue<'_>| {
+        let name = stage.as_table().and_then(|stage| stage.get("slot")?.get_ref().as_str());
+        name == Some(slot.name())
+    };
+    let own = own.into_iter().flat_map(|stages| stages.iter());
+    let own = own.filter(|(_, stage)| is_for_slot(stage.get_ref())).map(|(name, _)| name.get_ref().as_ref());
+    built_in_stages(slot).iter().copied().chain(own).collect()
 }
 
 impl Launch {
@@ -90,15 +137,19 @@ impl Launch {
     }
 }
 
-fn stages(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
-    let built_in: &[&str] = match slot {
+/// Returns the names of the slot's built-in stages.
+fn built_in_stages(slot: Slot) -> &'static [&'static str] {
+    match slot {
         Slot::Gyro => &Gyro::NAMES,
         Slot::Accel => &Accelerometer::NAMES,
         Slot::Fuser => &Fuser::NAMES,
         Slot::Course => &Course::NAMES,
-    };
+    }
+}
+
+fn stages(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
-    built_in.iter().copied().chain(external_names).collect()
+    built_in_stages(slot).iter().copied().chain(external_names).collect()
 }
 
 fn parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {

@@ -4,14 +4,9 @@
 //! `serial:/dev/ttyUSB0?baud=9600` becomes `source = "serial"` with `[ingest.serial] port =
 //! "/dev/ttyUSB0"` and `baud = 9600`. Keys that are not in the line keep their values.
 
-use toml::{Table, Value, de::DeTable};
+use toml::{Table, Value};
 
-use crate::{
-    Launch, Source,
-    problem::{Problem, Problems},
-    schema::{buffer_problem, ingest},
-    toml_reader,
-};
+use crate::{Launch, problem::Problems};
 
 /// Key that the target of each kind sets.
 const MAIN_KEYS: [(&str, Option<&str>); 9] = [
@@ -47,19 +42,8 @@ impl Launch {
     }
 
     fn apply_override(&mut self, file_name: String, text: String) -> Result<(), Problems> {
-        let (table, syntax) = DeTable::parse_recoverable(&text);
-        let mut list: Vec<_> = syntax.iter().map(|error| Problem::syntax(error, &text)).collect();
         let mut launch = self.clone();
-        if list.is_empty() {
-            toml_reader::read_root(table.get_ref(), &mut list, |section| {
-                section.section("ingest", |section| ingest(section, &mut launch.ingest));
-                check_buffer(&launch, section);
-            });
-        }
-        if !list.is_empty() {
-            return Err(Problems { file_name, text, list });
-        }
-        launch.add_drivers();
+        launch.merge(None, &file_name, &text)?;
         *self = launch;
         Ok(())
     }
@@ -89,12 +73,6 @@ fn merge(base: &mut Table, overrides: Table) {
             (Some(Value::Table(base)), Value::Table(overrides)) => merge(base, overrides),
             (_, value) => drop(base.insert(key, value)),
         }
-    }
-}
-
-fn check_buffer(launch: &Launch, section: &mut toml_reader::Section<'_, '_>) {
-    if let Some(problem) = buffer_problem(launch, section) {
-        section.report(problem);
     }
 }
 
@@ -133,21 +111,6 @@ fn quoted(value: &str) -> String {
 
 fn split_query(line: &str) -> (&str, &str) {
     line.split_once('?').unwrap_or((line, ""))
-}
-
-impl Source {
-    /// All sources with their names.
-    pub(crate) const NAMES: [(&str, Self); 9] = [
-        ("sim", Self::Sim),
-        ("replay", Self::Replay),
-        ("bus", Self::Bus),
-        ("stdin", Self::Stdin),
-        ("udp", Self::Udp),
-        ("tcp", Self::Tcp),
-        ("serial", Self::Serial),
-        ("mavlink", Self::Mavlink),
-        ("iio", Self::Iio),
-    ];
 }
 
 #[cfg(test)]
@@ -227,7 +190,7 @@ mod tests {
         let mut launch = with("stdin");
         assert_eq!(launch.services.last(), Some(&Service::Drivers));
         launch.set_source("bus").unwrap();
-        assert_eq!(launch.services, Service::PATH);
+        assert_eq!(launch.services, Service::LISTED);
         launch.set_receiver("tcp:gnss:1").unwrap();
         assert_eq!(launch.ingest.live.receiver.port, Some(Port::Tcp("gnss:1".into())));
         for (source, is_driven) in [("sim", false), ("replay:a.csv", false), ("bus", true), ("udp", true)] {

@@ -5,8 +5,8 @@ use graph::{Presence, Service, Topic};
 
 use crate::{
     Launch,
-    gateway::{Gateway, Import},
-    model::system_name,
+    keys::{Key, Kind},
+    kind::many_of,
     problem::{Problem, quoted},
     toml_reader::Section,
 };
@@ -29,46 +29,25 @@ impl Launch {
     }
 }
 
-/// Reads `export`, `cache_s` and `import`.
-pub(crate) fn split_keys(section: &mut Section<'_, '_>, out: &mut Gateway) {
-    topics(section, "export", &mut out.export);
-    section.number("cache_s", 1.0..=600.0, &mut out.cache_s);
-    section.section("import", |section| {
-        let mut import = Import::default();
-        let expected = r#"1 to 32 of a-z, 0-9, "_" and "-""#;
-        let vehicle_valid = section.parsed("vehicle", expected, system_name, &mut import.vehicle);
-        let topics_valid = topics(section, "topics", &mut import.topics);
-        match ["vehicle", "topics"].into_iter().find(|key| !section.has(key)) {
-            Some(key) => {
-                section.report_table(&format!("gateway.import: {key:?} is missing"), "needs vehicle and topics")
-            }
-            None if vehicle_valid && topics_valid => out.import = Some(import),
-            None => {}
-        }
-    });
-}
-
-fn topics(section: &mut Section<'_, '_>, key: &'static str, out: &mut Vec<String>) -> bool {
-    let allowed: Vec<_> = Topic::carried().map(|topic| (topic.name(), topic)).collect();
-    let Some(listed) = section.choices(key, &allowed) else { return true };
-    let all_known = listed.iter().all(Option::is_some);
-    let listed: Vec<_> = listed.into_iter().flatten().map(|topic| *topic.get_ref()).collect();
-    if all_known
-        && !listed.iter().any(|topic| has_every_tick(*topic))
-        && let Some(span) = section.span(key)
-    {
+/// Reads topics that are exchanged between hosts. They are stored in the order of the topic table,
+/// without duplicates.
+pub(crate) fn topics(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<String>) {
+    let mut listed = Vec::new();
+    many_of(Topic::carried().map(|topic| (topic.name(), topic))).read(section, key, &mut listed);
+    if !section.is_set(key.name) {
+        return;
+    }
+    *out = Topic::carried().filter(|topic| listed.contains(topic)).map(|topic| topic.name().into()).collect();
+    if !listed.iter().any(|topic| has_every_tick(*topic)) {
         let [dense, sparse] = [true, false].map(|dense| {
             Topic::carried().filter(|topic| has_every_tick(*topic) == dense).map(Topic::name).collect::<Vec<_>>()
         });
         let note =
             Some(format!("{} have messages only for some ticks, marked by flags of the others", sparse.join(" and ")));
-        let title = format!("{key}: one of {} must be among the topics", quoted(&dense));
+        let title = format!("{}: one of {} must be among the topics", key.name, quoted(&dense));
+        let span = section.span(key.name).unwrap_or_default();
         section.report(Problem { note, ..Problem::new(span, title, "no topic with every tick") });
-        return false;
     }
-    // In the order of the topic table, without duplicates.
-    *out = Topic::carried().filter(|topic| listed.contains(topic)).map(|topic| topic.name().into()).collect();
-    all_known
 }
 
 /// Returns the problems with the services of one host in a split system.

@@ -203,6 +203,8 @@ impl CourseSlot {
 
 #[cfg(test)]
 mod tests {
+    use launch::Service;
+
     use super::*;
 
     #[test]

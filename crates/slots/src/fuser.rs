@@ -4,8 +4,8 @@
 //! - Input: motion and up direction of each tick; magnetic field and satellite fix of some ticks.
 //! - Output: one attitude per tick, on the topic `fused`.
 //! - Time: timestamps of the samples.
-//! - Failure: missing and unusable input is flagged. [`SupervisedFuser`] decides which input is used
-//!   and when the level is reset.
+//! - Failure: missing and unusable input is flagged. [`SupervisedFuser`] decides which input is
+//!   used and when the level is reset.
 
 use attitude::{
     accel::Inclination,

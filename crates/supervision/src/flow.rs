@@ -266,7 +266,7 @@ mod tests {
     /// Configuration of a system in lockstep.
     fn config(window_ticks: u64) -> Config {
         Config {
-            launch: Launch::default(),
+            launch: Launch { services: Service::PATH.into(), ..Launch::default() },
             rate_hz: 100.0,
             lockstep: true,
             window_ticks,

@@ -548,7 +548,7 @@ mod tests {
     impl System {
         fn new(unresponsive: usize) -> Self {
             let config = Config {
-                launch: Launch::default(),
+                launch: Launch { services: Service::PATH.into(), ..Launch::default() },
                 rate_hz: RATE_HZ,
                 lockstep: false,
                 window_ticks: 0,

@@ -23,7 +23,7 @@ pub enum Resume {
 }
 
 impl Resume {
-    /// Returns the checkpoint, or `None` if there is none to restore.
+    /// Returns the checkpoint, or `None` for another kind of state.
     pub fn checkpoint(&self) -> Option<&Checkpoint> {
         match self {
             Self::Checkpoint(checkpoint) => Some(checkpoint),

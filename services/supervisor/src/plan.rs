@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use launch::{Date, Launch, Slot, Source};
+use launch::{Date, Launch, Service, Slot, Source};
 use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;

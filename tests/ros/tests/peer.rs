@@ -207,7 +207,9 @@ impl System {
     fn start(port: u16, settings: &str) -> Self {
         let folder = TempDir::new().unwrap();
         let name = format!("ros-{}-{port}", std::process::id());
-        fs::write(folder.path().join("launch.toml"), format!("name = \"{name}\"\n{settings}\n")).unwrap();
+        let services = r#"services = ["ingest", "gyro", "accel", "fuser", "course"]"#;
+        let launch = format!("name = \"{name}\"\n{services}\n{settings}\n");
+        fs::write(folder.path().join("launch.toml"), launch).unwrap();
         let mut command = Command::new(plumb());
         command.args(["up", "launch.toml", "--json", "--out", "out.csv"]).current_dir(folder.path());
         command.env("XDG_STATE_HOME", folder.path()).stdin(Stdio::null()).stdout(Stdio::null());

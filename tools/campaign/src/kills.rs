@@ -112,10 +112,11 @@ impl fmt::Display for KillCampaignReport {
     }
 }
 
-/// Returns the text of a launch file that permits any number of restarts.
+/// Returns the text of a launch file that has the services of the data path and permits any number
+/// of restarts.
 pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
     format!(
-        "name = \"{name}\"\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
+        "name = \"{name}\"\nservices = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
     )
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use launch::{Launch, StageConfig};
+use launch::{Launch, Service, StageConfig};
 use readings::{conditioner::Sample, source::Readings};
 use runtime::{Pace, ServiceConfig, service_config::FIRST_EPOCH};
 
@@ -33,7 +33,7 @@ impl Flight {
     /// Creates the flight with this number, modulo [`FLIGHT_COUNT`].
     pub(crate) fn new(number: usize) -> Result<Self, String> {
         let [gyro, accel, fuser, course] = INITIAL_STAGES[number % FLIGHT_COUNT];
-        let mut launch = Launch::default();
+        let mut launch = Launch { services: Service::PATH.into(), ..Launch::default() };
         launch.ingest.sim.scenario = "cruise".into();
         launch.ingest.sim.rate_hz = RATE_HZ;
         launch.restart.limit = 30;

@@ -1,5 +1,4 @@
-//! Fuser with decisions about its inputs: which are used, when the level is re-initialised, and what
-//! the output is worth.
+//! Fuser with supervised inputs and outputs.
 //!
 //! Input: the sensor values of a tick with their faults. Every value may be missing.
 //!
@@ -12,8 +11,8 @@
 //!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
 //! - After a rate outage the level is re-initialised if it has become too wrong.
 //! - The specific force of a dead accelerometer is not used.
-//! - A stage with an invalid output is reset once. If the next output is also invalid, the stage has
-//!   failed.
+//! - A stage is reset for an invalid output. If the output after the reset is also invalid, the
+//!   stage has failed.
 
 use super::{Fused, FuserInput, FuserStage, innovation_rad};
 use crate::{
@@ -106,7 +105,7 @@ pub struct SupervisedFuser<S> {
 /// State of a [`SupervisedFuser`], excluding its stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SupervisedState {
-    /// Open-loop attitude of the gyro and end of the interval, ns, at the newest tick with a motion.
+    /// Open-loop attitude of the gyro and end of the interval, ns, of the newest motion.
     pub previous_motion: Option<(Attitude, i64)>,
     /// Set once the attitude has been aligned.
     pub is_aligned: bool,

@@ -39,7 +39,7 @@ use launch::Launch;
 
 use crate::{ScoreError, table::Sweep};
 use curve::Curve;
-pub use options::{Format, PlotOptions};
+pub use options::PlotOptions;
 pub(crate) use record::PlotRecord;
 use record::{Curves, Quantity, Source};
 use sphere::Sphere;

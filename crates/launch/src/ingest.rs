@@ -1,0 +1,222 @@
+//! Source of the samples, and their limits: `[ingest]`.
+
+use attitude::gyro::RateKind;
+use scenario::{Motion, PARAMETERS, Parameter, Scenario, ScenarioError};
+use serde::{Deserialize, Serialize};
+use std::{collections::BTreeMap, path::PathBuf};
+
+use crate::{
+    fault::{self, Fault},
+    keys::{Key, Kind, choices, keys},
+    kind::{By, File, FileOr, Flag, Inline, NATURAL, Table, choice, one_of},
+    live_sources::{LiveSources, RATE_RANGE_HZ, require_port},
+    problem::Problem,
+    sensors::{self, Calibrations, IDENTITY},
+    toml_reader::Section,
+};
+
+keys! {
+    /// Source of the samples, and the limits, calibration, mounting and faults that are applied to
+    /// them.
+    pub struct Ingest {
+        /// Selected source, see docs/how-to/sensors.md. `plumb up --source
+        /// 'serial:/dev/ttyUSB0?format=witmotion'` overrides it.
+        source: Source = Source::Sim, choice();
+        /// Simulated sensors on a moving body. Also the errors of the scenario, such as
+        /// `gyro_bias_deg_s`, can be set, see docs/reference/launch-file.md.
+        sim: Sim = Sim::default(), Table(Sim::read);
+        /// Replay of a recorded flight.
+        replay: Replay = Replay::default(), Table(Replay::read_keys);
+        /// Samples published on the bus by another process, on the topic `sensor`. The publisher
+        /// opens the topic with a buffer of buffer_s · rate_hz readings, at least 256.
+        bus: BusSource = BusSource::default(), Table(BusSource::read_keys);
+        /// Settings of sources that send in real time.
+        live: LiveSources = LiveSources::default(), Inline(LiveSources::read_keys);
+        /// Limits beyond which samples are flagged.
+        limits: Limits = Limits::default(), Table(Limits::read_keys);
+        /// Calibration of each sensor, in sensor axes.
+        calibration: Calibrations = Calibrations::default(), Table(Calibrations::read_keys);
+        /// Rotation from sensor axes to body axes, by `axes`, angles, a quaternion or a matrix.
+        /// Without any of them, sensor axes are body axes.
+        mounting: [[f64; 3]; 3] = IDENTITY, Table(sensors::mounting);
+        /// Injected fault. At most 64 are applied, in this order. Affected ticks have the flag
+        /// fault-injected. Requires `faults = true` at the top of the file.
+        faults as "fault": Vec<Fault> = Vec::new(), fault::FAULTS;
+    }
+}
+
+impl Ingest {
+    /// Reads `[ingest]` and checks that the selected source is configured.
+    pub(crate) fn read(&mut self, section: &mut Section<'_, '_>) {
+        let before = section.problem_count();
+        self.read_keys(section);
+        require_port(section, self);
+        if self.source == Source::Replay && self.replay.file.as_os_str().is_empty() && section.problem_count() == before
+        {
+            let file = section.table_span("replay", "file");
+            let span = file.or_else(|| section.span("source")).unwrap_or_default();
+            section.report(Problem {
+                help: Some(r#"set a recording: file = "flight.csv.gz" in [ingest.replay]"#.into()),
+                ..Problem::new(span, "ingest.replay.file: a replay needs a file, but none is set", "no file to replay")
+            });
+        }
+    }
+}
+
+keys! {
+    /// Settings of simulated sensors on a moving body.
+    pub struct Sim {
+        /// Motion. "s1" is the reference scenario of Matveev 2025.
+        scenario: String = "s1".into(), one_of(Motion::NAMES.map(|name| (name, name.to_owned())));
+        /// Sample rate.
+        rate_hz: f64 = 1000.0, RATE_RANGE_HZ, unit "Hz";
+        /// Seed of the noise. The same seed gives the same samples.
+        seed: u64 = 1, NATURAL;
+        /// Parameters that override those of the scenario, keyed by the names in
+        /// `scenario::PARAMETERS`.
+        #[serde(default)]
+        set: BTreeMap<String, f64> = BTreeMap::new(), By(scenario_parameters);
+    }
+}
+
+/// Reads every parameter of a scenario as a separate key.
+fn scenario_parameters(section: &mut Section<'_, '_>, _: Key, out: &mut BTreeMap<String, f64>) {
+    for Parameter { name, min, max, description, .. } in &PARAMETERS {
+        let mut value = f64::NAN;
+        let key = Key { name, doc: description, unit: "", example: "" };
+        (*min..=*max).read(section, key, &mut value);
+        section.describe_as_not_set(key);
+        if section.is_set(name) {
+            out.insert((*name).into(), value);
+        }
+    }
+}
+
+impl Sim {
+    fn read(&mut self, section: &mut Section<'_, '_>) {
+        self.read_keys(section);
+        if let Err(error @ ScenarioError::NotApplicable { key, .. }) = self.scenario() {
+            let span = section.span(key).unwrap_or_default();
+            section.report(Problem::new(span, error.to_string(), "not in this scenario"));
+        }
+    }
+
+    /// Returns the scenario with all parameters applied.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the scenario or a parameter is unknown or not allowed.
+    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
+        let mut scenario = Scenario::parse(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
+        self.set.iter().try_for_each(|(name, value)| scenario.set(name, *value))?;
+        Ok(scenario)
+    }
+
+    /// Returns the kind of rate sample that the scenario produces.
+    pub fn gyro_samples(&self) -> GyroSamples {
+        match Scenario::parse(&self.scenario).map(|scenario| scenario.rate_kind) {
+            Ok(RateKind::Mean) => GyroSamples::Means,
+            _ => GyroSamples::Instants,
+        }
+    }
+}
+
+keys! {
+    /// Settings for replaying a recorded flight.
+    pub struct Replay {
+        /// Recording. `plumb up --replay` overrides it.
+        file: PathBuf = PathBuf::new(), File, example r#""flight.csv.gz""#;
+        /// Kind of rate sample.
+        gyro_samples: GyroSamples = GyroSamples::Means, choice();
+        /// `true` to use the magnetometer columns mx, my and mz, if present.
+        mag: bool = true, Flag;
+        /// Fixes of the satellite receiver. "auto" is NAME_gnss.csv in the folder of NAME_imu.csv
+        /// or NAME_imu.csv.gz, if it exists.
+        gnss: Gnss = Gnss::Auto, FileOr { auto: Gnss::Auto, off: Gnss::Off, file: Gnss::File };
+    }
+}
+
+/// Location of the fixes of a recording.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Gnss {
+    /// `NAME_gnss.csv` in the folder of `NAME_imu.csv` or `NAME_imu.csv.gz`, if it exists.
+    Auto,
+    /// No fixes.
+    Off,
+    /// This file.
+    File(PathBuf),
+}
+
+keys! {
+    /// Settings of samples published on the bus by another process.
+    pub struct BusSource {
+        /// Nominal sample rate.
+        rate_hz: f64 = 1000.0, RATE_RANGE_HZ, unit "Hz";
+        /// Kind of rate sample.
+        gyro_samples: GyroSamples = GyroSamples::Means, choice();
+    }
+}
+
+keys! {
+    /// Limits beyond which samples are flagged.
+    pub struct Limits {
+        /// Rate at and beyond which a sample is flagged as clipped.
+        rate_max_deg_s: f64 = 2000.0, 1.0..=100_000.0, unit "°/s";
+        /// Specific force at and beyond which a sample is flagged as clipped.
+        force_max_g: f64 = 16.0, 0.1..=10_000.0, unit "g";
+        /// Longest interval between samples that is not flagged as a gap.
+        gap_s: f64 = 0.1, 0.001..=10.0, unit "s";
+        /// Time after which a sensor with constant output is flagged as stuck.
+        stuck_s: f64 = 0.5, 0.01..=60.0, unit "s";
+        /// Component of the magnetic field at and beyond which the field sample is rejected.
+        field_max_ut: f64 = 2000.0, 1.0..=1e6, unit "µT";
+    }
+}
+
+choices! {
+    /// Source of samples.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Source {
+        /// Simulated sensors.
+        Sim = "sim",
+        /// A recorded flight.
+        Replay = "replay",
+        /// Another process, over the bus.
+        Bus = "bus",
+        /// Standard input of the supervisor.
+        Stdin = "stdin",
+        /// UDP datagrams.
+        Udp = "udp",
+        /// TCP connection.
+        Tcp = "tcp",
+        /// Serial line.
+        Serial = "serial",
+        /// Autopilot over MAVLink.
+        Mavlink = "mavlink",
+        /// Device of Linux industrial I/O.
+        Iio = "iio",
+    }
+}
+
+choices! {
+    /// Kind of rate sample, in relation to its sampling interval.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum GyroSamples {
+        /// Mean over the interval.
+        Means = "means",
+        /// Value at the end of the interval.
+        Instants = "instants",
+    }
+}
+
+impl GyroSamples {
+    /// Returns the corresponding [`RateKind`] for the stages.
+    pub fn rate_kind(self) -> RateKind {
+        match self {
+            Self::Means => RateKind::Mean,
+            Self::Instants => RateKind::Instant,
+        }
+    }
+}
