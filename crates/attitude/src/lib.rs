@@ -28,6 +28,7 @@
 //! | [`angles`] | yaw, pitch and roll |
 //! | [`kinematics`] | differential equations (18)–(20) |
 //! | [`stage`] | contract of a stage and its snapshot |
+//! | [`resetting`] | reset of a stage after an invalid output |
 //! | [`scalars`] | traversal of the numbers that make up a value |
 //! | [`parameters`] | adjustable parameters of a stage |
 //! | [`calibration`] | sensor calibration and mounting |
@@ -50,6 +51,7 @@ pub mod kinematics;
 pub mod metrics;
 pub mod parameters;
 pub mod point;
+pub mod resetting;
 pub mod rotation;
 pub mod scalars;
 pub mod stage;

@@ -9,7 +9,7 @@ use core::fmt;
 /// - *name*: name in launch files and messages;
 /// - *properties*: variants of [`Property`].
 ///
-/// The order of the lines is the order of [`Service::ALL`] and thus the service's index in messages.
+/// The order of the lines is the order of [`Service::ALL`], and thus of the index in messages.
 macro_rules! services {
     (
         source { $($(#[$source_doc:meta])* $source:ident = $source_name:ident: $($source_property:ident)*;)* }
@@ -25,7 +25,7 @@ macro_rules! services {
             $($(#[$other_doc])* $other,)*
         }
 
-        /// A service whose stage can be chosen.
+        /// A service that runs a stage of choice.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
         pub enum Slot {

@@ -56,7 +56,3 @@ pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;
 pub use slot::{SingleInputSlot, SlotProcessor, TickProcessor};
 pub use swap::Sequence;
-
-/// Longest interval between two rate samples that is still integrated, s. A longer interval resets
-/// the level.
-pub const MAX_BRIDGED_GAP_S: f64 = 1.0;

@@ -1,15 +1,18 @@
 //! Processing in a slot, independent of clock and bus: messages in, messages out, in tick order.
 
-use attitude::stage::{Stage, Validate};
+use attitude::{
+    resetting::ResettingStage,
+    stage::{Stage, Validate},
+};
 use launch::Slot;
 use messages::{Header, Ticked};
 use swap::Sequence;
 
-use crate::{comparable::Comparable, stage::ResettingStage, state_words::StateWords};
+use crate::{comparable::Comparable, state_words::StateWords};
 
 /// Processing in a slot. Outputs depend only on the messages that were offered.
 pub trait SlotProcessor {
-    /// Slot whose messages are processed.
+    /// Slot that runs the stage.
     const SLOT: Slot;
 
     /// Message of any of the inputs.
@@ -61,7 +64,7 @@ pub trait SlotProcessor {
 
 /// Processing in a slot that has one input and produces one output per input message.
 pub trait TickProcessor {
-    /// Slot whose messages are processed.
+    /// Slot that runs the stage.
     const SLOT: Slot;
 
     /// Message of the input.
@@ -118,7 +121,7 @@ impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
     }
 
     fn failure(&self) -> Option<String> {
-        self.processor.resetting_stage().failure()
+        self.processor.resetting_stage().failure().map(|failure| failure.to_string())
     }
 
     fn sequence(&self) -> &Sequence {

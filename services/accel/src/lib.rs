@@ -7,15 +7,17 @@
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 #![forbid(unsafe_code)]
 
-use attitude::accel::{Accelerometer, MIN_FORCE_M_S2};
+use attitude::{
+    accel::{Accelerometer, MIN_FORCE_M_S2},
+    resetting::ResettingStage,
+};
 use host::AnyStage;
 use launch::{Service, Slot};
 use messages::{AccelPoint, Flags, Header, ImuSample};
 use runtime::{
     RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
-    serve,
-    stage::{self, ResettingStage},
+    serve, stage,
 };
 
 /// Message processor of the slot `accel`.

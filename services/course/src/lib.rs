@@ -14,6 +14,7 @@ use attitude::{
     Vector3,
     course::{Course, CourseInput},
     gnss::Fix,
+    resetting::ResettingStage,
     rotation::Rotation,
     state::Attitude,
 };
@@ -21,11 +22,8 @@ use host::AnyStage;
 use launch::{Service, Slot};
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
-    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor, convert,
-    join::MAX_QUEUED,
-    join_inputs, serve,
-    stage::{self, ResettingStage},
-    state_words::StateWords,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor, convert, join::MAX_QUEUED,
+    join_inputs, serve, stage, state_words::StateWords,
 };
 
 use true_north::TrueNorth;
@@ -138,7 +136,7 @@ impl SlotProcessor for CourseSlot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.stage.failure()
+        self.stage.failure().map(|failure| failure.to_string())
     }
 
     fn stage(&self) -> &AnyStage<Course> {

@@ -4,37 +4,27 @@
 //! - Input: motion and up direction of each tick; magnetic field and satellite fix of some ticks.
 //! - Output: one attitude per tick, on the topic `fused`.
 //! - Time: timestamps of the samples.
-//! - Failure: missing and unusable input is omitted and flagged. A gap longer than
-//!   [`MAX_BRIDGED_GAP_S`] resets the level.
+//! - Failure: missing and unusable input is flagged. [`SupervisedFuser`] decides which input is
+//!   used and when the level is reset.
 #![forbid(unsafe_code)]
 
 use attitude::{
     accel::Inclination,
-    fuser::{Fused, Fuser, FuserInput, FuserStage, innovation_rad},
-    gyro::Motion,
-    rotation::Rotation,
-    state::Attitude,
+    fuser::{
+        Fuser, FuserStage, SupervisedFuser,
+        supervised::{ForceFaults, RateFaults, SensorTick, SupervisedFused},
+    },
 };
 use host::AnyStage;
 use launch::{Service, Slot};
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
 use runtime::{
-    Join, Joined, MAX_BRIDGED_GAP_S, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotProcessor,
     convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
     join::MAX_QUEUED,
-    join_inputs, serve,
-    stage::{self, ResettingStage},
+    join_inputs, serve, stage,
     state_words::StateWords,
 };
-
-/// Longest rate outage after which the attitude is still trusted, s.
-const RATE_OUTAGE_LIMIT_S: f64 = 0.2;
-/// Minimum tilt error that causes a realignment after an outage, rad (5°). Noise and vehicle
-/// manoeuvres stay below it.
-const REALIGN_TILT_RAD: f64 = 0.087;
-
-/// Rate above which the body certainly rotates, rad/s (2 °/s). No gyro bias is that large.
-const MIN_ROTATION_RATE_RAD_S: f64 = 0.035;
 
 /// Message received on one of the slot's inputs.
 #[derive(Debug, Clone, Copy)]
@@ -90,16 +80,7 @@ join_inputs! {
 #[derive(Debug)]
 pub struct FuserSlot {
     join: Join<Inputs>,
-    stage: ResettingStage<AnyStage<Fuser>>,
-    previous_gyro: Option<(Attitude, i64)>,
-    aligned: bool,
-    reset_counter: u64,
-    /// Duration of the current rate outage, s.
-    rate_outage_s: f64,
-    attitude: Attitude,
-    force_m_s2: [f64; 3],
-    /// Set if the body has rotated since the force last changed.
-    has_rotated: bool,
+    fuser: SupervisedFuser<AnyStage<Fuser>>,
 }
 
 /// Creates the slot with the stage that `config` names.
@@ -112,17 +93,8 @@ pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
     if let Some(Err(error)) = config.prior.map(|prior| stage.seed_sensor_errors(&prior.estimate())) {
         eprintln!("service fuser: sensor errors of an earlier run ignored: {error}");
     }
-    Ok(FuserSlot {
-        join: Join::new(Inputs::default(), config.lateness_ticks()),
-        stage: ResettingStage::new(stage),
-        previous_gyro: None,
-        aligned: false,
-        reset_counter: 0,
-        rate_outage_s: 0.0,
-        attitude: Attitude::default(),
-        force_m_s2: [0.0; 3],
-        has_rotated: false,
-    })
+    let join = Join::new(Inputs::default(), config.lateness_ticks());
+    Ok(FuserSlot { join, fuser: SupervisedFuser::new(stage) })
 }
 
 /// Runs the service until it is requested to stop.
@@ -170,37 +142,28 @@ impl SlotProcessor for FuserSlot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.stage.failure()
+        self.fuser.failure().map(|failure| failure.to_string())
     }
 
     fn stage(&self) -> &AnyStage<Fuser> {
-        &self.stage.stage
+        self.fuser.stage()
     }
 
     fn stage_mut(&mut self) -> &mut AnyStage<Fuser> {
-        &mut self.stage.stage
+        self.fuser.stage_mut()
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.join.sequence_mut().visit(visit);
-        self.previous_gyro.visit(visit);
-        self.aligned.visit(visit);
-        self.reset_counter.visit(visit);
-        self.rate_outage_s.visit(visit);
-        self.attitude.visit(visit);
-        self.force_m_s2.visit(visit);
-        self.has_rotated.visit(visit);
+        self.fuser.state_mut().visit(visit);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        let previous = self.previous_gyro.map_or(Attitude::default(), |(attitude, _)| attitude);
-        let are_finite =
-            [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
-        (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
+        self.fuser.state().validation_error()
     }
 
     fn is_initialised(&self) -> bool {
-        self.aligned
+        self.fuser.state().is_aligned
     }
 
     fn expect_backlog(&mut self, tick: u64) {
@@ -219,6 +182,7 @@ impl FuserSlot {
         }
     }
 
+    /// Fuses the messages of a tick. Returns `None` once the stage has failed.
     fn fuse(&mut self, joined: &Joined<Tick>) -> Option<FusedState> {
         let Tick { gyro, accel, mag, gnss } = &joined.messages;
         let origin = gyro.as_ref().map(Ticked::header).or(accel.as_ref().map(Ticked::header))?;
@@ -226,23 +190,25 @@ impl FuserSlot {
         if let Some(accel) = accel {
             header.flags |= accel.header.flags;
         }
-        let motion = gyro.as_ref().and_then(|gyro| self.motion(gyro));
-        let inclination = accel.as_ref().and_then(|accel| self.inclination(accel, motion.as_ref(), header.flags));
-        header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(accel.is_none());
-        let over_gap =
-            header.flags.any(Flags::GAP | Flags::LOST_BEFORE) && motion.is_some_and(|motion| motion.dt_s == 0.0);
-        if over_gap || self.needs_realignment(&header, inclination.as_ref()) {
-            self.stage.stage.realign();
-        }
-        let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
-        let rest_credible = !header.flags.any(suspect);
-        let rate_credible = !is_rate_unusable(&header);
-        let (field_ut, fix) = (mag.as_ref().and_then(convert::field_ut), gnss.as_ref().and_then(convert::fix));
-        let missing =
-            header.flags.any(Flags::FIELD) && field_ut.is_none() || header.flags.any(Flags::FIX) && fix.is_none();
-        header.flags |= Flags::AIDING_MISSING.when(missing);
-        let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
-        let fused = self.step(&input, &mut header)?;
+        let tick = SensorTick {
+            motion: gyro.as_ref().and_then(|gyro| convert::motion(gyro, header.dt_s())),
+            force_m_s2: accel.as_ref().map(|accel| accel.force_m_s2.into()),
+            inclination: accel.as_ref().and_then(inclination),
+            field_ut: mag.as_ref().and_then(convert::field_ut),
+            fix: gnss.as_ref().and_then(convert::fix),
+            ..sensor_tick(&header)
+        };
+        let is_aiding_missing = header.flags.any(Flags::FIELD) && tick.field_ut.is_none()
+            || header.flags.any(Flags::FIX) && tick.fix.is_none();
+        let SupervisedFused { fused, is_aligned, is_reset, reset_counter } = self.fuser.step(&tick)?;
+        header.flags |= Flags::GYRO_MISSING.when(tick.motion.is_none())
+            | Flags::ACCEL_MISSING.when(accel.is_none())
+            | Flags::AIDING_MISSING.when(is_aiding_missing)
+            | Flags::RESET.when(is_reset)
+            | Flags::ALIGNED.when(fused.corrections.aligned)
+            | Flags::UNALIGNED.when(!is_aligned)
+            | Flags::AT_REST.when(fused.corrections.rest)
+            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
         Some(FusedState {
             header,
             w: complex_to_payload(fused.attitude.up.w),
@@ -254,77 +220,37 @@ impl FuserSlot {
             inclination_sd_rad: fused.inclination_sd_rad,
             heading_sd_rad: fused.heading_sd_rad,
             course_reference: course_reference_to_payload(fused.reference),
-            reset_counter: self.reset_counter,
+            reset_counter,
         })
-    }
-
-    /// Returns the inclination from an accelerometer message, or `None` if its flags make it
-    /// unusable.
-    fn inclination(&mut self, accel: &AccelPoint, motion: Option<&Motion>, flags: Flags) -> Option<Inclination> {
-        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
-        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
-        self.has_rotated = is_rotating || (self.has_rotated && accel.force_m_s2 == self.force_m_s2);
-        self.force_m_s2 = accel.force_m_s2;
-        let is_dead = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK) && self.has_rotated;
-        if is_dead || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
-            return None;
-        }
-        let force_m_s2 = finite_vector(accel.force_m_s2)?;
-        Some(Inclination { up: convert::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
-    }
-
-    /// Returns `true` on the first usable rate sample after an outage or gap if the tilt error is
-    /// too large.
-    fn needs_realignment(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
-        if is_rate_unusable(header) {
-            self.rate_outage_s += header.dt_s();
-            return false;
-        }
-        let outage_s = std::mem::take(&mut self.rate_outage_s).max(header.dt_s());
-        inclination.is_some_and(|inclination| {
-            outage_s > RATE_OUTAGE_LIMIT_S && innovation_rad(inclination, self.attitude) > REALIGN_TILT_RAD
-        })
-    }
-
-    /// Steps the stage and sets the flags of its output. Returns `None` once the stage has failed.
-    fn step(&mut self, input: &FuserInput, header: &mut Header) -> Option<Fused> {
-        let (fused, is_reset) = self.stage.step(input)?;
-        header.flags |= Flags::RESET.when(is_reset);
-        self.attitude = fused.attitude;
-        let aligned_now = fused.corrections.aligned;
-        self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
-        self.aligned |= aligned_now;
-        header.flags |= Flags::ALIGNED.when(aligned_now)
-            | Flags::UNALIGNED.when(!self.aligned)
-            | Flags::AT_REST.when(fused.corrections.rest)
-            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
-        Some(fused)
-    }
-
-    /// Returns the motion since the last fused tick.
-    ///
-    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
-    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
-    /// `dt_s` is 0.
-    fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
-        let header = gyro.header;
-        let mut motion = convert::motion(gyro, header.dt_s())?;
-        let previous = self.previous_gyro.replace((motion.attitude, header.t_end_ns));
-        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != header.t_start_ns) {
-            motion.rotation = Rotation::between(attitude, motion.attitude);
-            motion.dt_s = (header.t_end_ns - t_end_ns) as f64 * 1e-9;
-        }
-        if motion.dt_s > MAX_BRIDGED_GAP_S {
-            motion.dt_s = 0.0;
-            motion.rotation = Rotation::IDENTITY;
-        }
-        Some(motion)
     }
 }
 
-/// Returns `true` if the rate of the tick is invalid, clipped, stuck or missing.
-fn is_rate_unusable(header: &Header) -> bool {
-    header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING)
+/// Returns the interval and the faults of a tick, without its sensor values.
+fn sensor_tick(header: &Header) -> SensorTick {
+    let any = |flags: Flags| header.flags.any(flags);
+    SensorTick {
+        t_start_ns: header.t_start_ns,
+        t_end_ns: header.t_end_ns,
+        is_after_gap: any(Flags::GAP | Flags::LOST_BEFORE),
+        is_sensor_stage_reset: any(Flags::RESET),
+        rate_faults: RateFaults {
+            is_invalid: any(Flags::RATE_INVALID),
+            is_clipped: any(Flags::RATE_CLIPPED),
+            is_stuck: any(Flags::RATE_STUCK),
+        },
+        force_faults: ForceFaults {
+            is_invalid: any(Flags::FORCE_INVALID),
+            is_small: any(Flags::FORCE_SMALL),
+            is_stuck: any(Flags::FORCE_STUCK),
+        },
+        ..SensorTick::default()
+    }
+}
+
+/// Returns the inclination, or `None` if a value is not finite or the chart is unknown.
+fn inclination(accel: &AccelPoint) -> Option<Inclination> {
+    let force_m_s2 = finite_vector(accel.force_m_s2)?;
+    Some(Inclination { up: convert::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
 }
 
 #[cfg(test)]

@@ -13,18 +13,18 @@
 use attitude::{
     Vector3,
     accel::MIN_FORCE_M_S2,
-    gyro::{Gyro, GyroStage, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, MAX_BRIDGED_GAP_S, RateKind, RateSample},
     point::Point,
+    resetting::ResettingStage,
     state::Attitude,
 };
 use host::AnyStage;
 use launch::{Service, Slot};
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
-    MAX_BRIDGED_GAP_S, RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
+    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
-    serve,
-    stage::{self, ResettingStage},
+    serve, stage,
     state_words::StateWords,
 };
 

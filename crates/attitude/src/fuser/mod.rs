@@ -22,6 +22,9 @@
 //! | [`levelling-pi`](levelling::LevellingPi) | platform levelled by matched velocity increments, with an estimate of the gyro bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
 //! | [`vqf`](vqf::Vqf) | VQF, the reference for comparison |
+//!
+//! [`SupervisedFuser`] runs a stage and decides which inputs it may use. Programs that pass on
+//! values of real sensors should use it instead of a bare stage.
 
 pub mod aided;
 mod angle_uncertainty;
@@ -40,6 +43,7 @@ mod low_pass;
 pub mod madgwick;
 pub mod multiple_model;
 mod rest;
+pub mod supervised;
 pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
@@ -51,6 +55,7 @@ pub use gyro_scale::GyroScale;
 pub use hard_iron::HardIron;
 pub use input::FuserInput;
 pub use leaky_velocity::LeakyVelocity;
+pub use supervised::SupervisedFuser;
 
 use crate::{
     parameters::{Parameter, ParameterError},

@@ -23,6 +23,10 @@ use crate::{
 };
 use coning::Coning;
 
+/// Longest interval between two rate samples that is still integrated, s. A longer interval resets
+/// the level.
+pub const MAX_BRIDGED_GAP_S: f64 = 1.0;
+
 /// Maximum rate, rad/s, above the range of any gyro. Larger rates are clamped.
 const MAX_RATE_RAD_S: f64 = 1000.0;
 

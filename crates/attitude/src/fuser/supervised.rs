@@ -1,0 +1,392 @@
+//! Fuser with supervised inputs and outputs.
+//!
+//! Input: the sensor values of a tick with their faults. Every value may be missing.
+//!
+//! Output: the fused attitude, with flags and a counter of the jumps of the attitude.
+//!
+//! Time: the interval of each tick, ns. Only differences are used.
+//!
+//! Failure:
+//! - Over missing ticks the rotation is that between the gyro's open-loop attitudes. A gap longer
+//!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
+//! - After a rate outage the level is re-initialised if it has become too wrong.
+//! - The specific force of a dead accelerometer is not used.
+//! - A stage is reset for an invalid output. If the output after the reset is also invalid, the
+//!   stage has failed.
+
+use super::{Fused, FuserInput, FuserStage, innovation_rad};
+use crate::{
+    Vector3,
+    accel::Inclination,
+    gnss::Fix,
+    gyro::{MAX_BRIDGED_GAP_S, Motion},
+    resetting::{ResettingStage, StageFailure},
+    rotation::Rotation,
+    state::Attitude,
+};
+
+/// Longest rate outage after which the attitude is still trusted, s.
+const RATE_OUTAGE_LIMIT_S: f64 = 0.2;
+/// Minimum tilt error that causes a realignment after an outage, rad (5°). Noise and vehicle
+/// manoeuvres stay below it.
+const REALIGN_TILT_RAD: f64 = 0.087;
+/// Rate above which the body certainly rotates, rad/s (2 °/s). No gyro bias is that large.
+const MIN_ROTATION_RATE_RAD_S: f64 = 0.035;
+
+/// Sensor values of a tick, with their faults.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SensorTick {
+    /// Start of the interval, ns.
+    pub t_start_ns: i64,
+    /// End of the interval, ns.
+    pub t_end_ns: i64,
+    /// Set if time or ticks before this tick have no sample.
+    pub is_after_gap: bool,
+    /// Set if the stage of the gyro or the accelerometer was reset for this tick.
+    pub is_sensor_stage_reset: bool,
+    /// Motion over the interval, from a gyro stage; `None` if the rate is missing.
+    pub motion: Option<Motion>,
+    /// Faults of the rate.
+    pub rate_faults: RateFaults,
+    /// Specific force as measured, m/s², body axes; `None` if it is missing.
+    pub force_m_s2: Option<Vector3<f64>>,
+    /// Inclination from an accelerometer stage; `None` if the force has no direction.
+    pub inclination: Option<Inclination>,
+    /// Faults of the specific force.
+    pub force_faults: ForceFaults,
+    /// Magnetic field, µT, body axes. Present only for a new sample.
+    pub field_ut: Option<Vector3<f64>>,
+    /// Fix of the satellite receiver. Present only at the tick at which it arrived.
+    pub fix: Option<Fix>,
+}
+
+/// Faults of a rate sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RateFaults {
+    /// The value is not a rate.
+    pub is_invalid: bool,
+    /// The rate is outside the range of the gyro.
+    pub is_clipped: bool,
+    /// The gyro repeats a value.
+    pub is_stuck: bool,
+}
+
+/// Faults of a specific force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ForceFaults {
+    /// The value is not a specific force.
+    pub is_invalid: bool,
+    /// The force is too small to have a direction.
+    pub is_small: bool,
+    /// The accelerometer repeats a value.
+    pub is_stuck: bool,
+}
+
+/// Output of a [`SupervisedFuser`] at a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupervisedFused {
+    /// Output of the stage. Its corrections report a new alignment, rest and a disturbed field.
+    pub fused: Fused,
+    /// Set once the attitude has been aligned. Before that, the attitude is arbitrary.
+    pub is_aligned: bool,
+    /// Set if the stage was reset for this output, because its first output was invalid.
+    pub is_reset: bool,
+    /// Number of jumps of the attitude after the first alignment.
+    pub reset_counter: u64,
+}
+
+/// Fuser stage with the supervision of its inputs and outputs.
+#[derive(Debug)]
+pub struct SupervisedFuser<S> {
+    resetting: ResettingStage<S>,
+    state: SupervisedState,
+}
+
+/// State of a [`SupervisedFuser`], excluding its stage.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SupervisedState {
+    /// Open-loop attitude of the gyro and end of the interval, ns, of the newest motion.
+    pub previous_motion: Option<(Attitude, i64)>,
+    /// Set once the attitude has been aligned.
+    pub is_aligned: bool,
+    /// Number of jumps of the attitude after the first alignment.
+    pub reset_counter: u64,
+    /// Duration of the current rate outage, s.
+    pub rate_outage_s: f64,
+    /// Newest attitude.
+    pub attitude: Attitude,
+    /// Newest specific force, m/s².
+    pub force_m_s2: [f64; 3],
+    /// Set if the body has rotated since the force last changed.
+    pub has_rotated: bool,
+}
+
+impl SupervisedState {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub fn validation_error(&self) -> Option<&'static str> {
+        let previous = self.previous_motion.map_or(Attitude::default(), |(attitude, _)| attitude);
+        let are_finite =
+            [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
+        (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
+    }
+
+    /// Returns the motion since the newest tick with a motion.
+    ///
+    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
+    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
+    /// `dt_s` is 0.
+    fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
+        let mut motion = tick.motion?;
+        let previous = self.previous_motion.replace((motion.attitude, tick.t_end_ns));
+        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != tick.t_start_ns) {
+            motion.rotation = Rotation::between(attitude, motion.attitude);
+            motion.dt_s = (tick.t_end_ns - t_end_ns) as f64 * 1e-9;
+        }
+        if motion.dt_s > MAX_BRIDGED_GAP_S {
+            motion.dt_s = 0.0;
+            motion.rotation = Rotation::IDENTITY;
+        }
+        Some(motion)
+    }
+
+    /// Returns the inclination, or `None` if the force is missing or unusable.
+    fn usable_inclination(&mut self, tick: &SensorTick, motion: Option<&Motion>) -> Option<Inclination> {
+        let force_m_s2 = <[f64; 3]>::from(tick.force_m_s2?);
+        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
+        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
+        self.has_rotated = is_rotating || (self.has_rotated && force_m_s2 == self.force_m_s2);
+        self.force_m_s2 = force_m_s2;
+        let ForceFaults { is_invalid, is_small, is_stuck } = tick.force_faults;
+        let is_dead = is_stuck && !tick.rate_faults.is_stuck && self.has_rotated;
+        tick.inclination.filter(|_| !(is_dead || is_invalid || is_small))
+    }
+
+    /// Returns `true` on the first usable rate after an outage or gap if the tilt error is too
+    /// large.
+    fn needs_realignment(&mut self, is_rate_usable: bool, interval_s: f64, inclination: Option<&Inclination>) -> bool {
+        if !is_rate_usable {
+            self.rate_outage_s += interval_s;
+            return false;
+        }
+        let outage_s = core::mem::take(&mut self.rate_outage_s).max(interval_s);
+        inclination.is_some_and(|inclination| {
+            outage_s > RATE_OUTAGE_LIMIT_S && innovation_rad(inclination, self.attitude) > REALIGN_TILT_RAD
+        })
+    }
+}
+
+impl<S: FuserStage> SupervisedFuser<S> {
+    /// Supervises a stage that has not been stepped yet.
+    pub fn new(stage: S) -> Self {
+        Self { resetting: ResettingStage::new(stage), state: SupervisedState::default() }
+    }
+
+    /// Returns the stage.
+    pub fn stage(&self) -> &S {
+        &self.resetting.stage
+    }
+
+    /// Returns a mutable reference to the stage, for restoring its state.
+    pub fn stage_mut(&mut self) -> &mut S {
+        &mut self.resetting.stage
+    }
+
+    /// Returns the state, excluding that of the stage.
+    pub fn state(&self) -> &SupervisedState {
+        &self.state
+    }
+
+    /// Returns a mutable reference to the state, for restoring it.
+    pub fn state_mut(&mut self) -> &mut SupervisedState {
+        &mut self.state
+    }
+
+    /// Returns the cause if the stage has failed permanently, else `None`.
+    pub fn failure(&self) -> Option<StageFailure<'_>> {
+        self.resetting.failure()
+    }
+
+    /// Processes a tick. Returns `None` once the stage has failed permanently.
+    #[inline]
+    pub fn step(&mut self, tick: &SensorTick) -> Option<SupervisedFused> {
+        let Self { resetting, state } = self;
+        let motion = state.bridge(tick);
+        let inclination = state.usable_inclination(tick, motion.as_ref());
+        let RateFaults { is_invalid, is_clipped, is_stuck } = tick.rate_faults;
+        let rate_credible = !(is_invalid || is_clipped || is_stuck) && motion.is_some();
+        let interval_s = (tick.t_end_ns - tick.t_start_ns) as f64 * 1e-9;
+        let is_over_gap = tick.is_after_gap && motion.is_some_and(|motion| motion.dt_s == 0.0);
+        if is_over_gap || state.needs_realignment(rate_credible, interval_s, inclination.as_ref()) {
+            resetting.stage.realign();
+        }
+        let ForceFaults { is_invalid: is_force_invalid, is_stuck: is_force_stuck, .. } = tick.force_faults;
+        let rest_credible = !(is_invalid || is_stuck || is_force_invalid || is_force_stuck);
+        let SensorTick { field_ut, fix, .. } = *tick;
+        let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
+        let (fused, is_reset) = resetting.step(&input)?;
+        state.attitude = fused.attitude;
+        let has_jumped = fused.corrections.aligned || is_reset || tick.is_sensor_stage_reset;
+        state.reset_counter += u64::from(state.is_aligned && has_jumped);
+        state.is_aligned |= fused.corrections.aligned;
+        let SupervisedState { is_aligned, reset_counter, .. } = *state;
+        Some(SupervisedFused { fused, is_aligned, is_reset, reset_counter })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        GRAVITY_M_S2,
+        fuser::Fuser,
+        gyro::{Gyro, RateKind, RateSample},
+        point::Point,
+        stage::Stage,
+    };
+
+    const INTERVAL_NS: i64 = 10_000_000;
+
+    /// Body with a gyro, simulated at 100 Hz. The accelerometer shows `up`.
+    struct Body {
+        fuser: SupervisedFuser<Fuser>,
+        gyro: Gyro,
+        t_ns: i64,
+        up: Vector3<f64>,
+    }
+
+    impl Body {
+        /// Creates a level body with an aligned fuser.
+        fn aligned() -> Self {
+            let mut body = Self {
+                fuser: SupervisedFuser::new(Fuser::from_name("wz-closed").unwrap()),
+                gyro: Gyro::from_name("mobius").unwrap(),
+                t_ns: 0,
+                up: Vector3::new(0.0, 0.0, 1.0),
+            };
+            let first = body.step(Vector3::zeros(), |_| {});
+            assert!(first.is_aligned && first.fused.corrections.aligned && first.reset_counter == 0);
+            body
+        }
+
+        /// Simulates a tick. `edit` changes the sensor values.
+        fn step(&mut self, rate_rad_s: Vector3<f64>, edit: impl FnOnce(&mut SensorTick)) -> SupervisedFused {
+            let (t_start_ns, t_end_ns) = (self.t_ns, self.t_ns + INTERVAL_NS);
+            self.t_ns = t_end_ns;
+            let dt_s = INTERVAL_NS as f64 * 1e-9;
+            let motion = self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Mean });
+            let force_m_s2 = self.up * GRAVITY_M_S2;
+            let up = Point::from_direction(force_m_s2).unwrap();
+            let mut tick = SensorTick {
+                t_start_ns,
+                t_end_ns,
+                motion: Some(motion),
+                force_m_s2: Some(force_m_s2),
+                inclination: Some(Inclination { up, force_m_s2, norm_m_s2: GRAVITY_M_S2, trust: 1.0 }),
+                ..SensorTick::default()
+            };
+            edit(&mut tick);
+            self.fuser.step(&tick).unwrap()
+        }
+
+        /// Tilts the body by `tilt_rad` while the gyro observes nothing.
+        fn tilt_unobserved(&mut self, tilt_rad: f64) {
+            self.up = Vector3::new(libm::sin(tilt_rad), 0.0, libm::cos(tilt_rad));
+        }
+
+        fn tilt_error_rad(&self, output: &SupervisedFused) -> f64 {
+            self.up.angle(&output.fused.attitude.up.direction())
+        }
+    }
+
+    const STILL: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
+
+    #[test]
+    fn tilt_during_long_rate_outage_realigns_the_level() {
+        for (outage_ticks, tilt_rad, realigns) in [(30, 0.5, true), (10, 0.5, false), (30, 0.05, false)] {
+            let mut body = Body::aligned();
+            body.tilt_unobserved(tilt_rad);
+            for _ in 0..outage_ticks {
+                let output = body.step(STILL, |tick| {
+                    tick.rate_faults.is_stuck = true;
+                    tick.inclination = None;
+                });
+                assert_eq!(output.reset_counter, 0);
+            }
+            let output = body.step(STILL, |_| {});
+            assert_eq!(output.fused.corrections.aligned, realigns, "{outage_ticks} ticks, {tilt_rad} rad");
+            assert_eq!(output.reset_counter, u64::from(realigns));
+            assert_eq!(body.tilt_error_rad(&output) < 1e-9, realigns);
+        }
+    }
+
+    #[test]
+    fn missing_motion_counts_as_rate_outage() {
+        let mut body = Body::aligned();
+        body.tilt_unobserved(0.5);
+        for _ in 0..30 {
+            body.step(STILL, |tick| (tick.motion, tick.inclination) = (None, None));
+        }
+        let output = body.step(STILL, |_| {});
+        assert!(output.fused.corrections.aligned && output.reset_counter == 1);
+    }
+
+    #[test]
+    fn missing_ticks_are_bridged_by_open_loop_attitude() {
+        let rate_rad_s = Vector3::new(0.0, 0.0, 0.5);
+        let mut complete = Body::aligned();
+        let mut with_gap = Body::aligned();
+        let without_force = |tick: &mut SensorTick| (tick.force_m_s2, tick.inclination) = (None, None);
+        for _ in 0..20 {
+            complete.step(rate_rad_s, without_force);
+            with_gap.gyro.step(&RateSample { rate_rad_s, dt_s: 0.01, kind: RateKind::Mean });
+            with_gap.t_ns += INTERVAL_NS;
+        }
+        let expected = complete.step(rate_rad_s, without_force).fused.attitude.quaternion();
+        let found = with_gap.step(rate_rad_s, |tick| {
+            without_force(tick);
+            tick.is_after_gap = true;
+        });
+        assert!((found.fused.attitude.quaternion() - expected).norm() < 1e-9);
+        assert!(!found.fused.corrections.aligned);
+    }
+
+    #[test]
+    fn gap_beyond_the_bridged_one_realigns_the_level() {
+        for (gap_ns, realigns) in [(900_000_000, false), (1_500_000_000, true)] {
+            let mut body = Body::aligned();
+            body.tilt_unobserved(0.05);
+            body.t_ns += gap_ns;
+            let output = body.step(STILL, |tick| tick.is_after_gap = true);
+            assert_eq!(output.fused.corrections.aligned, realigns, "{gap_ns} ns");
+        }
+    }
+
+    #[test]
+    fn force_that_repeats_during_rotation_is_not_used() {
+        let mut body = Body::aligned();
+        let stuck = |tick: &mut SensorTick| tick.force_faults.is_stuck = true;
+        let at_rest = body.step(STILL, stuck);
+        assert!(at_rest.fused.corrections.tilt, "at rest a force may repeat");
+        let rotating = body.step(Vector3::new(0.1, 0.0, 0.0), stuck);
+        assert!(!rotating.fused.corrections.tilt);
+        let after = body.step(STILL, stuck);
+        assert!(!after.fused.corrections.tilt, "the force has not changed since the rotation");
+        body.tilt_unobserved(0.01);
+        assert!(body.step(STILL, |_| {}).fused.corrections.tilt);
+    }
+
+    #[test]
+    fn unusable_force_leaves_a_new_fuser_unaligned() {
+        let faults: [fn(&mut SensorTick); 3] = [
+            |tick| tick.force_faults.is_invalid = true,
+            |tick| tick.force_faults.is_small = true,
+            |tick| tick.force_m_s2 = None,
+        ];
+        for fault in faults {
+            let mut body = Body::aligned();
+            body.fuser = SupervisedFuser::new(Fuser::from_name("wz-closed").unwrap());
+            assert!(!body.step(STILL, fault).is_aligned);
+            assert!(body.step(STILL, |_| {}).is_aligned);
+        }
+    }
+}
