@@ -2,9 +2,8 @@
 
 use graph::{Buffer, Entry, Participant, Topic};
 use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
-use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
-pub use swap::{FIRST_EPOCH, Role};
+pub use swap::{FIRST_EPOCH, Resume, Role};
 
 use crate::prior::Prior;
 
@@ -49,6 +48,24 @@ pub struct ServiceConfig {
 }
 
 impl ServiceConfig {
+    /// Creates the configuration of a service that owns its slot from the first tick and runs
+    /// without a supervisor.
+    pub fn standalone(launch: Launch, rate_hz: f64, pace: Pace) -> Self {
+        Self {
+            launch,
+            rate_hz,
+            pace,
+            max_ticks: None,
+            publishes_readings: false,
+            incarnation: 0,
+            epoch: FIRST_EPOCH,
+            role: Role::Owner { from_tick: 0 },
+            prior: None,
+            resume: None,
+            supervisor_pid: 0,
+        }
+    }
+
     /// Returns the number of messages that a topic buffers for each subscriber.
     pub fn buffer_size(&self, topic: &Entry) -> usize {
         match topic.buffer {
@@ -141,42 +158,6 @@ impl ServiceConfig {
     }
 }
 
-/// State from which a service resumes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Resume {
-    /// There is no checkpoint. The service starts with the oldest messages of its inputs.
-    Fresh,
-    /// State of an earlier incarnation or of another stage.
-    Checkpoint(Box<CheckpointRecord>),
-    /// Position of a source.
-    Source {
-        /// Next tick.
-        next_tick: u64,
-        /// CLOCK_MONOTONIC at which the first tick was due, ns; 0 if no tick has been due yet.
-        start_ns: u64,
-        /// Sample time minus sensor time, ns.
-        offset_ns: i64,
-    },
-}
-
-/// Checkpoint as words that can be serialised.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct CheckpointRecord(Vec<u64>);
-
-impl From<&Checkpoint> for CheckpointRecord {
-    fn from(checkpoint: &Checkpoint) -> Self {
-        Self(bytemuck::cast_slice(std::slice::from_ref(checkpoint)).to_vec())
-    }
-}
-
-impl CheckpointRecord {
-    /// Returns the checkpoint, or `None` if the length is wrong.
-    pub fn checkpoint(&self) -> Option<Checkpoint> {
-        bytemuck::try_cast_slice::<u64, Checkpoint>(&self.0).ok()?.first().copied()
-    }
-}
-
 /// Allowance for the data that iceoryx2 stores per message: headers, lists and subscriber buffers.
 const MESSAGE_OVERHEAD_BYTES: usize = 128;
 
@@ -200,19 +181,8 @@ mod tests {
     #[test]
     fn two_batches_of_one_input_stay_within_lateness() {
         for lateness_s in [0.01, 0.05, 0.1, 0.6, 5.0] {
-            let config = ServiceConfig {
-                launch: Launch { lateness_s, ..Launch::default() },
-                rate_hz: 100.0,
-                pace: Pace::Speed(1.0),
-                max_ticks: None,
-                incarnation: 1,
-                epoch: FIRST_EPOCH,
-                role: Role::Owner { from_tick: 0 },
-                prior: None,
-                resume: None,
-                publishes_readings: false,
-                supervisor_pid: 0,
-            };
+            let launch = Launch { lateness_s, ..Launch::default() };
+            let config = ServiceConfig::standalone(launch, 100.0, Pace::Speed(1.0));
             let batch_size = config.batch_size() as u64;
             assert!(batch_size > 0 && 2 * batch_size <= config.lateness_ticks(), "{lateness_s}");
         }

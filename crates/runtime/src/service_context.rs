@@ -111,10 +111,8 @@ impl ServiceContext {
     /// Opens a subscriber to a slot's topic that delivers each tick once and in order, across all
     /// owners.
     pub fn ordered_subscriber<M: Ticked>(&self) -> Result<OrderedSubscriber<M>, RuntimeError> {
-        let next_tick = match &self.config.resume {
-            Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
-            _ => 0,
-        };
+        let checkpoint = self.config.resume.as_ref().and_then(Resume::checkpoint);
+        let next_tick = checkpoint.map_or(0, |checkpoint| checkpoint.next_tick);
         Ok(OrderedSubscriber::new(self.subscriber()?, next_tick, &self.config))
     }
 

@@ -6,13 +6,12 @@
 //!   inputs still hold.
 
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
-use swap::{OutputGate, OwnershipStatus, Role, Sequence};
+use swap::{OutputGate, OwnershipStatus, Resume, Role, Sequence};
 
 use crate::{
     ServiceConfig,
     checkpoint::{self, ResumeError, Resumed},
     comparable::Comparable,
-    service_config::Resume,
     slot::SlotProcessor,
 };
 
@@ -45,19 +44,11 @@ impl<S: SlotProcessor> SlotService<S> {
     /// All input ticks before `input_tick` and all output ticks before `output_tick` have been
     /// published. The second returned value is the error if a checkpoint could not be restored.
     pub fn new(mut slot: S, config: &ServiceConfig, input_tick: u64, output_tick: u64) -> (Self, Option<ResumeError>) {
-        let record = match &config.resume {
-            Some(Resume::Checkpoint(record)) => Some(record.checkpoint()),
-            _ => None,
-        };
-        let swapped = record.flatten().is_some_and(|checkpoint| checkpoint.swapped != 0);
-        let (resumed, error) = match &record {
-            Some(checkpoint) => {
-                let checkpoint = checkpoint.as_ref().ok_or(ResumeError::Damaged);
-                match checkpoint.and_then(|checkpoint| checkpoint::resume(&mut slot, checkpoint)) {
-                    Ok(resumed) => (Some(resumed), None),
-                    Err(error) => (None, Some(error)),
-                }
-            }
+        let checkpoint = config.resume.as_ref().and_then(Resume::checkpoint);
+        let swapped = checkpoint.is_some_and(|checkpoint| checkpoint.swapped != 0);
+        let (resumed, error) = match checkpoint.map(|checkpoint| checkpoint::resume(&mut slot, checkpoint)) {
+            Some(Ok(resumed)) => (Some(resumed), None),
+            Some(Err(error)) => (None, Some(error)),
             None => (None, None),
         };
         if config.resume.is_some() {

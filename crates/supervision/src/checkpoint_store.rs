@@ -4,8 +4,7 @@ use std::collections::VecDeque;
 
 use launch::{Launch, Service};
 use messages::Checkpoint;
-
-use crate::Resume;
+use swap::Resume;
 
 /// Maximum number of checkpoints kept per service. They reach as far back as a topic's buffer.
 const MAX_CHECKPOINTS: usize = 32;
@@ -225,30 +224,22 @@ mod tests {
         store
     }
 
-    fn tick_of(resume: &Resume) -> Option<u64> {
-        match resume {
-            Resume::Checkpoint(checkpoint) => Some(checkpoint.next_tick),
-            Resume::Source { next_tick, .. } => Some(*next_tick),
-            Resume::Fresh => None,
-        }
-    }
-
     #[test]
     fn service_without_early_state_starts_fresh_if_topics_hold_all() {
         let mut store = store();
         store.record(checkpoint(Service::Course, 0));
         store.record(checkpoint(Service::Fuser, 85));
         store.on_output(19);
-        assert_eq!(tick_of(&store.resume(Service::Fuser, 0)), Some(85), "earlier output is on the bus or lost");
+        assert_eq!(store.resume(Service::Fuser, 0).next_tick(), Some(85), "earlier output is on the bus or lost");
         store.on_positions(Default::default(), 0);
         assert!(
             matches!(store.resume(Service::Fuser, 0), Resume::Fresh),
             "the publisher of the earlier output may be gone"
         );
-        assert_eq!(tick_of(&store.resume(Service::Ingest, 0)), Some(0));
+        assert_eq!(store.resume(Service::Ingest, 0).next_tick(), Some(0));
         store.record(checkpoint(Service::Course, 90));
         store.on_output(90);
-        assert_eq!(tick_of(&store.resume(Service::Fuser, 0)), Some(85));
+        assert_eq!(store.resume(Service::Fuser, 0).next_tick(), Some(85));
     }
 
     #[test]
@@ -281,13 +272,13 @@ mod tests {
     #[test]
     fn service_resumes_where_its_subscribers_may_resume() {
         let mut store = store();
-        assert_eq!(tick_of(&store.resume(Service::Gyro, 0)), None);
+        assert_eq!(store.resume(Service::Gyro, 0).next_tick(), None);
         (1..=10).for_each(|i| store.record(checkpoint(Service::Gyro, 10 * i)));
         store.record(checkpoint(Service::Fuser, 75));
         store.record(checkpoint(Service::Course, 31));
-        assert_eq!(tick_of(&store.resume(Service::Gyro, 0)), Some(70));
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(31), "course has no subscribers");
-        assert_eq!(tick_of(&store.resume(Service::Ingest, 0)), Some(0), "accel has no checkpoint");
+        assert_eq!(store.resume(Service::Gyro, 0).next_tick(), Some(70));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(31), "course has no subscribers");
+        assert_eq!(store.resume(Service::Ingest, 0).next_tick(), Some(0), "accel has no checkpoint");
     }
 
     #[test]
@@ -298,13 +289,13 @@ mod tests {
         {
             store.record(checkpoint(service, next_tick));
         }
-        assert_eq!(tick_of(&store.resume(Service::Gyro, 0)), Some(50), "the bus holds the earlier output");
+        assert_eq!(store.resume(Service::Gyro, 0).next_tick(), Some(50), "the bus holds the earlier output");
         store.set_full_replay(true);
         assert!(matches!(store.resume(Service::Gyro, 0), Resume::Fresh));
-        assert_eq!(tick_of(&store.resume(Service::Accel, 0)), Some(20));
-        assert_eq!(tick_of(&store.resume(Service::Ingest, 0)), Some(0));
+        assert_eq!(store.resume(Service::Accel, 0).next_tick(), Some(20));
+        assert_eq!(store.resume(Service::Ingest, 0).next_tick(), Some(0));
         store.record(checkpoint(Service::Gyro, 70));
-        assert_eq!(tick_of(&store.resume(Service::Gyro, 0)), Some(50), "a checkpoint on the new bus exists");
+        assert_eq!(store.resume(Service::Gyro, 0).next_tick(), Some(50), "a checkpoint on the new bus exists");
     }
 
     #[test]
@@ -314,7 +305,7 @@ mod tests {
             (1..=10).for_each(|i| store.record(checkpoint(service, 10 * i)));
         }
         store.record(checkpoint(Service::Course, 35));
-        let resumes = |service| tick_of(&store.resume(service, 0));
+        let resumes = |service| store.resume(service, 0).next_tick();
         assert_eq!(resumes(Service::Fuser), Some(30));
         assert_eq!(resumes(Service::Gyro), Some(30), "the fuser would resume at 30 because of the course");
         assert_eq!(resumes(Service::Ingest), Some(30));
@@ -327,8 +318,8 @@ mod tests {
         (1..=10).for_each(|i| store.record(checkpoint(Service::Course, 10 * i)));
         (1..=10).for_each(|i| store.record(checkpoint(Service::Fuser, 10 * i)));
         store.on_output(75);
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(70));
-        assert_eq!(tick_of(&store.resume(Service::Fuser, 0)), Some(70));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(70));
+        assert_eq!(store.resume(Service::Fuser, 0).next_tick(), Some(70));
     }
 
     #[test]
@@ -337,9 +328,9 @@ mod tests {
         store.record(checkpoint(Service::Course, 10));
         store.record(checkpoint(Service::Course, 20));
         store.record(Checkpoint { next_tick: 30, ..checkpoint(Service::Course, 10) });
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(20));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(20));
         store.record(checkpoint(Service::Course, 15));
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(15));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(15));
     }
 
     #[test]
@@ -347,13 +338,13 @@ mod tests {
         let mut store = store();
         store.record(checkpoint(Service::Course, 10));
         store.record_candidate(checkpoint(Service::Course, 20));
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(10));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(10));
         store.promote(Service::Course);
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(20));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(20));
         store.record_candidate(checkpoint(Service::Course, 30));
         store.clear_candidate(Service::Course);
         store.promote(Service::Course);
-        assert_eq!(tick_of(&store.resume(Service::Course, 0)), Some(20));
+        assert_eq!(store.resume(Service::Course, 0).next_tick(), Some(20));
     }
 
     #[test]
@@ -363,7 +354,7 @@ mod tests {
         [45, 55, 65].into_iter().for_each(|tick| store.record_candidate(checkpoint(Service::Fuser, tick)));
         store.promote(Service::Fuser);
         store.record(checkpoint(Service::Course, 33));
-        let resumes = |from_tick| tick_of(&store.resume(Service::Fuser, from_tick));
+        let resumes = |from_tick| store.resume(Service::Fuser, from_tick).next_tick();
         assert_eq!(resumes(60), Some(55), "the previous stage publishes the ticks before 60");
         assert_eq!(resumes(0), Some(30));
     }

@@ -4,7 +4,7 @@ use std::{path::PathBuf, time::Duration};
 
 use launch::{Launch, Service, Slot, StageConfig};
 use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
-use swap::Role;
+use swap::{Resume, Role};
 
 use crate::request::{ControlRequest, ServiceStatus, SwapReport};
 
@@ -176,24 +176,6 @@ pub struct Spawn {
     pub epoch: u32,
     /// State to resume from; `None` for the first start.
     pub resume: Option<Resume>,
-}
-
-/// State that a restarted service resumes from.
-#[derive(Debug, Clone)]
-pub enum Resume {
-    /// No checkpoint exists: start with the oldest inputs still available.
-    Fresh,
-    /// Checkpoint to restore.
-    Checkpoint(Box<Checkpoint>),
-    /// Resume point of the source.
-    Source {
-        /// First tick to publish.
-        next_tick: u64,
-        /// Due time of the first tick, CLOCK_MONOTONIC, ns; 0 if no tick was due yet.
-        start_ns: u64,
-        /// Offset of the sample time from the sensor time, ns.
-        offset_ns: i64,
-    },
 }
 
 /// Reply to a client.

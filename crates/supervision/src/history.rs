@@ -8,8 +8,9 @@
 
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
+use swap::Resume;
 
-use crate::{Action, Resume, Supervision, SwapReport};
+use crate::{Action, Supervision, SwapReport};
 
 /// Maximum number of stages remembered per slot.
 const MAX_INSTANCES: usize = 64;
@@ -53,7 +54,7 @@ impl StageHistory {
     ) -> StageInstance {
         let number = self.next_number;
         self.next_number += 1;
-        let restored_tick = resume_tick(resume);
+        let restored_tick = resume.next_tick();
         StageInstance { number, stage, restored_tick, restored_from: self.instance_at(restored_tick), predecessor_end }
     }
 
@@ -73,15 +74,6 @@ impl StageHistory {
     fn instance_at(&self, next_tick: Option<u64>) -> u32 {
         let had_started = |instance: &&StageInstance| instance.restored_tick <= next_tick;
         self.instances.iter().rev().find(had_started).or(self.instances.first()).map_or(0, |instance| instance.number)
-    }
-}
-
-/// Returns the tick at which a process resumes, or `None` for a fresh start.
-fn resume_tick(resume: &Resume) -> Option<u64> {
-    match resume {
-        Resume::Fresh => None,
-        Resume::Checkpoint(checkpoint) => Some(checkpoint.next_tick),
-        Resume::Source { next_tick, .. } => Some(*next_tick),
     }
 }
 

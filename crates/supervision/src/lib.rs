@@ -47,7 +47,7 @@ use {
     watch::WatchRunner,
 };
 
-pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Resume, Spawn};
+pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Spawn};
 pub use process::{ProcessEntry, ProcessTable};
 pub use request::{ControlRequest, Diagnostic, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
 

@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use launch::{Restart, Service};
 use messages::{Health, State};
+use swap::Resume;
 
 use crate::{
-    Action, Diagnostic, Resume,
+    Action, Diagnostic,
     restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 
@@ -342,10 +343,7 @@ impl ProcessEntry {
 
 impl Process {
     pub(crate) fn new(incarnation: u32, owns_slot: bool, resume: Option<&Resume>, now: Duration) -> Self {
-        let resume_tick = match resume {
-            Some(Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
-            Some(Resume::Fresh | Resume::Source { .. }) | None => None,
-        };
+        let resume_tick = resume.and_then(Resume::checkpoint).map(|checkpoint| checkpoint.next_tick);
         let starts_fresh = matches!(resume, Some(Resume::Fresh));
         Self {
             incarnation,

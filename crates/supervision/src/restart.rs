@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use launch::{OnLimit, Restart, Service, Slot};
 use messages::{EventKind, SystemEvent};
-use swap::{FIRST_EPOCH, Role};
+use swap::{FIRST_EPOCH, Resume, Role};
 
 use crate::{
-    Action, Failure, Resume, Spawn, Supervision,
+    Action, Failure, Spawn, Supervision,
     process::{ExitedProcess, Process},
     restart_policy::RestartVerdict,
 };

@@ -2,10 +2,12 @@
 
 use launch::{Launch, Service, Slot, StageConfig, nearest};
 use messages::{EventKind, Health, SystemEvent};
-use swap::{Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Role, SwapLimits, SwapOutcome, SwapState};
+use swap::{
+    Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Resume, Role, SwapLimits, SwapOutcome, SwapState,
+};
 
 use crate::{
-    Action, Config, OutputProgress, Reply, Resume, Spawn, Supervision, SwapReport, SwapRequest,
+    Action, Config, OutputProgress, Reply, Spawn, Supervision, SwapReport, SwapRequest,
     history::{StageHistory, StageInstance, with_stage},
     pending_swaps::{Pending, Requester},
     process::Process,

@@ -34,6 +34,7 @@ pub mod coordinator;
 pub mod event;
 pub mod output_gate;
 pub mod reorder_buffer;
+mod resume;
 pub mod sequence;
 
 use messages::Ticked;
@@ -43,6 +44,7 @@ pub use coordinator::{Coordinator, SwapState};
 pub use event::{Action, Event, FailureReason, Report, Request, SwapLimits, SwapOutcome};
 pub use output_gate::{DecisionResponse, OutputGate};
 pub use reorder_buffer::ReorderBuffer;
+pub use resume::Resume;
 pub use sequence::Sequence;
 
 /// Epoch of the supervisor's first decisions, which assign each slot to its stage in the launch

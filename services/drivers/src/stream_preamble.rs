@@ -25,10 +25,7 @@ pub(crate) struct StreamPreamble {
 impl StreamPreamble {
     /// Restores the preamble of an earlier process, or creates an empty one.
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
-        let previous = match &context.config.resume {
-            Some(Resume::Checkpoint(record)) => record.checkpoint().as_ref().map(from_checkpoint),
-            _ => None,
-        };
+        let previous = context.config.resume.as_ref().and_then(Resume::checkpoint).map(from_checkpoint);
         Ok(Self {
             is_complete: previous.is_some(),
             text: previous.unwrap_or_default(),

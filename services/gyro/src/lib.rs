@@ -137,20 +137,9 @@ mod tests {
     ) -> SlotService<SingleInputSlot<GyroProcessor>> {
         let mut launch = Launch::default();
         launch.gyro.stage = stage.into();
-        let resume = from.map(|checkpoint| Resume::Checkpoint(Box::new(checkpoint.into())));
-        let config = ServiceConfig {
-            launch,
-            rate_hz: 1000.0,
-            pace: Pace::Max,
-            max_ticks: None,
-            incarnation: 1,
-            epoch: 1,
-            role,
-            prior: None,
-            resume,
-            publishes_readings: false,
-            supervisor_pid: 0,
-        };
+        let resume = from.map(|checkpoint| Resume::Checkpoint(Box::new(*checkpoint)));
+        let config =
+            ServiceConfig { incarnation: 1, role, resume, ..ServiceConfig::standalone(launch, 1000.0, Pace::Max) };
         let (service, rejected) = SlotService::new(slot(&config).unwrap(), &config, 0, output_tick);
         assert_eq!(rejected, None);
         service

@@ -313,7 +313,6 @@ impl<'r> System<'r> {
     fn spawn(&mut self, spawn: Spawn) -> Result<u32, String> {
         let Spawn { incarnation, service, stage, role, epoch, resume } = spawn;
         let launch = self.supervision.launch().clone();
-        let resume = resume.map(to_service_resume);
         let mut config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config.clone() };
         if let Some((slot, stage)) = service.slot().zip(stage) {
             *config.launch.stage_mut(slot) = stage;
@@ -454,17 +453,5 @@ fn output_progress(collector: &mut Collector) -> OutputProgress {
         duplicated: collector.duplicated(),
         max_gap_ns: collector.take_gap_ns(),
         last_swap: collector.last_swap(),
-    }
-}
-
-/// Converts a resume state to that of the service configuration.
-fn to_service_resume(resume: supervision::Resume) -> runtime::service_config::Resume {
-    use runtime::service_config::Resume;
-    match resume {
-        supervision::Resume::Fresh => Resume::Fresh,
-        supervision::Resume::Checkpoint(checkpoint) => Resume::Checkpoint(Box::new((&*checkpoint).into())),
-        supervision::Resume::Source { next_tick, start_ns, offset_ns } => {
-            Resume::Source { next_tick, start_ns, offset_ns }
-        }
     }
 }

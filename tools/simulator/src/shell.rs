@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use launch::Service;
 use messages::Credit;
-use runtime::{Role, ServiceConfig, service_config::FIRST_EPOCH};
+use runtime::{
+    Role, ServiceConfig,
+    service_config::{FIRST_EPOCH, Resume},
+};
 use supervision::{Action, ControlRequest, Event, Failure, Reply, Spawn, SwapRequest};
 
 use crate::{
@@ -194,14 +197,11 @@ impl World {
         }
         // If the current stage has not sent a checkpoint yet, the process resumes from a checkpoint
         // of another stage. The output is then ambiguous.
-        if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(slot)) = (&resume, service.slot()) {
+        let checkpoint = resume.as_ref().and_then(Resume::checkpoint);
+        if let (Some(checkpoint), Some(slot)) = (checkpoint, service.slot()) {
             self.swaps.ambiguous |= checkpoint.stage() != self.supervision.launch().stage(slot).stage;
         }
-        let checkpoint_tick = match &resume {
-            Some(supervision::Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
-            Some(supervision::Resume::Source { next_tick, .. }) => Some(*next_tick),
-            _ => None,
-        };
+        let checkpoint_tick = resume.as_ref().and_then(Resume::next_tick);
         self.record_candidate(incarnation, service, stage.as_ref(), role, checkpoint_tick);
         if self.random.chance(self.setup.spawn_failure_per_mille) && !(is_first && self.setup.strict) {
             self.trace(|_| format!("{service} {incarnation}: spawn failed"));
@@ -212,7 +212,6 @@ impl World {
         if let Some((slot, stage)) = service.slot().zip(stage) {
             *launch.stage_mut(slot) = stage;
         }
-        let resume = resume.map(to_service_resume);
         let config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config() };
         let candidate = role == Role::Candidate;
         let hangs = self.random.chance(self.setup.hung_start_per_mille) && !(is_first && self.setup.strict);
@@ -414,17 +413,5 @@ impl World {
             }
         }
         Ok(())
-    }
-}
-
-/// Converts a resume point to the type of the service configuration.
-fn to_service_resume(resume: supervision::Resume) -> runtime::service_config::Resume {
-    use runtime::service_config::Resume;
-    match resume {
-        supervision::Resume::Fresh => Resume::Fresh,
-        supervision::Resume::Checkpoint(checkpoint) => Resume::Checkpoint(Box::new((&*checkpoint).into())),
-        supervision::Resume::Source { next_tick, start_ns, offset_ns } => {
-            Resume::Source { next_tick, start_ns, offset_ns }
-        }
     }
 }

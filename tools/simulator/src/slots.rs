@@ -105,10 +105,8 @@ struct Ports<'a> {
 
 impl<'a> Ports<'a> {
     fn new(config: &'a ServiceConfig, bus: &'a mut Bus) -> Self {
-        let next_tick = match &config.resume {
-            Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
-            _ => 0,
-        };
+        let checkpoint = config.resume.as_ref().and_then(Resume::checkpoint);
+        let next_tick = checkpoint.map_or(0, |checkpoint| checkpoint.next_tick);
         Self { config, bus, wants_history: config.resume.is_some(), next_tick }
     }
 

@@ -84,10 +84,7 @@ impl Import {
         import: &launch::Import,
     ) -> Result<Self, RuntimeError> {
         let config = &context.config;
-        let checkpoint = match &config.resume {
-            Some(Resume::Checkpoint(record)) => record.checkpoint(),
-            _ => None,
-        };
+        let checkpoint = config.resume.as_ref().and_then(Resume::checkpoint);
         let (next_tick, run) =
             checkpoint.map_or((0, None), |checkpoint| (checkpoint.next_tick, Some(checkpoint.words[0])));
         let mask = import.topics.iter().filter_map(|topic| index_of(topic)).fold(0, |mask, index| mask | 1 << index);
