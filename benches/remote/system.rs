@@ -14,8 +14,8 @@ use bus::{Bus, Claim, SystemName};
 use launch::{Gateway, Launch};
 use messages::Health;
 use runtime::{
-    Role, ServiceConfig,
-    service_config::{CONTROL_BUFFER, FIRST_EPOCH, Pace},
+    ServiceConfig,
+    service_config::{CONTROL_BUFFER, Pace},
 };
 
 use crate::{Failure, process::Process};
@@ -82,16 +82,8 @@ pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
 
 fn config(launch: Launch, rate_hz: u32) -> ServiceConfig {
     ServiceConfig {
-        launch,
-        rate_hz: f64::from(rate_hz),
-        pace: Pace::Speed(1.0),
-        max_ticks: None,
         incarnation: 1,
-        epoch: FIRST_EPOCH,
-        role: Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
         supervisor_pid: std::process::id(),
+        ..ServiceConfig::standalone(launch, f64::from(rate_hz), Pace::Speed(1.0))
     }
 }

@@ -199,19 +199,7 @@ fn fused(vector: &Vector) -> FusedState {
 
 /// Returns the course slot's output for an attitude.
 fn published(vector: &Vector) -> AttitudeOutput {
-    let config = ServiceConfig {
-        launch: Launch::default(),
-        rate_hz: 100.0,
-        pace: Pace::Max,
-        max_ticks: None,
-        incarnation: 0,
-        epoch: runtime::service_config::FIRST_EPOCH,
-        role: runtime::Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
-        supervisor_pid: 0,
-    };
+    let config = ServiceConfig::standalone(Launch::default(), 100.0, Pace::Max);
     let mut output = None;
     course::slot(&config).unwrap().offer(fused(vector).into(), &mut |published| output = Some(published));
     output.unwrap()

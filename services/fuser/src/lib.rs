@@ -257,27 +257,14 @@ fn inclination(accel: &AccelPoint) -> Option<Inclination> {
 mod tests {
     use attitude::Complex;
     use launch::Launch;
-    use runtime::{Pace, Role, checkpoint};
+    use runtime::{Pace, checkpoint};
 
     use super::*;
 
     fn slot_with(stage: &str) -> FuserSlot {
         let mut launch = Launch::default();
         launch.fuser.stage = stage.into();
-        let (rate_hz, pace, role) = (100.0, Pace::Max, Role::Owner { from_tick: 0 });
-        let config = ServiceConfig {
-            launch,
-            rate_hz,
-            pace,
-            role,
-            max_ticks: None,
-            incarnation: 1,
-            epoch: 1,
-            prior: None,
-            resume: None,
-            publishes_readings: false,
-            supervisor_pid: 0,
-        };
+        let config = ServiceConfig::standalone(launch, 100.0, Pace::Max);
         slot(&config).unwrap()
     }
 

@@ -56,27 +56,13 @@ impl PollTimer {
 #[cfg(test)]
 mod tests {
     use launch::{Import, Launch};
-    use runtime::{Role, service_config};
+    use runtime::service_config;
 
     use super::*;
 
     fn is_event_driven(rate_hz: f64, pace: service_config::Pace, gateway: Gateway) -> bool {
         let launch = Launch { gateway, ..Launch::default() };
-        let (role, resume, max_ticks, prior) = (Role::Owner { from_tick: 0 }, None, None, None);
-        let (incarnation, epoch, supervisor_pid, publishes_readings) = (1, 1, 0, false);
-        let config = ServiceConfig {
-            launch,
-            rate_hz,
-            pace,
-            max_ticks,
-            incarnation,
-            epoch,
-            role,
-            prior,
-            resume,
-            supervisor_pid,
-            publishes_readings,
-        };
+        let config = ServiceConfig::standalone(launch, rate_hz, pace);
         PollTimer::new(&config).is_event_driven
     }
 

@@ -138,7 +138,7 @@ impl Plan {
             max_ticks,
             publishes_readings: request.publish_readings,
             supervisor_pid: std::process::id(),
-            ..standalone_config(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
+            ..ServiceConfig::standalone(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
         };
         Ok(Self {
             ticks: rows.into_iter().chain(max_ticks).min(),
@@ -160,8 +160,11 @@ impl Plan {
         let max_ticks = flight.schedule.end_tick().into_iter().chain(requested_ticks).min();
         let pace = request.pace.unwrap_or(Pace::Speed(1.0));
         let prior = flight.prior.filter(|_| !request.cold);
-        let config =
-            ServiceConfig { max_ticks, prior, ..standalone_config(flight.launch.clone(), flight.rate_hz, pace) };
+        let config = ServiceConfig {
+            max_ticks,
+            prior,
+            ..ServiceConfig::standalone(flight.launch.clone(), flight.rate_hz, pace)
+        };
         Self {
             ticks: max_ticks,
             stop_after_s: None,
@@ -193,30 +196,13 @@ fn ticks_in(duration_s: f64, rate_hz: f64) -> u64 {
     ((duration_s * rate_hz - ROUNDING_TICKS).ceil() as u64).max(1)
 }
 
-/// Creates the configuration for slots that run without a supervisor.
-fn standalone_config(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
-    ServiceConfig {
-        launch,
-        rate_hz,
-        pace,
-        max_ticks: None,
-        publishes_readings: false,
-        incarnation: 0,
-        epoch: runtime::service_config::FIRST_EPOCH,
-        role: runtime::Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        supervisor_pid: 0,
-    }
-}
-
 /// Validates the stage that fills a slot. The error is shown to the user.
 pub(crate) fn validate(launch: &Launch, slot: Slot) -> Result<(), String> {
     // An external stage validates its settings itself.
     if launch.external_stage(slot).is_some() {
         return Ok(());
     }
-    let config = standalone_config(launch.clone(), 1000.0, Pace::Speed(1.0));
+    let config = ServiceConfig::standalone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let result = match slot {
         Slot::Gyro => gyro::slot(&config).map(|_| ()),
         Slot::Accel => accel::slot(&config).map(|_| ()),

@@ -418,19 +418,7 @@ fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     let mut launch = launch.clone();
     launch.ingest.source = Source::Replay;
     launch.ingest.replay.gyro_samples = trial.gyro_samples;
-    ServiceConfig {
-        launch,
-        rate_hz: trial.rate_hz,
-        pace: Pace::Max,
-        max_ticks: None,
-        incarnation: 0,
-        epoch: runtime::service_config::FIRST_EPOCH,
-        role: runtime::Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
-        supervisor_pid: std::process::id(),
-    }
+    ServiceConfig::standalone(launch, trial.rate_hz, Pace::Max)
 }
 
 /// Run of one chain over one trial, with its statistics and outputs.

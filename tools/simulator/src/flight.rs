@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use ingest::{conditioner::Sample, source::Readings};
 use launch::{Launch, StageConfig};
-use runtime::{Pace, Role, ServiceConfig, service_config::FIRST_EPOCH};
+use runtime::{Pace, ServiceConfig, service_config::FIRST_EPOCH};
 
 /// Number of ticks of the longest flight.
 pub(crate) const MAX_TICKS: u64 = 600;
@@ -56,17 +56,5 @@ pub(crate) fn stage(name: &str) -> StageConfig {
 
 /// Returns the configuration of a stand-alone service that owns its slot.
 pub(crate) fn config(launch: &Launch) -> ServiceConfig {
-    ServiceConfig {
-        launch: launch.clone(),
-        rate_hz: RATE_HZ,
-        pace: Pace::Speed(1.0),
-        max_ticks: None,
-        incarnation: 1,
-        epoch: FIRST_EPOCH,
-        role: Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
-        supervisor_pid: 0,
-    }
+    ServiceConfig { incarnation: 1, ..ServiceConfig::standalone(launch.clone(), RATE_HZ, Pace::Speed(1.0)) }
 }

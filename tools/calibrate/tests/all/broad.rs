@@ -7,7 +7,7 @@ use ingest::source::Reading;
 use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::Collector;
-use runtime::{Pace, Role, ServiceConfig};
+use runtime::{Pace, ServiceConfig};
 use score::trial::{Trial, TrialOptions};
 
 use crate::{
@@ -74,19 +74,7 @@ fn distorted(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
 fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
     let mut launch = Launch::parse("launch.toml", block).unwrap_or_else(|error| panic!("{block}\n{error}"));
     launch.ingest.source = Source::Replay;
-    let config = ServiceConfig {
-        launch,
-        rate_hz: trial.rate_hz,
-        pace: Pace::Max,
-        max_ticks: None,
-        incarnation: 0,
-        epoch: runtime::service_config::FIRST_EPOCH,
-        role: Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
-        supervisor_pid: std::process::id(),
-    };
+    let config = ServiceConfig::standalone(launch, trial.rate_hz, Pace::Max);
     let mut conditioner = ingest::conditioner(&config).unwrap();
     let mut path = pipeline::Path::new(&config).unwrap();
     let mut collector = Collector::new(None).unwrap();

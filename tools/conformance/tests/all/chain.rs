@@ -67,19 +67,7 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
     let mut launch = Launch::default();
     launch.fuser.stage = fuser.into();
     let mut conditioner = Conditioner::new(&launch.ingest, RATE_HZ, GyroSamples::Instants).unwrap();
-    let config = ServiceConfig {
-        launch,
-        rate_hz: RATE_HZ,
-        pace: Pace::Max,
-        max_ticks: None,
-        incarnation: 0,
-        epoch: 1,
-        role: runtime::Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        publishes_readings: false,
-        supervisor_pid: 0,
-    };
+    let config = ServiceConfig::standalone(launch, RATE_HZ, Pace::Max);
     let mut path = pipeline::Path::new(&config).unwrap();
     let (mut next_tick, mut last) = (0, None);
     for (reading, truth) in readings(motion, fault) {
