@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use control::{Diagnostic, ServiceStatus, SwapOutcome, SwapReport};
+use control::{Diagnostic, ServiceStatus, SwapReport, swap_answer::from_answer};
 use link::{
     Endpoints, Link, LinkError,
     endpoints::{Tls, is_secured},
@@ -14,7 +14,7 @@ use link::{
 use wire::{
     command::ControlMessage,
     keys,
-    v1::{self, Services, SwapAnswer, SwapRequest, swap_answer},
+    v1::{self, Services, SwapAnswer, SwapRequest},
 };
 
 /// Timeout for connecting.
@@ -176,7 +176,7 @@ pub(crate) fn swap_over(
     let reply: Result<SwapAnswer, _> =
         link.query_one(&keys::key(vehicle, keys::SWAP), request.to_bytes(), SWAP_TIMEOUT + RESPONSE_TIMEOUT);
     match reply {
-        Ok(reply) => Ok(swap_report(reply)),
+        Ok(answer) => Ok(from_answer(answer)),
         // The vehicle has just responded, so an immediate failure means that an access list denied
         // the query.
         Err(LinkError::NoResponse { .. }) if started.elapsed() < SWAP_TIMEOUT => {
@@ -215,28 +215,5 @@ fn status(status: v1::ServiceStatus) -> ServiceStatus {
         lost,
         address: non_empty(at),
         diagnostics,
-    }
-}
-
-fn swap_report(reply: SwapAnswer) -> SwapReport {
-    let outcome = match reply.outcome() {
-        swap_answer::Outcome::Committed => SwapOutcome::Committed,
-        swap_answer::Outcome::Aborted => SwapOutcome::Aborted,
-        // An outcome that is unknown at the deadline also counts as refused. The reason explains
-        // it.
-        _ => SwapOutcome::Refused,
-    };
-    let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = reply;
-    SwapReport {
-        slot,
-        from,
-        to,
-        commit_tick,
-        lost,
-        duplicated,
-        gap_us: gap_s * 1e6,
-        jump_deg: jump_rad.to_degrees(),
-        outcome,
-        reason: Some(reason).filter(|reason| !reason.is_empty()),
     }
 }

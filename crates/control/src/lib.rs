@@ -14,11 +14,14 @@
 //! | --- | --- |
 //! | `client` | the client side |
 //! | `server` | the supervisor's side |
+//! | `swap_answer` | conversion of swap reports to messages beyond the board, feature `wire` |
 
 #![forbid(unsafe_code)]
 
 mod client;
 mod server;
+#[cfg(feature = "wire")]
+pub mod swap_answer;
 #[cfg(test)]
 mod tests;
 

@@ -10,7 +10,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use control::{SwapOutcome, SwapReport, SwapRequest};
+use control::{SwapRequest, swap_answer::to_answer};
 use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
 use wire::{
@@ -153,7 +153,7 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
         timeout_ms: (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS),
     };
     let reply = match target.swap(request) {
-        Ok(report) => swap_reply(command, report),
+        Ok(report) => to_answer(command.request_id, report),
         Err(reason) => rejection(command, reason),
     };
     if shadow {
@@ -163,28 +163,6 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
         }
     }
     reply
-}
-
-fn swap_reply(command: PageCommand, report: SwapReport) -> SwapAnswer {
-    let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
-    let outcome = match outcome {
-        SwapOutcome::Committed => swap_answer::Outcome::Committed,
-        SwapOutcome::Aborted => swap_answer::Outcome::Aborted,
-        SwapOutcome::Refused => swap_answer::Outcome::Refused,
-    };
-    SwapAnswer {
-        request_id: command.request_id,
-        outcome: outcome.into(),
-        reason: reason.unwrap_or_default(),
-        slot,
-        from,
-        to,
-        commit_tick,
-        lost,
-        duplicated,
-        gap_s: gap_us * 1e-6,
-        jump_rad: jump_deg.to_radians(),
-    }
 }
 
 fn rejection(command: PageCommand, reason: String) -> SwapAnswer {

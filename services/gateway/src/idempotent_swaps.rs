@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use control::{SwapOutcome, SwapReport};
+use control::{SwapReport, swap_answer::to_answer};
 use launch::StageConfig;
 use runtime::clock::monotonic_ns;
 use wire::v1::{SwapAnswer, SwapRequest, swap_answer};
@@ -121,7 +121,7 @@ impl IdempotentSwaps {
 
     fn execute(&self, request: SwapRequest) {
         let reply = match (self.client)(to_supervisor(&request)) {
-            Ok(report) => to_reply(&request, report),
+            Ok(report) => to_answer(request.request_id.clone(), report),
             Err(cause) => rejected(&request, cause),
         };
         let mut state = locked(&self.state);
@@ -169,28 +169,6 @@ fn to_supervisor(request: &SwapRequest) -> control::SwapRequest {
         shadow: false,
         expected_epoch: Some(expected_epoch),
         timeout_ms,
-    }
-}
-
-fn to_reply(request: &SwapRequest, report: SwapReport) -> SwapAnswer {
-    let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
-    let outcome = match outcome {
-        SwapOutcome::Committed => swap_answer::Outcome::Committed,
-        SwapOutcome::Refused => swap_answer::Outcome::Refused,
-        SwapOutcome::Aborted => swap_answer::Outcome::Aborted,
-    };
-    SwapAnswer {
-        request_id: request.request_id.clone(),
-        outcome: outcome.into(),
-        reason: reason.unwrap_or_default(),
-        slot,
-        from,
-        to,
-        commit_tick,
-        lost,
-        duplicated,
-        gap_s: gap_us * 1e-6,
-        jump_rad: jump_deg.to_radians(),
     }
 }
 
