@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{
+    cell::Cell,
     io::{ErrorKind, Read, Write},
     os::unix::net::UnixStream,
     sync::atomic::{AtomicU32, Ordering},
@@ -134,4 +135,33 @@ fn full_queue_fails_without_blocking() {
     assert_eq!(full.kind(), ErrorKind::WouldBlock, "{full}");
     let error = send_request::<u32>(&system.1, &ControlRequest::Status).unwrap_err();
     assert!(error.to_string().contains("too many clients are waiting"), "{error}");
+}
+
+#[test]
+fn notification_is_repeated_until_it_is_answered() {
+    let mut system = TestSystem::new();
+    let TestSystem(_, name, socket, _) = &mut system;
+    let mut requests = 0;
+    thread::scope(|scope| {
+        let sender = scope.spawn(|| notify(name, &ControlRequest::Status, || false));
+        while !sender.is_finished() {
+            for (client, _) in socket.poll_requests() {
+                requests += 1;
+                // The first response has the wrong type.
+                if requests == 1 { socket.respond(client, &7) } else { socket.respond(client, &()) }
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+    });
+    assert!(requests >= 2, "{requests}");
+}
+
+#[test]
+fn notification_ends_with_its_sender() {
+    let attempts = Cell::new(0);
+    notify("test-control-absent", &ControlRequest::Status, || {
+        attempts.set(attempts.get() + 1);
+        attempts.get() == 3
+    });
+    assert_eq!(attempts.get(), 3);
 }
