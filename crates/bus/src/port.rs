@@ -38,7 +38,9 @@ const MAX_PUBLISHERS: usize = 6;
 /// observer.
 const MAX_SUBSCRIBERS: usize = 12 + 2 * MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
-const MAX_SERVICE_PORTS: usize = 24;
+///
+/// A subscriber also keeps the unread messages of as many publishers that have exited.
+pub(crate) const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
 /// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
 /// of the topic. iceoryx2 stores eight attributes of 256 bytes.
