@@ -42,6 +42,10 @@ pub struct SlotLoop<'a, S: Slot> {
     checkpoints: Publisher<Checkpoint>,
     control: Subscriber<Control>,
     shadow: Option<ShadowComparison<S::Output>>,
+    /// Number of messages that are read from one input before the others are polled.
+    batch_size: usize,
+    /// Maximum number of repeated polls in a round.
+    max_polls: usize,
 }
 
 impl<'a, S: Slot> SlotLoop<'a, S> {
@@ -64,7 +68,10 @@ impl<'a, S: Slot> SlotLoop<'a, S> {
         if let Some(error) = resume_error {
             eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
         }
+        let batch_size = context.config.batch_size();
         let mut slot_loop = Self {
+            batch_size,
+            max_polls: inputs.len() * (context.config.buffer_ticks() / batch_size + 1),
             output,
             checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
             control: context.control()?,
@@ -105,32 +112,31 @@ impl<'a, S: Slot> SlotLoop<'a, S> {
     /// Reads the inputs and publishes the outputs of ticks that the service owns.
     fn poll(&mut self) -> Result<(), RuntimeError> {
         self.output.deliver_history()?;
-        let (before, started_ns) = (self.service.ticks(), monotonic_ns());
         let owned_before = self.service.owns_next_tick();
-        let Self { context, inputs, service, output, shadow, .. } = self;
-        let batch_size = context.config.batch_size();
-        let mut polls_left = inputs.len() * (context.config.buffer_ticks() / batch_size + 1);
-        let may_continue = |service: &mut SlotService<S>| {
-            if service.ticks() != before {
-                output.wake();
-            }
+        let Self { context, inputs, service, output, shadow, batch_size, max_polls, .. } = self;
+        let (mut polls_left, mut started_ns) = (*max_polls, None);
+        let may_continue = |_: &mut SlotService<S>| {
+            let now_ns = monotonic_ns();
             polls_left = polls_left.saturating_sub(1);
-            polls_left > 0 && monotonic_ns() - started_ns <= MAX_POLL_NS
+            polls_left > 0 && now_ns - *started_ns.get_or_insert(now_ns) <= MAX_POLL_NS
         };
         poll_fairly(service, inputs.len(), may_continue, SlotService::awaited_input, |service, input| {
-            let (mut count, mut failed) = (0, None);
-            inputs[input].drain(batch_size, &mut |message| {
-                count += 1;
+            let (ticks, mut failed) = (service.ticks(), None);
+            let has_more = inputs[input].drain(*batch_size, &mut |message| {
                 let mut on_computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.record(out));
                 service.offer(message, &mut on_computed, &mut |out| {
                     failed = failed.take().or(publish(output, out).err());
                 });
             })?;
             match (failed, service.failure()) {
-                (Some(error), _) => Err(RuntimeError::from(error)),
-                (None, Some(cause)) => Err(RuntimeError::StageFailed { slot: context.service, cause }),
-                (None, None) => Ok(count),
+                (Some(error), _) => return Err(RuntimeError::from(error)),
+                (None, Some(cause)) => return Err(RuntimeError::StageFailed { slot: context.service, cause }),
+                (None, None) => {}
             }
+            if service.ticks() != ticks {
+                output.wake();
+            }
+            Ok(has_more)
         })?;
         // A health report confirms that the service gave up its ownership, so it is published at
         // once.
