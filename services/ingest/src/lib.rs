@@ -122,8 +122,8 @@ impl PacedIngest {
         Ok(Self { ingest, readings, next, first_ns })
     }
 
-    /// Publishes the samples that are due, or else sleeps until the next one is due or may be
-    /// published.
+    /// Waits until the next sample may be published and is due, and publishes it, with others that
+    /// are due. May return earlier without publishing.
     ///
     /// Returns `false` once there is nothing more to publish.
     ///
@@ -152,8 +152,11 @@ impl PacedIngest {
         };
         if now_ns < due_ns {
             sleep_until_ns(due_ns, MAX_SLEEP);
-            ingest.publish_health(State::RUNNING)?;
-            return Ok(true);
+            // A signal ends the sleep early.
+            if monotonic_ns() < due_ns {
+                ingest.publish_health(State::RUNNING)?;
+                return Ok(true);
+            }
         }
         let batch = if ingest.context.config.pace == Pace::Max { MAX_BATCH_SAMPLES } else { 1 };
         for _ in 0..batch {
