@@ -162,7 +162,7 @@ pub(crate) fn run(variant: Variant, shared_name: &str, rate_hz: u32, seconds: f6
         sink = sink.or(report.sink);
     }
     let SinkReport { latency_us, lost } = sink.ok_or("the sink did not report")?;
-    Ok(Cost { latency_us, cpu_s_per_s, lost })
+    Ok(Cost { latency_us, cpu_s_per_s, lost, phases: None })
 }
 
 /// Runs the first process, which publishes a sample whenever one is due.

@@ -25,6 +25,9 @@
 //! `real` omits only the time before its first sample. Ratios to `raw` (or to `other`) are computed
 //! within each round, and the table shows their medians over the rounds. On a shared machine, only
 //! values from the same run are comparable.
+//!
+//! For `real` and `other` the table also shows the CPU time of the first [`START_S`], and that of a
+//! tick in the rest of the run. The CPU time per second includes both.
 
 mod bus;
 mod chain;
@@ -49,6 +52,10 @@ use table::Table;
 
 /// Warm-up omitted by `raw` and `bus`, s.
 const WARM_UP_S: f64 = 0.5;
+/// Shortest run, s. It has a steady state after its start.
+const MIN_S: f64 = 1.5;
+/// Duration of the start of `real` and `other`, s. The rest of a run is its steady state.
+const START_S: f64 = 1.0;
 const RATES_HZ: [u32; 2] = [1000, 8000];
 
 type Failure = Box<dyn std::error::Error>;
@@ -94,12 +101,25 @@ enum Mode {
     One,
 }
 
-/// Result of a run. For `real` and `other` it is read from the report of `plumb up`.
+/// Result of a run. For `real` and `other` it is read from the report of `plumb up`, except for the
+/// phases.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,
     cpu_s_per_s: f64,
     lost: u64,
+    /// CPU time of the start and of each tick after it; `None` if the start was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    phases: Option<Phases>,
+}
+
+/// CPU time of all processes, in two phases of a run.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Phases {
+    /// CPU time of the first [`START_S`] of a run, s.
+    start_s: f64,
+    /// CPU time of a tick in the rest of the run, µs.
+    tick_us: f64,
 }
 
 /// Latency quantiles, µs.
@@ -125,8 +145,8 @@ fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    if !(0.1..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
-        return Err("expected 0.1 to 60 seconds and 1 to 1000 rounds".into());
+    if !(MIN_S..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
+        return Err(format!("expected {MIN_S} to 60 seconds and 1 to 1000 rounds").into());
     }
     let mut table = Table::new(cli.rounds, cli.seconds);
     for round in 0..cli.rounds {

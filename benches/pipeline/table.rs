@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{Cost, Failure, LatencyUs, Mode, RATES_HZ, Variant, median::median};
+use crate::{Cost, Failure, LatencyUs, Mode, Phases, RATES_HZ, Variant, median::median};
 
 /// Results of the runs in all rounds.
 #[derive(Serialize)]
@@ -43,9 +43,19 @@ struct Row {
     ratio_p50: f64,
     /// Ratio of the CPU time to that of `raw` in the same round.
     ratio_cpu: f64,
-    /// Ratios of `real` to `other` in the same round: median latency and CPU time.
+    /// Ratios of `real` to `other` in the same round: median latency, CPU time, CPU time of the
+    /// start and CPU time per tick.
     #[serde(skip_serializing_if = "Option::is_none")]
-    to_other: Option<[f64; 2]>,
+    to_other: Option<[f64; 4]>,
+}
+
+/// Returns the medians of the phases, or `None` if they were not measured.
+fn phases(costs: &[Cost]) -> Option<Phases> {
+    let measured: Vec<Phases> = costs.iter().filter_map(|cost| cost.phases).collect();
+    (!measured.is_empty()).then(|| Phases {
+        start_s: median(measured.iter().map(|phases| phases.start_s)),
+        tick_us: median(measured.iter().map(|phases| phases.tick_us)),
+    })
 }
 
 impl Table {
@@ -87,7 +97,12 @@ impl Table {
         let ratio = |to: &[Cost], pick: fn(&Cost) -> f64| {
             median(costs.iter().zip(to).map(|(cost, reference)| pick(cost) / pick(reference)))
         };
-        let picks: [fn(&Cost) -> f64; 2] = [|cost| cost.latency_us.p50, |cost| cost.cpu_s_per_s];
+        let picks: [fn(&Cost) -> f64; 4] = [
+            |cost| cost.latency_us.p50,
+            |cost| cost.cpu_s_per_s,
+            |cost| cost.phases.map_or(f64::NAN, |phases| phases.start_s),
+            |cost| cost.phases.map_or(f64::NAN, |phases| phases.tick_us),
+        ];
         let compares = condition.variant == Variant::Real && !other.is_empty();
         Row {
             condition,
@@ -100,6 +115,7 @@ impl Table {
                 },
                 cpu_s_per_s: over(|cost| cost.cpu_s_per_s),
                 lost: costs.iter().map(|cost| cost.lost).sum(),
+                phases: phases(&costs),
             },
             ratio_p50: ratio(&raw, picks[0]),
             ratio_cpu: ratio(&raw, picks[1]),
@@ -118,8 +134,20 @@ impl fmt::Display for Table {
         writeln!(f, "medians over {} rounds of {} s; max: largest; lost: sum", self.rounds, self.seconds)?;
         writeln!(
             f,
-            "{:5} {:>5}  {:7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>6} {:>9} {:>9}",
-            "cores", "Hz", "variant", "p50 µs", "p99 µs", "p99.9 µs", "max µs", "CPU s/s", "lost", "p50/raw", "CPU/raw"
+            "{:5} {:>5}  {:7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>6} {:>9} {:>9}  {:>7} {:>7}",
+            "cores",
+            "Hz",
+            "variant",
+            "p50 µs",
+            "p99 µs",
+            "p99.9 µs",
+            "max µs",
+            "CPU s/s",
+            "lost",
+            "p50/raw",
+            "CPU/raw",
+            "start s",
+            "tick µs"
         )?;
         for Row { condition, cost, ratio_p50, ratio_cpu, to_other } in self.rows() {
             let LatencyUs { p50, p99, p999, max } = cost.latency_us;
@@ -138,8 +166,13 @@ impl fmt::Display for Table {
                 "{cores:5} {:>5}  {variant:7} {p50:>8.1} {p99:>8.1} {p999:>8.1} {max:>8.0} {:>8.3} {:>6} {ratio_p50:>9.2} {ratio_cpu:>9.2}",
                 condition.rate_hz, cost.cpu_s_per_s, cost.lost
             )?;
+            if let Some(Phases { start_s, tick_us }) = cost.phases {
+                write!(f, "  {start_s:>7.3} {tick_us:>7.1}")?;
+            }
             match to_other {
-                Some([p50, cpu]) => writeln!(f, "  to other: p50 {p50:.2}, CPU {cpu:.2}")?,
+                Some([p50, cpu, start, tick]) => {
+                    writeln!(f, "  to other: p50 {p50:.2}, CPU {cpu:.2}, start {start:.2}, tick {tick:.2}")?;
+                }
                 None => writeln!(f)?,
             }
         }

@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use graph::Entry;
+use graph::{Entry, Service};
 use iceoryx2::{
     node::Node,
     port::{
@@ -14,7 +14,7 @@ use iceoryx2::{
         update_connections::UpdateConnections,
     },
     prelude::{
-        Alignment, AttributeVerifier, CallbackProgression, Config, MessagingPattern, PortFactory as _, Service,
+        Alignment, AttributeVerifier, CallbackProgression, Config, MessagingPattern, PortFactory as _, Service as _,
         ServiceName, ipc,
     },
     service::{
@@ -30,13 +30,16 @@ use crate::{error::BusError, limits::MAX_OBSERVERS, machine_limits::describe_cau
 /// Maximum number of publishers of a topic: owner, candidate and feeder, and the same number of
 /// killed processes that are not yet cleaned up.
 const MAX_PUBLISHERS: usize = 6;
-/// Maximum number of subscribers of a topic. This covers two services, each with an owner, a
-/// candidate and a killed process that is not yet cleaned up. It also covers the gateway and a
-/// killed predecessor; the supervisor, its recorder and its input check; and two subscriptions per
-/// observer.
-const MAX_SUBSCRIBERS: usize = 12 + 2 * MAX_OBSERVERS;
+/// Maximum number of subscriptions of a service to a topic: owner, candidate and a killed process
+/// that is not yet cleaned up.
+const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
+/// Maximum number of other subscriptions to a topic: the gateway and a killed predecessor; the
+/// supervisor, its recorder and its input check; two per observer; and a spare one.
+const MAX_OTHER_SUBSCRIPTIONS: usize = 6 + 2 * MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
-const MAX_SERVICE_PORTS: usize = 24;
+///
+/// A subscriber also keeps the unread messages of as many publishers that have exited.
+pub(crate) const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
 /// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
 /// of the topic. iceoryx2 stores eight attributes of 256 bytes.
@@ -113,6 +116,9 @@ impl BusTopic {
     ) -> Result<Self, BusError> {
         let (name, builder) = builder(node, topic.name)?;
         let publishers = if topic.publisher.is_many() { MAX_SERVICE_PORTS } else { MAX_PUBLISHERS };
+        // Each message that a publisher sends costs time for every subscription that may exist.
+        let services = Service::ALL.into_iter().filter(|service| topic.is_subscribed_by(*service)).count();
+        let subscribers = MAX_SERVICE_SUBSCRIPTIONS * services + MAX_OTHER_SUBSCRIPTIONS;
         let topic = topic.name;
         let factory = builder
             .enable_safe_overflow(true)
@@ -120,7 +126,7 @@ impl BusTopic {
             .history_size(buffer)
             .subscriber_max_borrowed_samples(1)
             .max_publishers(publishers)
-            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_subscribers(subscribers)
             .max_nodes(MAX_NODES)
             .open_or_create_with_attributes(&required_layout(topic, layout)?)
             .map_err(|cause| open_error(node.config(), topic, &name, layout, buffer, &cause))?;

@@ -14,6 +14,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::{
     BusError, owned_files,
+    port::MAX_SERVICE_PORTS,
     shared_state::{SHARED_STATE_BYTES, SharedState},
 };
 
@@ -211,6 +212,9 @@ impl SystemName {
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
+        // iceoryx2 visits this number of places for each message that it receives, and its default
+        // is 128.
+        config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_SERVICE_PORTS;
         config
     }
 

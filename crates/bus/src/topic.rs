@@ -185,20 +185,33 @@ impl<M: Message> Subscriber<M> {
     /// Returns the oldest unread message, or `None` if all messages have been read.
     pub fn receive(&self) -> Result<Option<M>, BusError> {
         let mut message = None;
-        if !self.port.receive(&mut |bytes| message = bytemuck::try_pod_read_unaligned(bytes).ok())? {
-            return Ok(None);
+        self.receive_with(&mut |received| message = Some(received))?;
+        Ok(message)
+    }
+
+    /// Passes the oldest unread message to `handle`. Returns `false` if all messages have been
+    /// read.
+    fn receive_with(&self, handle: &mut impl FnMut(M)) -> Result<bool, BusError> {
+        let mut is_valid = true;
+        let received = self.port.receive(&mut |bytes| match bytemuck::try_pod_read_unaligned(bytes) {
+            Ok(message) => handle(message),
+            Err(_) => is_valid = false,
+        })?;
+        if is_valid {
+            return Ok(received);
         }
-        let cause = || format!("the message does not have {} bytes", size_of::<M>());
-        message.map(Some).ok_or_else(|| BusError::Receive { topic: M::TOPIC.name, cause: cause() })
+        let cause = format!("the message does not have {} bytes", size_of::<M>());
+        Err(BusError::Receive { topic: M::TOPIC.name, cause })
     }
 
     /// Passes up to `limit` unread messages to `handle`, oldest first.
+    ///
+    /// `handle` must not receive from this subscriber.
     pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
         self.observed.set(self.waker.current());
         for _ in 0..limit {
-            match self.receive()? {
-                Some(message) => handle(message),
-                None => return Ok(()),
+            if !self.receive_with(&mut handle)? {
+                return Ok(());
             }
         }
         // Messages may remain, so the next wait must return immediately.

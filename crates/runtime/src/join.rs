@@ -11,7 +11,7 @@
 //! it, skipped it or is absent, and the same holds for every sparse input named by the tick's
 //! flags. An incomplete tick is released once any input is `lateness_ticks` ahead of it.
 
-use std::collections::VecDeque;
+use std::{cmp::Reverse, collections::VecDeque};
 
 use messages::{Flags, Ticked};
 use swap::Sequence;
@@ -55,6 +55,8 @@ pub struct JoinInput<M> {
     publisher: u32,
     /// First tick for which the input has no publisher; `u64::MAX` while it has one.
     absent_from: u64,
+    /// Number of messages that the join had received when this input's newest one arrived.
+    arrival: u64,
 }
 
 impl<M: Ticked> Default for JoinInput<M> {
@@ -66,7 +68,7 @@ impl<M: Ticked> Default for JoinInput<M> {
 impl<M> JoinInput<M> {
     /// Creates a sparse input for ticks with `flag`, or a dense input if it is [`Flags::NONE`].
     pub fn new(flag: Flags) -> Self {
-        Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX }
+        Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX, arrival: 0 }
     }
 
     /// Sets the first tick for which the input has no publisher; `u64::MAX` if it has one.
@@ -78,9 +80,9 @@ impl<M> JoinInput<M> {
 impl<M: TickStamped> JoinInput<M> {
     /// Returns the status, from which the join determines the next tick.
     pub fn status(&self) -> InputStatus {
-        let Self { flag, next_tick, absent_from, .. } = *self;
+        let Self { flag, next_tick, absent_from, arrival, .. } = *self;
         let front = self.queue.front().map(|message| (message.tick(), message.flags()));
-        InputStatus { flag, next_tick, absent_from, front, is_full: self.queue.len() >= MAX_QUEUED }
+        InputStatus { flag, next_tick, absent_from, arrival, front, is_full: self.queue.len() >= MAX_QUEUED }
     }
 
     /// Removes and returns the message of `tick`, discarding older messages.
@@ -110,6 +112,7 @@ pub struct InputStatus {
     flag: Flags,
     next_tick: u64,
     absent_from: u64,
+    arrival: u64,
     front: Option<(u64, Flags)>,
     is_full: bool,
 }
@@ -191,6 +194,8 @@ pub struct Join<I> {
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
+    /// Number of messages received.
+    arrivals: u64,
 }
 
 /// One tick of the joined stream.
@@ -208,7 +213,15 @@ impl<I: JoinInputs> Join<I> {
     /// Creates a join that waits `lateness_ticks` for a missing message.
     pub fn new(inputs: I, lateness_ticks: u64) -> Self {
         let sequence = Sequence::default();
-        Self { inputs, lateness_ticks, backlog_end: 0, backlog_deadline: 0, emits_empty_ticks: false, sequence }
+        Self {
+            inputs,
+            lateness_ticks,
+            backlog_end: 0,
+            backlog_deadline: 0,
+            emits_empty_ticks: false,
+            sequence,
+            arrivals: 0,
+        }
     }
 
     /// Creates a join that also emits ticks for which no input has a message.
@@ -244,6 +257,8 @@ impl<I: JoinInputs> Join<I> {
     /// Queues a message at the input that `select` returns, or discards it if that is `None`.
     pub fn offer<M: TickStamped>(&mut self, select: impl FnOnce(&mut I) -> Option<&mut JoinInput<M>>, message: M) {
         if let Some(input) = select(&mut self.inputs) {
+            self.arrivals += 1;
+            input.arrival = self.arrivals;
             input.offer(message, &mut self.sequence);
         }
         if self.sequence.next_tick < self.backlog_end {
@@ -339,12 +354,17 @@ impl<I: JoinInputs> Join<I> {
 
     /// Returns the index of the input that is furthest behind among the dense inputs that have a
     /// publisher.
+    ///
+    /// Of several inputs at the same tick, it is the one whose message arrived last. The others
+    /// have usually delivered the next tick by the time that this one does, so that a service waits
+    /// only once per tick.
     fn slowest_input(&self) -> usize {
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {
-            let (next_tick, is_published) = (input.next_tick, input.next_tick < input.absent_from);
-            if input.is_dense() && is_published && slowest.is_none_or(|(least, _)| next_tick < least) {
-                slowest = Some((next_tick, index));
+            let position = (input.next_tick, Reverse(input.arrival));
+            let is_published = input.next_tick < input.absent_from;
+            if input.is_dense() && is_published && slowest.is_none_or(|(least, _)| position < least) {
+                slowest = Some((position, index));
             }
             index += 1;
         });
@@ -460,6 +480,19 @@ mod tests {
         assert_eq!(join.sequence().duplicated, 1, "a late message is dropped");
         join.accel(1, NONE);
         assert_eq!(join.drain(), [(1, "both", 0)]);
+    }
+
+    #[test]
+    fn join_awaits_the_input_that_arrived_last() {
+        let mut join = join(1000);
+        join.accel(0, NONE);
+        join.gyro(0, NONE);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![(0, "both", 0)], 0));
+        join.gyro(1, NONE);
+        join.accel(1, NONE);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![(1, "both", 0)], 1));
+        join.accel(2, NONE);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 0), "gyro is behind");
     }
 
     #[test]

@@ -53,7 +53,7 @@ pub use error::RuntimeError;
 pub use join::{Join, JoinInput, JoinInputs, Joined};
 pub use ordered_subscriber::{OrderedSubscriber, SlotInput};
 pub use prior::{Prior, PriorEstimate};
-pub use service::serve;
+pub use service::{SlotLoop, serve};
 pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;
 pub use slot::{SingleInputSlot, SlotProcessor, TickProcessor};

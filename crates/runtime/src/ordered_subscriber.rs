@@ -14,8 +14,8 @@ const MAX_PUBLISHERS: usize = 3;
 
 /// Subscription of a slot to one of its inputs.
 pub trait SlotInput<I> {
-    /// Passes up to `limit` available messages to `take`.
-    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
+    /// Passes up to `limit` available messages to `take`. Returns `true` if there may be more.
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<bool, BusError>;
     /// Sleeps until a message is published, for at most `limit`.
     fn wait(&self, limit: Duration) -> WaitOutcome;
     /// Returns the tick after the highest one announced for publication.
@@ -75,15 +75,19 @@ impl<M: Ticked> OrderedStream<M> {
         take: &mut dyn FnMut(M),
     ) -> Result<(), E> {
         let Self { reorder_buffer, staged } = self;
-        let mut in_order = true;
+        let (mut in_order, mut left) = (true, limit);
         let result = read(&mut |message| {
+            // No other message precedes the next tick, so that it need not be staged.
+            if staged.is_empty() && left > 0 && message.header().tick == reorder_buffer.sequence().next_tick {
+                left -= 1;
+                return reorder_buffer.offer(message, &mut |message, _| take(message));
+            }
             in_order &= staged.back().is_none_or(|last| last.header().tick <= message.header().tick);
             staged.push_back(message);
         });
         if !in_order {
             staged.make_contiguous().sort_by_key(|message| message.header().tick);
         }
-        let mut left = limit;
         while let Some(message) = staged.pop_front() {
             let is_new = message.header().tick >= reorder_buffer.sequence().next_tick;
             if is_new && left == 0 {
@@ -129,9 +133,11 @@ impl<M: Ticked> OrderedSubscriber<M> {
 }
 
 impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
-    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<bool, BusError> {
         let read = |stage: &mut dyn FnMut(M)| self.subscriber.drain(self.max_read, stage);
-        self.stream.borrow_mut().advance(limit, read, &mut |message| take(message.into()))
+        let mut stream = self.stream.borrow_mut();
+        stream.advance(limit, read, &mut |message| take(message.into()))?;
+        Ok(stream.has_staged())
     }
 
     fn wait(&self, limit: Duration) -> WaitOutcome {
@@ -150,8 +156,13 @@ impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
 }
 
 impl<I: From<M>, M: Message> SlotInput<I> for Subscriber<M> {
-    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
-        Subscriber::drain(self, limit, |message| take(message.into()))
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<bool, BusError> {
+        let mut count = 0;
+        Subscriber::drain(self, limit, |message| {
+            count += 1;
+            take(message.into());
+        })?;
+        Ok(count == limit)
     }
 
     fn wait(&self, limit: Duration) -> WaitOutcome {

@@ -4,7 +4,7 @@ use bus::{BusError, Publisher, Subscriber};
 use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
-    Role, RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, input_scheduling::poll_fairly,
+    Role, RuntimeError, ServiceContext, clock::monotonic_ns, input_scheduling::poll_fairly,
     ordered_subscriber::SlotInput, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::SlotProcessor,
     slot_service::SlotService,
 };
@@ -25,81 +25,117 @@ pub fn serve<S: SlotProcessor>(
     slot: S,
     inputs: &[&dyn SlotInput<S::Input>],
 ) -> Result<(), RuntimeError> {
-    let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
-    let output: Publisher<S::Output> = context.publisher()?;
-    let (service, resume_error) = SlotService::new(slot, &context.config, input_tick, output.next_tick());
-    if let Some(error) = resume_error {
-        eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
-    }
-    let mut slot_loop = SlotLoop {
-        output,
-        checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
-        control: context.control()?,
-        shadow: match context.config.role {
-            Role::Owner { .. } => None,
-            Role::Candidate => Some(ShadowComparison::new(&context)?),
-        },
-        service,
-        context,
-    };
-    slot_loop.publish_health(inputs, State::READY)?;
-    slot_loop.context.bus.wake_all();
+    let mut slot_loop = SlotLoop::start(context, slot, inputs)?;
     while !slot_loop.context.should_stop() {
-        slot_loop.poll(inputs)?;
-        slot_loop.apply_decisions()?;
-        slot_loop.publish_checkpoint()?;
-        let state = if slot_loop.service.ticks() > 0 { State::RUNNING } else { State::READY };
-        slot_loop.publish_health(inputs, state)?;
-        if let Some(awaited) = inputs.get(slot_loop.service.awaited_input()) {
-            slot_loop.context.wait(*awaited);
-        }
+        slot_loop.run_round()?;
+        slot_loop.wait();
     }
     Ok(())
 }
 
-/// State of the main loop.
-struct SlotLoop<S: SlotProcessor> {
+/// Main loop of a slot's service.
+pub struct SlotLoop<'a, S: SlotProcessor> {
     context: ServiceContext,
+    inputs: &'a [&'a dyn SlotInput<S::Input>],
     service: SlotService<S>,
     output: Publisher<S::Output>,
     checkpoints: Publisher<Checkpoint>,
     control: Subscriber<Control>,
     shadow: Option<ShadowComparison<S::Output>>,
+    /// Number of messages that are read from one input before the others are polled.
+    batch_size: usize,
+    /// Maximum number of repeated polls in a round.
+    max_polls: usize,
 }
 
-impl<S: SlotProcessor> SlotLoop<S>
-where
-    S::Output: Comparable,
-{
-    /// Reads the inputs and publishes the outputs of ticks that the service owns.
-    fn poll(&mut self, inputs: &[&dyn SlotInput<S::Input>]) -> Result<(), RuntimeError> {
-        self.output.deliver_history()?;
-        let (before, started_ns) = (self.service.ticks(), monotonic_ns());
-        let owned_before = self.service.owns_next_tick();
-        let Self { context, service, output, shadow, .. } = self;
+impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
+    /// Opens the topics of the service and reports that it is ready.
+    ///
+    /// `inputs` are in the order in which the slot numbers its inputs.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the bus fails.
+    pub fn start(
+        context: ServiceContext,
+        slot: S,
+        inputs: &'a [&'a dyn SlotInput<S::Input>],
+    ) -> Result<Self, RuntimeError> {
+        let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
+        let output: Publisher<S::Output> = context.publisher()?;
+        let (service, resume_error) = SlotService::new(slot, &context.config, input_tick, output.next_tick());
+        if let Some(error) = resume_error {
+            eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
+        }
         let batch_size = context.config.batch_size();
-        let mut polls_left = inputs.len() * (context.config.buffer_ticks() / batch_size + 1);
-        let may_continue = |service: &mut SlotService<S>| {
-            if service.ticks() != before {
-                output.wake();
-            }
+        let mut slot_loop = Self {
+            batch_size,
+            max_polls: inputs.len() * (context.config.buffer_ticks() / batch_size + 1),
+            output,
+            checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
+            control: context.control()?,
+            shadow: match context.config.role {
+                Role::Owner { .. } => None,
+                Role::Candidate => Some(ShadowComparison::new(&context)?),
+            },
+            service,
+            inputs,
+            context,
+        };
+        slot_loop.publish_health(State::READY)?;
+        slot_loop.context.bus.wake_all();
+        Ok(slot_loop)
+    }
+
+    /// Handles all available messages and decisions, and publishes what is due.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the bus fails or the stage fails permanently.
+    pub fn run_round(&mut self) -> Result<(), RuntimeError> {
+        self.poll()?;
+        self.apply_decisions()?;
+        self.publish_checkpoint()?;
+        let state = if self.service.ticks() > 0 { State::RUNNING } else { State::READY };
+        self.publish_health(state)
+    }
+
+    /// Sleeps until the input that the next output is waiting for has a message, or until the
+    /// maximum sleep time has passed.
+    pub fn wait(&mut self) {
+        if let Some(awaited) = self.inputs.get(self.service.awaited_input()) {
+            self.context.wait(*awaited);
+        }
+    }
+
+    /// Reads the inputs and publishes the outputs of ticks that the service owns.
+    fn poll(&mut self) -> Result<(), RuntimeError> {
+        self.output.deliver_history()?;
+        let owned_before = self.service.owns_next_tick();
+        let Self { context, inputs, service, output, shadow, batch_size, max_polls, .. } = self;
+        let (mut polls_left, mut started_ns) = (*max_polls, None);
+        let may_continue = |_: &mut SlotService<S>| {
+            let now_ns = monotonic_ns();
             polls_left = polls_left.saturating_sub(1);
-            polls_left > 0 && monotonic_ns() - started_ns <= MAX_POLL_NS
+            polls_left > 0 && now_ns - *started_ns.get_or_insert(now_ns) <= MAX_POLL_NS
         };
         poll_fairly(service, inputs.len(), may_continue, SlotService::awaited_input, |service, input| {
-            let (mut count, mut failed) = (0, None);
-            inputs[input].drain(batch_size, &mut |message| {
-                count += 1;
+            let (ticks, mut failed) = (service.ticks(), None);
+            let has_more = inputs[input].drain(*batch_size, &mut |message| {
                 let mut on_computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.record(out));
                 service.offer(message, &mut on_computed, &mut |out| {
                     failed = failed.take().or(publish(output, out).err());
                 });
             })?;
             match (failed, service.failure()) {
-                (Some(error), _) => Err(RuntimeError::from(error)),
-                (None, Some(cause)) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
-                (None, None) => Ok(count),
+                (Some(error), _) => return Err(RuntimeError::from(error)),
+                (None, Some(cause)) => return Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
+                (None, None) => {}
             }
+            if service.ticks() != ticks {
+                output.wake();
+            }
+            Ok(has_more)
         })?;
         // A health report confirms that the service gave up its ownership, so it is published at
         // once.
@@ -138,11 +174,11 @@ where
         }
     }
 
-    fn publish_health(&mut self, inputs: &[&dyn SlotInput<S::Input>], state: State) -> Result<(), RuntimeError> {
-        let service = &self.service;
-        self.context.publish_health(state, |health| {
+    fn publish_health(&mut self, state: State) -> Result<(), RuntimeError> {
+        let Self { context, inputs, service, .. } = self;
+        context.publish_health(state, |health| {
             service.fill_health(health);
-            for input in inputs {
+            for input in *inputs {
                 let [duplicated, repeated] = input.repeated();
                 health.duplicated += duplicated;
                 health.repeated += repeated;

@@ -80,6 +80,15 @@ impl ServiceContext {
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
             return Err(invalid("the supervisor has exited".into()));
         }
+        Self::with_config(service, config)
+    }
+
+    /// Joins the bus with the given configuration.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the bus cannot be joined.
+    pub fn with_config(service: Service, config: ServiceConfig) -> Result<Self, RuntimeError> {
         let bus = Bus::join(&SystemName::new(&config.launch.name)?, service.name())?;
         let health = bus.publisher(CONTROL_BUFFER)?;
         let last_health = Health {

@@ -62,12 +62,110 @@ impl From<BusError> for IngestError {
 ///
 /// Returns an error if the bus or the source fails.
 pub fn run() -> Result<(), IngestError> {
-    let mut ingest = Ingest::join()?;
-    match ingest.context.config.launch.ingest.source {
-        source if source.is_repeatable() => ingest.publish_paced()?,
-        _ => ingest.relay_bus()?,
-    }
+    let context = ServiceContext::join(Service::Ingest)?;
+    let mut ingest = match context.config.launch.ingest.source {
+        source if source.is_repeatable() => {
+            let mut paced = PacedIngest::start(context)?;
+            while paced.run_round()? {}
+            paced.ingest
+        }
+        _ => {
+            let mut ingest = Ingest::new(context)?;
+            ingest.relay_bus()?;
+            ingest
+        }
+    };
     ingest.finish()
+}
+
+/// Publishes the readings of a simulation or a recording when they are due.
+pub struct PacedIngest {
+    ingest: Ingest,
+    readings: Readings,
+    /// Next sample; `None` at the end of the source.
+    next: Option<Sample>,
+    /// End of the first sample's interval on the source's clock, ns.
+    first_ns: i64,
+}
+
+impl PacedIngest {
+    /// Opens source and topics, and computes again the ticks that an earlier incarnation published,
+    /// to restore the conditioner's state.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the bus or the source fails.
+    pub fn start(context: ServiceContext) -> Result<Self, IngestError> {
+        let mut ingest = Ingest::new(context)?;
+        let mut readings = Readings::open(&ingest.context.config.launch)?;
+        ingest.publish_health(State::READY)?;
+        ingest.context.bus.wake_all();
+        let mut next = ingest.read(&mut readings)?;
+        let first_ns = next.as_ref().map_or(0, |sample| sample.imu.header.t_end_ns);
+        while let (false, Some(_)) =
+            (ingest.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < ingest.resume_tick))
+        {
+            next = ingest.read(&mut readings)?;
+            ingest.publish_health(State::READY)?;
+        }
+        Ok(Self { ingest, readings, next, first_ns })
+    }
+
+    /// Waits until the next sample may be published and is due, and publishes it, with others that
+    /// are due. May return earlier without publishing.
+    ///
+    /// Returns `false` once there is nothing more to publish.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the bus or the source fails.
+    pub fn run_round(&mut self) -> Result<bool, IngestError> {
+        let Self { ingest, readings, next, first_ns } = self;
+        let (false, Some(sample)) = (ingest.context.should_stop(), &*next) else { return Ok(false) };
+        ingest.drain_credit()?;
+        ingest.deliver_history()?;
+        let (tick, t_end_ns) = (sample.imu.header.tick, sample.imu.header.t_end_ns);
+        if ingest.end_tick.is_some_and(|end_tick| tick >= end_tick) {
+            return Ok(false);
+        }
+        if tick >= ingest.allowed_ticks {
+            ingest.publish_health(if ingest.published_ticks > 0 { State::RUNNING } else { State::READY })?;
+            ingest.context.wait::<Credit>(&ingest.credit);
+            return Ok(true);
+        }
+        let now_ns = monotonic_ns();
+        let due_ns = match ingest.context.config.pace {
+            Pace::Max => 0,
+            Pace::Speed(_) if tick < ingest.catch_up_end_tick => 0,
+            Pace::Speed(speed) => ingest.due_ns(t_end_ns - *first_ns, speed, now_ns),
+        };
+        if now_ns < due_ns {
+            sleep_until_ns(due_ns, MAX_SLEEP);
+            // A signal ends the sleep early.
+            if monotonic_ns() < due_ns {
+                ingest.publish_health(State::RUNNING)?;
+                return Ok(true);
+            }
+        }
+        let batch = if ingest.context.config.pace == Pace::Max { MAX_BATCH_SAMPLES } else { 1 };
+        for _ in 0..batch {
+            let Some(sample) = next.take_if(|sample| sample.imu.header.tick < ingest.allowed_ticks) else {
+                break;
+            };
+            ingest.publish(sample)?;
+            if batch == 1 {
+                // Wakes the subscribers before the next reading is computed, because computing it
+                // takes time.
+                ingest.imu.wake();
+            }
+            *next = ingest.read(readings)?;
+        }
+        if batch > 1 {
+            ingest.imu.wake();
+        }
+        ingest.publish_health(State::RUNNING)?;
+        Ok(true)
+    }
 }
 
 struct Ingest {
@@ -98,8 +196,7 @@ struct Ingest {
 }
 
 impl Ingest {
-    fn join() -> Result<Self, IngestError> {
-        let context = ServiceContext::join(Service::Ingest)?;
+    fn new(context: ServiceContext) -> Result<Self, IngestError> {
         runtime::clock::minimise_timer_slack();
         let mut conditioner = conditioner(&context.config)?;
         let (mut resume_tick, mut catch_up_end_tick, mut start_ns) = (0, 0, 0);
@@ -133,65 +230,6 @@ impl Ingest {
             published_ticks: resume_tick,
             flags: Flags::NONE,
         })
-    }
-
-    /// Publishes the readings of a simulation or a recording when they are due.
-    fn publish_paced(&mut self) -> Result<(), IngestError> {
-        let mut readings = Readings::open(&self.context.config.launch)?;
-        self.publish_health(State::READY)?;
-        self.context.bus.wake_all();
-        let mut next = self.read(&mut readings)?;
-        let Some(first_ns) = next.as_ref().map(|sample| sample.imu.header.t_end_ns) else { return Ok(()) };
-        // Ticks that an earlier incarnation published are computed again to restore the
-        // conditioner's state.
-        while let (false, Some(_)) =
-            (self.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < self.resume_tick))
-        {
-            next = self.read(&mut readings)?;
-            self.publish_health(State::READY)?;
-        }
-        while let (false, Some(sample)) = (self.context.should_stop(), &next) {
-            self.drain_credit()?;
-            self.deliver_history()?;
-            if self.end_tick.is_some_and(|end_tick| sample.imu.header.tick >= end_tick) {
-                break;
-            }
-            if sample.imu.header.tick >= self.allowed_ticks {
-                self.publish_health(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
-                self.context.wait::<Credit>(&self.credit);
-                continue;
-            }
-            let t_end_ns = sample.imu.header.t_end_ns;
-            let now_ns = monotonic_ns();
-            let due_ns = match self.context.config.pace {
-                Pace::Max => 0,
-                Pace::Speed(_) if sample.imu.header.tick < self.catch_up_end_tick => 0,
-                Pace::Speed(speed) => self.due_ns(t_end_ns - first_ns, speed, now_ns),
-            };
-            if now_ns < due_ns {
-                sleep_until_ns(due_ns, MAX_SLEEP);
-                self.publish_health(State::RUNNING)?;
-                continue;
-            }
-            let batch = if self.context.config.pace == Pace::Max { MAX_BATCH_SAMPLES } else { 1 };
-            for _ in 0..batch {
-                let Some(sample) = next.take_if(|sample| sample.imu.header.tick < self.allowed_ticks) else {
-                    break;
-                };
-                self.publish(sample)?;
-                if batch == 1 {
-                    // Wakes the subscribers before the next reading is computed, because computing
-                    // it takes time.
-                    self.imu.wake();
-                }
-                next = self.read(&mut readings)?;
-            }
-            if batch > 1 {
-                self.imu.wake();
-            }
-            self.publish_health(State::RUNNING)?;
-        }
-        Ok(())
     }
 
     /// Returns the time at which a reading is due, CLOCK_MONOTONIC, ns.

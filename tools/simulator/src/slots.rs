@@ -222,20 +222,20 @@ impl<S: SlotProcessor> Worker<S> {
     fn process_inputs(&mut self, context: &mut PollContext<'_>) -> bool {
         let Self { service, inputs, output, health, .. } = self;
         let (count, mut skipped) = (inputs.len(), vec![false; inputs.len()]);
-        let poll = |service: &mut SlotService<S>, input: usize| -> Result<usize, Killed> {
+        let poll = |service: &mut SlotService<S>, input: usize| -> Result<bool, Killed> {
             // Simulates a message that arrives just after its input was polled. It is read by the
             // next poll.
             if context.random.chance(50) && !std::mem::replace(&mut skipped[input], true) {
-                return Ok(0);
+                return Ok(false);
             }
             let (mut messages, mut outputs) = (Vec::new(), Vec::new());
             inputs[input](context.bus, context.random, &mut messages);
-            let received = messages.len();
+            let has_more = !messages.is_empty();
             for message in messages {
                 service.offer(message, &mut |_| {}, &mut |output| outputs.push(output));
             }
             let is_alive = publish(output(context.bus), health.incarnation, outputs, &mut context.deliveries_left);
-            if is_alive { Ok(received) } else { Err(Killed) }
+            if is_alive { Ok(has_more) } else { Err(Killed) }
         };
         poll_fairly(service, count, |_| true, SlotService::awaited_input, poll).is_ok()
     }

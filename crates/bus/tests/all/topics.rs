@@ -108,6 +108,23 @@ fn late_subscriber_starts_with_next_message() {
 }
 
 #[test]
+fn messages_of_many_exited_publishers_are_received() {
+    const PUBLISHERS: u64 = 20;
+    let Pair { here, there, .. } = &pair();
+    let subscriber = there.subscriber::<Health>(BUFFER).unwrap();
+    let publishers: Vec<_> = (0..PUBLISHERS).map(|_| here.publisher::<Health>(BUFFER).unwrap()).collect();
+    assert_eq!(subscriber.receive().unwrap(), None, "connects the subscriber");
+    for (ticks, publisher) in (0..).zip(&publishers) {
+        publisher.send(&Health { ticks, ..Health::zeroed() }).unwrap();
+    }
+    drop(publishers);
+    let mut received: Vec<u64> =
+        std::iter::from_fn(|| subscriber.receive().unwrap()).map(|health| health.ticks).collect();
+    received.sort_unstable();
+    assert_eq!(received, Vec::from_iter(0..PUBLISHERS));
+}
+
+#[test]
 fn waiter_is_woken_by_messages() {
     let Pair { there, system_name, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
