@@ -20,8 +20,8 @@ keys! {
     /// Settings of the cockpit service, which serves a web page of the system.
     #[derive(Eq)]
     pub struct Cockpit {
-        /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is in
-        /// use, the next free one is used.
+        /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is
+        /// in use, the next free one is used.
         listen: SocketAddr = (Ipv4Addr::LOCALHOST, PORT).into(), By(listen);
         /// Server certificate and key, PEM. If set, viewing requires a token, even on the loopback.
         tls: Option<CockpitTls> = None, Optional(Table(CockpitTls::read));

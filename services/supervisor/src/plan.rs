@@ -239,7 +239,7 @@ fn read_launch(request: &Request) -> Result<Launch, UpError> {
     for (service, feature) in &request.absent_services {
         match file {
             Some(file) if launch.services.contains(service) => {
-                return Err(UpError::AbsentService { file: file.into(), service: service.name(), feature: *feature });
+                return Err(UpError::AbsentService { file: file.into(), service: service.name(), feature });
             }
             _ => launch.services.retain(|listed| listed != service),
         }

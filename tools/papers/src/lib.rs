@@ -2,8 +2,8 @@
 //!
 //! Input: a paper and a folder.
 //!
-//! Output: each figure and table as SVG, and one HTML page with all papers reproduced in the folder.
-//! Tables are also available as text.
+//! Output: each figure and table as SVG, and one HTML page with all papers reproduced in the
+//! folder. Tables are also available as text.
 //!
 //! Failure: a file cannot be written, or the section of a previously reproduced paper cannot be
 //! read.
