@@ -19,6 +19,7 @@ mod levelling;
 mod multiple_model;
 mod scalars;
 mod scenarios;
+mod sets;
 mod steps;
 mod vehicles;
 mod warm_start;
