@@ -20,8 +20,8 @@ pub(super) struct Set {
 pub(super) const SETS: [Set; 5] = [
     Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.80, 1.65, 0.57] },
     Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 1.6] },
-    Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [4.30, 2.80, 2.9] },
-    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [22.0, 21.0, 2.7] },
+    Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [3.20, 2.80, 1.5] },
+    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [21.0, 20.8, 1.5] },
     Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [20.0, 16.5, 9.8] },
 ];
 
