@@ -121,7 +121,7 @@ fn nav_pvt_flags_limit_what_is_used() {
     };
     // fixType: none, dead reckoning, two-dimensional, three-dimensional, combined, time only.
     let by_type = [0, 1, 2, 3, 4, 5, 255].map(|kind| sd(fix(&[(20, kind)])));
-    assert_eq!(by_type, [None, None, Some(1.0), Some(0.087), Some(0.087), None, None]);
+    assert_eq!(by_type, [None, None, Some(1.0), Some(87.0 * 1e-3), Some(87.0 * 1e-3), None, None]);
     assert_eq!(fix(&[(21, 0xfe)]), None, "gnssFixOK is not set");
     for valid in [0b1101, 0b1110, 0] {
         assert_eq!(fix(&[(11, valid)]).map(|found| found.time), Some(None), "valid = {valid:b}");
