@@ -136,8 +136,9 @@ impl FlowMonitor {
 
     /// Sets the delivery counts of a remote observer.
     ///
-    /// From then on, the number of missed messages is the number of lost messages in these counts.
-    /// Gaps between ticks do not count as missed, because the configured topic rate may omit ticks.
+    /// After this call, the number of missed messages is the number of lost messages in these
+    /// counts. Gaps between ticks no longer count as missed, because the configured topic rate may
+    /// omit ticks.
     pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);
     }

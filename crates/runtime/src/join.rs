@@ -355,9 +355,9 @@ impl<I: JoinInputs> Join<I> {
     /// Returns the index of the input that is furthest behind among the dense inputs that have a
     /// publisher.
     ///
-    /// Of several inputs at the same tick, it is the one whose message arrived last. The others
-    /// have usually delivered the next tick by the time that this one does, so that a service waits
-    /// only once per tick.
+    /// If several inputs are at the same tick, the result is the one that received its message
+    /// last. When this input receives the next tick, the others usually have it already, so a
+    /// service waits only once per tick.
     fn slowest_input(&self) -> usize {
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {

@@ -146,8 +146,8 @@ impl From<FlightReplayError> for UpError {
 impl UpError {
     /// Returns the exit code of `plumb`.
     ///
-    /// It is 3 for an invalid configuration or input file, 2 for an invalid command line, otherwise
-    /// 1.
+    /// The code is 3 for an invalid configuration or input file, 2 for an invalid command line, and
+    /// 1 for every other error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,

@@ -44,8 +44,8 @@ impl SimulatedReceiver {
 
 /// Returns the velocity of the antenna over ground, m/s.
 ///
-/// It is v + Aᵀ (ω × r), with v the velocity of the sensors, A the matrix from reference to body
-/// axes, ω the body rate and r the position of the antenna relative to the sensors.
+/// The velocity is v + Aᵀ (ω × r), with v the velocity of the sensors, A the matrix from reference
+/// to body axes, ω the body rate and r the position of the antenna relative to the sensors.
 fn antenna_velocity_m_s(body: &mut Body, antenna_m: Vector3<f64>, t_s: f64) -> Vector3<f64> {
     let velocity_m_s = body.velocity_m_s(t_s);
     let truth = body.at(t_s);

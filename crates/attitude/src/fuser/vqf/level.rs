@@ -58,10 +58,9 @@ impl Vqf {
         })
     }
 
-    /// Returns the state of the force low-pass filter.
+    /// Returns the state of the force low-pass filter, or `None` during its initial averaging.
     ///
-    /// It is `None` during the filter's initial averaging, which ends after one time constant or
-    /// when a level is handed over.
+    /// The initial averaging ends after one time constant or when a level is handed over.
     pub(super) fn force_low_pass(&self) -> Option<ForceLowPass> {
         let ([pulse, _], resting, interval_s) = self.low_pass_response();
         let state = self.filter.state();

@@ -399,7 +399,8 @@ impl GyroErrorFilter {
     /// level error. This error cannot be distinguished from noise until the averaging time of the
     /// innovations has passed. Until then the gain is at least that of a mean, 1/(1 + number of
     /// updates). If the level was set from one sample, the tilt is then exactly the mean over time.
-    /// Its variance, however, falls as if each update interval contained one measurement.
+    /// The variance of the tilt, however, falls as if each update interval contained one
+    /// measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
