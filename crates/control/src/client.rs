@@ -124,8 +124,8 @@ pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
     Ok(stream)
 }
 
-/// Sends a notification and retries until the supervisor has responded, [`NOTIFY_TIMEOUT`] has
-/// elapsed or `should_stop` returns `true`.
+/// Sends a notification and retries until the supervisor has responded, 30 s have elapsed or
+/// `should_stop` returns `true`.
 ///
 /// A service can start before the control socket is open. A notification that is not delivered is
 /// dropped.
