@@ -1,6 +1,6 @@
 //! Leaky velocity of a levelling loop, in the form in which fusers hand it over.
 //!
-//! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 3 s in `wz`.
+//! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 2 s in `wz`.
 //! V summarises the accelerations of the last seconds. The loop tilts its level at a rate
 //! proportional to V. If V is not handed over, the new loop mistakes the braking at the end of a
 //! movement for a tilt.

@@ -1,7 +1,5 @@
 //! Fuser `wz` on accelerating and turning vehicles: no unannounced jumps, and errors compared with
 //! the errors of VQF.
-//!
-//! The level error of `wz` may exceed that of VQF, because the loop of `wz` is less damped.
 use attitude::{
     GRAVITY_M_S2, Quaternion, Vector3,
     accel::Projector,
@@ -80,8 +78,7 @@ fn vehicle_manoeuvres_cause_no_unannounced_jump() {
             previous = fused.attitude;
         }
         println!("{name}: worst inclination error of wz {wz_deg:.1}°, of VQF {vqf_deg:.1}°");
-        // In response to a step input, the underdamped second-order loop overshoots by a quarter of
-        // the step, much more than a Butterworth filter does.
+        // The loop may overshoot by a quarter of a step, much more than a Butterworth filter does.
         assert!(wz_deg < 1.35 * vqf_deg + 2.0, "{name}: {wz_deg}°, VQF {vqf_deg}°");
     }
 }

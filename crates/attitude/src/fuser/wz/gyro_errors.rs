@@ -23,12 +23,12 @@
 use core::f64::consts::PI;
 
 use super::{
+    T1_S,
     initial_velocity::InitialVelocityEstimator,
     level::{LoopError, LoopResponse},
     noise::{self, InnovationNoise},
     settings::Settings,
     tilt_fault::TiltFaultMonitor,
-    time_constants::T1_S,
 };
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
@@ -129,6 +129,47 @@ type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
 type ErrorCovariance = SMatrix<f64, GYRO_ERRORS, GYRO_ERRORS>;
 
+/// Input of an update.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct UpdateInput {
+    pub(super) rate_rad_s: Vector3<f64>,
+    /// Tilt that the loop has applied since the last update, rad.
+    pub(super) tilt_correction_rad: Complex<f64>,
+    /// Mean rate at rest, rad/s; `None` while the body moves.
+    pub(super) bias_at_rest: Option<Vector3<f64>>,
+    /// Leaky velocity of the loop divided by g, s.
+    pub(super) loop_velocity_s: Complex<f64>,
+    /// Time constant of the loop's tilt, s.
+    pub(super) t2_s: f64,
+}
+
+/// State at the end of an interval, before its measurement is used.
+#[derive(Debug, Clone, Copy)]
+struct Prediction {
+    innovation: Complex<f64>,
+    /// Mean levelled force divided by g.
+    force: Complex<f64>,
+    interval_s: f64,
+}
+
+/// Samples accumulated since the last update, and the gyro errors that were removed from them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Samples {
+    drift: [Complex<f64>; GYRO_ERRORS],
+    outage_s: f64,
+    force_dt_m_s: Complex<f64>,
+    since_update_s: f64,
+    bias_rad_s: Vector3<f64>,
+    scale: Vector3<f64>,
+}
+
+impl Samples {
+    /// Returns the duration of the samples, s.
+    pub(super) fn interval_s(&self) -> f64 {
+        self.since_update_s
+    }
+}
+
 /// Kalman filter of gyro bias and scale.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GyroErrorFilter {
@@ -153,6 +194,10 @@ pub(super) struct GyroErrorFilter {
     norm_dt_m_s: f64,
     since_update_s: f64,
     tilt_sd_rad: f64,
+    /// Standard deviation of the bias about a horizontal axis, rad/s.
+    horizontal_bias_sd_rad_s: f64,
+    /// Limit of the bias's standard deviation, rad/s.
+    max_bias_sd_rad_s: f64,
     force_noise: InnovationNoise,
     velocity_noise: InnovationNoise,
     /// Set unless the level was adopted from another stage. If set, the force may show the error of
@@ -195,6 +240,8 @@ impl GyroErrorFilter {
             norm_dt_m_s: 0.0,
             since_update_s: 0.0,
             tilt_sd_rad: level_sd,
+            horizontal_bias_sd_rad_s: bias_sd,
+            max_bias_sd_rad_s: MAX_BIAS_SD_RAD_S,
             force_noise: InnovationNoise::new(INITIAL_FORCE_INNOVATION_SD),
             velocity_noise: InnovationNoise::new(INITIAL_VELOCITY_INNOVATION_SD_S),
             is_initial_level: true,
@@ -226,6 +273,93 @@ impl GyroErrorFilter {
             filter.covariance[(i, i)] = sd * sd;
         }
         filter
+    }
+
+    /// Creates a copy in which the standard deviation of the bias is `bias_sd_rad_s`. It is updated
+    /// by [`Self::update_unused`].
+    pub(super) fn with_unknown_bias(&self, bias_sd_rad_s: f64) -> Self {
+        let mut copy = Self { max_bias_sd_rad_s: bias_sd_rad_s, ..self.clone() };
+        for i in BIAS..SCALE {
+            copy.covariance.row_mut(i).fill(0.0);
+            copy.covariance.column_mut(i).fill(0.0);
+            copy.covariance[(i, i)] = bias_sd_rad_s * bias_sd_rad_s;
+        }
+        copy
+    }
+
+    /// Returns the samples accumulated since the last update.
+    pub(super) fn samples(&self) -> Samples {
+        let Self { bias_rad_s, scale, drift, outage_s, force_dt_m_s, since_update_s, .. } = *self;
+        Samples { drift, outage_s, force_dt_m_s, since_update_s, bias_rad_s, scale }
+    }
+
+    /// Updates a filter that runs in parallel. The errors removed from the samples are those in
+    /// `samples`.
+    ///
+    /// `corrected_rad` is the tilt that was corrected on behalf of the other filter.
+    pub(super) fn update_unused(
+        &mut self,
+        samples: &Samples,
+        input: &UpdateInput,
+        corrected_rad: Complex<f64>,
+        settings: &Settings,
+    ) {
+        self.drift = samples.drift;
+        self.outage_s = samples.outage_s;
+        self.force_dt_m_s = samples.force_dt_m_s;
+        self.since_update_s = samples.since_update_s;
+        // The samples contain the difference between the errors of the two filters.
+        let bias_rad_s = self.bias_rad_s - samples.bias_rad_s;
+        let scale = self.scale - samples.scale;
+        for (drift, error) in samples.drift.iter().zip(bias_rad_s.iter().chain(scale.iter())) {
+            self.tilt_rad -= J * *drift * *error;
+        }
+        let Prediction { innovation, interval_s, .. } = self.predict(input, settings);
+        let change = self.measure(innovation, interval_s);
+        self.apply(&change);
+        self.tilt_rad -= corrected_rad;
+    }
+
+    /// Returns the squared distance between the biases of two filters in standard deviations.
+    pub(super) fn bias_distance2(&self, other: &Self) -> f64 {
+        let difference_rad_s = self.bias_rad_s - other.bias_rad_s;
+        let covariance: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(BIAS, BIAS).into();
+        covariance.cholesky().map_or(0.0, |factor| difference_rad_s.dot(&factor.solve(&difference_rad_s)))
+    }
+
+    /// Returns the norm of the difference between the biases of two filters, rad/s.
+    pub(super) fn bias_difference_rad_s(&self, other: &Self) -> f64 {
+        (self.bias_rad_s - other.bias_rad_s).norm()
+    }
+
+    /// Prepares a parallel filter for use with the loop. Returns the error of the loop, including
+    /// the velocity, which is an artefact of the wrong bias.
+    pub(super) fn take_over(&mut self, loop_velocity_s: Complex<f64>) -> LoopError {
+        self.loop_sensitivity = [LoopError::default(); GYRO_ERRORS];
+        self.tilt_sensitivity = [0.0, 0.0];
+        self.initial_velocity = InitialVelocityEstimator::default();
+        self.tilt_fault = TiltFaultMonitor::default();
+        self.is_initial_level = false;
+        self.from_one_sample = false;
+        LoopError { tilt: core::mem::take(&mut self.tilt_rad), velocity: loop_velocity_s }
+    }
+
+    /// Returns the standard deviation of the bias about a direction in body axes, rad/s.
+    pub(super) fn bias_sd_about(&self, direction: Vector3<f64>) -> f64 {
+        let covariance: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(BIAS, BIAS).into();
+        libm::sqrt(direction.dot(&(covariance * direction)).max(0.0))
+    }
+
+    /// Returns the standard deviation of the bias about a horizontal axis, rad/s.
+    pub(super) fn horizontal_bias_sd_rad_s(&self) -> f64 {
+        self.horizontal_bias_sd_rad_s
+    }
+
+    /// Returns the standard deviation of the drift about one horizontal axis, rad.
+    fn bias_sd_across(&self, drift: &[Complex<f64>; GYRO_ERRORS]) -> f64 {
+        let across = Vector3::new(drift[0].re, drift[1].re, drift[2].re);
+        let along = Vector3::new(drift[0].im, drift[1].im, drift[2].im);
+        libm::hypot(self.bias_sd_about(across), self.bias_sd_about(along)) * core::f64::consts::FRAC_1_SQRT_2
     }
 
     /// Returns the standard deviation of the remaining error of the loop's initial velocity, m/s.
@@ -334,57 +468,57 @@ impl GyroErrorFilter {
     /// Updates the filter and returns the loop error that remains to be corrected.
     ///
     /// This error is the accumulated effect of the gyro errors and of the initial level error.
-    /// `tilt_correction_rad` is the tilt that the loop has applied since the last update.
-    /// `loop_velocity_s` is the loop's leaky velocity over g.
     #[inline(never)]
-    pub(super) fn update(
-        &mut self,
-        rate_rad_s: Vector3<f64>,
-        tilt_correction_rad: Complex<f64>,
-        bias_at_rest: Option<Vector3<f64>>,
-        loop_velocity_s: Complex<f64>,
-        settings: &Settings,
-    ) -> LoopError {
-        let interval_s = self.since_update_s;
-        let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
-        let drift = core::mem::take(&mut self.drift).map(|horizontal| -J * horizontal);
-        let norm = core::mem::take(&mut self.norm_dt_m_s) / (GRAVITY_M_S2 * interval_s);
-        self.force_dt_m_s = Complex::new(0.0, 0.0);
-        self.since_update_s = 0.0;
-        let rate2 = rate_rad_s.norm_squared().min(MAX_RATE_RAD_S * MAX_RATE_RAD_S);
-        self.propagate(&drift, rate2, interval_s, settings);
-        self.inflate_tilt_covariance();
-        self.propagate_sensitivity(&drift, interval_s);
-
-        // The mean force refers to the middle of the interval, by which half of the tilt correction
-        // had been applied.
-        let innovation = force - self.tilt_rad + tilt_correction_rad * 0.5;
-        self.tilt_rad -= tilt_correction_rad;
+    pub(super) fn update(&mut self, input: &UpdateInput, settings: &Settings) -> LoopError {
+        let UpdateInput { tilt_correction_rad, bias_at_rest, loop_velocity_s, t2_s, .. } = *input;
+        let norm = core::mem::take(&mut self.norm_dt_m_s) / (GRAVITY_M_S2 * self.since_update_s);
+        let Prediction { innovation, force, interval_s } = self.predict(input, settings);
         if let Some(level_error_rad) = self.tilt_fault.observe(innovation, force, norm, interval_s) {
             return self.reset_after_tilt_fault(level_error_rad, loop_velocity_s);
         }
-        let decay = decay(interval_s);
-        self.velocity_s = self.velocity_s * decay + force * interval_s;
-        self.tilt_velocity_s = self.tilt_velocity_s * decay + (self.tilt_rad + tilt_correction_rad * 0.5) * interval_s;
         let mut change = self.measure(innovation, interval_s);
-        if let Some(bias_rad_s) = bias_at_rest {
+        let error = if let Some(bias_rad_s) = bias_at_rest {
             self.set_bias_at_rest(bias_rad_s - self.bias_rad_s, &mut change);
-        }
-        self.bias_rad_s += change.fixed_rows::<3>(BIAS);
-        self.scale = (self.scale + change.fixed_rows::<3>(SCALE)).map(|m| m.clamp(-MAX_SCALE, MAX_SCALE));
-        self.tilt_velocity_s += Complex::new(change[VELOCITY], change[VELOCITY + 1]);
-        let tilt = Complex::new(change[TILT], change[TILT + 1]);
-        let error = if bias_at_rest.is_some() {
             self.settle_at_rest(loop_velocity_s, force - tilt_correction_rad * 0.5)
         } else {
             self.loop_error(&change)
         };
-        self.tilt_rad += tilt - error.tilt;
+        self.apply(&change);
+        self.tilt_rad -= error.tilt;
         let variance = self.tilt_variance_rad2();
-        let initial = self.initial_velocity.observe(self.tilt_rad, variance, interval_s);
+        let initial = self.initial_velocity.observe(self.tilt_rad, variance, interval_s, t2_s);
         self.tilt_rad -= initial.tilt;
         self.tilt_sd_rad = libm::sqrt(0.5 * self.tilt_rad.norm_sqr() + variance);
         LoopError { tilt: error.tilt + initial.tilt, velocity: error.velocity + initial.velocity }
+    }
+
+    /// Propagates the filter to the end of the interval and returns the innovation of the force.
+    fn predict(&mut self, input: &UpdateInput, settings: &Settings) -> Prediction {
+        let UpdateInput { rate_rad_s, tilt_correction_rad, t2_s, .. } = *input;
+        let interval_s = core::mem::take(&mut self.since_update_s);
+        let force = core::mem::take(&mut self.force_dt_m_s) / (GRAVITY_M_S2 * interval_s);
+        let drift = core::mem::take(&mut self.drift).map(|horizontal| -J * horizontal);
+        let rate2 = rate_rad_s.norm_squared().min(MAX_RATE_RAD_S * MAX_RATE_RAD_S);
+        self.propagate(&drift, rate2, interval_s, settings);
+        self.inflate_tilt_covariance();
+        self.propagate_sensitivity(&drift, interval_s, t2_s);
+        self.horizontal_bias_sd_rad_s = self.bias_sd_across(&drift) / interval_s;
+        // The mean force refers to the middle of the interval, by which half of the tilt correction
+        // had been applied.
+        let innovation = force - self.tilt_rad + tilt_correction_rad * 0.5;
+        self.tilt_rad -= tilt_correction_rad;
+        let decay = decay(interval_s);
+        self.velocity_s = self.velocity_s * decay + force * interval_s;
+        self.tilt_velocity_s = self.tilt_velocity_s * decay + (self.tilt_rad + tilt_correction_rad * 0.5) * interval_s;
+        Prediction { innovation, force, interval_s }
+    }
+
+    /// Adds a change of the state.
+    fn apply(&mut self, change: &State) {
+        self.bias_rad_s += change.fixed_rows::<3>(BIAS);
+        self.scale = (self.scale + change.fixed_rows::<3>(SCALE)).map(|m| m.clamp(-MAX_SCALE, MAX_SCALE));
+        self.tilt_velocity_s += Complex::new(change[VELOCITY], change[VELOCITY + 1]);
+        self.tilt_rad += Complex::new(change[TILT], change[TILT + 1]);
     }
 
     /// Returns the variance of the tilt about one axis, rad².
@@ -488,6 +622,7 @@ impl GyroErrorFilter {
 
     /// Propagates the covariance: P ← F P Fᵀ + Q.
     fn propagate(&mut self, drift: &[Complex<f64>; GYRO_ERRORS], rate2: f64, interval_s: f64, settings: &Settings) {
+        let max_bias_sd_rad_s = self.max_bias_sd_rad_s;
         let p = &mut self.covariance;
         let decay = decay(interval_s);
         let (across, along) = (drift.map(|drift| drift.re), drift.map(|drift| drift.im));
@@ -522,7 +657,7 @@ impl GyroErrorFilter {
         for i in 0..VELOCITY {
             let (walk2, max_sd) = match i {
                 TILT..BIAS => (tilt_walk2, 1.0),
-                BIAS..SCALE => (bias_walk2, MAX_BIAS_SD_RAD_S),
+                BIAS..SCALE => (bias_walk2, max_bias_sd_rad_s),
                 _ => (square(SCALE_WALK), MAX_SCALE_SD),
             };
             p[(i, i)] += walk2 * interval_s;
@@ -545,8 +680,8 @@ impl GyroErrorFilter {
 
     /// Propagates the sensitivities of the loop over an interval. Half of the drift is applied at
     /// the start of the interval, the other half at its end.
-    fn propagate_sensitivity(&mut self, drift: &[Complex<f64>; GYRO_ERRORS], interval_s: f64) {
-        let response = LoopResponse::new(interval_s);
+    fn propagate_sensitivity(&mut self, drift: &[Complex<f64>; GYRO_ERRORS], interval_s: f64, t2_s: f64) {
+        let response = LoopResponse::new(interval_s, t2_s);
         let [e0, w0] = self.tilt_sensitivity;
         let [e1, w1] = response.apply(e0, w0);
         for (sensitivity, drift) in self.loop_sensitivity.iter_mut().zip(drift) {
@@ -595,6 +730,8 @@ impl GyroErrorFilter {
             .or_else(|| self.velocity_noise.validation_error())
             .or_else(|| self.tilt_fault.validation_error())
             .or_else(|| self.initial_velocity.validation_error())
+            .or((self.horizontal_bias_sd_rad_s < 0.0 || self.max_bias_sd_rad_s <= 0.0)
+                .then_some("a standard deviation of the bias below zero"))
             .or((self.since_update_s < 0.0 || self.outage_s < 0.0 || self.tilt_sd_rad < 0.0)
                 .then_some("a time or standard deviation below zero"))
     }
@@ -612,7 +749,12 @@ impl Scalars for GyroErrorFilter {
         self.tilt_rad.visit(visit);
         self.velocity_s.visit(visit);
         self.tilt_velocity_s.visit(visit);
-        self.covariance.iter_mut().for_each(&mut *visit);
+        for i in 0..STATES {
+            for j in i..STATES {
+                visit(&mut self.covariance[(i, j)]);
+                self.covariance[(j, i)] = self.covariance[(i, j)];
+            }
+        }
         for sensitivity in &mut self.loop_sensitivity {
             sensitivity.tilt.visit(visit);
             sensitivity.velocity.visit(visit);
@@ -624,6 +766,8 @@ impl Scalars for GyroErrorFilter {
         self.norm_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);
         self.tilt_sd_rad.visit(visit);
+        self.horizontal_bias_sd_rad_s.visit(visit);
+        self.max_bias_sd_rad_s.visit(visit);
         self.force_noise.visit(visit);
         self.velocity_noise.visit(visit);
         self.is_initial_level.visit(visit);

@@ -6,10 +6,7 @@
 //! from the tilt found by the gyro error filter. The less certain the adopted level, the smaller
 //! the correction.
 
-use super::{
-    level::{LoopError, LoopResponse},
-    time_constants::T2_S,
-};
+use super::level::{LoopError, LoopResponse};
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
 /// Tilt error of the loop during a movement, rad: 1°.
@@ -33,13 +30,19 @@ impl InitialVelocityEstimator {
     /// Updates the estimate after `interval_s` and returns the error of the loop to be corrected.
     ///
     /// `tilt_rad` and `tilt_variance_rad2` are the loop's tilt error as estimated by the gyro error
-    /// filter, and its variance.
-    pub(super) fn observe(&mut self, tilt_rad: Complex<f64>, tilt_variance_rad2: f64, interval_s: f64) -> LoopError {
+    /// filter, and its variance. `t2_s` is the time constant of the tilt.
+    pub(super) fn observe(
+        &mut self,
+        tilt_rad: Complex<f64>,
+        tilt_variance_rad2: f64,
+        interval_s: f64,
+        t2_s: f64,
+    ) -> LoopError {
         let [tilt, velocity] = self.sensitivity;
-        self.sensitivity = LoopResponse::new(interval_s).apply(tilt, velocity);
+        self.sensitivity = LoopResponse::new(interval_s, t2_s).apply(tilt, velocity);
         // Other tilt errors of the loop stay correlated over its time constant, which raises their
         // effective variance.
-        let noise_rad2 = (LOOP_TILT_SD_RAD * LOOP_TILT_SD_RAD + tilt_variance_rad2) * (T2_S / interval_s).max(1.0);
+        let noise_rad2 = (LOOP_TILT_SD_RAD * LOOP_TILT_SD_RAD + tilt_variance_rad2) * (t2_s / interval_s).max(1.0);
         let [tilt, velocity] = self.sensitivity;
         let gain = self.variance_s2 * tilt / (tilt * tilt * self.variance_s2 + noise_rad2);
         self.variance_s2 *= (1.0 - gain * tilt).max(0.0);

@@ -6,10 +6,7 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use super::{
-    correction_smoothing,
-    time_constants::{T1_S, T2_S},
-};
+use super::{T1_S, correction_smoothing, time_constants::TiltTimeConstant};
 use crate::{
     Complex, GRAVITY_M_S2,
     fuser::leaky_velocity::LeakyVelocity,
@@ -19,9 +16,6 @@ use crate::{
     stage::attitude_validation_error,
     state::{Attitude, AttitudeUpdate, BodyAxes},
 };
-
-/// Factor from the leaky velocity, m/s, to half the tilt rate, rad/s.
-const HALF_TILT_RATE_PER_VELOCITY: f64 = 0.5 / (GRAVITY_M_S2 * T1_S * T2_S);
 
 /// Largest correction that is applied gradually, rad: 0.5°. A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.008_726_646;
@@ -38,6 +32,7 @@ pub(super) struct Level {
     /// Known tilt error that is still to be corrected, rad, in the frame of fixed azimuth.
     pending_rad: Complex<f64>,
     started: bool,
+    time_constant: TiltTimeConstant,
 }
 
 /// Error of the levelling loop: its tilt and its velocity.
@@ -55,20 +50,20 @@ pub(super) struct LoopError {
 pub(super) struct LoopResponse {
     c0: f64,
     c1: f64,
+    /// 1/(T1 T2), 1/s².
+    stiffness: f64,
 }
 
 impl LoopResponse {
-    const A: f64 = 1.0 / (T1_S * T2_S);
-    const B: f64 = 1.0 / T1_S;
+    const DECAY: f64 = 1.0 / T1_S;
 
     /// Computes e^{At} by the Cayley–Hamilton theorem, to third order.
-    pub(super) fn new(interval_s: f64) -> Self {
-        const A: f64 = LoopResponse::A;
-        const B: f64 = LoopResponse::B;
-        let t = interval_s;
-        let c0 = 1.0 - t * t * (A / 2.0 - t * (A * B / 6.0));
-        let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - A) / 6.0)));
-        Self { c0, c1 }
+    pub(super) fn new(interval_s: f64, t2_s: f64) -> Self {
+        const B: f64 = LoopResponse::DECAY;
+        let (t, a) = (interval_s, 1.0 / (T1_S * t2_s));
+        let c0 = 1.0 - t * t * (a / 2.0 - t * (a * B / 6.0));
+        let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - a) / 6.0)));
+        Self { c0, c1, stiffness: a }
     }
 
     /// Returns the tilt and the velocity divided by g after the interval.
@@ -76,8 +71,8 @@ impl LoopResponse {
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,
     {
-        let Self { c0, c1 } = self;
-        [tilt * c0 - velocity * (Self::A * c1), tilt * c1 + velocity * (c0 - Self::B * c1)]
+        let Self { c0, c1, stiffness } = self;
+        [tilt * c0 - velocity * (stiffness * c1), tilt * c1 + velocity * (c0 - Self::DECAY * c1)]
     }
 }
 
@@ -98,6 +93,7 @@ impl Level {
             last_velocity_m_s: velocity_m_s,
             pending_rad: zero,
             started: true,
+            time_constant: TiltTimeConstant::default(),
         }
     }
 
@@ -127,6 +123,22 @@ impl Level {
         self.velocity_m_s / GRAVITY_M_S2
     }
 
+    /// Returns the time constant of the tilt, s.
+    pub(super) fn t2_s(&self) -> f64 {
+        self.time_constant.t2_s()
+    }
+
+    /// Returns the factor from the leaky velocity, m/s, to half the tilt rate, rad/s.
+    #[inline]
+    fn half_tilt_rate_per_velocity(&self) -> f64 {
+        0.5 / (GRAVITY_M_S2 * T1_S * self.time_constant.t2_s())
+    }
+
+    /// Adapts the time constant of the tilt to the motion (see `time_constants`).
+    pub(super) fn adapt(&mut self, rate2_rad2_s2: f64, bias_sd_rad_s: f64, interval_s: f64) {
+        self.time_constant.update(self.velocity_m_s, rate2_rad2_s2, bias_sd_rad_s, interval_s);
+    }
+
     /// Returns `true` once an inclination has set the level.
     pub(super) fn is_started(&self) -> bool {
         self.started
@@ -152,7 +164,7 @@ impl Level {
     pub(super) fn propagate(&mut self, rotation: Rotation, dt_s: f64, levelling_s: f64) -> BodyAxes {
         let smoothed_rad = self.pending_rad * correction_smoothing::fraction(self.pending_rad.norm_sqr(), dt_s);
         self.pending_rad -= smoothed_rad;
-        let tilt = smoothed_rad * 0.5 + self.velocity_m_s * (HALF_TILT_RATE_PER_VELOCITY * levelling_s);
+        let tilt = smoothed_rad * 0.5 + self.velocity_m_s * (self.half_tilt_rate_per_velocity() * levelling_s);
         self.attitude.rotate_and_tilt(rotation, tilt * self.azimuth.conj(), &mut self.azimuth)
     }
 
@@ -184,7 +196,7 @@ impl Level {
         self.azimuth *= 1.5 - 0.5 * self.azimuth.norm_sqr();
         let change_m_s = self.velocity_m_s - self.last_velocity_m_s;
         self.last_velocity_m_s = self.velocity_m_s;
-        (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE_PER_VELOCITY * T1_S)
+        (force_dt_m_s - change_m_s) * (2.0 * self.half_tilt_rate_per_velocity() * T1_S)
     }
 
     /// Corrects a known error of the loop. Returns `true` if the level jumps.
@@ -214,6 +226,7 @@ impl Level {
         let mismatch = (self.azimuth - Complex::new(cos, sin)).norm_sqr();
         attitude_validation_error(self.attitude)
             .or((mismatch > 1e-6).then_some("an azimuth that does not match the attitude"))
+            .or_else(|| self.time_constant.validation_error())
     }
 }
 
@@ -225,5 +238,6 @@ impl Scalars for Level {
         self.last_velocity_m_s.visit(visit);
         self.pending_rad.visit(visit);
         self.started.visit(visit);
+        self.time_constant.visit(visit);
     }
 }

@@ -17,7 +17,9 @@
 //! | file | content |
 //! | --- | --- |
 //! | `level` | attitude and leaky velocity of the levelling loop |
+//! | `time_constants` | time constant of the tilt, adapted to the motion |
 //! | `gyro_errors` | Kalman filter of gyro bias and scale |
+//! | `wide_bias` | second filter, for a large bias |
 //! | `noise` | noise of the filter's measurements, from its innovations |
 //! | `tilt_fault` | detection of a wrong level |
 //! | `initial_velocity` | correction of an adopted leaky velocity |
@@ -35,6 +37,9 @@ mod reported_sd;
 mod settings;
 mod tilt_fault;
 mod time_constants;
+mod wide_bias;
+
+use core::f64::consts::PI;
 
 use super::{
     estimate::Estimate,
@@ -53,12 +58,15 @@ use crate::{
 };
 pub(super) use settings::SHARED_WITH_AIDED;
 use {
-    gyro_errors::GyroErrorFilter,
+    gyro_errors::{GyroErrorFilter, UpdateInput},
     heading::{Heading, HeadingInput},
-    level::Level,
+    level::{Level, LoopError},
     settings::Settings,
+    wide_bias::WideBiasFilter,
 };
 
+/// Time constant T1 of the leaky velocity, s. The damping of the loop, ½√(T2/T1), is at least 0.5.
+const T1_S: f64 = 2.0;
 /// Longest interval over which one rate sample may be integrated, s. The motion of a body over a
 /// longer interval is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
@@ -69,6 +77,7 @@ pub struct Wz {
     settings: Settings,
     level: Level,
     gyro_errors: GyroErrorFilter,
+    wide_bias: WideBiasFilter,
     rest: RestDetector,
     heading: Heading,
     /// Duration of the last motion with a positive interval, s. A tick without a motion is assumed
@@ -84,6 +93,7 @@ impl Default for Wz {
             settings: Settings::default(),
             level: Level::new(),
             gyro_errors: GyroErrorFilter::default(),
+            wide_bias: WideBiasFilter::default(),
             rest: RestDetector::default(),
             heading: Heading::default(),
             last_interval_s: 0.0,
@@ -111,8 +121,17 @@ impl Wz {
     pub(super) fn realign(&mut self) {
         self.level.restart();
         self.gyro_errors.restart(true);
+        self.wide_bias.restart();
         self.rest = RestDetector::default();
         self.heading.realign();
+    }
+
+    /// Returns the standard deviation of the tilt about one axis, rad.
+    ///
+    /// A bias that is suspected, but not removed, tilts the level by its horizontal part times T2.
+    fn tilt_sd_rad(&self) -> f64 {
+        let suspected_rad = self.wide_bias.suspected_rad_s() * self.level.t2_s();
+        libm::hypot(self.gyro_errors.tilt_sd_rad(), suspected_rad).min(PI)
     }
 
     /// Re-initialises the uncertainty of the level after a gyro outage. Bias and scale are kept.
@@ -122,6 +141,7 @@ impl Wz {
             self.gyro_outage_s = (self.gyro_outage_s + gyro_outage_s).min(1.0);
         } else if core::mem::take(&mut self.gyro_outage_s) > MAX_INTEGRATION_INTERVAL_S {
             self.gyro_errors.restart(false);
+            self.wide_bias.restart();
             self.level.reset_velocity();
         }
     }
@@ -142,9 +162,24 @@ impl Wz {
         let (interval_s, force_dt_m_s) = self.gyro_errors.accumulated();
         let tilt_correction_rad = self.level.take_tilt_correction(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
-        let (bias_at_rest, loop_velocity_s) = (self.rest.bias_rad_s(), self.level.velocity_s());
-        let error =
-            self.gyro_errors.update(rate_rad_s, tilt_correction_rad, bias_at_rest, loop_velocity_s, &self.settings);
+        let input = UpdateInput {
+            rate_rad_s,
+            tilt_correction_rad,
+            bias_at_rest: self.rest.bias_rad_s(),
+            loop_velocity_s: self.level.velocity_s(),
+            t2_s: self.level.t2_s(),
+        };
+        let samples = self.gyro_errors.samples();
+        let mut error = self.gyro_errors.update(&input, &self.settings);
+        let found = self.wide_bias.update(&self.gyro_errors, &samples, &input, error.tilt, &self.settings);
+        if let Some(found) = found {
+            self.gyro_errors = found;
+            let remaining = self.gyro_errors.take_over(input.loop_velocity_s - error.velocity);
+            error = LoopError { tilt: error.tilt + remaining.tilt, velocity: error.velocity + remaining.velocity };
+            let up = self.level.attitude().up.direction();
+            self.heading.invalidate_by_drift(self.gyro_errors.bias_sd_about(up));
+        }
+        self.level.adapt(rate_rad_s.norm_squared(), self.gyro_errors.horizontal_bias_sd_rad_s(), interval_s);
         self.level.apply_correction(error)
     }
 }
@@ -234,7 +269,7 @@ impl Stage for Wz {
             bias_rad_s: self.gyro_errors.bias_rad_s(),
             innovation_rad,
             inclination_sd_rad: reported_sd::inclination_sd_rad(
-                self.gyro_errors.tilt_sd_rad(),
+                self.tilt_sd_rad(),
                 rate_rad_s.norm_squared(),
                 &self.settings,
             ),
@@ -247,6 +282,7 @@ impl Stage for Wz {
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.level.visit(visit);
         self.gyro_errors.visit(visit);
+        self.wide_bias.visit(visit);
         self.rest.visit(visit);
         self.heading.visit(visit);
         self.last_interval_s.visit(visit);
@@ -259,6 +295,7 @@ impl Stage for Wz {
             .level
             .validation_error()
             .or_else(|| self.gyro_errors.validation_error())
+            .or_else(|| self.wide_bias.validation_error())
             .or_else(|| self.rest.validation_error());
         parts.or_else(|| self.heading.validation_error()).or(interval)
     }
@@ -269,7 +306,7 @@ impl Stage for Wz {
             attitude,
             reference: self.heading.reference(),
             bias_rad_s: self.gyro_errors.bias_rad_s(),
-            inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
+            inclination_sd_rad: self.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
             gyro_scale: self.gyro_errors.scale(),
@@ -283,6 +320,7 @@ impl Stage for Wz {
         self.heading = Heading::from_estimate(&self.settings, common);
         self.level = Level::from_attitude(common.attitude, common.leaky_velocity.initial_m_s());
         self.gyro_errors = GyroErrorFilter::from_estimate(common);
+        self.wide_bias = WideBiasFilter::after_hand_over(common.bias_sd_rad_s.is_finite());
         self.rest = RestDetector::default();
         Ok(())
     }

@@ -18,11 +18,11 @@ pub(super) struct Set {
 
 /// Every open set.
 pub(super) const SETS: [Set; 5] = [
-    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.80, 1.65, 0.57] },
-    Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 1.6] },
-    Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [3.20, 2.80, 1.5] },
-    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [21.0, 20.8, 1.5] },
-    Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [20.0, 16.5, 9.8] },
+    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.78, 1.63, 0.56] },
+    Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 0.81] },
+    Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [2.75, 2.60, 0.93] },
+    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [9.0, 8.9, 0.95] },
+    Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [13.6, 13.2, 2.9] },
 ];
 
 /// A recording of a set.

@@ -65,9 +65,9 @@ const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient field, µT: that of the strongest field on earth.
 const FIELD_SD_UT: f64 = 60.0;
-/// Initial standard deviation of the drift rate, rad/s: that of a consumer MEMS gyro. The random
-/// walk does not increase it beyond about this value.
-pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
+/// Initial standard deviation of the drift rate, rad/s: that of the gyro bias in the level filter.
+/// The random walk does not increase it beyond about this value.
+pub(super) const DRIFT_SD_RAD_S: f64 = 0.003;
 /// Random walk of the drift rate while the body moves, rad/s/√s.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
 /// Additional random walk of the drift rate per unit of rate, 1/√s.

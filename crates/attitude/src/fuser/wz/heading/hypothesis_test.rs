@@ -117,6 +117,15 @@ impl HypothesisTest {
         self.for_each_filter(|filter| filter.predict(propagation));
     }
 
+    /// Forgets the drift rate, because the gyro bias has changed. The earlier drift may have been
+    /// mistaken for hard iron.
+    pub(super) fn reset_drift(&mut self, sd_rad_s: f64) {
+        self.for_each_filter(|filter| {
+            filter.reset(BETA, sd_rad_s);
+            filter.inflate(B, CHALLENGER_SD_UT);
+        });
+    }
+
     /// Adds a variance to the gyro heading, rad².
     pub(super) fn add_heading_variance(&mut self, variance_rad2: f64) {
         self.for_each_filter(|filter| filter.add_heading_variance(variance_rad2));

@@ -206,6 +206,13 @@ impl Heading {
         }
     }
 
+    /// Handles a large change of the gyro bias, which invalidates the gyro heading and its drift.
+    /// `drift_sd_rad_s` is the standard deviation of the new bias about the vertical.
+    pub(super) fn invalidate_by_drift(&mut self, drift_sd_rad_s: f64) {
+        self.realign();
+        self.hypothesis_test.reset_drift(drift_sd_rad_s);
+    }
+
     /// Invalidates the heading and lets the level settle again.
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
