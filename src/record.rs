@@ -1,4 +1,5 @@
-//! `plumb record`: records a running system to a file. Also the recorder of `plumb up --record`.
+//! `plumb record`: records a running system to a file. `plumb up --record` uses the recorder of
+//! this module.
 
 use std::{
     fs,

@@ -171,7 +171,8 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     if flight::is_flight(Path::new(&file)) {
         return calibrate_flight(kind, known, Path::new(&file), gyro_samples);
     }
-    // An imported file is temporary and must exist until the end of the run.
+    // An imported recording is a temporary file that is removed on drop, so it is kept until the
+    // end of the run.
     let readable = match file.starts_with("sim:") {
         true => None,
         false => Some(ReadableFile::open(Path::new(&file), &reading)?),

@@ -345,7 +345,8 @@ fn stdout_is_empty_without_json() {
     }
 }
 
-/// Uses the default name, so it runs in process only and cannot collide with another system.
+/// The system has the default name. The run is in process, so it cannot collide with another
+/// system.
 #[test]
 fn default_launch_file_is_built_in() {
     let empty = tempfile::tempdir().unwrap();

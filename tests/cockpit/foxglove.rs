@@ -31,7 +31,7 @@ fn wait_for_port(port: u16) {
 }
 
 /// Returns the quaternion x, y, z, w in the viewers' frames: the given attitude multiplied by a
-/// quarter rotation about up.
+/// quarter turn about up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]

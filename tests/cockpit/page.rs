@@ -15,7 +15,7 @@ use serde_json::Value;
 const PAGE: &str = "services/cockpit/page";
 
 /// Restart settings for tests with browsers. Software rendering may delay a service, and the
-/// service must not be killed for this delay.
+/// delayed service must not be killed.
 const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
 /// Returns a system with a cockpit and the port of its page.
@@ -239,7 +239,8 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.until("plumb.data.events.some((event) => event.kind === 'EVENT_KIND_SWAPPED' && event.service === 'fuser' && event.stage === 'vqf')");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
-    // Starts another shadow and cancels it. Before that, the page must have received the new owner.
+    // First waits until the page has received the new owner, then starts another shadow and cancels
+    // it.
     page.key("4");
     page.until("plumb.drawn()?.services?.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");

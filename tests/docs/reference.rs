@@ -51,7 +51,7 @@ pub(super) fn wrap_to(text: &str, max_columns: usize) -> String {
 pub(super) fn table<const N: usize>(header: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
     let line = |cells: &[String]| {
         let cells = cells.iter().map(|cell| cell.replace('|', "\\|")).collect::<Vec<_>>();
-        // An empty cell has one space.
+        // An empty cell is rendered as a single space.
         format!("| {} |\n", cells.join(" | ")).replace("  ", " ")
     };
     let rows = rows.into_iter().map(|row| line(&row));

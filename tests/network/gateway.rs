@@ -150,8 +150,8 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
-    // A request is refused if its expected epoch is out of date since the decision on request
-    // `one`, or if its deadline has passed.
+    // A request is refused if the decision on request `one` has superseded its expected epoch, or
+    // if its deadline has passed.
     let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");

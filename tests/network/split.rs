@@ -437,7 +437,7 @@ fn certificates(folder: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Access list that allows everything for clients with a certificate.
+/// Access list that grants every permission to clients with a certificate.
 const EVERYTHING: &str = r#"{
     enabled: true, default_permission: "deny",
     rules: [{

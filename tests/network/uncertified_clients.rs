@@ -275,7 +275,7 @@ fn expired_certificate_is_reported_before_connecting() {
             assert!(stderr.contains(word), "{verb:?}: {stderr}");
         }
     }
-    // A gateway reports the expiry and keeps its other endpoints running.
+    // A gateway reports the expired certificate and keeps its other endpoints running.
     let tls = site.tls("operator.ann");
     let system = with_gateway(free_port(), &format!("connect = [\"quic/127.0.0.1:9\"]\n{tls}"));
     let running = system.start(&[]);

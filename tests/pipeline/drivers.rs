@@ -257,8 +257,8 @@ pub(crate) fn open_serial_device(port: &Path) -> SerialDevice {
 
 #[test]
 fn serial_port_is_reopened_when_device_returns() {
-    // Other tests run in parallel and can delay a service, which must not be restarted for this
-    // delay.
+    // Other tests run in parallel and can delay a service. The delayed service must not be
+    // restarted.
     let system = System::new("restart.silence_s = 3.0");
     let port = system.path("imu");
     let line = format!("serial:{}?rate_hz=100&baud=230400", port.display());

@@ -45,8 +45,9 @@ impl MovingUnit {
 
 /// Returns a system with additional launch settings.
 ///
-/// The unit also sends while no process reads, so the drivers process must not be restarted merely
-/// because it is late.
+/// The simulated unit keeps sending while no process reads its data, so a restart of the drivers
+/// process would lose readings. The silence limit of 3 s prevents a restart that is merely due to
+/// lateness.
 fn system_with(settings: &str) -> System {
     System::new(&format!("restart.silence_s = 3.0\n{settings}"))
 }

@@ -62,7 +62,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
 pub enum StageFailure<'a> {
     /// The stage has reported an error. Only stages in a separate process do.
     Stage(&'a dyn core::error::Error),
-    /// The output is invalid, also after a reset.
+    /// The output is invalid even after a reset.
     InvalidOutput {
         /// Name of the stage.
         stage: &'static str,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
     use crate::{Vector3, accel::Inclination, point::Point, stage::RestoreError};
 
-    /// Stage that counts its steps and returns an invalid output from step `bad_from` on.
+    /// Stage that counts its steps and returns an invalid output from step `bad_from` onwards.
     #[derive(Clone)]
     struct Counter {
         steps: f64,

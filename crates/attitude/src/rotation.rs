@@ -98,8 +98,8 @@ impl Scalars for Rotation {
     }
 }
 
-/// Returns cos x and sin x / x for a given x². Uses series as long as they are exact to the last
-/// bit. An infinite x yields the values of no rotation.
+/// Returns cos x and sin x / x for a given x². Power series are used as long as they are exact to
+/// the last bit. An infinite x yields (1, 0), which represents no rotation.
 #[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {

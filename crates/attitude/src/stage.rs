@@ -135,7 +135,7 @@ pub trait Stage {
 pub struct Snapshot {
     /// Name of the stage that wrote the snapshot.
     pub stage: &'static str,
-    /// Values of the state. Entries from `len` on are zero.
+    /// Values of the state. Entries from index `len` onwards are zero.
     pub values: [f64; MAX_STATE_VALUES],
     /// Number of values in use.
     pub len: usize,

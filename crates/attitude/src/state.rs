@@ -271,7 +271,7 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
 fn wrap_large_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped.abs() > 4.0 {
-        // For this many revolutions the product with 2π is not exact, so the exact remainder is
+        // The angle is so large that the product with 2π is not exact, so the exact remainder is
         // used.
         return libm::remainder(angle_rad, TAU);
     }

@@ -34,7 +34,7 @@ impl SystemName {
         for path in segments {
             replace(&path).map_err(|cause| BusError::File { doing: "restricting access to", path, cause })?;
         }
-        // Creating a second node checks that iceoryx2 accepts the copy.
+        // Creating a node again checks that iceoryx2 accepts the private copies.
         self.create_first_node()
     }
 

@@ -144,7 +144,7 @@ pub enum BusError {
     BufferMismatch {
         /// Topic name.
         topic: &'static str,
-        /// Number of messages requested.
+        /// Number of buffered messages that this process requested.
         here: usize,
         /// Number of messages that the topic buffers.
         there: usize,

@@ -62,7 +62,7 @@ impl ObserverSession {
     }
 
     /// Releases a port or node. If another run has started, the port or node is leaked instead,
-    /// because files of these names then belong to that run.
+    /// because the files with these names then belong to that run.
     pub(crate) fn release<P>(&self, port: P) {
         match self.lock_run() {
             Ok(Some(_inside)) => drop(port),

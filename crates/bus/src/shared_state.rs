@@ -13,7 +13,7 @@ use rustix::{
     thread::futex,
 };
 
-/// Number of wake words, more than there are topics.
+/// Number of wake words. It exceeds the number of topics.
 pub(crate) const WORD_COUNT: usize = 63;
 const _: () = assert!(Topic::ALL.len() < WORD_COUNT);
 pub(crate) const SHARED_STATE_BYTES: usize = size_of::<Layout>();

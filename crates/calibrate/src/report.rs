@@ -140,7 +140,7 @@ impl Rejection {
         Self { kind: kind.to_string(), missing: coverage.missing.clone(), coverage }
     }
 
-    /// Creates a rejection for a result that is unusable in spite of complete coverage.
+    /// Creates a rejection for a result that is unusable despite complete coverage.
     pub(crate) fn unreliable(kind: Kind, coverage: Coverage, missing: String) -> Self {
         Self { kind: kind.to_string(), missing: vec![missing], coverage }
     }

@@ -30,7 +30,7 @@ pub enum ControlRequest {
         /// Text to show.
         line: String,
     },
-    /// Replace the list of problems with a service's input.
+    /// Set the list of problems with the input of a service. The previous list is discarded.
     Diagnostics {
         /// Reporting service.
         service: String,
@@ -101,7 +101,7 @@ pub struct SwapReport {
     pub lost: u64,
     /// Attitudes published more than once since the request.
     pub duplicated: u64,
-    /// Longest interval between two attitudes since the request, µs.
+    /// Longest interval between consecutive attitudes since the request, µs.
     pub gap_us: f64,
     /// Attitude jump at the commit tick, degrees.
     pub jump_deg: f64,

@@ -231,7 +231,8 @@ impl Format for Lines {
 /// Line split into fields.
 struct Row<'a> {
     fields: &'a [&'a str],
-    /// `true` unless the separator is a comma. A comma in a number is then a decimal comma.
+    /// `true` if the separator is not a comma. In that case, a comma in a number is a decimal
+    /// comma.
     may_have_decimal_comma: bool,
 }
 

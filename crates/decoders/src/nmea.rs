@@ -27,7 +27,7 @@ pub const STATIONARY_SPEED_M_S: f64 = 0.5;
 /// First two-digit year that belongs to the 20th century.
 const CENTURY_PIVOT: u32 = 80;
 
-/// NMEA format, which remembers whether an RMC sentence has been received.
+/// NMEA format. Stores whether an RMC sentence has been received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nmea {
     has_rmc: bool,
@@ -80,8 +80,8 @@ impl Nmea {
     }
 }
 
-/// Returns `true` if the mode is autonomous, differential, precise or real-time kinematic.
-/// Sentences before NMEA 2.3 have no mode.
+/// Returns `true` if the mode is autonomous, differential, precise or real-time kinematic, or
+/// empty. Sentences before NMEA 2.3 have no mode.
 fn is_measured(mode: &str) -> bool {
     matches!(mode, "" | "A" | "D" | "P" | "R" | "F")
 }

@@ -71,7 +71,7 @@ fn fletcher(bytes: &[u8]) -> [u8; 2] {
     })
 }
 
-/// Fields of a NAV-PVT payload that a fix is made from, in the units of the message.
+/// Fields of a NAV-PVT payload from which a fix is built, in the units of the message.
 struct NavPvt {
     year: u16,
     month: u8,

@@ -53,7 +53,7 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device with a magnetometer unit of `field_ut` µT, by default
+    /// Creates the format of a device with a magnetometer unit of `field_ut` µT, usually
     /// [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }

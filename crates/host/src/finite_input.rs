@@ -8,7 +8,7 @@ use attitude::{
     stage::attitude_validation_error, state::Attitude,
 };
 
-/// Input of a slot that can be reduced to finite numbers.
+/// Input of a slot that can be converted to finite numbers.
 pub trait FiniteInput: Scalars + Default + Copy {
     /// Returns the input with finite numbers only. Finite values are unchanged.
     fn finite(&self) -> Self;

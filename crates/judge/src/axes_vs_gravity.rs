@@ -32,9 +32,9 @@ const MAX_RESIDUAL: f64 = 0.5;
 /// Minimum ratio of the unchanged rate's residual to the smallest residual. It is above 1, because
 /// the best of 144 hypotheses always fits slightly better than the true one.
 const MIN_RESIDUAL_RATIO: f64 = 1.5;
-/// Minimum amount by which the unchanged rate's residual must exceed [`MIN_RESIDUAL_RATIO`] times
-/// the smallest residual. It prevents a diagnosis if both residuals are near zero, because then
-/// neither hypothesis is wrong.
+/// Minimum amount by which the residual of the unchanged rate must exceed [`MIN_RESIDUAL_RATIO`]
+/// times the smallest residual. If all residuals are near zero, this limit prevents a diagnosis,
+/// because the unchanged rate is then correct.
 const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
 /// Factor in the limit `TIE_RATIO` · smallest residual + `TIE_DIFFERENCE`. Hypotheses with a
 /// residual below this limit count as equally good. Several remain if the body rotates about few
@@ -177,7 +177,7 @@ impl GyroAxesCheck {
         if !(best < max_residual && unchanged > MIN_RESIDUAL_RATIO * best + MIN_RESIDUAL_DIFFERENCE) {
             return None;
         }
-        // Among equally good hypotheses, those with the smallest change come first.
+        // Equally good hypotheses are sorted: those that change the axes and unit least come first.
         all.retain(|hypothesis| hypothesis.residual < TIE_RATIO * best + TIE_DIFFERENCE);
         all.sort_by(|one, other| {
             simplicity(other).total_cmp(&simplicity(one)).then(one.residual.total_cmp(&other.residual))
@@ -202,13 +202,13 @@ impl HypothesisGroup {
         self.moments.iter_mut().zip(force.iter()).for_each(|(moment, force)| *moment += self.to_start * *force);
     }
 
-    /// Adds the spread of the finished window to the sum of each hypothesis. `spread` computes it
-    /// from the sum of the forces over the window.
+    /// Adds the spread of the finished window to the sum of each hypothesis. `spread` computes the
+    /// spread from the sum of the forces over the window.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
-            // The sum of the forces under this hypothesis, apart from a rotation and possibly the
-            // sign. The spread depends only on the length of the sum.
+            // These terms add up to the sum of the forces under this hypothesis, except for a
+            // rotation and possibly the sign. The spread depends only on the length of the sum.
             let terms = moments.iter().zip(sum.axes.row_iter());
             let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             sum.spread += spread(&force);

@@ -63,8 +63,8 @@ const MIN_IMPLAUSIBLE_RATES: u64 = 5;
 const MIN_TIMESTAMP_FAULTS: u64 = 3;
 /// Lower bound of gyro measuring ranges, rad/s. The smallest usual range is 125 °/s.
 const MIN_RATE_RANGE_RAD_S: f64 = 2.0;
-/// Lower bound of accelerometer measuring ranges, m/s². The smallest usual range is 2 g, less its
-/// error.
+/// Lower bound of accelerometer measuring ranges, m/s². The smallest usual range is 2 g. The limit
+/// leaves room for its error.
 const MIN_FORCE_RANGE_M_S2: f64 = 15.0;
 
 /// Plausibility check of one stream of samples.

@@ -93,7 +93,7 @@ impl MagnitudeCheck {
 /// Number of bins per decade. A bin has a relative width of 5 %, which is fine enough for every
 /// bound above.
 const BINS_PER_DECADE: f64 = 50.0;
-/// Decimal exponent of the lowest bin: 0.1 ns.
+/// Decimal exponent of the lowest bin. For an interval in s, the bin starts at 0.1 ns.
 const MIN_EXPONENT: f64 = -10.0;
 /// Number of decades, from the lowest bin to one decade above
 /// [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX).

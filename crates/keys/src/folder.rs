@@ -56,8 +56,8 @@ pub struct WrittenFolder {
     pub folder: PathBuf,
     /// Written files.
     pub files: Vec<PathBuf>,
-    /// Path to which the folder must be copied; `None` for the authority, because its files stay
-    /// here.
+    /// Path to which the folder must be copied; `None` for the authority, because its files stay on
+    /// this machine.
     pub copy_to: Option<&'static str>,
 }
 

@@ -31,7 +31,7 @@ pub use party::{Host, Party, Role};
 /// Error while creating or reading keys.
 #[derive(Debug, thiserror::Error)]
 pub enum KeysError {
-    /// The name is not usable in a key expression and as a folder name.
+    /// The name cannot be part of a key expression or the name of a folder.
     #[error("invalid name `{name}`: expected 1 to 32 characters of a-z, 0-9, - and _")]
     InvalidName {
         /// The rejected name.
@@ -70,7 +70,7 @@ pub enum KeysError {
     Exists {
         /// The existing file or folder.
         path: PathBuf,
-        /// Consequence of replacing it, appended to the message.
+        /// Consequence of replacing the file or folder, appended to the message.
         consequence: &'static str,
     },
     /// The folder contains no authority.

@@ -47,7 +47,8 @@ impl Launch {
         Ok(launch)
     }
 
-    /// Replaces the values of the keys in the text. Its paths are relative to `folder`.
+    /// Overwrites the values of the keys that `text` contains. Paths in `text` are relative to
+    /// `folder`.
     pub(crate) fn merge(&mut self, folder: Option<&Path>, file_name: &str, text: &str) -> Result<(), Problems> {
         let (table, syntax_errors) = DeTable::parse_recoverable(text);
         let mut list: Vec<_> = syntax_errors.iter().map(|error| Problem::syntax(error, text)).collect();

@@ -99,8 +99,9 @@ fn calibration(out: &mut Calibration, section: &mut Section<'_, '_>) {
 keys! {
     /// Keys of the mounting. Angles are allowed together, the others exclude each other.
     struct MountingKeys {
-        /// Directions of the sensors' x and y: x-DIRECTION-y-DIRECTION, two directions at right
-        /// angles of right, left, forward, back, up, down. "rfu", "flu" and "frd" are short forms.
+        /// Body directions of the sensors' x and y axes, as x-DIRECTION-y-DIRECTION. The directions
+        /// are two of right, left, forward, back, up and down, at right angles to each other.
+        /// "rfu", "flu" and "frd" are short forms.
         axes: String = String::new(), text("x-DIRECTION-y-DIRECTION", |name| Some(name.into())),
             example r#""x-right-y-forward""#;
         /// Quaternion w, x, y, z.

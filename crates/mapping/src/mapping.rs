@@ -144,7 +144,7 @@ pub enum MappingError {
         /// Text found.
         found: String,
     },
-    /// A reference is mapped, but the frame does not give its earth axes.
+    /// A reference is mapped, but the frame does not name the earth axes.
     #[error("found no earth axes for qw, qx, qy, qz, expected a frame such as enu-flu or ned-frd")]
     MissingEarthFrame,
 }

@@ -492,9 +492,9 @@ payload! {
         pid: u32,
         /// Epoch of the decision that the service follows.
         epoch: u32,
-        /// 1 if that decision arrived too late to be followed, else 0.
+        /// 1 if the decision with this `epoch` arrived too late to be followed, else 0.
         missed: u32,
-        /// First tick published under that decision; u64::MAX if none.
+        /// First tick published under the decision with this `epoch`; u64::MAX if none.
         published_from: u64,
         /// Number of outputs that were not finite.
         flawed: u64,
@@ -543,9 +543,10 @@ event_kinds! {
     RESTARTED = 5 "restarted",
     /// A service will not be restarted.
     GIVEN_UP = 6 "given-up",
-    /// A client or a watch requests a stage for a slot.
+    /// A client or a promotion rule (`[[watch]]`) requests a stage for a slot.
     SWAP_REQUESTED = 7 "swap-requested",
-    /// A client or a watch requests a shadow stage in parallel with the owner of a slot.
+    /// A client or a promotion rule (`[[watch]]`) requests a shadow stage in parallel with the
+    /// owner of a slot.
     SHADOW_REQUESTED = 8 "shadow-requested",
     /// A stage that is to take over has started, with the slot's state before `adopted_tick`.
     CANDIDATE = 9 "candidate",
@@ -610,9 +611,9 @@ payload! {
 }
 
 impl SystemEvent {
-    /// Value of a 64-bit number that does not apply.
+    /// Placeholder for a 64-bit number that does not apply.
     pub const NONE: u64 = u64::MAX;
-    /// Value of a 32-bit number that does not apply.
+    /// Placeholder for a 32-bit number that does not apply.
     pub const NONE_U32: u32 = u32::MAX;
 
     /// Creates an event of `kind` without further information.

@@ -136,9 +136,8 @@ impl FlowMonitor {
 
     /// Sets the delivery counts of a remote observer.
     ///
-    /// After this call, the number of missed messages is the number of lost messages in these
-    /// counts. Gaps between ticks no longer count as missed, because the configured topic rate may
-    /// omit ticks.
+    /// From then on, the number of missed messages is `delivery.lost`. Gaps between ticks no longer
+    /// count as missed, because the configured topic rate may omit ticks.
     pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);
     }
@@ -166,7 +165,7 @@ impl FlowMonitor {
         self.record_time(t_sent_ns);
     }
 
-    /// Records that the observer's buffer was full, so that messages may have been overwritten.
+    /// Records that the observer's buffer was full. Messages may have been overwritten.
     pub fn mark_buffer_full(&mut self) {
         self.buffer_was_full = true;
     }

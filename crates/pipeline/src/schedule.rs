@@ -145,8 +145,8 @@ impl Schedule {
         }
     }
 
-    /// Records a restart. A restart from a checkpoint of the same instance does not affect the
-    /// attitude.
+    /// Records a restart. Adds a warning unless the service resumed from a checkpoint of the same
+    /// instance, which does not affect the attitude.
     fn on_restarted(&mut self, slot: Slot, event: &SystemEvent) {
         let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
         if is_fresh || event.adopted_filling != event.filling {

@@ -1,4 +1,5 @@
-//! Checkpoints: captures a slot's state between two ticks, and resumes from it in another process.
+//! Captures a slot's state between two ticks as a checkpoint, and resumes from it in another
+//! process.
 //!
 //! - Input: a slot, or a checkpoint from any origin.
 //! - Output: a checkpoint, or a slot with the restored state.
@@ -142,7 +143,7 @@ fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeErro
     Ok(record)
 }
 
-/// Replaces the words that `visit` passes to its callback by those in `words`. Fails if the two
+/// Replaces the words that `visit` passes to its callback with those in `words`. Fails if the two
 /// numbers of words differ.
 fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;

@@ -7,9 +7,9 @@
 //! - Failure: a missing message is skipped, counted and reported.
 //!
 //! A *dense* input has a message for every tick. A *sparse* input has one only for ticks that carry
-//! its flag (see the table of [`graph`]). A tick is complete when every dense input has delivered
-//! it, skipped it or is absent, and the same holds for every sparse input named by the tick's
-//! flags. An incomplete tick is released once any input is `lateness_ticks` ahead of it.
+//! its flag (see the table of [`graph`]). A tick is complete when every dense input, and every
+//! sparse input named by the tick's flags, has delivered or skipped the tick or is absent. An
+//! incomplete tick is released once any input is `lateness_ticks` ahead of it.
 
 use std::{cmp::Reverse, collections::VecDeque};
 
@@ -231,7 +231,8 @@ impl<I: JoinInputs> Join<I> {
 
     /// Declares that all ticks before `tick` have been published.
     ///
-    /// Such a tick is given up only when an input is `patience_ticks` beyond `tick`.
+    /// A missing tick of this backlog is given up only once an input has reached the tick
+    /// `patience_ticks` after the end of the backlog.
     pub fn expect_backlog(&mut self, tick: u64, patience_ticks: u64) {
         (self.backlog_end, self.backlog_deadline) = (tick, tick.saturating_add(patience_ticks));
     }
@@ -269,7 +270,7 @@ impl<I: JoinInputs> Join<I> {
     /// Extends the backlog to the newest tick of the other inputs while an awaited input has
     /// delivered nothing.
     ///
-    /// Until such an input delivers its first message, its history is still in delivery.
+    /// Until an input delivers its first message, its earlier messages may still be in delivery.
     fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
         self.inputs.each(&mut |input| {

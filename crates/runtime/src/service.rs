@@ -137,8 +137,8 @@ impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
             }
             Ok(has_more)
         })?;
-        // A health report confirms that the service gave up its ownership, so it is published at
-        // once.
+        // A health report confirms that the service gave up its ownership, so it is published
+        // immediately.
         if owned_before && !service.owns_next_tick() {
             context.make_health_due();
         }

@@ -1,13 +1,13 @@
 //! Classical coning: a body axis describes a cone, and after each cycle the body is back in its
 //! initial attitude.
 //!
-//! With the half angle α of the cone and the angular frequency Ω, the attitude is q(t) = (cos α/2,
-//! sin α/2 cos Ωt, sin α/2 sin Ωt, 0). The exact body rate is then ω = (−Ω sin α sin Ωt, Ω sin α
+//! With the half angle α of the cone and the angular frequency Ω, the attitude is q(t) = (cos(α/2),
+//! sin(α/2) cos Ωt, sin(α/2) sin Ωt, 0). The exact body rate is then ω = (−Ω sin α sin Ωt, Ω sin α
 //! cos Ωt, −Ω (1 − cos α)).
 //!
 //! The axis of rotation changes continuously. An integrator that uses the integral of the rate over
 //! an interval of length h as its rotation vector therefore drifts about ζ, at a rate of
-//! approximately ½ Ω α² (1 − sin Ωh/Ωh).
+//! approximately ½ Ω α² (1 − sin(Ωh)/(Ωh)).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 

@@ -17,7 +17,8 @@ const MAX_CHECKPOINTS: usize = 32;
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Checkpoint>; Service::ALL.len()],
     candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
-    /// Tick of the next attitude to collect, which is the first output needed from the last slot.
+    /// Tick of the next attitude to collect. The last slot's output for earlier ticks is not
+    /// needed.
     output_tick: Option<u64>,
     /// For each slot, the first input tick that a live process may still need.
     ///

@@ -7,7 +7,7 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// Once the source has ended, the remaining ticks are given up after this time without output.
+/// Time without output after which the remaining ticks are given up once the source has ended.
 ///
 /// It is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -17,10 +17,11 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// In lockstep, missing ticks are considered lost after a period without output, even if every
-/// service runs. The period is this time plus `silence_s`.
+/// Time without output, in addition to `silence_s`, after which missing ticks count as lost in
+/// lockstep, even if every service runs.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between extra windows granted past missing ticks. It gives subscribers time to keep up.
+/// Interval between extra windows granted past missing ticks. It gives subscribers time to catch
+/// up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Progress of the system from start to shutdown.
@@ -84,7 +85,7 @@ impl Flow {
         self.phase = Phase::Starting;
     }
 
-    /// Extends the deadlines by the duration of a stall.
+    /// Extends the deadlines for output by the duration of a stall.
     pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
         self.last_progress += stall;
     }
@@ -113,8 +114,8 @@ impl Supervision {
 
     /// Returns `true` if a requested shutdown need not wait for the services to start.
     ///
-    /// If every service has been ready once, the shutdown first delivers the ticks already
-    /// received. It gives up after [`DRAIN_TIMEOUT_STARTING`] without output.
+    /// If every service has been ready once, the ticks already received are delivered first.
+    /// Waiting for them ends after [`DRAIN_TIMEOUT_STARTING`] without output.
     fn may_abandon_start(&self) -> bool {
         self.flow.first_ready.is_none() || self.now.saturating_sub(self.flow.last_progress) > DRAIN_TIMEOUT_STARTING
     }
@@ -177,8 +178,8 @@ impl Supervision {
         }
     }
 
-    /// Returns the tick from which on every tick is guaranteed to stay in the topics until it is
-    /// read.
+    /// Returns the first tick of the range of ticks that are guaranteed to stay in the topics until
+    /// they are read.
     ///
     /// In lockstep, this includes all ticks for which credit was granted. Otherwise messages older
     /// than half of the buffer may be overwritten before they are read.

@@ -64,7 +64,7 @@ pub(crate) struct Process {
     /// Time of the newest health report or, before the first report, of the start. A stall moves it
     /// forward by the stall's duration.
     silent_since: Duration,
-    /// Set once a stall has extended the deadline of the current silence.
+    /// Set once a stall has extended the deadline for ending the current silence.
     stall_credited: bool,
     /// Set once the process was requested to exit.
     terminate_sent: bool,
@@ -249,7 +249,7 @@ impl ProcessEntry {
     }
 
     /// Returns the state in one word. A running service is "silent" if its last health report is
-    /// longer ago than `silence`.
+    /// older than `silence`.
     pub fn state(&self, now: Duration, silence: Duration) -> &'static str {
         match (&self.owner, self.health()) {
             _ if self.given_up => "failed",

@@ -133,8 +133,8 @@ impl StatusMonitor {
         }
     }
 
-    /// Returns `true` if the source's state has changed since the last status, or if the first
-    /// query after an event has completed.
+    /// Returns `true` if the source's state has changed since the last status, or if a query that
+    /// was started after the last event has completed.
     pub(crate) fn has_changed(&self, state: &SourceState) -> bool {
         let is_newer = |outdated| lock(&self.report).query > outdated;
         self.is_new_state(state) || self.outdated_query.is_some_and(is_newer)

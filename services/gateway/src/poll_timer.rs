@@ -43,7 +43,8 @@ impl PollTimer {
 
     /// Waits until the next poll is due.
     ///
-    /// `wait` waits for data for at most the given time. It is called only if ticks are awaited.
+    /// If the timer waits for each tick, `wait` is called first. It must wait for data, but no
+    /// longer than the given time.
     pub(crate) fn wait(&mut self, wait: impl FnOnce(Duration)) {
         if self.is_event_driven {
             wait(MAX_POLL_INTERVAL);

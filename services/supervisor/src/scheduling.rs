@@ -5,11 +5,11 @@
 //! - Failure: if the attributes cannot be set, the process keeps the kernel's defaults.
 //!
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
-//! processor would wait for a whole time slice of that process, some milliseconds. Processes on the
-//! data path therefore have the shortest slices. Linux 6.12 and later then run them as soon as they
-//! are woken; earlier versions ignore the slice. Starting candidates and exiting processes have an
-//! increased nice value. A policy chosen for the whole system, such as `chrt --fifo`, applies to
-//! the data path.
+//! processor would wait for a whole time slice of that process, which lasts a few milliseconds.
+//! Processes on the data path therefore have the shortest slices. Linux 6.12 and later then run
+//! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and
+//! exiting processes have an increased nice value. A policy chosen for the whole system, such as
+//! `chrt --fifo`, applies to the data path.
 
 use std::io;
 
@@ -21,7 +21,7 @@ use rustix::{
 /// Time slice of processes on the data path, ns. Processing one tick takes less time than this.
 const PATH_SLICE_NS: u64 = 100_000;
 /// Time slice of the supervisor, ns. It is longer than on the data path, but shorter than the
-/// kernel's default of some milliseconds.
+/// kernel's default of a few milliseconds.
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
 /// Increase of the nice value for starting and exiting processes.
 ///

@@ -106,8 +106,8 @@ impl<'r> System<'r> {
         let system_name = SystemName::new(&plan.config.launch.name)?;
         SharedMemory::check(system_name.name(), plan.config.shared_memory_bytes())?;
         let claim = system_name.claim()?;
-        // All of the supervisor's topics are opened before any service starts, because a signal
-        // would interrupt the wait for a topic that a service is just creating.
+        // All of the supervisor's topics are opened before any service starts. Otherwise a signal
+        // could interrupt the wait for a topic that a service is still creating.
         let optional_inputs = OptionalInputs {
             fused: plan.out.as_ref().is_some_and(AttitudeFile::needs_fused),
             every_topic: recorder.is_some(),
@@ -252,7 +252,7 @@ impl<'r> System<'r> {
     }
 
     fn perform(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
-        // After the end, only replies are still performed.
+        // Once the system has ended, only replies are performed.
         if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }

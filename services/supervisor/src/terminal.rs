@@ -39,7 +39,8 @@ fn has_room(timeout: Option<&Timespec>) -> bool {
         match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
             Err(Errno::INTR) => {}
             Ok(0) => return false,
-            // Any other condition is reported by the subsequent write.
+            // Standard error is ready, closed or has failed. The write that follows reports a
+            // failure.
             _ => return true,
         }
     }

@@ -69,7 +69,7 @@ fn importing_host_receives_live_and_cached_ticks() {
             received.contains(CARRY)
         });
         wait_for("cached ticks", || query_keys(&base, CACHED) == [CARRY]);
-        // The role covers ticks only, not telemetry.
+        // The role permits access to ticks but not to telemetry.
         let telemetry = Received::subscribe(&base, "plumbline/v1/**");
         let more_ticks = Received::subscribe(&base, CARRY);
         wait_for("more ticks", || {

@@ -60,7 +60,7 @@ impl MessageType {
 }
 
 impl Node {
-    /// Creates a node; `session` is the Zenoh identity.
+    /// Creates a node. `session` is the identifier of the Zenoh session.
     pub fn new(domain: u8, session: &str) -> Self {
         Self { domain, session: session.into() }
     }

@@ -18,7 +18,8 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Allowance added to the multiple of the undisturbed RMSE to give the error bound, degrees.
+/// Margin of the error bound, degrees. The bound is a multiple of the undisturbed RMSE plus this
+/// margin.
 const MARGIN_DEG: f64 = 0.05;
 /// Column for fusers that have no separate column.
 const OTHER_FUSERS: &str = "any";

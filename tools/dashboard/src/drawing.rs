@@ -13,8 +13,8 @@ use ratatui::{
 
 use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon, trend::format_signed};
 
-/// Colour of the estimate and the sky line. All colours are from Okabe and Ito 2008, as entries of
-/// the 256-colour palette.
+/// Colour of the trend bars and of the horizon line. All colours are from Okabe and Ito 2008, as
+/// entries of the 256-colour palette.
 pub(crate) const BLUE: Color = Color::Indexed(32);
 /// Colour of the ground.
 pub(crate) const GROUND: Color = Color::Indexed(178);

@@ -1,6 +1,7 @@
 //! Colours, text sizes and line styles.
 //!
-//! The palette is that of Okabe and Ito 2008, which is distinguishable with any colour vision.
+//! The palette is that of Okabe and Ito 2008. Its colours are distinguishable with any colour
+//! vision.
 
 use plotters::style::RGBColor;
 

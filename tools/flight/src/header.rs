@@ -37,8 +37,8 @@ impl FlightHeader {
             host: fs::read_to_string("/proc/sys/kernel/hostname").map_or("unknown".into(), |host| host.trim().into()),
             launch_file: None,
             launch: None,
-            // The configuration always serialises: it has only named maps, lists, numbers and
-            // strings.
+            // The configuration can always be serialised: it has only named maps, lists, numbers
+            // and strings.
             config: serde_json::to_string_pretty(config).unwrap_or_default(),
             rate_hz: config.rate_hz,
             output: config.launch.output,

@@ -169,7 +169,7 @@ pub(crate) struct CsvFiles {
     read_bytes: Rc<Cell<u64>>,
 }
 
-/// Columns of one vector, with the file that contains them and its time column.
+/// Columns of one vector, the file that contains them, and the time column of that file.
 struct ColumnGroup<const N: usize> {
     path: PathBuf,
     time: usize,

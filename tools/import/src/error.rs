@@ -127,7 +127,7 @@ pub enum ImportError {
     MappingRequired {
         /// Path of the file.
         path: PathBuf,
-        /// Names of its columns.
+        /// Names of the columns in the file.
         columns: Vec<String>,
     },
     /// The mapping is invalid.
@@ -204,7 +204,7 @@ pub enum ImportError {
     NoRows {
         /// Path of the file.
         path: PathBuf,
-        /// Reason, if known.
+        /// Reason for the missing samples, if known.
         reason: Option<String>,
         /// Description of the data that provides rate and force.
         expected: String,

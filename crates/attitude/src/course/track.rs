@@ -65,11 +65,11 @@ const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
 
 /// Course stage `track`.
 ///
-/// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d of the gyro,
-/// and tracks reduce it with time constant T. With continuous tracks it therefore settles at T d,
-/// the error of S4's equation. The part σ_t comes from the crab angle and the velocity noise of the
-/// track. If the fuser itself corrects its heading, σ_d is limited to the standard deviation of
-/// that heading.
+/// The standard deviation of the course is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d
+/// of the gyro, and tracks reduce it with time constant T. With continuous tracks it therefore
+/// settles at T d, the error of S4's equation. The part σ_t comes from the crab angle and the
+/// velocity noise of the track. If the fuser itself corrects its heading, σ_d is limited to the
+/// standard deviation of that heading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackCourse {
     settings: TrackSettings,

@@ -30,7 +30,7 @@ impl Default for Compass {
 impl Compass {
     /// Creates the state from another stage's heading.
     ///
-    /// A heading counted from true north is kept until the first field sample, which sets the
+    /// A heading that refers to true north is kept until the first field sample, which sets the
     /// heading.
     pub(super) fn new(reference: CourseReference, heading_sd_rad: f64) -> Self {
         Self {

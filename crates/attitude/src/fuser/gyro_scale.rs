@@ -15,7 +15,7 @@ pub struct GyroScale {
 }
 
 impl GyroScale {
-    /// Scale error without any information.
+    /// Unknown scale error.
     pub const UNKNOWN: Self =
         Self { error: Vector3::new(0.0, 0.0, 0.0), sd: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY) };
 

@@ -15,7 +15,7 @@ pub struct HardIron {
 }
 
 impl HardIron {
-    /// Hard iron without any information.
+    /// Unknown hard iron.
     pub const UNKNOWN: Self = Self { field_ut: Vector3::new(0.0, 0.0, 0.0), sd_ut: f64::INFINITY };
 
     /// Returns why the value is invalid, or `None` if it is valid.

@@ -22,10 +22,11 @@ use crate::heading::{
     trial::{Chain, trials, truth},
 };
 
-/// Quantiles at 68 % and 95 % of a normally distributed error in one axis, in standard deviations.
+/// Quantiles at 68 % and 95 % of the magnitude of a normally distributed error in one axis, in
+/// standard deviations.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// Quantiles at 68 % and 95 % of the length of a normally distributed error in two axes, in
-/// standard deviations of one axis.
+/// Quantiles at 68 % and 95 % of the magnitude of an error that is normally distributed in two
+/// axes, in standard deviations of one axis.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Accepted ratio of a measured quantile to the ideal one.
 const CONSISTENT: core::ops::RangeInclusive<f64> = 0.7..=1.4;

@@ -115,7 +115,7 @@ impl World {
 
 fn unchanged(_: f64, _: &mut FuserInput) {}
 
-/// Returns the largest heading error from `from_s` on, degrees.
+/// Returns the largest heading error from `from_s` onwards, degrees.
 fn max_error_deg(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> f64 {
     let mut max_error = 0f64;
     world.run(&mut Wz::default(), until_s, change, |t_s, _, error, _| {

@@ -176,8 +176,8 @@ fn error_of_no_fuser_grows_over_a_day() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // The gyro's attitude in `wz-open` drifts without bound. The error, an offset in the chart
-        // of that attitude, is therefore stretched by a varying factor.
+        // The gyro's attitude in `wz-open` drifts without bound. The error is an offset in the
+        // chart of that attitude, so a varying factor stretches it.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }

@@ -53,7 +53,7 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
 
 /// Returns the outputs of a cruise until `until_s`, followed by `rest_s` seconds at rest.
 ///
-/// The cruise has fixes from 10 s on. The rest follows without a landing and has no fixes.
+/// The cruise has fixes from 10 s onwards. The rest follows without a landing and has no fixes.
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });

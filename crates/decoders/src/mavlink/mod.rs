@@ -239,7 +239,7 @@ impl Header {
 /// were added later; both read as zero.
 struct Payload([u8; MAX_PAYLOAD_BYTES]);
 
-/// Fields are at the offsets that the XML definitions yield: sorted by size, then extensions.
+/// Fields are in the wire order of MAVLink: sorted by size, then the extension fields.
 impl Payload {
     fn new(bytes: &[u8]) -> Self {
         let mut padded = [0; MAX_PAYLOAD_BYTES];

@@ -1,4 +1,4 @@
-//! Motion that hides errors of the gyro's axes. The errors are found after the body has rotated by
+//! Motions that hide errors in the gyro's axes. The errors are found once the body has rotated by
 //! 90° about each axis.
 
 use std::f64::consts::FRAC_PI_2;

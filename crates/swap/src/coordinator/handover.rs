@@ -83,7 +83,8 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Committed, None, commit_tick, took_ms));
     }
 
-    /// Publishes a decision by which the slot has no owner from the first unpublished tick on.
+    /// Publishes a decision that leaves the slot without an owner from the first unpublished tick
+    /// on.
     pub(super) fn vacate(&mut self, actions: &mut Vec<Action>) {
         self.epoch += 1;
         let decision = OwnershipDecision { epoch: self.epoch, owner: 0, from_tick: self.published_tick };

@@ -47,7 +47,7 @@ impl<M: Message> DrainTopic for TopicReader<M> {
             count += 1;
             recorder.record(self.topic, bytemuck::bytes_of(&message));
         });
-        // A failed read affects only the recording.
+        // A failed read is handled like an overflow, because it affects only the recording.
         if count >= self.buffer || result.is_err() {
             recorder.on_overflow(self.topic);
         }

@@ -36,7 +36,7 @@ struct DefectiveStage {
     inner: WzClosed,
     count: f64,
     divisor: f64,
-    /// Step at which the interval was zero; infinite if there was none.
+    /// Step at which the interval was zero; infinite before such a step.
     zero_interval_step: f64,
 }
 

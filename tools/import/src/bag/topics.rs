@@ -10,7 +10,7 @@ use crate::{ImportError, Note};
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
 
-/// Message type of a topic, in order of preference: Plumbline before ROS.
+/// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Kind {
     PlumblineImu,

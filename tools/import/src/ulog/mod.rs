@@ -51,7 +51,7 @@ pub(crate) struct Log {
     selection: Option<Selection>,
 }
 
-/// Topics and instances selected by the survey, with counts of what was skipped.
+/// Topics and instances selected by the survey, with counts of skipped samples.
 struct Selection {
     combined: Series,
     /// Field samples from the magnetometer topic, or from `sensor_combined` in an old log.

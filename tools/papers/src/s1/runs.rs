@@ -57,9 +57,9 @@ pub(crate) struct NoisySample {
     pub(crate) low_pass_gyro: f64,
     /// LPF(v_a): low-pass filtered v of the accelerometer channel.
     pub(crate) low_pass_accel: f64,
-    /// Fused attitude by figure 9 as published, stage `wz-open`.
+    /// Fused attitude according to figure 9 as published (open loop), stage `wz-open`.
     pub(crate) open: Attitude,
-    /// Fused attitude by figure 9 with the loop closed, stage `wz-closed`.
+    /// Fused attitude according to figure 9 with a closed loop, stage `wz-closed`.
     pub(crate) closed: Attitude,
 }
 
@@ -126,13 +126,13 @@ pub struct Results {
     pub closure: f64,
     /// Noise-free values of u, v and z at 0, 5, 10, 25, 75 and 100 s; z in rad.
     pub table: [[f64; 3]; 6],
-    /// Inclination RMSE of the gyro channel from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, gyro channel, degrees.
     pub gyro_deg: f64,
-    /// Inclination RMSE of the accelerometer channel from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, accelerometer channel, degrees.
     pub accel_deg: f64,
-    /// Inclination RMSE of figure 9 as published (open loop) from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, figure 9 as published (open loop), degrees.
     pub open_deg: f64,
-    /// Inclination RMSE of figure 9 with the loop closed from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, figure 9 with a closed loop, degrees.
     pub closed_deg: f64,
     /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,

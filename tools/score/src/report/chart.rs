@@ -12,7 +12,7 @@ use crate::plot::curve::Curve;
 /// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
 /// line is interrupted there.
 const WRAP_DEG: f64 = 180.0;
-/// Percentage of points at both ends that the range of the vertical axis ignores.
+/// Percentage of points at each end that the range of the vertical axis ignores.
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Width and height of a chart, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];

@@ -43,7 +43,7 @@ pub(super) struct PropagationInterval {
     pub(super) force_m_s2: Vector3<f64>,
     /// R, body → reference.
     pub(super) to_reference: Matrix3<f64>,
-    /// `true` if the heading counts from north. Only then does a heading error affect the velocity.
+    /// `true` if the heading refers to north. Only then does a heading error affect the velocity.
     pub(super) heading_acts: bool,
     pub(super) dt_s: f64,
     /// Variances added over the interval.

@@ -53,7 +53,7 @@ impl Aided {
         }
     }
 
-    /// Updates the filter with a fix: with the velocity and, at little weight, with the track.
+    /// Updates the filter with a fix: with the velocity and, with a small weight, with the track.
     ///
     /// The measured velocity is that of the antenna at the time of measurement, v + R (ω × r).
     /// Since that time, the errors of tilt and accelerometer bias have changed the velocity error.
@@ -104,7 +104,7 @@ impl Aided {
     }
 
     /// Sets the velocity to that of the receiver. Also sets the heading to the track, unless it
-    /// already counts from true north. Level and biases are kept.
+    /// already refers to true north. Level and biases are kept.
     fn start_course(&mut self, fix: &Fix) {
         let Some((_, course_rad)) = self.forward() else { return };
         if self.reference != CourseReference::True {

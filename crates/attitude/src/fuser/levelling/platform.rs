@@ -37,7 +37,7 @@ pub(super) enum Law {
     },
 }
 
-/// Effect of an inclination on a platform.
+/// Effect of an inclination measurement on a platform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LevelUpdate {
     /// The inclination initialised the level.
@@ -58,7 +58,7 @@ pub(super) struct Platform {
     since_force_s: f64,
     /// Low-pass filtered horizontal force f_P, platform axes, m/s².
     low_pass_m_s2: Complex<f64>,
-    /// Averaging time by which the low-pass filter still falls short of its time constant, s.
+    /// Time until the averaging time of the low-pass filter reaches its time constant, s.
     averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

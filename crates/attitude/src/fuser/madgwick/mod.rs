@@ -119,8 +119,8 @@ impl Madgwick {
         self.levelled = false;
     }
 
-    /// Applies the gyro rotation of one interval, then a step against the gradient of the given
-    /// directions.
+    /// Applies the gyro rotation of one interval, then one step of gradient descent towards the
+    /// given directions.
     fn descend(&mut self, motion: &Motion, directions: &ReferenceDirections) {
         let previous = self.quaternion;
         let predicted = previous * motion.rotation.quaternion();

@@ -94,7 +94,7 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Area, m/s, of a pulse one sample long that would give a filter at rest the same rate of
-    /// change.
+    /// Rate of change, expressed as the area, m/s, of a pulse of one sample. The pulse would cause
+    /// the same rate of change in a filter at rest.
     velocity_m_s: Vector3<f64>,
 }

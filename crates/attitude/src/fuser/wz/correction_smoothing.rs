@@ -6,7 +6,7 @@
 //!
 //! Time: the interval of the tick.
 //!
-//! Corrections too large to be smoothed are applied at once and flagged by the caller.
+//! Corrections too large to be smoothed are applied immediately and flagged by the caller.
 
 /// Time constant of the smoothing, s: half the time between two updates of the gyro errors.
 const TIME_CONSTANT_S: f64 = 0.1;

@@ -45,16 +45,17 @@ const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// First update interval after the level is initialised, s. Short intervals let the level follow
 /// the mean force from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
-/// Length of a later update interval as a fraction of the time since the level was initialised.
+/// Length of the following update intervals, as a fraction of the time since the level was
+/// initialised.
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
 /// Time after initialisation during which the level follows the plain mean of the force, whatever
 /// the estimated noise, s.
 const MEAN_ONLY_S: f64 = 0.6;
-/// Duration that the first sample represents in the mean force after initialisation, s. The
-/// acceleration of a hand does not change within a shorter time.
+/// Duration that the first sample represents in the mean force after initialisation, s. A hand does
+/// not change its acceleration within a shorter time.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
-/// Factor on the standard deviation of a bias that is adopted together with a level. Their errors
-/// are correlated, and the correlation is not handed over.
+/// Factor applied to the standard deviation of a bias that is adopted together with a level. Their
+/// errors are correlated, and the correlation is not handed over.
 const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
@@ -66,13 +67,13 @@ const MAX_SCALE: f64 = 0.01;
 /// Additional random walk of the bias per unit of rate, 1/√s: the effect of misaligned axes at a
 /// changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
-/// Random walk of the scale error, 1/√s: the effect of some degrees of warming in an hour.
+/// Random walk of the scale error, 1/√s: the effect of a few degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Additional random walk of the tilt per unit of rate, √s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
 /// Largest rate used for the process noise, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
-/// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
+/// Rate assumed during a gyro outage, rad/s. A body turned over by hand rotates at about this rate.
 pub(super) const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
 /// acceleration of 3 m/s², when the level is initialised.
@@ -106,7 +107,7 @@ const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
 /// independent innovation. The number can exceed one because successive innovations are correlated.
 ///
 /// Accelerations keep their direction for less than 1 s. Over longer times they cancel, because the
-/// velocity they cause comes to an end.
+/// resulting velocity does not persist.
 const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
 /// Lower and upper limit for the number of successive velocity innovations that count as one
 /// independent innovation. It is large because a velocity keeps its direction for seconds.
@@ -178,7 +179,7 @@ pub(super) struct GyroErrorFilter {
     tilt_rad: Complex<f64>,
     /// Leaky velocity V divided by g, s.
     velocity_s: Complex<f64>,
-    /// Part χ of the leaky velocity that the tilt error caused, divided by g, s.
+    /// χ, the part of the leaky velocity that was caused by the tilt error, divided by g, s.
     tilt_velocity_s: Complex<f64>,
     covariance: Covariance,
     /// Error of the levelling loop per unit of bias and of scale about each body axis.
@@ -188,7 +189,7 @@ pub(super) struct GyroErrorFilter {
     /// Horizontal rotation that the gyro errors caused since the last update, per unit of bias and
     /// of scale.
     drift: [Complex<f64>; GYRO_ERRORS],
-    /// Duration of gyro outages since the last update.
+    /// Duration of gyro outages since the last update, s.
     outage_s: f64,
     force_dt_m_s: Complex<f64>,
     norm_dt_m_s: f64,
@@ -203,8 +204,8 @@ pub(super) struct GyroErrorFilter {
     /// Set unless the level was adopted from another stage. If set, the force may show the error of
     /// the initial level.
     is_initial_level: bool,
-    /// Set if the level was set from one sample, rather than kept or corrected after an outage or a
-    /// tilt fault.
+    /// Set if the level was initialised from one sample. Not set if the level was kept through an
+    /// outage, corrected after a tilt fault or adopted from another filter or stage.
     from_one_sample: bool,
     tilt_fault: TiltFaultMonitor,
     initial_velocity: InitialVelocityEstimator,
@@ -293,10 +294,10 @@ impl GyroErrorFilter {
         Samples { drift, outage_s, force_dt_m_s, since_update_s, bias_rad_s, scale }
     }
 
-    /// Updates a filter that runs in parallel. The errors removed from the samples are those in
-    /// `samples`.
+    /// Updates a filter that runs in parallel with another one. `samples` are those of the other
+    /// filter, together with the gyro errors that it removed from them.
     ///
-    /// `corrected_rad` is the tilt that was corrected on behalf of the other filter.
+    /// `corrected_rad` is the tilt that the other filter has corrected.
     pub(super) fn update_unused(
         &mut self,
         samples: &Samples,
@@ -332,8 +333,8 @@ impl GyroErrorFilter {
         (self.bias_rad_s - other.bias_rad_s).norm()
     }
 
-    /// Prepares a parallel filter for use with the loop. Returns the error of the loop, including
-    /// the velocity, which is an artefact of the wrong bias.
+    /// Prepares a parallel filter to replace the loop's filter. Returns the error of the loop. The
+    /// entire velocity of the loop counts as error, because the wrong bias caused it.
     pub(super) fn take_over(&mut self, loop_velocity_s: Complex<f64>) -> LoopError {
         self.loop_sensitivity = [LoopError::default(); GYRO_ERRORS];
         self.tilt_sensitivity = [0.0, 0.0];
@@ -453,7 +454,8 @@ impl GyroErrorFilter {
         self.since_update_s >= min_interval_s.min(UPDATE_INTERVAL_S)
     }
 
-    /// Returns the time for which innovations have been observed, s, at most their averaging time.
+    /// Returns the time for which innovations have been observed, s. It is limited to their
+    /// averaging time.
     #[inline]
     fn observed_s(&self) -> f64 {
         self.force_noise.memory_s() - noise::INITIAL_MEMORY_S
@@ -694,8 +696,8 @@ impl GyroErrorFilter {
         self.tilt_sensitivity = [e1, w1];
     }
 
-    /// Applies a measurement of the two consecutive states that start at `first`, and returns the
-    /// change of the state.
+    /// Applies a measurement of the states `first` and `first` + 1. Returns the change of the
+    /// state.
     fn update_pair(&mut self, first: usize, innovation: Complex<f64>, variance: f64) -> State {
         let change = self.update_scalar(first, innovation.re, variance);
         change + self.update_scalar(first + 1, innovation.im - change[first + 1], variance)

@@ -38,7 +38,7 @@ pub(super) struct Level {
 /// Error of the levelling loop: its tilt and its velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct LoopError {
-    /// Tilt, rad, which is also the horizontal force that it causes, divided by g.
+    /// Tilt, rad. It equals the horizontal force that it causes, divided by g.
     pub(super) tilt: Complex<f64>,
     /// Velocity divided by g, s.
     pub(super) velocity: Complex<f64>,
@@ -201,8 +201,8 @@ impl Level {
 
     /// Corrects a known error of the loop. Returns `true` if the level jumps.
     ///
-    /// The velocity is corrected at once. The tilt is corrected gradually, or at once if it is too
-    /// large.
+    /// The velocity is corrected immediately. The tilt is corrected gradually, or immediately if
+    /// its error is too large.
     pub(super) fn apply_correction(&mut self, error: LoopError) -> bool {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
         self.last_velocity_m_s = self.velocity_m_s;

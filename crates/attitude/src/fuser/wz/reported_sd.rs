@@ -3,7 +3,7 @@
 //!
 //! - The accelerometer bias rotates with the body and is not observable. It limits how well the
 //!   level is known.
-//! - On a rotating body, timing errors of some milliseconds and misaligned axes affect the
+//! - On a rotating body, timing errors of a few milliseconds and misaligned axes affect the
 //!   inclination.
 //! - The local magnetic field limits how well the heading is known.
 //!

@@ -34,20 +34,20 @@ const REFERENCE_S: f64 = 3.0;
 const MEMORY_S: f64 = 10.0;
 /// Duration over which the initial mean square is assumed to have been observed, s.
 const INITIAL_MEMORY_S: f64 = 1.0;
-/// Initial standard deviation of the reference loop's tilt, rad: a hand that moves the body.
+/// Initial standard deviation of the reference loop's tilt, rad, for a body moved by hand.
 const INITIAL_TILT_SD_RAD: f64 = 0.01;
 /// Random walk of the tilt at rest, rad/√s. It includes what the bias filter does not model.
 const TILT_WALK_RAD: f64 = 2.5e-3;
 /// Additional random walk of the tilt per unit of rate, √s: misaligned axes and timing errors.
 const TILT_WALK_PER_RATE: f64 = 1e-3;
-/// Part of the bias error's effect that remains. The bias filter corrects the rest afterwards, once
-/// the bias is found.
+/// Fraction of the bias uncertainty for which T2 is optimised. The bias filter corrects the effect
+/// of the remaining part once it has found the bias.
 const REMAINING_BIAS_FRACTION: f64 = 0.1;
 /// Largest tilt of the reference loop, rad.
 const MAX_TILT_RAD: f64 = 1.0;
 /// Largest rate, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
-/// Number of Newton steps, with which T2 is accurate to 1 % over its range.
+/// Number of Newton steps. They make T2 accurate to 1 % over its range.
 const NEWTON_STEPS: usize = 4;
 
 /// Time constant T2 of the tilt, adapted to the motion.
@@ -56,12 +56,12 @@ pub(super) struct TiltTimeConstant {
     t2_s: f64,
     /// Tilt of the reference loop, rad.
     reference_tilt_rad: Complex<f64>,
-    /// Mean square of that tilt about one axis, rad².
+    /// Mean square of `reference_tilt_rad` about one axis, rad².
     tilt_variance_rad2: f64,
     /// Mean square of the rate, rad²/s².
     rate_variance_rad2_s2: f64,
     memory_s: f64,
-    /// Time since the start, s, while it limits the time constant.
+    /// Time since the start, s. It saturates once it no longer limits the time constant.
     age_s: f64,
 }
 

@@ -6,15 +6,15 @@
 //!
 //! Time: the intervals of the updates.
 //!
-//! Failure: a movement with the effect of a bias for [`MIN_APART_S`] is mistaken for one. This
-//! happens on none of the calibrated recordings of the open sets.
+//! Failure: a movement that has the effect of a bias for [`MIN_APART_S`] is mistaken for a bias.
+//! This happens in none of the calibrated recordings of the test sets.
 //!
 //! The first filter estimates its noise from its innovations. It mistakes the effect of a bias of
 //! many standard deviations for accelerations. A filter with a wide prior follows such a bias, but
 //! also makes a calibrated gyro worse, because it learns more from accelerations. It is therefore
-//! used only on evidence, and only until a rest has shown the bias or another stage has handed it
-//! over: the force in a long bend of a vehicle looks like the effect of a bias, too. It restarts
-//! from the first filter at regular intervals.
+//! used only if there is evidence of such a bias, and only until a rest has shown the bias or
+//! another stage has handed it over: the force in a long bend of a vehicle looks like the effect of
+//! a bias, too. It restarts from the first filter at regular intervals.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
@@ -25,12 +25,13 @@ use crate::{Complex, scalars::Scalars};
 /// Standard deviation of the bias in the second filter, rad/s. Data sheets of consumer MEMS gyros
 /// allow a bias of 10 °/s, which is 3.5 standard deviations.
 const BIAS_SD_RAD_S: f64 = 0.05;
-/// Squared distance of the biases, in standard deviations of the second filter, at which they
-/// differ. A difference of three normal errors exceeds 80 in no experiment of practical length. The
-/// margin allows for accelerations that are not normal.
+/// Squared distance between the biases above which they count as different, in squared standard
+/// deviations of the second filter. If the three components had normal errors, a value of 80 would
+/// practically never be exceeded. The margin allows for accelerations that are not normally
+/// distributed.
 const MIN_DISTANCE2: f64 = 80.0;
-/// Squared distance of the biases above which the difference is reported as an uncertainty of the
-/// level: 0.1 % of the differences of three normal errors exceed it.
+/// Squared distance between the biases above which their difference is reported as an uncertainty
+/// of the level. If the three components have normal errors, 0.1 % of the differences exceed it.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
 /// Time for which the biases must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;
@@ -46,7 +47,7 @@ pub(super) struct WideBiasFilter {
     is_bias_known: bool,
     age_s: f64,
     apart_s: f64,
-    /// Difference of the biases that is likely, but not significant yet, rad/s.
+    /// Difference between the biases, rad/s, if it exceeds `SUSPECTED_DISTANCE2`; otherwise 0.
     suspected_rad_s: f64,
 }
 
@@ -108,7 +109,8 @@ impl WideBiasFilter {
         (self.apart_s >= MIN_APART_S).then(|| core::mem::take(self).filter)
     }
 
-    /// Returns the difference of the biases that is likely, but not significant yet, rad/s.
+    /// Returns the difference between the biases, rad/s, if it is suspected to be real; otherwise
+    /// 0.
     pub(super) fn suspected_rad_s(&self) -> f64 {
         self.suspected_rad_s
     }

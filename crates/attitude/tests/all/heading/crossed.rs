@@ -52,8 +52,8 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
 
 /// Magnetic field of a trial, µT, earth axes.
 ///
-/// The mean is taken over the movement. The other fields are differences from this mean: at rest,
-/// and in motion averaged over `CHUNK_ROWS` (0.2 s).
+/// `mean_ut` is the mean over the movement. `at_rest_ut` and `moving_ut` are differences from this
+/// mean. The values in `moving_ut` are averages over `CHUNK_ROWS` (0.2 s).
 struct PlaceField {
     mean_ut: Vector3<f64>,
     at_rest_ut: Vector3<f64>,

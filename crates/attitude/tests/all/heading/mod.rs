@@ -14,7 +14,7 @@ use trial::{Errors, Trial, trials, vqf_errors, wz_errors, wz_errors_with_scale};
 /// Numbers of the trials without magnetic disturbance.
 pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
 
-/// Kinds of trials, each given by words that the names of its trials contain.
+/// Kinds of trials. Each kind is given by words that occur in the names of its trials.
 ///
 /// A rotation with breaks belongs only to the kind `with_breaks`.
 const KINDS: [&[&str]; 7] = [

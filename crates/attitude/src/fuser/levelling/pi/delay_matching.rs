@@ -11,7 +11,7 @@ use crate::{Complex, scalars::Scalars};
 const SLOTS: usize = 33;
 /// Minimum length of each interval, s. An interval ends with the sample that reaches this length.
 const SLOT_S: f64 = 0.025;
-/// Maximum age of a velocity that the memory covers, s.
+/// Maximum age of a fix's velocity, s. The memory covers this time.
 pub(super) const MAX_AGE_S: f64 = 0.8;
 
 /// Change of velocity over a time span.
@@ -61,7 +61,7 @@ impl DelayMatchedIntegral {
         self.recent[0].add(sample);
     }
 
-    /// Returns the increment between the validity times of the previous and of the new fix. The new
+    /// Returns the increment between the validity times of the previous and the new fix. The new
     /// fix was valid `age_s` ago.
     pub(super) fn take_increment(&mut self, age_s: f64) -> Increment {
         let after_fix = self.over_last(age_s.clamp(0.0, MAX_AGE_S));

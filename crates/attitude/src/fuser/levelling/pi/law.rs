@@ -34,8 +34,7 @@ const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
 /// Constant part of the limit for unexplained velocity increments, m/s. The limit bounds the effect
 /// of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
-/// Part of the limit for unexplained velocity increments that is proportional to their duration,
-/// m/s².
+/// Growth of the limit for unexplained velocity increments per second of their duration, m/s².
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {
@@ -125,7 +124,7 @@ impl LevellingPi {
         self.add_bias(self.attitude.up.direction() * correction.bias_rad_s);
     }
 
-    /// Attributes a share of a tilt correction to the gyro bias.
+    /// Attributes a fraction of a tilt correction to the gyro bias.
     fn learn_bias(&mut self, tilt_rad: Complex<f64>, share_per_s: f64) {
         self.add_bias(gyro_error_from_tilt(self.attitude, tilt_rad) * share_per_s);
     }

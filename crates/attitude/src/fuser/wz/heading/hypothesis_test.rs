@@ -56,7 +56,7 @@ const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 
-/// Result of an interval.
+/// Outcome of the hypothesis test for one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TestOutcome {
     /// The main filter M used the field.
@@ -178,7 +178,7 @@ impl HypothesisTest {
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
-            // The first fields after the invalidation were levelled with a level that was still
+            // The first fields after the invalidation were levelled while the level was still
             // wrong, so the direction is invalidated once more.
             self.invalidate_direction();
             self.direction_invalidated = false;

@@ -4,7 +4,7 @@
 //! present.
 //!
 //! Output: the angle a by which the attitude must be rotated about the vertical so that its heading
-//! counts from magnetic north, with its standard deviation.
+//! refers to magnetic north, with its standard deviation.
 //!
 //! Time: the intervals of the ticks.
 //!
@@ -107,7 +107,7 @@ pub(super) struct Heading {
     was_at_rest: bool,
     /// Set once a field sample has been used.
     started: bool,
-    /// Set once the heading has been known, from another stage or from the field.
+    /// Set once the heading has become known, from another stage or from the field.
     heading_known: bool,
     has_rested: bool,
     disturbed: bool,
@@ -185,7 +185,8 @@ impl Heading {
         self.disturbed
     }
 
-    /// Returns the hard iron; unknown if it is assumed to be zero and not estimated.
+    /// Returns the hard iron, or [`HardIron::UNKNOWN`] if it is assumed to be zero and not
+    /// estimated.
     pub(super) fn hard_iron(&self) -> HardIron {
         self.hypothesis_test.main.hard_iron()
     }
@@ -198,8 +199,7 @@ impl Heading {
     /// Handles a loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
         self.field_averager = FieldAverager::default();
-        // Before the first field sample, no heading from the field exists that would have to be
-        // invalidated.
+        // Before the first field sample, there is no heading from the field to invalidate.
         if self.started {
             self.invalidate_heading();
             self.update_correction();

@@ -7,7 +7,7 @@
 //! Time: counted in intervals.
 //!
 //! Failure: another site with the same field strength, dip and tilt of the body is taken for the
-//! previous one if its field points within some degrees of the expected direction.
+//! previous one if its field points within a few degrees of the expected direction.
 //!
 //! A body that returns to its previous site in the same orientation measures the same field:
 //! strength, dip and up vector agree. Any rotation of the horizontal field since then is drift of
@@ -51,8 +51,8 @@ pub(super) enum SiteMatch {
     Undecided,
     /// The body is back at the previous site. Returned once per rest.
     Revisited,
-    /// No return is to be reported. The caller stores the field of the current site, to recognise
-    /// that site later.
+    /// The body is at another site, or its return was reported earlier in this rest. The caller
+    /// stores the field of the site, to recognise the site later.
     Current,
 }
 
