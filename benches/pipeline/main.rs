@@ -102,8 +102,8 @@ enum Mode {
     One,
 }
 
-/// Result of a run. For `real` and `other` it is read from the report of `plumb up`, except for the
-/// phases.
+/// Result of a run. For `real` and `other`, all fields except `phases` are read from the report of
+/// `plumb up`.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,

@@ -11,10 +11,10 @@
 //! Failure: a service that exceeds its budget by more than [`TOLERANCE`] ends the run with an
 //! error. valgrind is required.
 //!
-//! All services run in one process, over the bus, and each tick passes through them in turn. One
-//! tick of a service is a wait that returns immediately, receiving, joining, the step, publishing
-//! and waking. Callgrind counts all instructions, including those of health reports and
-//! checkpoints. The warm-up is not counted.
+//! All services run in one process, over the bus, and each tick passes through them in turn. For
+//! each tick, a service waits (the wait returns immediately), receives and joins its inputs, steps
+//! its stage, publishes the output and wakes the subscribers. Callgrind counts all instructions,
+//! including those of health reports and checkpoints. The warm-up is not counted.
 
 mod callgrind;
 mod services;

@@ -49,7 +49,8 @@ pub(super) struct SensorCounts {
     readings: u64,
     /// Number of forwarded readings that include a magnetic field.
     fields: u64,
-    /// Number of messages that were malformed, not finite, or without rate or force.
+    /// Number of messages that were malformed, contained a non-finite number, or lacked rate or
+    /// force.
     rejected: u64,
     /// Number of readings that arrived while the system was not accepting any.
     undelivered: u64,

@@ -211,7 +211,7 @@ fn calibrate_flight(
     Ok(calibrator.finish()?)
 }
 
-/// Parses the local gravity, m/s², within the range found on earth.
+/// Parses the local gravity, m/s², within the range found on Earth.
 fn parse_gravity(text: &str) -> Result<f64, String> {
     parse_in_range(text, 9.7..=9.9).ok_or_else(|| "expected a gravity of 9.7 to 9.9 m/s²".into())
 }

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::common::{Run, Running, System, copy_program, plumb, signal, wait_for};
 
-/// User id of `nobody`.
+/// User ID of `nobody`.
 const OTHER_USER: &str = "65534";
 
 /// Returns a command that runs the shell commands in `shell` and then `command`.

@@ -345,8 +345,8 @@ fn stdout_is_empty_without_json() {
     }
 }
 
-/// The system has the default name. The run is in process, so it cannot collide with another
-/// system.
+/// The system has the default name. With `--in-process` it does not use the bus, so it cannot
+/// collide with another system of that name.
 #[test]
 fn default_launch_file_is_built_in() {
     let empty = tempfile::tempdir().unwrap();

@@ -163,7 +163,7 @@ fn session_memory_does_not_grow() {
     system.wait_until_running();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
-    // A short session limits the page to a shorter history, so that the history is full when the
+    // In a short session the page keeps a shorter history, so that the history is full when the
     // measurement starts.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
     page.eval(&format!("plumb.data.kept_s = {kept_s}"));

@@ -101,7 +101,8 @@ fn python_client_receives_60_attitudes_per_second() {
         "{max_per_second:?}"
     );
 
-    // The events must be complete, because they are not subject to the limit of 60 per second.
+    // The events must be complete, because the limit of 60 messages per second does not apply to
+    // them.
     let events: Vec<u64> = serde_json::from_value(summary["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 

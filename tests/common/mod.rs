@@ -90,7 +90,7 @@ impl System {
         Running::spawn(self.command(arguments))
     }
 
-    /// Starts `plumb up` in a separate process group, like an interactive shell.
+    /// Starts `plumb up` in a separate process group, as an interactive shell does.
     pub(crate) fn start_in_process_group(&self, arguments: &[&str]) -> Running {
         let mut command = self.command(arguments);
         command.process_group(0);

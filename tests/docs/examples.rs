@@ -40,7 +40,7 @@ impl Block {
     ///
     /// # Panics
     ///
-    /// Panics if the block is neither a known language nor a listed exception.
+    /// Panics if the language of the block is unknown and the block is not a listed exception.
     fn example_language(&self) -> Option<Language> {
         let first = self.first_line();
         let is_listed = NOT_EXAMPLES.iter().any(|(beginning, _)| first.starts_with(beginning));
@@ -66,7 +66,7 @@ impl Block {
     }
 }
 
-/// Returns the Markdown files with examples, with their blocks.
+/// Returns the Markdown files that may contain examples, each with its blocks.
 fn files() -> Vec<(String, Vec<Block>)> {
     let has_examples = |file: &str| !FOLDERS_WITHOUT_EXAMPLES.iter().any(|(folder, _)| file.starts_with(folder));
     let files = markdown::files().into_iter().filter(|(file, _)| has_examples(file));
@@ -112,7 +112,7 @@ impl Scratch {
             // Shorter durations.
             ("--seconds 10", "--seconds 1".into()),
             ("--seconds 60", "--seconds 2".into()),
-            // Paths that the reader replaces.
+            // Placeholder paths, which a reader of the documentation has to replace.
             ("/path/to/plumbline", root.display().to_string()),
             ("/etc/plumbline/launch.toml", "launch.toml".into()),
         ];

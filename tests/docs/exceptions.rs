@@ -1,7 +1,7 @@
 //! Examples of the documentation that do not run, each with the reason.
 //!
 //! Add a line here if an example needs a device, another machine or several minutes. A test fails
-//! if no example matches a line any more.
+//! if a line here no longer matches any example.
 
 /// Beginnings of shell lines that the test does not run, with the reason.
 pub(super) const NOT_RUN: &[(&str, &str)] = &[

@@ -29,7 +29,7 @@ const IDLE_CONNECTIONS: usize = 1200;
 /// Maximum resident memory of a gateway under attack, KiB.
 const MAX_MEMORY_KIB: u64 = 64 * 1024;
 
-/// Opens a plain Zenoh session that uses none of our code.
+/// Opens a plain Zenoh session, without any of Plumbline's own code.
 fn uncertified_session(endpoint: &str, mode: &str) -> Session {
     let mut config = Config::default();
     for (key, value) in [

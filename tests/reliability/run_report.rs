@@ -1,4 +1,5 @@
-//! Gaps in the report and the output file are reported and counted, and change the exit code.
+//! If attitudes are missing from the report or the output file, the run counts and reports them and
+//! exits with code 1.
 //!
 //! The attitude itself is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};

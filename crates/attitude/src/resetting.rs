@@ -4,8 +4,8 @@
 //!
 //! Output: a valid output of the stage.
 //!
-//! Failure: a stage is reset for an invalid output. If the output after the reset is also invalid,
-//! the stage has failed permanently.
+//! Failure: an invalid output causes a reset of the stage. If the output after the reset is also
+//! invalid, the stage has failed permanently.
 
 use core::fmt;
 
@@ -28,7 +28,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
         Self { initial: stage.snapshot(), stage, output_error: None }
     }
 
-    /// Steps the stage. Returns the output, and `true` if the stage was reset for it.
+    /// Steps the stage. Returns the output, and `true` if the stage was reset in this step.
     ///
     /// Returns `None` once the stage has failed permanently.
     #[inline]
@@ -60,7 +60,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
 /// Permanent failure of a stage.
 #[derive(Debug)]
 pub enum StageFailure<'a> {
-    /// The stage has reported an error. Only stages in a separate process do.
+    /// The stage has reported an error. Only stages in a separate process report errors.
     Stage(&'a dyn core::error::Error),
     /// The output is invalid even after a reset.
     InvalidOutput {

@@ -103,6 +103,6 @@ pub struct Port {
     pub name: String,
     /// Process identifier; 0 if unknown.
     pub pid: u32,
-    /// `true` unless the process was killed.
+    /// `false` if the process was killed or is not in the list of processes on the bus.
     pub alive: bool,
 }

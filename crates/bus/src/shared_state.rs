@@ -1,4 +1,5 @@
-//! State shared by all processes of a system: a wake word per topic, the owner and the run.
+//! State shared by all processes of a system: a wake word per topic, the process ID of the
+//! owner and the identifier of the run.
 
 use std::{
     fs::File,

@@ -80,9 +80,9 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests. Their number equals the number of unknowns of the model.
+    /// Rests, exactly one for each unknown of the model.
     MinimalRests,
-    /// Rests. Their number exceeds the number of unknowns of the model.
+    /// Rests that outnumber the unknowns of the model.
     Rests,
     Motion,
 }

@@ -50,9 +50,9 @@ impl Value {
 pub struct Residual {
     /// Description of the residual.
     pub quantity: &'static str,
-    /// Root mean square of the raw readings.
+    /// Value of `quantity` for the raw readings.
     pub before: f64,
-    /// Root mean square of the calibrated readings.
+    /// Value of `quantity` for the calibrated readings.
     pub after: f64,
     /// Unit of `before` and `after`.
     pub unit: &'static str,

@@ -85,7 +85,7 @@ pub enum LinesError {
     MissingColumn {
         /// Quantity that the column is mapped to.
         target: &'static str,
-        /// Name in the mapping.
+        /// Name of the column in the mapping.
         column: String,
         /// Column with a similar name.
         near: Option<String>,

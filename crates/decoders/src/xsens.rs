@@ -53,8 +53,8 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device with a magnetometer unit of `field_ut` µT, usually
-    /// [`FIELD_UT`].
+    /// Creates the format of a device. `field_ut` is the field strength of one magnetometer unit,
+    /// µT, usually [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

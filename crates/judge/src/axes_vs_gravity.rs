@@ -19,8 +19,8 @@ const STEP_S: f64 = 0.004;
 pub(crate) const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
-/// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,
-/// which is more than vibration causes in a body at rest.
+/// Minimum spread of the force in body axes for a window to count. It corresponds to a rotation by
+/// about 20°, which exceeds the effect of vibration on a body at rest.
 const MIN_SPREAD: f64 = 0.04;
 /// Minimum number of windows for a diagnosis. A shock affects one window, or two if it falls on
 /// their boundary.
@@ -42,7 +42,8 @@ const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
 const TIE_RATIO: f64 = 1.15;
 /// Offset in the limit given at [`TIE_RATIO`].
 const TIE_DIFFERENCE: f64 = 0.01;
-/// Unit hypotheses: unchanged, °/s read as rad/s, and rad/s read as °/s.
+/// Factors that correct the rates under each unit hypothesis: correct unit, °/s read as rad/s, and
+/// rad/s read as °/s.
 const SCALES: [f64; 3] = [1.0, std::f64::consts::PI / 180.0, 180.0 / std::f64::consts::PI];
 
 /// Hypotheses with the same unit and the same handedness.
@@ -202,13 +203,14 @@ impl HypothesisGroup {
         self.moments.iter_mut().zip(force.iter()).for_each(|(moment, force)| *moment += self.to_start * *force);
     }
 
-    /// Adds the spread of the finished window to the sum of each hypothesis. `spread` computes the
-    /// spread from the sum of the forces over the window.
+    /// Adds the spread in the finished window to the accumulated spread of each hypothesis. The
+    /// function `spread` computes it from the sum of the rotated forces in the window.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
-            // These terms add up to the sum of the forces under this hypothesis, except for a
-            // rotation and possibly the sign. The spread depends only on the length of the sum.
+            // The sum of the terms is Aᵀ times the sum of the rotated forces under this hypothesis,
+            // where A is `sum.axes`. Aᵀ does not change the length of a vector, and the spread
+            // depends only on the length.
             let terms = moments.iter().zip(sum.axes.row_iter());
             let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             sum.spread += spread(&force);
@@ -221,7 +223,7 @@ impl HypothesisGroup {
     }
 }
 
-/// Returns a value that is larger the less a hypothesis changes the axes and the unit.
+/// Returns the simplicity of a hypothesis. Every change of the axes or of the unit lowers it.
 ///
 /// Negating all axes counts as a smaller change than negating one.
 fn simplicity(Hypothesis { axes, scale, .. }: &Hypothesis) -> f64 {

@@ -109,7 +109,7 @@ fn unit_remedy(sensor: &str, factor: f64, unit: &str) -> String {
     format!("`--units {unit}` of `plumb import`, or {}", scale_remedy(sensor, factor))
 }
 
-/// Factor from °/s to rad/s with sufficient digits.
+/// Factor from °/s to rad/s, rounded for display in a remedy.
 const DEGREE_RAD: f64 = 0.017_453_292_52;
 
 pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
@@ -240,8 +240,8 @@ pub(crate) struct Hypothesis {
 /// Creates the diagnosis of wrong axes or a wrong unit of the gyro. `all` contains the hypotheses
 /// that fit. Those that change the axes and the unit least come first.
 pub(crate) fn gyro_mismatch(unchanged: f64, seconds: f64, all: &[Hypothesis]) -> Diagnosis {
-    /// Maximum number of hypotheses shown. They differ only in axes about which there was no
-    /// rotation.
+    /// Maximum number of hypotheses shown. The hypotheses differ only in the axes about which the
+    /// body has not rotated.
     const SHOWN: usize = 3;
     let unit_only = all.iter().find(|hypothesis| hypothesis.axes == Matrix3::identity());
     let (issue, causes) = match unit_only {

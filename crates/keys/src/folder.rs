@@ -312,7 +312,8 @@ impl Keys {
         }
     }
 
-    /// Reads which vehicles import ticks from which other vehicles.
+    /// Returns the permitted imports of ticks, as recorded in the folders of the importing
+    /// vehicles.
     fn read_imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
         let mut imports = Vec::new();
         for importer in parties {

@@ -151,7 +151,8 @@ fn fault_kind(section: &mut Section<'_, '_>, key: Key, out: &mut FaultKind) {
         return section
             .variants(key.name, out, FaultKind::NAMES.iter().copied(), |section, kind| kind.read_keys(section));
     }
-    // An unknown or missing kind causes no second problem.
+    // If the kind is unknown or missing, the keys of every kind are accepted, so that only the
+    // kind itself is reported.
     section.allow(|section| FaultKind::NAMES.iter().for_each(|(_, kind)| kind.clone().read_keys(section)));
 }
 

@@ -5,7 +5,7 @@
 //! [`read!`] reads keys that are not fields of a section's struct.
 //!
 //! The struct, its `Default`, the reader with its checks, the comments of `launch.toml` and the
-//! reference chapter follow from these rows.
+//! reference chapter are generated from these rows.
 
 use crate::toml_reader::Section;
 

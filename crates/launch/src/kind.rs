@@ -25,7 +25,7 @@ impl Kind<f64> for RangeInclusive<f64> {
     }
 }
 
-/// An integer in a range. The default 0 stands for a key that is not set, if 0 is not allowed.
+/// An integer in a range. If the range excludes 0, the default 0 stands for a key that is not set.
 impl Kind<u64> for RangeInclusive<u64> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut u64) {
         let range = format!("{} to {}", self.start(), self.end());

@@ -11,14 +11,14 @@ use crate::{
 use std::{fs, path::Path};
 use toml::de::DeTable;
 
-/// Maximum number of messages that a topic holds for a subscriber: 13 MB for the largest message
-/// type.
+/// Maximum number of messages that a topic of the data path holds for a subscriber: 15 MB for the
+/// largest message type.
 pub const MAX_TOPIC_MESSAGES: usize = 65_536;
 
 impl Launch {
     /// Reads and checks a launch file.
     ///
-    /// Relative paths in it become relative to the launch file's folder.
+    /// Relative paths in the file are resolved against the folder of the file.
     ///
     /// # Errors
     ///

@@ -97,7 +97,7 @@ fn calibration(out: &mut Calibration, section: &mut Section<'_, '_>) {
 }
 
 keys! {
-    /// Keys of the mounting. Angles are allowed together, the others exclude each other.
+    /// Keys of the mounting. Only the three angles can be set together.
     struct MountingKeys {
         /// Body directions of the sensors' x and y axes, as x-DIRECTION-y-DIRECTION. The directions
         /// are two of right, left, forward, back, up and down, at right angles to each other.

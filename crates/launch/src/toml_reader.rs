@@ -493,7 +493,7 @@ impl<'t> Section<'t, '_> {
     }
 }
 
-/// Returns the path relative to the folder, if one is known. An empty path stays empty.
+/// Joins a relative path to the folder, if the folder is known. An empty path stays empty.
 pub(crate) fn resolve(folder: Option<&Path>, path: &str) -> PathBuf {
     folder.filter(|_| !path.is_empty()).map_or_else(|| path.into(), |folder| folder.join(path))
 }

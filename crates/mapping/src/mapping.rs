@@ -280,7 +280,8 @@ impl Mapping {
         self.column(REFERENCE[0]).is_some()
     }
 
-    /// Returns the targets of the east, north and vertical velocity. `None` if they are not mapped.
+    /// Returns the targets of the east, north and vertical velocities, or `None` if they are not
+    /// mapped.
     pub fn velocity(&self) -> Option<[&'static str; 3]> {
         [VELOCITY_UP, VELOCITY_DOWN].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
     }

@@ -85,7 +85,7 @@ impl Flags {
     pub const INFORMATIONAL: Self =
         Self(Self::RATE_INSTANT.0 | Self::ALIGNED.0 | Self::AT_REST.0 | Self::FIELD.0 | Self::FIX.0);
 
-    /// Returns `true` if any flag of `other` is set.
+    /// Returns `true` if `self` contains at least one flag of `other`.
     pub fn any(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }

@@ -72,7 +72,8 @@ impl Chart {
 pub struct CourseReference(pub u64);
 
 impl CourseReference {
-    /// Heading at the start. Gyro and accelerometer alone cannot observe north.
+    /// Arbitrary: the heading at the start, because gyro and accelerometer alone cannot observe
+    /// north.
     pub const ARBITRARY: Self = Self(0);
     /// Magnetic north.
     pub const MAGNETIC: Self = Self(1);
@@ -269,9 +270,9 @@ payload! {
         z_rad: f64,
         /// Chart of `w` and `z_rad`.
         chart: Chart,
-        /// Rotation of the body over the interval, p = d0 + j d3.
+        /// Rotation of the body over the interval, the unit quaternion d: p = d0 + j d3.
         p: [f64; 2],
-        /// Rotation of the body over the interval, s = d1 + j d2.
+        /// Rotation of the body over the interval, the unit quaternion d: s = d1 + j d2.
         s: [f64; 2],
         /// Mean rate over the interval, rad/s, body axes.
         rate_rad_s: [f64; 3],
@@ -287,7 +288,7 @@ payload! {
         w: [f64; 2],
         /// Chart of `w`.
         chart: Chart,
-        /// |f|, m/s².
+        /// Magnitude |f| of the specific force, m/s².
         norm_m_s2: f64,
         /// Confidence: 1 at |f| = g, 0 if the point is not from this sample.
         trust: f64,

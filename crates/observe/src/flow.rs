@@ -55,7 +55,7 @@ pub struct Delivery {
     pub restarts: u64,
 }
 
-/// Offsets of the header fields that identify a message.
+/// Offsets of the header fields from which the statistics are computed.
 #[derive(Debug, Clone, Copy)]
 struct StampOffsets {
     tick: usize,

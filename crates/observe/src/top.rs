@@ -51,7 +51,7 @@ pub struct ServiceRow {
     pub service: String,
     /// Stage in the service's slot.
     pub stage: Option<String>,
-    /// Name of its state, as reported by the supervisor.
+    /// Name of the service's state, as reported by the supervisor.
     pub state: String,
     /// Process ID, if any.
     pub pid: Option<u32>,

@@ -14,7 +14,8 @@ use crate::{slot::SlotProcessor, state_words::StateWords};
 /// Part of the state that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resumed {
-    /// The complete state was restored. The outputs continue bit for bit.
+    /// The complete state was restored. Later outputs are bit-identical to those of an
+    /// uninterrupted run.
     Complete,
     /// Only the state common to all stages of the slot was restored, because the checkpoint belongs
     /// to another stage.

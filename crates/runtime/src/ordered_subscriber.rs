@@ -31,8 +31,8 @@ pub trait SlotInput<I> {
 #[derive(Debug)]
 pub struct OrderedSubscriber<M: Ticked> {
     subscriber: Subscriber<M>,
-    /// Maximum number of messages per read, which is the number that the buffers of all publishers
-    /// hold.
+    /// Maximum number of messages per read. It equals the capacity of the buffers of all publishers
+    /// together.
     max_read: usize,
     stream: RefCell<OrderedStream<M>>,
 }

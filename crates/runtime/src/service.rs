@@ -44,7 +44,7 @@ pub struct SlotLoop<'a, S: SlotProcessor> {
     shadow: Option<ShadowComparison<S::Output>>,
     /// Number of messages that are read from one input before the others are polled.
     batch_size: usize,
-    /// Maximum number of repeated polls in a round.
+    /// Maximum number of polls in a round that leave further messages unread.
     max_polls: usize,
 }
 

@@ -124,13 +124,14 @@ impl ServiceConfig {
         self.launch.ingest.source.is_blocking() || self.pace != Pace::Speed(1.0)
     }
 
-    /// Returns the maximum number of ticks by which the source may be ahead of the last subscriber.
+    /// Returns the maximum lead of the source over its slowest subscriber, ticks.
     ///
     /// The limit is at most half the lateness, so a subscriber with two publishers does not give up
     /// one of them because of this lead. It is also at most half the capacity of a buffer.
     ///
-    /// For an import, only the capacity limits the lead. Imported ticks can be lost for good, and a
-    /// subscriber gives up a lost tick only once later ticks are far enough ahead of it.
+    /// For an import, the limit is halfway between the lateness and the capacity. It must exceed
+    /// the lateness, because imported ticks can be lost for good, and a subscriber gives up a lost
+    /// tick only once later ticks are ahead of it by the lateness.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;

@@ -129,7 +129,7 @@ impl<S: SlotProcessor> SlotService<S> {
         Some(self.state())
     }
 
-    /// Returns the state before the next tick.
+    /// Returns the state from which the next tick is computed.
     pub fn state(&mut self) -> Checkpoint {
         checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some())
     }

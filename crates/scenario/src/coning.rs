@@ -46,7 +46,8 @@ impl Coning {
 
     /// Returns the integral of the body rate, rad, up to a constant.
     ///
-    /// The difference between two times is the angle that an integrating gyro measures in between.
+    /// The difference between its values at two times is the angle that an integrating gyro
+    /// measures between these times.
     pub(crate) fn rotation_rad(self, t_s: f64) -> Vector3<f64> {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);

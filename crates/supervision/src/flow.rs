@@ -7,7 +7,8 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// Time without output after which the remaining ticks are given up once the source has ended.
+/// Time to wait for further output once the source has ended. After it, the remaining ticks are
+/// given up.
 ///
 /// It is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -17,11 +18,11 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// Time without output, in addition to `silence_s`, after which missing ticks count as lost in
-/// lockstep, even if every service runs.
+/// Time without output, in addition to `silence_s`, after which missing ticks count as lost
+/// although every service runs. The timeout applies only if the source waits for credit.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between extra windows granted past missing ticks. It gives subscribers time to catch
-/// up.
+/// Interval between two extra windows of credit, which the source receives while ticks are missing
+/// from the output. It gives subscribers time to catch up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Progress of the system from start to shutdown.
@@ -237,8 +238,8 @@ impl Supervision {
         self.local_next_tick().unwrap_or(self.output.next_tick)
     }
 
-    /// Returns the tick before which every local slot has published, or `None` if the attitude is
-    /// computed on this host.
+    /// Returns the first tick that some local slot has not published yet, or `None` if the attitude
+    /// is computed on this host.
     pub fn local_next_tick(&self) -> Option<u64> {
         let path = || self.path().map(|(service, _)| service).filter(|service| !service.is_auxiliary());
         let has_attitude = path().any(|service| service == Service::Course);
@@ -248,7 +249,8 @@ impl Supervision {
     /// Returns the number of ticks received from the source.
     pub fn ticks_in(&self) -> u64 {
         match self.config.launch.tick_source() {
-            // The topic is up to date even if ingest has exited without reporting its health.
+            // The next tick of the topic is up to date even if ingest has exited without reporting
+            // its health.
             Service::Ingest => self.published[Service::Ingest as usize],
             origin => self.table.entry(origin).health().map_or(0, |health| health.ticks),
         }

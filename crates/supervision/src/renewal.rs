@@ -37,7 +37,7 @@ impl Renewals {
         self.join_failed = join_failed;
     }
 
-    /// Returns the number of renewals within the window.
+    /// Returns the number of renewals within the last [`RENEWAL_WINDOW`].
     fn count_recent(&mut self, now: Duration) -> usize {
         while self.renewals.pop_front_if(|at| *at + RENEWAL_WINDOW < now).is_some() {}
         self.renewals.len()

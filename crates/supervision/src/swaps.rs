@@ -359,8 +359,8 @@ impl Supervision {
                 if entry.owner.is_some() {
                     self.actions.push(Action::Kill { incarnation });
                 }
-                // The replacement's output has been delivered, so the previous owner continues
-                // after it.
+                // The replacement's output has been delivered, so the previous owner resumes
+                // after the replacement's last tick.
                 if self.swaps.state(slot).is_some_and(|state| state.owned_by_replacement) {
                     self.publish_owner(slot, epoch, incarnation, self.published[service as usize].max(from_tick));
                 }
@@ -369,13 +369,14 @@ impl Supervision {
         }
     }
 
-    /// Publishes that a slot keeps its owner from the tick after the newest published one on.
+    /// Publishes the event that the owner of a slot is unchanged. The tick of the event is the one
+    /// after the newest tick published for the slot.
     pub(crate) fn publish_owner_unchanged(&mut self, slot: Slot) {
         let incarnation = self.table.entry(slot.service()).incarnation();
         self.publish_owner(slot, FIRST_EPOCH, incarnation, self.published[slot.service() as usize]);
     }
 
-    /// Publishes an ownership decision with the details of the owner.
+    /// Publishes an event about an ownership decision, with the details of the owner.
     fn publish_owner(&mut self, slot: Slot, epoch: u32, owner: u32, from_tick: u64) {
         let service = slot.service();
         let is_candidate = self.table.is_candidate(service as u32, owner);

@@ -136,8 +136,7 @@ impl Supervision {
 }
 
 impl WatchRunner {
-    /// Processes the reports received since the previous call and returns a line to announce, if
-    /// any.
+    /// Processes the reports received since the previous call. Returns a line to print, if any.
     fn process_reports(&mut self, now: Duration) -> Option<String> {
         let reports = std::mem::take(&mut self.reports);
         let report_for = |id: Option<u64>| reports.iter().find(|(request, _)| Some(*request) == id).cloned();

@@ -120,8 +120,8 @@ impl<M: Stamped> ReorderBuffer<M> {
 
     /// Returns `true` if another publisher may still send a tick before this message.
     ///
-    /// This is ruled out only if the message comes from the publisher of the last delivered message
-    /// and its epoch is not newer. While the start is unknown, the epoch alone decides.
+    /// This is ruled out only if the message has the same publisher as the last delivered message
+    /// and no newer epoch than that message. While the start is unknown, the epoch alone decides.
     fn may_have_predecessor(&self, message: &M) -> bool {
         message.epoch() > self.epoch || !self.start_unknown && self.sequence.publisher != message.incarnation()
     }

@@ -81,8 +81,8 @@ pub struct FieldOffsets {
 /// Time stamps and sequence number of a message on a channel.
 ///
 /// `log_ns` is the time of publication on CLOCK_REALTIME: the message's `t_sent_ns`, or the time of
-/// reception if the message has none. It is converted from CLOCK_MONOTONIC with
-/// [`Clocks::offset_ns`], which is measured only once. It therefore never jumps, even if
+/// reception if the message has none. This time is converted from CLOCK_MONOTONIC with
+/// [`Clocks::offset_ns`], which is measured only once. `log_ns` therefore never jumps, even if
 /// CLOCK_REALTIME is set.
 ///
 /// `source_ns` is the end of the sample's interval on the source's clock, or `log_ns` if the

@@ -33,17 +33,17 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Minimum number of bytes without a valid message for a wrong format or speed to be reported. The
-/// number is many times the length of a typical message.
+/// Number of received bytes from which a wrong format or speed is reported if the bytes contain no
+/// valid message. The number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Minimum number of messages without a measurement for a problem to be reported.
+/// Number of received messages from which a problem is reported if none contains a measurement.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Minimum number of clock steps within the window for a problem to be reported. A device that
-/// merely restarts causes fewer steps.
+/// Number of clock steps within the window at which a problem is reported. A device that merely
+/// restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
 
 /// Reports of one device from the last [`WINDOW_S`] seconds.

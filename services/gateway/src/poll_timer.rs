@@ -4,8 +4,8 @@
 //! immediately. This needs no additional system call by the publisher, because the call that wakes
 //! the next service on the data path also wakes the gateway.
 //!
-//! If ticks are faster, the bus is polled at the message rate, so that publishers on the bus need
-//! no system call to wake the gateway.
+//! If ticks are faster, or in lockstep, the bus is polled at the message rate, so that publishers
+//! on the bus need no system call to wake the gateway.
 //!
 //! Ticks from another host are always waited for.
 

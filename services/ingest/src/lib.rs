@@ -111,8 +111,8 @@ impl PacedIngest {
         Ok(Self { ingest, readings, next, first_ns })
     }
 
-    /// Waits until the next sample is due and may be published. Then publishes it, together with
-    /// other samples that are due. May return earlier without publishing.
+    /// Waits until the next sample is due and may be published, and publishes it. At maximum speed,
+    /// publishes a batch of samples. May return earlier without publishing.
     ///
     /// Returns `false` once there is nothing more to publish.
     ///
@@ -379,8 +379,9 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // The end is the topic's next tick, not that of this incarnation. All ticks that an
-            // earlier incarnation has published are therefore published again.
+            // Publication ends at the topic's next tick, even if this incarnation has not reached
+            // that tick yet. This incarnation therefore still repeats all ticks that an earlier one
+            // has published.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }

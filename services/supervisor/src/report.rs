@@ -15,7 +15,7 @@ pub struct Report {
     /// Number of ticks received from ingest.
     pub ticks_in: u64,
     /// Number of ticks with an attitude. If another host computes the attitude, this is the number
-    /// of ticks published by every local slot.
+    /// of ticks that all local slots have published.
     pub ticks_out: u64,
     /// Number of ticks without an attitude.
     pub lost: u64,
@@ -93,7 +93,7 @@ pub struct ServiceReport {
 pub struct RunTotals {
     /// Number of ticks received from ingest or from another host.
     pub ticks_in: u64,
-    /// Number of ticks published by every local slot, if another host computes the attitude.
+    /// Number of ticks that all local slots have published, if another host computes the attitude.
     pub ticks_out: Option<u64>,
     /// Number of readings rejected at the source.
     pub rejected: u64,
@@ -106,7 +106,7 @@ pub struct RunTotals {
 }
 
 impl Report {
-    /// Creates the report of a run that ended regularly or with `failure`.
+    /// Creates the report of a run that ended normally or with `failure`.
     pub fn new(mut collector: Collector, totals: RunTotals, failure: Option<UpError>) -> Self {
         let unwritten = collector.finish().err().map(UpError::from);
         let without_fused = collector.lines_without_fused();

@@ -39,8 +39,8 @@ fn has_room(timeout: Option<&Timespec>) -> bool {
         match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
             Err(Errno::INTR) => {}
             Ok(0) => return false,
-            // Standard error is ready, closed or has failed. The write that follows reports a
-            // failure.
+            // Standard error is ready, is closed or has failed. If it has failed, the write that
+            // follows reports the failure.
             _ => return true,
         }
     }

@@ -31,7 +31,7 @@ impl Board {
     }
 }
 
-/// Returns a board behind a router and one that listens itself.
+/// Returns two setups. In one, the board connects to a router; in the other, it listens itself.
 fn board_setups() -> Vec<BoardSetup> {
     [false, true].map(BoardSetup::new).into()
 }

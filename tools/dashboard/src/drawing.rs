@@ -29,7 +29,7 @@ pub(crate) const MUTED: Color = Color::Indexed(244);
 const FULL_SIZE: (u16, u16) = (80, 24);
 /// Minimum size for the reduced view: columns, lines.
 const MIN_SIZE: (u16, u16) = (40, 8);
-/// Number of bar height steps per character.
+/// Number of different heights of a bar within one character.
 const STEPS_PER_CHARACTER: u64 = 8;
 
 /// Draws a snapshot over the whole frame.

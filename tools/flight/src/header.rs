@@ -65,7 +65,7 @@ impl FlightHeader {
     }
 }
 
-/// Returns the current time on CLOCK_REALTIME, from the clock offset of the recording, ns.
+/// Returns the current time on CLOCK_REALTIME, ns, computed with the clock offset of the recording.
 pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }

@@ -92,7 +92,7 @@ impl Source for CsvSource<'_> {
         Format::Csv
     }
 
-    /// Returns the total size of the headers and of one pass over the file of each column group.
+    /// Returns the number of bytes to read: the headers, then the file of each column group once.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }

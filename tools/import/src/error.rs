@@ -158,7 +158,7 @@ pub enum ImportError {
     /// The components of a vector are in different files, so their times differ.
     #[error("mapping {}: found columns of {}, expected all in one file", group.join(", "), quoted_list(files))]
     SplitVector {
-        /// Targets of the components.
+        /// Mapping targets of the vector's components.
         group: Vec<&'static str>,
         /// File of each component.
         files: Vec<String>,
@@ -175,7 +175,7 @@ pub enum ImportError {
         /// Description of what was expected.
         expected: String,
     },
-    /// A ULog is damaged before its data section.
+    /// A ULog file is damaged before its data section.
     #[error("reading {}: byte {at_byte}: found {found} before any data; copy the file again", path.display())]
     DamagedStart {
         /// Path of the file.

@@ -14,7 +14,7 @@
 
 use serde::Serialize;
 
-/// Fractions of the samples for which a ratio is reported.
+/// Coverages of the reported quantiles, as fractions of the samples.
 const COVERAGES: [f64; 2] = [0.68, 0.95];
 /// Ideal ratios for a single-axis error.
 const ONE_AXIS_IDEAL: [f64; 2] = [1.0, 2.0];

@@ -16,7 +16,7 @@ const MIN_FIELD_UT: f64 = 0.05;
 pub(super) fn heading_correction_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
     let h = attitude.horizontal(field);
     let (sin, cos) = libm::sincos(attitude.z_rad);
-    // Rotated by z into the reference frame, in which η0 is north.
+    // The field is rotated by z into the reference frame, in which η0 is north.
     arg(Complex::new(h.re * sin + h.im * cos, h.re * cos - h.im * sin))
 }
 

@@ -38,7 +38,8 @@ impl Default for GyroScale {
 
 impl Scalars for GyroScale {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        // All numbers of a state are finite, so an unknown deviation is stored as a flag.
+        // All numbers of a state must be finite, so an infinite standard deviation is stored as a
+        // flag.
         let mut known = self.sd.iter().all(|sd| sd.is_finite());
         let mut sd = if known { self.sd } else { Vector3::zeros() };
         known.visit(visit);

@@ -21,7 +21,7 @@ const MIN_QUIET_S: f64 = 1.5;
 /// Longest averaging time of the rate at rest, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
-/// Largest speed over ground at which the body may be at rest, m/s.
+/// Largest speed reported by a receiver at which the body may still be at rest, m/s.
 pub(super) const MAX_SPEED_AT_REST_M_S: f64 = 0.7;
 /// Standard deviation of a bias measured at rest, rad/s.
 pub(super) const BIAS_SD_AT_REST_RAD_S: f64 = 8e-4;

@@ -105,7 +105,7 @@ pub struct SupervisedFuser<S> {
 /// State of a [`SupervisedFuser`], excluding its stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SupervisedState {
-    /// Open-loop attitude of the gyro and end of the interval, ns, of the newest motion.
+    /// Gyro's open-loop attitude at the end of the newest motion, and the time of that end, ns.
     pub previous_motion: Option<(Attitude, i64)>,
     /// Set once the attitude has been aligned.
     pub is_aligned: bool,
@@ -246,7 +246,7 @@ mod tests {
 
     const INTERVAL_NS: i64 = 10_000_000;
 
-    /// Body with a gyro, simulated at 100 Hz. The accelerometer shows `up`.
+    /// Body with a gyro, simulated at 100 Hz. The accelerometer measures gravity along `up`.
     struct Body {
         fuser: SupervisedFuser<Fuser>,
         gyro: Gyro,

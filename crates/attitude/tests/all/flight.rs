@@ -17,7 +17,7 @@ use attitude::{
 use scenario::Scenario;
 
 const SEEDS: core::ops::RangeInclusive<u64> = 1..=8;
-/// An error counts as an error in a gap if more than this time has passed since the last fix, s.
+/// Minimum time since the last fix at which an error counts as an error without fixes, s.
 const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {

@@ -64,7 +64,7 @@ const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
 /// Margin of the error over the whole trial for a swap from a fuser with a small error, degrees.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin of the error over the whole trial for a swap from a fuser with a small error to `vqf`,
+/// Margin of the error over the whole trial for a swap to `vqf` from a fuser with a small error,
 /// degrees.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
 /// Margins for swaps between `wz` and `multiple-model`, degrees: for the error from the swap on,

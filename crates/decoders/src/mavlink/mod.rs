@@ -19,8 +19,9 @@
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
 //!
-//! Vertical velocity: GPS_RAW_INT has none. It is set to 0 with a standard deviation of at least
-//! [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground vehicles and boats. GLOBAL_POSITION_INT
+//! Vertical velocity: GPS_RAW_INT does not contain the vertical velocity. The decoder sets it to 0
+//! with a standard deviation of at least [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground
+//! vehicles and boats. GLOBAL_POSITION_INT
 //! has a vertical velocity, but its estimate includes the autopilot's own IMU.
 //!
 //! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with

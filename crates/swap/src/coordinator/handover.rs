@@ -8,7 +8,7 @@ use crate::{
 
 impl Coordinator {
     /// Decides that the candidate owns the slot from a future tick on. Neither stage has reached
-    /// this tick, so that both can receive the decision in time.
+    /// this tick, so both can receive the decision in time.
     pub(super) fn arm(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         let Some(owner) = swap.candidate else { return };

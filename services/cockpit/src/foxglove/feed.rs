@@ -71,8 +71,8 @@ impl Broadcaster {
     }
 
     /// Updates the subscriber counts after a client has changed its subscriptions. For each
-    /// channel, `before` and `after` yield `true` if the client was subscribed before or after the
-    /// change.
+    /// channel, `before` yields `true` if the client was subscribed before the change, and `after`
+    /// yields `true` if the client is subscribed after the change.
     pub(crate) fn update_subscriptions(&self, before: impl Iterator<Item = bool>, after: impl Iterator<Item = bool>) {
         for (clients, change) in self.subscriber_counts.iter().zip(before.zip(after)) {
             match change {

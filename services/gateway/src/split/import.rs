@@ -33,7 +33,8 @@ use crate::{
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a frame after which the importer requests all ticks from the next tick to deliver.
+/// Time without a frame after which the importer requests the next tick to be delivered and all
+/// later ticks.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Minimum interval between two requests for missing ticks.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);

@@ -35,7 +35,7 @@ pub struct Reassembly {
     run: Option<u64>,
     next_tick: u64,
     end_tick: u64,
-    /// Ticks cached by the exporter, as far as known.
+    /// Ticks cached by the exporter, according to the frames received.
     cached: Range<u64>,
     ahead: BTreeMap<u64, Record>,
 }

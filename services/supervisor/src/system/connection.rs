@@ -112,7 +112,8 @@ impl BusConnection {
         self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.record_fused(&state)));
     }
 
-    /// Returns the messages of the services, and the newest tick published by each.
+    /// Returns the messages of the services, and the tick after the newest one published by each
+    /// service of the data path.
     pub(super) fn poll_events(&mut self) -> Result<Vec<Event>, UpError> {
         let mut events = Vec::new();
         // Subscribers that have connected late receive the earlier messages.

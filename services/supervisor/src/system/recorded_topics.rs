@@ -18,7 +18,7 @@ impl RecordedTopics {
         Ok(Self(each.collect::<Result<_, _>>()?))
     }
 
-    /// Passes the messages received to the recorder and ends the round.
+    /// Passes the received messages to the recorder and marks the end of the round.
     pub(super) fn poll(&self, recorder: &mut dyn Recorder) {
         self.0.iter().for_each(|topic| topic.drain(recorder));
         recorder.end_round();

@@ -28,7 +28,7 @@ const PLOT_DECIMATION: usize = 10;
 pub enum GnssCoverage {
     /// Continuous fixes.
     Always,
-    /// Gaps of 60 s: the first starts at 300 s, and another every 240 s.
+    /// Gaps of 60 s, which start at 300 s and then every 240 s.
     Gaps,
     /// No fixes.
     Never,

@@ -148,7 +148,7 @@ impl PlotRecord {
         self.ticks += 1;
     }
 
-    /// Returns the end of the run, s, or `None` if a sample is in the time window.
+    /// Returns the end of the run, s, if no sample is in the time window.
     pub(crate) fn end_s_if_empty(&self) -> Option<f64> {
         (self.ticks == 0).then_some(self.end_s)
     }

@@ -77,7 +77,8 @@ impl Axis {
         self.pixels[0] + (value - from) / (to - from) * (self.pixels[1] - self.pixels[0])
     }
 
-    /// Returns round tick values: 1, 2 or 5 times a power of ten.
+    /// Returns round tick values: on a logarithmic axis 1, 2 and 5 times powers of ten, on a linear
+    /// axis the multiples of one such number.
     fn ticks(&self) -> Vec<f64> {
         if self.is_log {
             let decades = self.from.log10().floor() as i32..=self.to.log10().ceil() as i32;

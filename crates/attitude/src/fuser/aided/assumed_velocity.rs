@@ -18,7 +18,7 @@ use crate::{
 
 /// Interval between two updates with an assumed velocity, s.
 const INTERVAL_S: f64 = 0.2;
-/// Standard deviation of the velocity at standstill, m/s.
+/// Standard deviation of the zero velocity that is assumed at standstill, m/s.
 const STANDSTILL_SD_M_S: f64 = 0.1;
 /// States that an assumed velocity does not correct.
 const CONSIDERED: [usize; 2] = [HEADING, GYRO_UP];

@@ -25,7 +25,7 @@ settings! {
         accel_bias_sd_m_s2: 0.05 in 0.0001 .. 10.0, "m/s²";
         /// Standard deviation of the initial tilt about each horizontal axis.
         level_sd_deg: 2.0 in 0.01 .. 60.0, "°";
-        /// Standard deviation of the initial course relative to the track over ground in still air.
+        /// Standard deviation of the initial course, which is set from the track, in still air.
         course_sd_deg: 10.0 in 0.1 .. 90.0, "°";
         /// Standard deviation of a satellite velocity on each axis, used if the receiver reports
         /// none.
@@ -82,7 +82,7 @@ settings! {
 }
 
 impl Settings {
-    /// Returns whether the noise settings differ from their defaults.
+    /// Compares the noise settings with their defaults.
     pub(super) fn noise_settings(&self) -> NoiseSettings {
         let noises = |settings: &Self| {
             [

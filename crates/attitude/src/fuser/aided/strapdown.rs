@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{EARTH_RATE_RAD_S, GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rotation::Rotation};
 
-/// Largest plausible specific force of a vehicle, m/s².
+/// Largest plausible component of a vehicle's specific force, m/s².
 const MAX_FORCE_M_S2: f64 = 1e3;
 /// Largest component of a vehicle's velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 3e3;

@@ -52,7 +52,7 @@ impl Levelling {
         self.platform.realign();
     }
 
-    /// Returns the law for this tick.
+    /// Returns the levelling law for this tick: aided if the speed is recent, else autonomous.
     fn law(&self) -> Law {
         if self.speed.is_recent(self.settings.gap_s) {
             Law::Aided {

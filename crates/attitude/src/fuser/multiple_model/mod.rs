@@ -14,8 +14,8 @@
 //! ground motion, a heading of `wz` that refers to magnetic north takes precedence. In all other
 //! cases the heading is that of `wz`.
 //!
-//! A switch between the stages does not change the attitude abruptly, unless the attitudes of the
-//! stages differ too much. The difference is removed gradually (`transition`).
+//! After a switch between the stages, the difference between their attitudes is removed gradually
+//! (`transition`). Only a difference that is too large causes a jump of the attitude.
 //!
 //! | file | content |
 //! | --- | --- |

@@ -53,7 +53,8 @@ const MAX_INTERCEPT_DEVIATION: f64 = 0.1;
 const INTERCEPT_WALK: f64 = 2e-4;
 /// Standard deviation of the slope (V/g)², s²: a speed of 100 m/s.
 const SLOPE_SD_S2: f64 = 104.0;
-/// Time constant with which the estimated slope is forgotten, s, because a vehicle's speed changes.
+/// Time constant with which the estimated slope is forgotten, s. The slope is forgotten because a
+/// vehicle's speed changes.
 const SLOPE_TIME_CONSTANT_S: f64 = 30.0;
 /// Smallest standard deviation of the squared mean force over g².
 const MIN_NOISE_SD: f64 = 0.003;
@@ -159,9 +160,10 @@ pub(super) struct TurnDetector {
     /// Mean rate about the mean force, rad/s.
     rate_rad_s: f64,
     line: ForceLine,
-    /// Time since the line was updated, s.
+    /// Time since `line` was updated, s.
     since_update_s: f64,
-    /// Duration of the turn, s. It increases while the body turns and decreases as fast otherwise.
+    /// Duration of the turn, s. It increases while the body turns and decreases at the same rate
+    /// otherwise.
     turn_s: f64,
 }
 

@@ -59,7 +59,7 @@ impl Default for Vqf {
 }
 
 impl Vqf {
-    /// Rebuilds the filter for the present sampling times. Its state is kept.
+    /// Rebuilds the filter for the current sampling times. Its state is kept.
     pub(super) fn rebuild(&mut self) {
         let state = *self.filter.state();
         let field_s = self.field_period.mean_s;

@@ -26,7 +26,7 @@ const MAX_EXCESS_FRACTION: f64 = 0.5;
 pub(super) struct TiltFaultMonitor {
     /// ∫ innovation/g dt.
     innovation_sum_s: Complex<f64>,
-    /// ∫ levelled force/g dt.
+    /// ∫ horizontal part of the levelled force/g dt.
     force_sum_s: Complex<f64>,
     /// ∫ (|f|/g − 1) dt, where f is the force.
     excess_sum_s: f64,
@@ -41,8 +41,8 @@ impl Default for TiltFaultMonitor {
 }
 
 impl TiltFaultMonitor {
-    /// Processes an interval. `innovation` is the mean innovation, `force` the levelled force and
-    /// `force_norm` its norm, all divided by g.
+    /// Processes an interval. `innovation` is the mean innovation, `force` the horizontal part of
+    /// the levelled force and `force_norm` the norm of the whole force, all divided by g.
     ///
     /// Returns the error of the level, rad, if no acceleration explains the force.
     pub(super) fn observe(

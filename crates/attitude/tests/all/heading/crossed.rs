@@ -17,7 +17,7 @@ use recording::Row;
 const MAX_SCALE_ERROR: f64 = 0.002;
 /// Largest misalignment added to the gyro's axes, rad, similar to that of the recorded gyros.
 const MAX_SHEAR: f64 = 0.001;
-/// Noise of the magnetometer per axis, standard deviation, µT.
+/// Standard deviation of the magnetometer noise on each axis, µT.
 const NOISE_UT: f64 = 0.4;
 
 /// Returns the rows of the trial `movement`, in the field of the trial `place`.

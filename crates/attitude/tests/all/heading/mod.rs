@@ -131,8 +131,8 @@ fn wz_on_crossed_trials_beats_vqf() {
 /// Emulates warm starts. Each trial starts with the gyro scale found last, which is assumed to be
 /// known within 0.2 %.
 ///
-/// The gyro errors differ between crossed trials, so there the kept scale is only required to do no
-/// harm.
+/// Each crossed trial has different gyro errors. In crossed trials, the kept scale must therefore
+/// merely not increase the error.
 #[test]
 fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };

@@ -1,4 +1,5 @@
-//! Errors of a stage on a recording, as RMSE and divided by the reported standard deviations.
+//! Scores of a stage on a recording: the RMSE, and the errors divided by their reported standard
+//! deviations.
 
 use attitude::{
     Quaternion, Vector3,
@@ -71,7 +72,8 @@ fn error(out: &Fused, row: &Row) -> Option<AttitudeError> {
     })
 }
 
-/// RMSE of a stage on a recording, degrees, and its errors over their standard deviations.
+/// RMSE of a stage on a recording, degrees, and its errors divided by their reported standard
+/// deviations.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scores {
     pub(super) total: f64,

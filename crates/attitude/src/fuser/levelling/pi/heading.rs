@@ -39,8 +39,8 @@ pub(super) struct Heading {
     /// Standard deviation of the azimuth without the effect of the crab angle, rad; π while the
     /// azimuth is unknown.
     drift_sd_rad: f64,
-    /// Duration of accelerated motion so far, which determines the course, s, up to
-    /// [`FULL_TURNING_S`].
+    /// Total duration of the accelerated motion from which the azimuth has been corrected, s. It is
+    /// limited to [`FULL_TURNING_S`].
     turning_s: f64,
 }
 

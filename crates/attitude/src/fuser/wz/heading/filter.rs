@@ -64,7 +64,7 @@ pub(super) const KAPPA: usize = 11;
 const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient field, µT. It is close to the strength of the strongest
-/// field on earth.
+/// field on Earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// Initial standard deviation of the drift rate, rad/s: that of the gyro bias in the level filter.
 /// The random walk does not increase it beyond about this value.
@@ -79,7 +79,8 @@ const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
 /// Factor applied to the level filter's standard deviation of the scale error. The largest standard
 /// deviation of κ is the root sum of squares of this product and [`SCALE_SD_FLOOR`].
 const SCALE_SD_FACTOR: f64 = 1.5;
-/// Part of the largest standard deviation of κ that does not depend on the level filter.
+/// Floor of the largest standard deviation of κ. It applies even if the level filter's standard
+/// deviation of the scale error is zero.
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
@@ -91,8 +92,8 @@ const HEADING_WALK_RAD: f64 = 2e-4;
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the ambient field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
-/// Standard deviation of the local disturbance, µT, which is due to iron in a building and to the
-/// sensor's soft iron.
+/// Standard deviation of the local disturbance, µT. The disturbance is due to iron in a building
+/// and to the sensor's soft iron.
 const LOCAL_FIELD_SD_UT: f64 = 1.23;
 /// Decay rate of the local disturbance at rest, 1/s.
 const DECAY_AT_REST: f64 = 0.06;
@@ -184,7 +185,7 @@ pub(super) struct MeasurementResult {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FieldFilter {
     pub(super) x: [f64; STATES],
-    /// Covariance; symmetric, both halves are stored.
+    /// Covariance. It is symmetric, and both halves are stored.
     p: [[f64; STATES]; STATES],
 }
 
@@ -311,7 +312,7 @@ impl FieldFilter {
         core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[SITE + i][j])
     }
 
-    /// Stores e + d as p, the field to recognise at this rest site.
+    /// Stores e + d as p, the field expected on a return to this rest site.
     pub(super) fn store_rest_site(&mut self) {
         for i in 0..2 {
             self.x[SITE + i] = self.x[E + i] + self.x[D + i];
@@ -417,7 +418,8 @@ impl FieldFilter {
         }
     }
 
-    /// Updates with the mean field of an interval, which has the given variance on each axis.
+    /// Updates the state with the mean field of an interval. `variance_ut2` is the variance of the
+    /// field on each axis.
     ///
     /// The measurement is used only if the innovation passes the gate.
     pub(super) fn measure(
@@ -450,7 +452,7 @@ impl FieldFilter {
             let ([a, b, c], w) = (interval.axes[j], &w[i]);
             w[E + j] + w[D + j] + field_rate[j] * w[TAU] + a * w[B] + b * w[B + 1] + c * w[B + 2]
         };
-        // S = L Lᵀ. Each pivot is at least the noise variance, whatever the rounding.
+        // S = L Lᵀ. Each pivot is at least the noise variance, regardless of rounding.
         let d0 = s(0, 0).max(0.0) + variance_ut2;
         let r0 = libm::sqrt(d0).recip();
         let (l10, l20) = (s(0, 1) * r0, s(0, 2) * r0);
@@ -483,7 +485,7 @@ impl FieldFilter {
         MeasurementResult { nis, determinant: d0 * d1 * d2, accepted }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     ///
     /// The covariance is checked by its factors L D Lᵀ.
     pub(super) fn validation_error(&self) -> Option<&'static str> {

@@ -3,18 +3,18 @@
 //! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
 //! present.
 //!
-//! Output: the angle a by which the attitude must be rotated about the vertical so that its heading
-//! refers to magnetic north, with its standard deviation.
+//! Output: the angle `a` by which the attitude must be rotated about the vertical so that its
+//! heading refers to magnetic north, and the standard deviation of `a`.
 //!
 //! Time: the intervals of the ticks.
 //!
-//! Failure: if there is no field, or no hypothesis explains it, a is kept and the heading follows
+//! Failure: if there is no field, or no hypothesis explains it, `a` is kept and the heading follows
 //! the gyro.
 //!
 //! In the frame of the gyro heading, north is fixed except for a slow drift. The field is therefore
 //! a linear measurement of the unknowns: the ambient field e, the drift rate β, the magnetometer
 //! delay τ, the hard iron b, the local disturbance d, the gyro scale error κ, and the field p at
-//! the last rest site (see `filter`). The result is a = atan2(e_ξ, e_η).
+//! the last rest site (see `filter`). The result is `a` = atan2(e_ξ, e_η).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -28,8 +28,9 @@
 //!
 //! - The delay matters: 13 ms at 7 rad/s are 5° of field direction.
 //! - A gate alone, on strength and dip or on the innovation, rejects passing magnets. Once a magnet
-//!   is attached to the body, however, such a gate rejects the field permanently. At a dip of 70°,
-//!   an error of 1 µT causes 4° of heading error.
+//!   is attached to the body, however, such a gate rejects the field permanently. The disturbed
+//!   field cannot be used uncorrected either: at a dip of 70°, an error of 1 µT causes 4° of
+//!   heading error.
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
@@ -83,7 +84,7 @@ const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
-/// rotation the direction is unknown.
+/// rotation the direction of north is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
 /// Largest heading correction that is applied gradually, rad: 1°. A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
@@ -355,7 +356,7 @@ impl Heading {
         jumps
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*correction_rad) <= PI && libm::fabs(*pending_rad) <= PI;

@@ -1,6 +1,6 @@
 //! Detects that a body at rest is back at its previous rest site.
 //!
-//! Input: those intervals of a rest that passed the gate of the filter.
+//! Input: those intervals of a rest that passed the gate of the heading filter.
 //!
 //! Output: once per rest, whether the rest site is the previous one.
 //!
@@ -20,9 +20,9 @@ use crate::{Vector3, scalars::Scalars};
 const MIN_INTERVALS: f64 = 10.0;
 /// Repeatability (standard deviation) of the horizontal field at a site, µT.
 const HORIZONTAL_SD_UT: f64 = 0.2;
-/// Repeatability of the vertical field at a site, µT.
+/// Repeatability (standard deviation) of the vertical field at a site, µT.
 const VERTICAL_SD_UT: f64 = 0.25;
-/// Repeatability of the up vector in body axes at a site.
+/// Repeatability (standard deviation) at a site of each component of the up vector in body axes.
 const UP_SD: f64 = 0.01;
 /// Largest normalised squared distance between two signatures of the same site.
 const MAX_DISTANCE2: f64 = 9.0;
