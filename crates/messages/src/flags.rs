@@ -33,7 +33,7 @@ flags! {
     /// The accelerometer has repeated the same value for too long; it is considered stuck and not
     /// used.
     FORCE_STUCK = 5 "force-stuck",
-    /// |f| is near zero, so that its direction is undefined; the specific force is not used.
+    /// The specific force is near zero, so that it has no direction. It is not used.
     FORCE_SMALL = 6 "force-small",
     /// The interval before this sample exceeds the gap limit.
     GAP = 7 "gap",

@@ -106,7 +106,7 @@ impl ProcessTable {
         Service::ALL.into_iter().zip(&self.entries)
     }
 
-    /// Returns, for each slot, the first input tick that a live process may still need.
+    /// Returns, for each service, the first input tick that a live process may still need.
     ///
     /// A candidate that needs ticks before `held_from` is ignored, because it may never have opened
     /// its topics. A replacement for a failed owner counts as an owner.
