@@ -71,7 +71,7 @@ pub(crate) struct RemoteEndpoint {
     /// Gateway or router endpoint, repeatable [default: tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// Folder of `plumb keys` with the certificate for quic/ endpoints
+    /// Folder made by `plumb keys` with the certificate for quic/ endpoints
     #[arg(long, value_name = "FOLDER")]
     keys: Option<PathBuf>,
 }

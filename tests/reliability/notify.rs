@@ -1,4 +1,4 @@
-//! Notifications to a service manager: datagrams of real processes.
+//! Notifications to a service manager: datagrams sent by real processes.
 use std::{
     os::{
         linux::net::SocketAddrExt,

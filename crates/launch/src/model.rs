@@ -35,7 +35,7 @@ keys! {
         /// sources. `plumb up --cold` ignores the file.
         state_file: StateFile = StateFile::Auto,
             FileOr { auto: StateFile::Auto, off: StateFile::Off, file: StateFile::File };
-        /// Restarts of services that have exited or hang.
+        /// Restart of services that have exited or that hang.
         restart: Restart = Restart::default(), Table(Restart::read_keys);
         /// `true` if fault injection is allowed, see `[[ingest.fault]]`.
         faults: bool = false, Flag;

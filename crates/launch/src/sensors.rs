@@ -66,7 +66,7 @@ keys! {
         scale: Option<[f64; 3]> = None, Optional(Vector), example "[1.001, 1.0, 0.998]";
         /// Matrix that is multiplied with the scale.
         misalignment: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
-        /// Product of misalignment and scale, instead of these two.
+        /// Product of misalignment and scale, given instead of these two matrices.
         matrix: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
     }
 }

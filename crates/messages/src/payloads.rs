@@ -202,13 +202,13 @@ payload! {
 }
 
 payload! {
-    /// Reading as received by ingest, from which a flight can be replayed.
+    /// Reading as received by ingest. A flight is replayed from these messages.
     ///
     /// Readings are published in order of arrival while a subscriber requests them. Injected
     /// faults, checks, calibration and mounting are applied later.
     ///
-    /// Each incarnation of ingest reads a simulation or recording from the start, so that the same
-    /// reading, with the same number, may occur more than once. With sensors on the bus, `number`
+    /// Each incarnation of ingest reads a simulation or recording from the start. The same reading,
+    /// with the same number, may therefore occur more than once. With sensors on the bus, `number`
     /// starts at 0 in each incarnation, while ticks and times continue from `tick` and `offset_ns`.
     TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
         /// Number of readings that this incarnation received before this one, including rejected
@@ -318,7 +318,7 @@ payload! {
         inclination_sd_rad: f64,
         /// Standard deviation of the heading, rad; π if unknown.
         heading_sd_rad: f64,
-        /// Zero direction of the heading.
+        /// Direction in which the heading is zero.
         course_reference: CourseReference,
         /// Number of times the attitude was re-initialised.
         reset_counter: u64,
@@ -560,7 +560,7 @@ event_kinds! {
     REFUSED = 12 "refused",
     /// A request failed and the slot is unchanged; `why` is the reason.
     ABORTED = 13 "aborted",
-    /// The `ticks` ticks before `tick` have no attitude.
+    /// The attitudes of the `ticks` ticks that precede `tick` are missing.
     LOST = 14 "lost",
     /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote them.
     NOT_RECORDED = 15 "not-recorded",

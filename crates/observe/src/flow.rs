@@ -34,7 +34,8 @@ pub struct FlowMonitor {
     delivery: Option<Delivery>,
 }
 
-/// Delivery of a topic's messages to a remote observer, counted from the first message received.
+/// Counts of the messages that a remote observer has received on a topic, and of those lost since
+/// the first one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Delivery {
     /// Messages sent but not received.

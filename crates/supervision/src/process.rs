@@ -69,7 +69,7 @@ pub(crate) struct Process {
     stall_credited: bool,
     /// Set once the process was requested to exit.
     terminate_sent: bool,
-    /// Set if the process was killed because it reported nothing in time.
+    /// Set if the process was killed because it did not report in time.
     pub(crate) timed_out: bool,
 }
 

@@ -24,7 +24,7 @@ pub(crate) struct WatchRunner {
     rule: PromotionRule,
     shadow: Option<u64>,
     takeover: Option<u64>,
-    /// Reports on the requests of this watch, received since the previous poll.
+    /// Swap reports, received since the previous poll, that answer requests of this watch.
     reports: Vec<(u64, SwapReport)>,
     attempts: u32,
     next_attempt: Duration,

@@ -21,7 +21,7 @@ pub struct SwapLimits {
     /// Timeout for the active stage to resume ownership after a failed swap, ms. After that, the
     /// active stage is restarted.
     pub restore_timeout_ms: u64,
-    /// Longest time for which the previous stage keeps running after the commitment, ms. It
+    /// Longest time for which the previous stage keeps running after the swap is committed, ms. It
     /// publishes nothing new, but subscribers that restart receive its history.
     pub linger_ms: u64,
     /// Interval at which the stop request to a service is repeated until the service has exited,

@@ -1,4 +1,4 @@
-//! Locking of a mutex, even if it is poisoned.
+//! Locks a mutex even if it is poisoned.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -79,7 +79,8 @@ impl RatioHistogram {
     }
 }
 
-/// Histograms of all errors with a reported standard deviation.
+/// Histograms of all errors with a reported standard deviation. Each ratio is an error divided by
+/// its reported standard deviation.
 #[derive(Debug, Clone, Default)]
 pub struct RatioHistograms {
     /// Ratios of the inclination error.

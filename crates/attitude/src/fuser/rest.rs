@@ -8,9 +8,9 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Time constant of the means that samples are compared with, s.
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
-/// Largest deviation of a rate from its mean at rest, rad/s: 2 °/s.
+/// Largest deviation of a rate from its mean at rest, rad/s (2 °/s).
 const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;
-/// Largest component of the mean rate that is accepted as a bias, rad/s: 2 °/s.
+/// Largest component of the mean rate that is accepted as a bias, rad/s (2 °/s).
 const MAX_MEAN_RATE_RAD_S: f64 = 0.034_906_585;
 /// Largest deviation of a force from its mean at rest, m/s².
 const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;

@@ -119,11 +119,11 @@ pub enum FixMessage {
 /// Units of the numbers in RAW_IMU. ArduPilot sends mrad/s, mg and mgauss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawScale {
-    /// Rate unit, rad/s.
+    /// Rate for the number 1, rad/s.
     pub rate_rad_s: f64,
-    /// Force unit, m/s².
+    /// Specific force for the number 1, m/s².
     pub force_m_s2: f64,
-    /// Field unit, µT.
+    /// Field for the number 1, µT.
     pub field_ut: f64,
 }
 

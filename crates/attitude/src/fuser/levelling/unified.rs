@@ -63,14 +63,14 @@ settings! {
     }
 }
 
-/// Smallest change of the level that is flagged as a jump, rad: 0.03°.
+/// Smallest change of the level that is flagged as a jump, rad (0.03°).
 const MIN_JUMP_RAD: f64 = 0.03 * PI / 180.0;
-/// Largest pitch at which the course is corrected, rad: 80°.
+/// Largest pitch at which the course is corrected, rad (80°).
 const MAX_COURSE_PITCH_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
-/// Assumed drift rate of the gyroscopic course, rad/s: 0.05 °/s. The standard deviation of the
+/// Assumed drift rate of the gyroscopic course, rad/s (0.05 °/s). The standard deviation of the
 /// course grows at this rate.
 const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Assumed RMS angle between a vehicle's nose and its track, rad: 3°.
+/// Assumed RMS angle between a vehicle's nose and its track, rad (3°).
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
 /// Fuser stage `levelling-unified`.

@@ -36,7 +36,7 @@ const MIN_AVERAGED_S: f64 = 2.0 * AVERAGING_S;
 const MIN_EXCESS: f64 = 0.016;
 /// Minimum excess in standard deviations of the intercept.
 const MIN_EXCESS_SDS: f64 = 4.0;
-/// Minimum rate of a turn, rad/s: 1 °/s.
+/// Minimum rate of a turn, rad/s (1 °/s).
 const MIN_RATE_RAD_S: f64 = 0.017_453_293;
 /// Plausible speeds of a vehicle in a turn, m/s.
 const VEHICLE_SPEEDS_M_S: core::ops::Range<f64> = 5.0..300.0;
@@ -64,7 +64,7 @@ const NOISE_MEMORY_S: f64 = 10.0;
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// Smallest norm of a usable mean force, m/s².
 const MIN_FORCE_M_S2: f64 = 1.0;
-/// Largest plausible force of a vehicle, m/s²: 30 g.
+/// Largest plausible force of a vehicle, m/s² (30 g).
 const MAX_FORCE_M_S2: f64 = 300.0;
 /// Largest plausible rate of a vehicle, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;

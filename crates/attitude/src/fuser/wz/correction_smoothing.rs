@@ -10,7 +10,7 @@
 
 /// Time constant of the smoothing, s: half the time between two updates of the gyro errors.
 const TIME_CONSTANT_S: f64 = 0.1;
-/// Largest correction applied in a tick, rad: 0.03°.
+/// Largest correction applied in a tick, rad (0.03°).
 const MAX_STEP_RAD: f64 = 5.235_988e-4;
 
 /// Returns the fraction of a pending correction to apply in a tick. `pending2_rad2` is the square

@@ -9,7 +9,7 @@
 use super::level::{LoopError, LoopResponse};
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
-/// Standard deviation of the loop's tilt error during a movement, rad: 1°.
+/// Standard deviation of the loop's tilt error during a movement, rad (1°).
 const LOOP_TILT_SD_RAD: f64 = 0.017_453_293;
 
 /// Estimator of the error of the loop's initial velocity.

@@ -17,7 +17,7 @@ use crate::{
     state::{Attitude, AttitudeUpdate, BodyAxes},
 };
 
-/// Largest correction that is applied gradually, rad: 0.5°. A larger one is a flagged jump.
+/// Largest correction that is applied gradually, rad (0.5°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.008_726_646;
 
 /// State of the levelling loop.

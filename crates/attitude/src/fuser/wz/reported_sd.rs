@@ -16,7 +16,7 @@ use crate::GRAVITY_M_S2;
 
 /// Inclination error of a rotating body per unit of its rate, s.
 const INCLINATION_SD_PER_RATE_S: f64 = 1.5e-3;
-/// Smallest standard deviation of a heading, rad: 0.4°.
+/// Smallest standard deviation of a heading, rad (0.4°).
 const HEADING_SD_FLOOR_RAD: f64 = 6.981_317e-3;
 /// Fraction of the filter's heading standard deviation that is reported. It is below 1 because the
 /// filter allows for stronger local fields than most places have.

@@ -5,11 +5,11 @@ use core::f64::consts::PI;
 use super::{aiding::Aiding, heading::Heading, settings::PiSettings, standstill::StandstillDetector};
 use crate::{Complex, Vector3, fuser::bias_handover::HandedOverBias, state::Attitude};
 
-/// Standard deviation of an unknown bias, rad/s: 0.1 °/s.
+/// Standard deviation of an unknown bias, rad/s (0.1 °/s).
 pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
 /// Standard deviation below which the bias counts as known, rad/s.
 pub(super) const KNOWN_BIAS_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Largest component of the bias, rad/s: 5 °/s. A larger value must have another cause.
+/// Largest component of the bias, rad/s (5 °/s). A larger value must have another cause.
 pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 
 /// Fuser stage `levelling-pi`.

@@ -86,7 +86,7 @@ const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
 /// rotation the direction of north is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
-/// Largest heading correction that is applied gradually, rad: 1°. A larger one is a flagged jump.
+/// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 
 /// Effect of a tick on the heading.
