@@ -449,7 +449,7 @@ payload! {
 }
 
 payload! {
-    /// Decision of the supervisor: the owner of a slot from a tick on.
+    /// Decision of the supervisor on which process owns a slot from a given tick onwards.
     Control = "plumbline.Control.1" {
         /// First tick of the decision.
         from_tick: u64,
@@ -549,7 +549,8 @@ event_kinds! {
     /// A client or a promotion rule (`[[watch]]`) requests a shadow stage in parallel with the
     /// owner of a slot.
     SHADOW_REQUESTED = 8 "shadow-requested",
-    /// A stage that is to take over has started, with the slot's state before `adopted_tick`.
+    /// A stage that is to take over has started. Its initial state is that of the slot before
+    /// `adopted_tick`.
     CANDIDATE = 9 "candidate",
     /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
     /// owner.

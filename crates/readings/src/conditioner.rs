@@ -267,11 +267,11 @@ impl Conditioner {
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// Returns the interval to use if the clock was set back, ns, or `None` until a set-back is
-    /// certain.
+    /// Returns the interval to use (ns) if it is certain that the clock was set back, and otherwise
+    /// `None`.
     ///
-    /// A stamp is outdated if it is earlier than that of the last accepted reading. A set-back is
-    /// certain after two consecutive outdated stamps in increasing order, or after
+    /// A stamp is outdated if it is earlier than that of the last accepted reading. The clock was
+    /// certainly set back after two consecutive outdated stamps in increasing order, or after
     /// [`MAX_BACKWARD_STAMPS`] outdated stamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {

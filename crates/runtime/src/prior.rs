@@ -27,7 +27,7 @@ pub struct Prior {
     pub gyro_scale: Option<PriorEstimate>,
 }
 
-/// Estimate of a sensor error, in the unit given in the name of its field.
+/// Estimate of a sensor error. The field that holds it states the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PriorEstimate {

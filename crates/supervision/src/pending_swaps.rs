@@ -6,8 +6,8 @@ use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::OutputProgress;
 
-/// Number of attitudes after the commit tick that count towards the longest interval between
-/// attitudes, which is part of the report of a swap.
+/// Number of ticks after the commit tick in which the longest interval between attitudes is
+/// determined for the swap report.
 const TICKS_AFTER_COMMIT: u64 = 50;
 /// Time limit for the attitudes after the commit tick to arrive, ms.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;

@@ -65,7 +65,7 @@ impl IdempotentSwaps {
         [state.forwarded, state.answered_locally]
     }
 
-    /// Executes a request and returns the reply, at the latest at the deadline of the request.
+    /// Executes a request and returns the reply, no later than the deadline of the request.
     pub fn handle(self: &Arc<Self>, request: SwapRequest) -> SwapAnswer {
         match self.register(&request) {
             Ok(true) => {

@@ -30,11 +30,11 @@ pub const TEXT: (&str, u32) = ("sans-serif", 14);
 /// Line style of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineStyle {
-    /// Line of one pixel.
+    /// Line one pixel wide.
     Thin,
-    /// Line of two pixels.
+    /// Line two pixels wide.
     Thick,
-    /// Line of four pixels.
+    /// Line four pixels wide.
     Wide,
     /// Cloud of dots instead of a line.
     Dots,

@@ -18,7 +18,7 @@ const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
 const MAX_RATE_RAD_S: f64 = 1e6;
 /// Time without movement after which rest is detected, s.
 const MIN_QUIET_S: f64 = 1.5;
-/// Longest averaging time of the rate at rest, s.
+/// Longest time over which the rate at rest is averaged, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
 /// Largest speed reported by a receiver at which the body may still be at rest, m/s.

@@ -34,11 +34,11 @@ settings! {
         latency_s: 0.2 in 0.0 .. 0.6, "s";
         /// Initial standard deviation of the receiver's latency.
         latency_sd_s: 0.1 in 0.0 .. 0.5, "s";
-        /// Position of the receiver's antenna relative to the sensors, to the right.
+        /// Distance from the sensors to the receiver's antenna, positive to the right.
         antenna_right_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Position of the receiver's antenna relative to the sensors, forward.
+        /// Distance from the sensors to the receiver's antenna, positive forward.
         antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Position of the receiver's antenna relative to the sensors, up.
+        /// Distance from the sensors to the receiver's antenna, positive upward.
         antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
         /// Speed above which the track gives the course. Lower it for slow vehicles and light wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";

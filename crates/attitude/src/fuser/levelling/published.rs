@@ -31,7 +31,7 @@ settings! {
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
         /// Low-pass time constant of the specific force if there is no GNSS velocity.
         low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
-        /// Time after the last fix at which levelling becomes autonomous.
+        /// Time without a fix after which levelling becomes autonomous.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
     }
 }

@@ -94,7 +94,7 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Rate of change of the output, stored as the area of an equivalent force pulse, m/s. The
-    /// pulse lasts one sample and would cause this rate of change in a filter at rest.
+    /// Rate of change of the output, stored as a velocity, m/s: that of a force pulse of one sample
+    /// which would cause the same rate of change in a filter at rest.
     velocity_m_s: Vector3<f64>,
 }

@@ -186,8 +186,8 @@ pub(super) struct GyroErrorFilter {
     loop_sensitivity: [LoopError; GYRO_ERRORS],
     /// Tilt and velocity errors of the levelling loop per unit of initial level error.
     tilt_sensitivity: [f64; 2],
-    /// Horizontal rotation that the gyro errors caused since the last update, per unit of bias and
-    /// of scale.
+    /// Horizontal rotation that the gyro errors have caused since the last update, per unit of bias
+    /// and of scale.
     drift: [Complex<f64>; GYRO_ERRORS],
     /// Duration of gyro outages since the last update, s.
     outage_s: f64,
