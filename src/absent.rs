@@ -16,7 +16,7 @@ pub(crate) struct MissingFeature {
     pub(crate) feature: &'static str,
 }
 
-/// Services that this build lacks, with their feature.
+/// Returns the services that this build lacks, each with the feature that adds it.
 pub(crate) fn absent_services() -> Vec<(Service, &'static str)> {
     let optional = [
         (Service::Gateway, "network", cfg!(feature = "network")),
@@ -29,7 +29,7 @@ pub(crate) fn absent_services() -> Vec<(Service, &'static str)> {
         .collect()
 }
 
-/// Returns the error for the first service of a launch file that this build lacks.
+/// Returns the error for the first service that the launch file lists but this build lacks.
 pub(crate) fn find_absent_service(launch: &Launch) -> Option<MissingFeature> {
     let (service, feature) = absent_services().into_iter().find(|(service, _)| launch.services.contains(service))?;
     Some(MissingFeature { what: service.name(), feature })
@@ -154,7 +154,8 @@ pub(crate) mod remote {
         }
     }
 
-    /// Endpoint of a remote vehicle, accepted so that `--remote` is reported and not the endpoint.
+    /// Endpoint of a remote vehicle. The options are accepted so that the error concerns
+    /// `--remote`.
     #[derive(clap::Args, Clone)]
     pub(crate) struct RemoteEndpoint {
         #[arg(long, hide = true)]
@@ -171,10 +172,10 @@ pub(crate) mod remote {
         Err(ERROR)
     }
 
-    /// Remote vehicle, of which this build has none.
+    /// Remote vehicle. The type has no values, because this build lacks network support.
     pub(crate) enum RemoteVehicle {}
 
-    /// Topic of a remote vehicle, of which this build has none.
+    /// Topic of a remote vehicle. The type has no values, because this build lacks network support.
     pub(crate) enum RemoteTopic {}
 
     impl RemoteVehicle {

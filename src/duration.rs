@@ -1,6 +1,7 @@
 //! Durations on the command line.
 
-/// Parses a duration with ms, s, m or h, s. A number without a unit is in seconds.
+/// Parses a duration in ms, s, m or h and returns it in seconds. A number without a unit is in
+/// seconds.
 pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let scale = match &text[split..] {

@@ -133,7 +133,7 @@ impl ReadableFile {
         Ok(readable)
     }
 
-    /// Imports a foreign log, or several tables that belong together. Also returns the summary.
+    /// Imports a foreign log, which may consist of several tables. Also returns the summary.
     pub(crate) fn import(files: &[PathBuf], options: &Options) -> Result<(Self, Summary), ImportError> {
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::TemporaryFolder { cause })?;

@@ -39,7 +39,7 @@ Examples:
         #[command(flatten)]
         issue: IssueArgs,
     },
-    /// Create a vehicle's certificate, to publish and take commands
+    /// Create a certificate with which a vehicle publishes and takes commands
     #[command(after_help = "\
 Examples:
   plumb keys vehicle alpha

@@ -1,4 +1,5 @@
-//! `plumb record`: records a running system to a file. Also the recorder of `plumb up --record`.
+//! `plumb record`: records a running system to a file. `plumb up --record` uses the recorder of
+//! this module.
 
 use std::{
     fs,
@@ -233,7 +234,7 @@ impl supervisor::Recorder for FlightRecorder {
         created.map_err(|cause| to_up_error(FlightError::Create { path: self.folder.clone(), cause }))?;
         let path = flight::unused_path(&self.folder, &config.launch.name).map_err(to_up_error)?;
         let mode = if config.launch.tick_source() != Service::Ingest {
-            // The ticks come from another host and need not begin with the first one.
+            // The ticks come from another host and need not begin with tick 0.
             RecordingMode::FromAnyTick
         } else if config.is_lockstep() {
             RecordingMode::Lockstep

@@ -17,7 +17,7 @@ use wire::{
     v1::{self, Services, SwapAnswer, SwapRequest},
 };
 
-/// Timeout for connecting.
+/// Timeout for connecting to the endpoint.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout for the reply to a request that is answered immediately.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -71,7 +71,7 @@ pub(crate) struct RemoteEndpoint {
     /// Gateway or router endpoint, repeatable [default: tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// Folder of `plumb keys` with the certificate for quic/ endpoints
+    /// Folder made by `plumb keys` with the certificate for quic/ endpoints
     #[arg(long, value_name = "FOLDER")]
     keys: Option<PathBuf>,
 }
@@ -162,8 +162,8 @@ pub(crate) fn swap_over(
 ) -> Result<SwapReport, RemoteError> {
     let Services { t_now_ns, services } = query_services(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
-    // For an unknown slot any epoch will do, because the vehicle rejects the request with its own
-    // message.
+    // For an unknown slot the epoch does not matter, because the vehicle rejects the request with
+    // its own message.
     let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
     let request = SwapRequest {
         request_id: request_id(),

@@ -159,7 +159,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Ok(base) => base,
         Err(error) => return fail(&error, 3),
     };
-    // An imported file is temporary and must exist until the end of the run.
+    // An imported recording is a temporary file that is removed on drop, so it is kept until the
+    // end of the run.
     let readable = match files.iter().map(|file| readable(file, &reading)).collect::<Result<Vec<_>, _>>() {
         Ok(readable) => readable,
         Err(error) => return fail(&error, error.exit_code()),

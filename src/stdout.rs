@@ -13,7 +13,7 @@ use console::Term;
 
 use crate::failure::fail_after_result;
 
-/// Prints the only or last result of a command and returns the exit code.
+/// Prints the result of a command, or the last of several results, and returns the exit code.
 pub(crate) fn print(text: &dyn Display) -> ExitCode {
     print_item(text).break_value().unwrap_or(ExitCode::SUCCESS)
 }

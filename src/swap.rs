@@ -27,7 +27,7 @@ use crate::{
 
 /// Interval between two printed differences of a shadow.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
-/// Timeout for the system to confirm a cancelled shadow.
+/// Timeout for the system to confirm that a shadow was cancelled.
 const CANCEL_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Arguments of `plumb swap`.

@@ -127,7 +127,7 @@ fn info(TopicArgs { topic, system, seconds, .. }: &TopicArgs) -> Result<ExitCode
     })
 }
 
-/// Receives messages of the topics until `stop` is met.
+/// Receives messages of the topics until the stop condition is met.
 fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<TopicInfo>, ObserveError> {
     while !stop.is_met() {
         std::thread::sleep(POLL_INTERVAL);

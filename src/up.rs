@@ -128,7 +128,8 @@ pub(crate) fn run(up: Up) -> ExitCode {
     }
 }
 
-/// Replays a flight, or runs the system after importing its recording if necessary.
+/// Replays a flight, or runs the system. If the source is a foreign recording, it is imported
+/// first.
 fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut FlightRecorder>) -> Report {
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
@@ -138,7 +139,8 @@ fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut Fli
             replay::replay_flight(&request, &path, recorder.is_some()).map_err(|error| *error)
         }
         replay => {
-            // An imported file is temporary and must exist until the end of the run.
+            // An imported recording is a temporary file that is removed on drop, so it is kept
+            // until the end of the run.
             let readable = match replay.as_deref().map(|path| ReadableFile::open(path, reading)).transpose() {
                 Ok(readable) => readable,
                 Err(error) => return Report::from_error(&error, error.exit_code()),

@@ -18,7 +18,7 @@ use zenoh::{Config, Wait};
 
 use crate::{Failure, sample::attitude};
 
-/// Rate at which each vehicle publishes its attitude, Hz, which is the default of the gateway.
+/// Rate at which each vehicle publishes its attitude, Hz. It is the default rate of the gateway.
 const RATE_HZ: u64 = 50;
 /// Time allowed for all sessions to connect.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(100);

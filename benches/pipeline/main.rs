@@ -52,9 +52,10 @@ use table::Table;
 
 /// Warm-up omitted by `raw` and `bus`, s.
 const WARM_UP_S: f64 = 0.5;
-/// Shortest run, s. It has a steady state after its start.
+/// Shortest run, s. It leaves time for a steady state after the start-up phase.
 const MIN_S: f64 = 1.5;
-/// Duration of the start of `real` and `other`, s. The rest of a run is its steady state.
+/// Duration of the start-up phase of `real` and `other`, s. The rest of a run counts as steady
+/// state.
 const START_S: f64 = 1.0;
 const RATES_HZ: [u32; 2] = [1000, 8000];
 
@@ -101,8 +102,8 @@ enum Mode {
     One,
 }
 
-/// Result of a run. For `real` and `other` it is read from the report of `plumb up`, except for the
-/// phases.
+/// Result of a run. For `real` and `other`, all fields except `phases` are read from the report of
+/// `plumb up`.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,

@@ -18,7 +18,7 @@ const MAX_OVERHEAD: Duration = Duration::from_secs(20);
 /// Path of this build's executable.
 pub(crate) const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 
-/// Services of the data path, as the other variants have them.
+/// Services of the data path, the same as in the other variants.
 const SERVICES: &str = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n";
 
 /// Measures the variant that runs the `plumb` executable.

@@ -123,7 +123,7 @@ impl Table {
         }
     }
 
-    /// Returns the results in order of rounds.
+    /// Returns the results in the order of the rounds.
     fn costs(&self, condition: Condition) -> Vec<Cost> {
         self.runs.iter().filter(|run| run.condition == condition).map(|run| run.cost).collect()
     }

@@ -1,5 +1,5 @@
 //! Minimal system for a gateway. It has a name, a control socket that accepts every request, and
-//! the gateway itself, which is started as by the supervisor.
+//! the gateway itself, which is started in the same way as by the supervisor.
 
 use std::{
     ffi::OsStr,

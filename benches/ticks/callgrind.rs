@@ -8,11 +8,11 @@ use std::{
 
 use crate::{Counts, Failure};
 
-/// Function that callgrind counts in, including everything that it calls.
+/// Function in which callgrind counts instructions, including the functions that it calls.
 const COUNTED: &str = "ticks::services::count";
 
-/// Runs the services under callgrind. Returns the instructions of each function per tick, including
-/// everything that it calls.
+/// Runs the services under callgrind. Returns the number of instructions of each function per tick,
+/// including the functions that it calls.
 pub(crate) fn count(functions: &[&str], ticks: u64) -> Result<Counts, Failure> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("callgrind.out");

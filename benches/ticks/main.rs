@@ -11,10 +11,10 @@
 //! Failure: a service that exceeds its budget by more than [`TOLERANCE`] ends the run with an
 //! error. valgrind is required.
 //!
-//! All services run in one process, over the bus, and each tick passes through them in turn. One
-//! tick of a service is a wait that returns at once, receiving, joining, the step, publishing and
-//! waking. Callgrind counts the instructions, also those of health reports and checkpoints. The
-//! warm-up is not counted.
+//! All services run in one process, over the bus, and each tick passes through them in turn. For
+//! each tick, a service waits (the wait returns immediately), receives and joins its inputs, steps
+//! its stage, publishes the output and wakes the subscribers. Callgrind counts all instructions,
+//! including those of health reports and checkpoints. The warm-up is not counted.
 
 mod callgrind;
 mod services;
@@ -29,8 +29,8 @@ type Failure = Box<dyn std::error::Error>;
 type Counts = BTreeMap<String, u64>;
 
 const BUDGET: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/budget.json");
-/// Share by which a count may exceed its budget. Health reports are sent by the clock, and
-/// processors differ in how the C library copies memory.
+/// Fraction by which a count may exceed its budget. Counts vary because health reports are timed by
+/// the clock, not by ticks, and because the C library copies memory differently on each processor.
 const TOLERANCE: f64 = 0.02;
 
 /// Count the instructions of one tick and compare them with the budget

@@ -16,7 +16,7 @@ use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz
 
 /// Interval between two heartbeats.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
-/// Time without an attitude after which the heartbeat reports silence.
+/// Time without an attitude after which heartbeats carry the status [`HeartbeatStatus::Silent`].
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Arguments of `plumb bridge mavlink`.

@@ -45,13 +45,14 @@ pub(crate) struct RosSensor {
 /// Counts of received messages.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct SensorCounts {
-    /// Readings forwarded to the system.
+    /// Number of readings forwarded to the system.
     readings: u64,
-    /// Forwarded readings that include a magnetic field.
+    /// Number of forwarded readings that include a magnetic field.
     fields: u64,
-    /// Messages that were malformed, not finite, or without rate or force.
+    /// Number of messages that were malformed, contained a non-finite number, or lacked rate or
+    /// force.
     rejected: u64,
-    /// Readings that arrived while the system was not accepting any.
+    /// Number of readings that arrived while the system was not accepting any.
     undelivered: u64,
 }
 

@@ -72,25 +72,27 @@ pub(super) trait AttitudeSender {
     /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
     /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
-    /// Called several times a second, after all available attitudes have been sent.
+    /// Does periodic work, such as sending a heartbeat. Called several times a second, after all
+    /// available attitudes have been sent.
     fn poll(&mut self);
 }
 
 /// Counts of attitudes sent and withheld, and of messages dropped.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct SendCounts {
-    /// Attitudes sent.
+    /// Number of attitudes sent.
     pub(super) attitudes: u64,
-    /// Heartbeats sent, if the protocol has them.
+    /// Number of heartbeats sent; `None` if the protocol has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) heartbeats: Option<u64>,
-    /// Attitudes not sent because they are flagged as not aligned yet.
+    /// Number of attitudes not sent because they were flagged as not aligned yet.
     pub(super) unaligned: u64,
-    /// Attitudes not sent because they were not a finite rotation or lacked a required sample.
+    /// Number of attitudes not sent because they were not finite rotations or lacked a required
+    /// sample.
     pub(super) invalid: u64,
-    /// Attitudes not sent because they were too old.
+    /// Number of attitudes not sent because they were too old.
     pub(super) stale: u64,
-    /// Messages not accepted by the network.
+    /// Number of messages not accepted by the network.
     pub(super) dropped: u64,
 }
 

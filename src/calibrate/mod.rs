@@ -171,7 +171,8 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     if flight::is_flight(Path::new(&file)) {
         return calibrate_flight(kind, known, Path::new(&file), gyro_samples);
     }
-    // An imported file is temporary and must exist until the end of the run.
+    // An imported recording is a temporary file that is removed on drop, so it is kept until the
+    // end of the run.
     let readable = match file.starts_with("sim:") {
         true => None,
         false => Some(ReadableFile::open(Path::new(&file), &reading)?),
@@ -210,7 +211,7 @@ fn calibrate_flight(
     Ok(calibrator.finish()?)
 }
 
-/// Parses the local gravity, m/s², within the range found on earth.
+/// Parses the local gravity, m/s², within the range found on Earth.
 fn parse_gravity(text: &str) -> Result<f64, String> {
     parse_in_range(text, 9.7..=9.9).ok_or_else(|| "expected a gravity of 9.7 to 9.9 m/s²".into())
 }

@@ -81,7 +81,8 @@ impl View {
             let stats = self.per_vehicle.entry(name.clone()).or_default();
             stats.count(vehicle);
             let (figures, attitude) = (stats.figures(vehicle), attitude(vehicle));
-            // For a vehicle that is not live no values are added, so its trend shows a gap.
+            // If a vehicle is not live, only the number of lost messages is known. The other trends
+            // show a gap.
             let is_live = state(vehicle) == DataState::Live;
             let figures = if is_live { figures } else { Figures { lost: figures.lost, ..Figures::default() } };
             stats.trends.push(&figures, attitude.as_ref().filter(|_| is_live));

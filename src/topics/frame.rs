@@ -32,8 +32,8 @@ impl DisplayFrame {
         self.0.frame
     }
 
-    /// Decodes a message. If the publisher `reported` the frame of an attitude, the attitude keeps
-    /// that frame; otherwise it is converted to the display frame. The frame is added to the
+    /// Decodes a message. An attitude is converted to the display frame, unless the publisher has
+    /// `reported` the frame of its attitudes. The name of the attitude's frame is added to the
     /// result.
     pub(crate) fn record(
         &self,

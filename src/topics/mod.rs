@@ -119,8 +119,8 @@ impl<'a> StopCondition<'a> {
     pub(crate) fn new(is_running: impl Fn() -> bool + 'a, timeout: Option<Duration>) -> Self {
         let stop_requested = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            // If a signal cannot be caught, it ends the process immediately, which leaves nothing
-            // behind.
+            // If the handler cannot be installed, the signal ends the process immediately. That is
+            // acceptable, because nothing has to be cleaned up.
             let _ = signal_hook::flag::register(signal, stop_requested.clone());
         }
         let is_running = Box::new(is_running);

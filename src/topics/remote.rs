@@ -22,7 +22,7 @@ use crate::remote::{RemoteEndpoint, RemoteError};
 
 /// Timeout for finding a vehicle once connected. A gateway reports its topics once a second.
 const FIND_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between two queries.
+/// Interval between two queries to a vehicle while it is being found.
 const QUERY_INTERVAL: Duration = Duration::from_millis(100);
 /// Time after which an unreachable vehicle is given up.
 const UNREACHABLE_TIMEOUT: Duration = Duration::from_secs(10);

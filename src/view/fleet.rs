@@ -82,7 +82,7 @@ struct OpenView {
 }
 
 impl Fleet {
-    /// Starts to monitor all vehicles that are reachable over the link.
+    /// Starts monitoring all vehicles that are reachable over the link.
     pub(super) fn start(
         link: Link,
         endpoint: &RemoteEndpoint,

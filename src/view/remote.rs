@@ -35,7 +35,7 @@ pub(super) struct RemoteSource {
     state: SourceState,
 }
 
-/// Vehicle and those of its topics that are subscribed to.
+/// Vehicle, with the topics that are subscribed to.
 type Found = (RemoteVehicle, Vec<(Topic, RemoteTopic)>);
 
 impl RemoteSource {

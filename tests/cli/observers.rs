@@ -251,7 +251,7 @@ fn killed_or_frozen_observer_costs_no_tick() {
         (0..bus::MAX_OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
     frozen_observers.iter().for_each(|observer| observer.wait_until_reading(&system, "imu"));
     frozen_observers.iter().for_each(|observer| signal(observer.pid(), Signal::STOP));
-    // The wait is longer than `buffer_s`.
+    // The wait is longer than `buffer_s`, so the buffers of the frozen observers overflow.
     std::thread::sleep(Duration::from_millis(6000));
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
@@ -393,7 +393,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     // has not ended.
     let member = fs::File::open(format!("/dev/shm/plumbline.{}.members", dead.name)).unwrap();
     rustix::fs::flock(&member, rustix::fs::FlockOperation::LockShared).unwrap();
-    // The supervisor must not restart the killed services.
+    // The supervisor is frozen, so that it cannot restart the killed services.
     signal(killed.pid(), Signal::STOP);
     let services = killed.all_services();
     services.iter().for_each(|(_, pid)| signal(*pid, Signal::KILL));

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::common::{Run, Running, System, copy_program, plumb, signal, wait_for};
 
-/// User id of `nobody`.
+/// User ID of `nobody`.
 const OTHER_USER: &str = "65534";
 
 /// Returns a command that runs the shell commands in `shell` and then `command`.
@@ -119,7 +119,7 @@ fn system_of_other_user_is_reported_with_owner() {
     let system = System::new("");
     let running = system.start(&[]);
     system.wait_until_running();
-    // Other users may lack access to the folder of the executable.
+    // The executable is copied to /tmp, because other users may lack access to its folder.
     let folder = PathBuf::from("/tmp").join(&system.name);
     fs::create_dir(&folder).unwrap();
     fs::set_permissions(&folder, fs::Permissions::from_mode(0o755)).unwrap();

@@ -16,7 +16,7 @@ fn top(system: &System, more: &[&str], size: (u16, u16)) -> TerminalProgram {
     terminal
 }
 
-/// Stopped processes. They are continued when this value is dropped.
+/// Frozen processes. They are resumed when this value is dropped.
 struct Frozen([u32; 2]);
 
 impl Frozen {

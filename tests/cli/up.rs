@@ -345,7 +345,8 @@ fn stdout_is_empty_without_json() {
     }
 }
 
-/// Uses the default name, so it runs in process only and cannot collide with another system.
+/// The system has the default name. With `--in-process` it does not use the bus, so it cannot
+/// collide with another system of that name.
 #[test]
 fn default_launch_file_is_built_in() {
     let empty = tempfile::tempdir().unwrap();

@@ -21,8 +21,8 @@ use rustix::net::sockopt::set_socket_recv_buffer_size;
 const MAX_BUFFERED_BYTES: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Returns the duration of each measurement, s. It is short by default; set `PLUMBLINE_MEASURE_S`
-/// to measure figures that are to be quoted.
+/// Returns the duration of each measurement, s. The default is short. Set `PLUMBLINE_MEASURE_S` to
+/// measure figures for docs/evidence.md.
 fn measurement_s() -> u32 {
     std::env::var("PLUMBLINE_MEASURE_S").map_or(1, |text| text.parse().unwrap())
 }
@@ -74,7 +74,7 @@ fn viewer_traffic_is_small() {
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
-    // The page's history must be full when figures that are to be quoted are measured.
+    // The history of the page must be full for a long measurement.
     let filled_s = if measurement_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"
@@ -163,8 +163,8 @@ fn session_memory_does_not_grow() {
     system.wait_until_running();
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
-    // A short session uses a shorter history, so that its history is also full when the measurement
-    // starts.
+    // In a short session the page keeps a shorter history, so that the history is full when the
+    // measurement starts.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
     page.eval(&format!("plumb.data.kept_s = {kept_s}"));
     let t_s = |page: &mut Page| page.number("plumb.data.frames.at(-1).t");
@@ -187,7 +187,8 @@ fn session_memory_does_not_grow() {
     let first = measure(kept_s + 5.0);
     measure((kept_s + 5.0 + session_s) / 2.0);
     let last = measure(session_s);
-    // A page that kept every snapshot would grow by 3 KiB 30 times a second.
+    // A page that kept every snapshot would grow by 90 KiB per second: 3 KiB for each of 30
+    // snapshots.
     let sent = 90.0 * (session_s - kept_s - 5.0);
     assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
     assert!(last.1 - first.1 < 1024.0, "{first:?} → {last:?} KiB");

@@ -31,7 +31,7 @@ fn wait_for_port(port: u16) {
 }
 
 /// Returns the quaternion x, y, z, w in the viewers' frames: the given attitude multiplied by a
-/// quarter rotation about up.
+/// quarter turn about up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
@@ -101,7 +101,8 @@ fn python_client_receives_60_attitudes_per_second() {
         "{max_per_second:?}"
     );
 
-    // The events must be complete, because they are not subject to the limit of 60 per second.
+    // The events must be complete, because the limit of 60 messages per second does not apply to
+    // them.
     let events: Vec<u64> = serde_json::from_value(summary["events"].clone()).unwrap();
     assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
 

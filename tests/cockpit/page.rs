@@ -15,7 +15,7 @@ use serde_json::Value;
 const PAGE: &str = "services/cockpit/page";
 
 /// Restart settings for tests with browsers. Software rendering may delay a service, and the
-/// service must not be killed for this delay.
+/// delayed service must not be killed.
 const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
 /// Returns a system with a cockpit and the port of its page.
@@ -139,8 +139,8 @@ fn every_view_shows_published_values() {
         assert_eq!(drawn, attitude[1..5], "tick {tick}");
         let (_, b, _) = up(&attitude);
         assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
-        // The attitude is published one hop after the fused state, so a snapshot may contain them
-        // with different ticks.
+        // The attitude is published one hop after the fused state, so the two may have different
+        // ticks in a snapshot.
         let fused = row(&out, w_tick);
         let (a, b, c) = up(&fused);
         assert!((w[0] - a / (1.0 + c)).abs() < 1e-9 && (w[1] - b / (1.0 + c)).abs() < 1e-9, "{w:?} {fused:?}");
@@ -155,8 +155,8 @@ fn missing_webgl_falls_back_to_2d_with_reason() {
     page.goto(&address(&system, port), (1280, 720), "light", false);
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.text("plumb.fallbackReason()"), "this browser does not support WebGL 2; using the 2-D fallback");
-    // Checks that something is drawn, and that the vertical axis is drawn between the middle and
-    // its label "up z".
+    // Checks that something is drawn, and that the vertical axis is drawn between the middle of the
+    // picture and the label "up z" of the axis.
     let code = "(() => {
         const c = document.querySelector('.panel canvas');
         const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
@@ -239,7 +239,8 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.until("plumb.data.events.some((event) => event.kind === 'EVENT_KIND_SWAPPED' && event.service === 'fuser' && event.stage === 'vqf')");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
-    // Starts another shadow and cancels it. Before that, the page must have received the new owner.
+    // First waits until the page has received the new owner, then starts another shadow and cancels
+    // it.
     page.key("4");
     page.until("plumb.drawn()?.services?.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");
@@ -280,8 +281,8 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     // Without a new attitude, the page turns stale after 200 to 500 ms.
     page.until("plumb.data.state(plumb.data.received_ms + 200).kind === 'live'");
     assert_eq!(page.eval("plumb.data.state(plumb.data.received_ms + 500).kind"), "stale");
-    // Stale content is grey and the state shows its age. The supervisor is stopped as well, because
-    // it would otherwise restart a stopped source.
+    // Stale content is grey and the state shows its age. The supervisor is frozen as well, because
+    // it would otherwise restart the frozen source.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
@@ -401,7 +402,8 @@ fn open_page_does_not_grow() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    // Measures the growth between 100 and 400 snapshots after a warm-up.
+    // Measures the growth of the heap between 100 and 400 snapshots. The first 300 snapshots are a
+    // warm-up and are discarded.
     page.until("plumb.data.frames.length > 300");
     page.eval("plumb.data.frames.splice(0, plumb.data.frames.length)");
     page.until("plumb.data.frames.length > 100");

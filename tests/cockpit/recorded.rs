@@ -17,7 +17,7 @@ fn recording_seeks_to_known_second() {
     assert_eq!(view.address, format!("http://{listen}/"), "a recording takes no commands");
     if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.data.recording.length > 100");
-        // Seeks to the third second by snapshot number.
+        // Seeks to 2 s, the middle of the recording, by snapshot number.
         let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
         page.eval(&format!("plumb.seek({place})"));
         page.until(&format!("plumb.data.position === {} && plumb.drawn()?.quaternion", place.round()));

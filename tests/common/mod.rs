@@ -44,9 +44,9 @@ const PATH: &str = r#"["ingest", "gyro", "accel", "fuser", "course"]"#;
 impl System {
     /// Creates a system with a unique name and the launch file `text`.
     ///
-    /// Unless `text` sets them, the topic buffer and the lateness are longer than the defaults,
-    /// because tests must not depend on how long a restart takes on a busy machine, and the
-    /// services are those of the data path.
+    /// Unless `text` sets them, three settings differ from the defaults. The topic buffer and the
+    /// lateness are longer, because tests must not depend on the duration of a restart on a busy
+    /// machine. The services are those of the data path.
     pub(crate) fn new(text: &str) -> Self {
         let defaults = [("buffer_s", "6.0"), ("lateness_s", "4.0"), ("services", PATH)]
             .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value}\n") });
@@ -80,7 +80,7 @@ impl System {
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(&self.executable);
         command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
-        // The state kept for the next start must not leave the test's folder.
+        // The state saved for the next start must stay in the test's folder.
         command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
     }
@@ -90,7 +90,7 @@ impl System {
         Running::spawn(self.command(arguments))
     }
 
-    /// Starts `plumb up` in a separate process group, like an interactive shell.
+    /// Starts `plumb up` in a separate process group, as an interactive shell does.
     pub(crate) fn start_in_process_group(&self, arguments: &[&str]) -> Running {
         let mut command = self.command(arguments);
         command.process_group(0);

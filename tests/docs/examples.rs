@@ -40,7 +40,7 @@ impl Block {
     ///
     /// # Panics
     ///
-    /// Panics if the block is neither a known language nor a listed exception.
+    /// Panics if the language of the block is unknown and the block is not a listed exception.
     fn example_language(&self) -> Option<Language> {
         let first = self.first_line();
         let is_listed = NOT_EXAMPLES.iter().any(|(beginning, _)| first.starts_with(beginning));
@@ -66,7 +66,7 @@ impl Block {
     }
 }
 
-/// Returns the Markdown files with examples, with their blocks.
+/// Returns the Markdown files that may contain examples, each with its blocks.
 fn files() -> Vec<(String, Vec<Block>)> {
     let has_examples = |file: &str| !FOLDERS_WITHOUT_EXAMPLES.iter().any(|(folder, _)| file.starts_with(folder));
     let files = markdown::files().into_iter().filter(|(file, _)| has_examples(file));
@@ -86,7 +86,8 @@ fn free_endpoint() -> String {
 /// Folder in which the examples of a file run.
 struct Scratch {
     system: System,
-    /// Pairs of a text that occurs in examples and its replacement, such as a unique name or port.
+    /// Texts that occur in examples, each with its replacement. A replacement is, for example, a
+    /// unique name or port.
     replacements: Vec<(String, String)>,
     /// Running systems with their names, in start order.
     running: Vec<(String, Running)>,
@@ -111,7 +112,7 @@ impl Scratch {
             // Shorter durations.
             ("--seconds 10", "--seconds 1".into()),
             ("--seconds 60", "--seconds 2".into()),
-            // Paths that the reader replaces.
+            // Placeholder paths, which a reader of the documentation has to replace.
             ("/path/to/plumbline", root.display().to_string()),
             ("/etc/plumbline/launch.toml", "launch.toml".into()),
         ];
@@ -136,7 +137,7 @@ impl Scratch {
         fs::write(path, text).unwrap();
     }
 
-    /// Writes the recordings that examples name: some seconds at rest.
+    /// Writes the recordings that examples name. Each recording covers a few seconds at rest.
     fn write_recordings(&self) {
         let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,mx,my,mz,qw,qx,qy,qz,mov\n");
         for tick in 0..1000 {
@@ -250,7 +251,7 @@ impl Scratch {
     }
 }
 
-/// Returns the first line that a command prints and interrupts the command.
+/// Reads the first line of a command's output, then interrupts the command. Returns the line.
 fn first_line_then_interrupt(child: &mut Child, stdout: &mut BufReader<ChildStdout>) -> String {
     let mut line = String::new();
     stdout.read_line(&mut line).unwrap();

@@ -1,7 +1,7 @@
 //! Examples of the documentation that do not run, each with the reason.
 //!
 //! Add a line here if an example needs a device, another machine or several minutes. A test fails
-//! if no example matches a line any more.
+//! if a line here no longer matches any example.
 
 /// Beginnings of shell lines that the test does not run, with the reason.
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
@@ -52,9 +52,10 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb stage test my-fuser", "tests a Python stage for minutes; tested by `own_stage`"),
 ];
 
-/// Beginnings of the first lines of blocks that are not examples, with their content.
+/// Beginnings of the first lines of blocks that are not examples, each with the kind of its
+/// content.
 ///
-/// A new drawing or output is better fenced as `text`, which needs no line here.
+/// Fence a new drawing or output as `text` instead of adding it to this list.
 pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("launch.toml        everything that runs", "file tree"),
     ("sensor, receiver ─►", "drawing"),

@@ -11,7 +11,7 @@ use super::reference::{self, code, plain, table, wrap, wrap_to};
 const COMMENT_COLUMN: usize = 24;
 /// Maximum width of a line of `launch.toml`, columns.
 const MAX_COLUMNS: usize = 100;
-/// Minimum width of a comment that begins in the line of its key, columns.
+/// Minimum width of a comment that begins on the line of its key, columns.
 const MIN_COMMENT_COLUMNS: usize = 30;
 
 /// Renders the chapter.
@@ -25,7 +25,7 @@ pub(super) fn chapter() -> String {
         if section.keys.is_empty() {
             continue;
         }
-        // The name of a user-defined stage is free.
+        // A user-defined stage can have any name.
         let title = header(&section).replace("my-fuser", "NAME");
         text += &format!("\n## {}\n", if title.is_empty() { "Top level" } else { &title });
         if !section.doc.is_empty() {
@@ -95,7 +95,8 @@ pub(super) fn launch_toml() -> String {
             text += &format!("{}{}\n", if is_set { "" } else { "#" }, header(section));
         }
         for (key, value, is_set) in lines {
-            // A key of several sections is explained in the first.
+            // A key that occurs in several sections is explained only in the first of these
+            // sections.
             let mut comment = comment(key);
             if !explained.insert((section.is_optional, comment.clone())) {
                 comment.clear();
@@ -117,7 +118,7 @@ fn comment(key: &KeyDescription) -> String {
     parts.join(" ").trim().to_owned()
 }
 
-/// Returns a line of `launch.toml` with its comment, which may continue in further lines.
+/// Returns a line of `launch.toml` with its comment, which may continue on further lines.
 fn line(setting: &str, is_set: bool, comment: &str) -> String {
     let prefix = if is_set { "" } else { "#" };
     let mut line = format!("{prefix}{setting}");

@@ -42,7 +42,7 @@ fn without_code(line: &str) -> String {
     text + rest
 }
 
-/// Returns the fault of a link in `file`, or `None` if the link's target exists.
+/// Describes why a link in `file` is broken, or returns `None` if the link's target exists.
 fn link_fault(file: &str, target: &str, anchors: &HashMap<String, Vec<String>>) -> Option<String> {
     if EXTERNAL.iter().any(|scheme| target.starts_with(scheme)) {
         return None;

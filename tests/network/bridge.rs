@@ -160,7 +160,7 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.stderr);
 
-    // All valid readings sent after the bridge joined must have been delivered, and damaged ones
+    // Every valid reading sent after the bridge joined must be delivered. Damaged readings must be
     // counted.
     let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
     let [readings, rejected, undelivered, fields] =

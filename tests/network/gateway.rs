@@ -150,8 +150,8 @@ fn repeated_remote_swap_takes_effect_once() {
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
     let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "expected one decision");
-    // A request is refused if its expected epoch is out of date since the decision on request
-    // `one`, or if its deadline has passed.
+    // Request `two` is refused, because the decision on request `one` has changed the epoch that
+    // `two` expects. Request `three` is refused, because its deadline has passed.
     let overtaken = swap(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
     assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
@@ -302,7 +302,7 @@ fn stalled_station_and_dead_endpoint_do_not_affect_output() {
     let run = running.wait();
     run.assert_complete();
     assert!(fs::read(out).unwrap() == undisturbed("14s"), "the bytes differ: {}", run.stderr);
-    // The counts reported by the stopped station match the ticks missing from its tables.
+    // The counts reported by the stalled station match the ticks missing from its tables.
     let report = stalled.stop();
     println!("{report}");
     for name in ["imu", "attitude"] {

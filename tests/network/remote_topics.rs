@@ -151,7 +151,7 @@ fn remote_topic_commands_match_on_board_output() {
     // are not sent.
     let bytes = number(&bw, "/bytes_per_s") / number(&bw, "/rate_hz");
     assert!((100.0..400.0).contains(&bytes), "{bw}");
-    // 19 of 20 ticks are decimated on board and not counted as missed.
+    // Decimation on board omits 19 of 20 ticks. Omitted ticks do not count as missed.
     assert!((19.0 * 40.0..=19.0 * 80.0).contains(&number(&bw, "/delivery/decimated")), "{bw}");
     assert_eq!((bw["lost"].as_u64(), bw["missed"].as_u64()), (Some(0), Some(0)), "{bw}");
     vehicle.stop();

@@ -48,7 +48,8 @@ fn undisturbed(launch: &str, arguments: &[&str]) -> Vec<u8> {
     fs::read(out).unwrap()
 }
 
-/// The two hosts of a split system. The board runs until the base has received all its ticks.
+/// The two hosts of a split system. The board runs until the base has received all ticks of the
+/// board.
 struct Hosts {
     board: System,
     base: System,
@@ -437,7 +438,7 @@ fn certificates(folder: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Access list that allows everything for clients with a certificate.
+/// Access list that grants every permission to clients with a certificate.
 const EVERYTHING: &str = r#"{
     enabled: true, default_permission: "deny",
     rules: [{

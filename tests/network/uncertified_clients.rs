@@ -29,7 +29,7 @@ const IDLE_CONNECTIONS: usize = 1200;
 /// Maximum resident memory of a gateway under attack, KiB.
 const MAX_MEMORY_KIB: u64 = 64 * 1024;
 
-/// Opens a plain Zenoh session that uses none of our code.
+/// Opens a plain Zenoh session, without any of Plumbline's own code.
 fn uncertified_session(endpoint: &str, mode: &str) -> Session {
     let mut config = Config::default();
     for (key, value) in [
@@ -275,7 +275,7 @@ fn expired_certificate_is_reported_before_connecting() {
             assert!(stderr.contains(word), "{verb:?}: {stderr}");
         }
     }
-    // A gateway reports the expiry and keeps its other endpoints running.
+    // A gateway reports the expired certificate and keeps its other endpoints running.
     let tls = site.tls("operator.ann");
     let system = with_gateway(free_port(), &format!("connect = [\"quic/127.0.0.1:9\"]\n{tls}"));
     let running = system.start(&[]);

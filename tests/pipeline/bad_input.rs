@@ -127,7 +127,7 @@ impl Recording {
     }
 }
 
-/// Index of the first row during a fault.
+/// Index of the row at which the fault begins.
 const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
 
 /// Returns the inclination RMSE from `FAULT_S` to the end of a fault-free recording, degrees.

@@ -86,7 +86,7 @@ impl Bench {
         }
     }
 
-    /// Kills the supervisor, as a power cut would, and waits until its services have exited.
+    /// Kills the supervisor to simulate a power cut, and waits until its services have exited.
     pub(crate) fn kill(mut self) -> System {
         let running = self.running.take().unwrap();
         let pids: Vec<u32> = running.services().into_iter().map(|(_, pid)| pid).collect();

@@ -257,8 +257,8 @@ pub(crate) fn open_serial_device(port: &Path) -> SerialDevice {
 
 #[test]
 fn serial_port_is_reopened_when_device_returns() {
-    // Other tests run in parallel and can delay a service, which must not be restarted for this
-    // delay.
+    // Other tests run in parallel and can delay a service. The delayed service must not be
+    // restarted.
     let system = System::new("restart.silence_s = 3.0");
     let port = system.path("imu");
     let line = format!("serial:{}?rate_hz=100&baud=230400", port.display());
@@ -330,7 +330,7 @@ fn user_defined_sensor_does_not_block_next_system() {
     let mut feed_until_ticks = || {
         wait_for("ticks", || {
             t += 1;
-            // Sending fails while neither the first nor the next system is running.
+            // Sending fails between the end of a system and the start of the next one.
             let _ = sensor.send(t * 5_000_000, [0.0, 0.0, 0.1], [0.0, 0.0, 9.8], None);
             sleep(Duration::from_millis(5));
             status(&system, "course").is_some_and(|course| course["ticks"].as_u64() >= Some(50))

@@ -10,7 +10,8 @@ fn entry(sensor: &str, kind: &str, until_s: f64) -> String {
     format!("[[ingest.fault]]\nsensor = {sensor:?}\nkind = {kind}\nfrom_s = {FROM_S}\nuntil_s = {until_s}\n")
 }
 
-/// Runs one process and returns the inclination error in degrees at the time of each tick.
+/// Runs the system in one process and returns the inclination error in degrees at the time of each
+/// tick.
 fn run(fault_entries: &str) -> (Run, Vec<(f64, f64)>) {
     let system = System::new(&format!("faults = true\n{SOURCE}{fault_entries}"));
     let out = system.path("out.csv");
@@ -31,7 +32,8 @@ fn every_fault_is_flagged_and_attitude_recovers_in_time() {
     assert!(!clean.line("flags").contains("fault-injected"), "{}", clean.stderr);
     let bound_deg = 2.0 * rms(errors.iter().filter(|(t_s, _)| *t_s > FROM_S).map(|(_, error_deg)| *error_deg)) + 0.05;
     println!("recovered below {bound_deg:.3}°");
-    // Finite, varying values are accepted, so the estimator itself has to correct their effect.
+    // The input checks accept finite, varying values, so the estimator has to correct the effect of
+    // a fault with such values.
     let cases = [
         ("gyro", "\"off\"", 2.0, "rate-invalid", 7.0),
         ("accel", "\"off\"", 3.0, "force-invalid", 0.0),

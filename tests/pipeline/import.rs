@@ -1,4 +1,4 @@
-//! Recordings from other systems, imported or read directly like our own.
+//! Recordings from other systems, imported or read directly like native recordings.
 use std::{fs, io::Read, path::Path};
 
 use crate::common::{System, data, plumb};

@@ -13,7 +13,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Runs Python in a folder, with the module on its path and `PLUMB` set for the notebook.
+/// Runs Python in a folder, with the module on the Python path and `PLUMB` set for the notebook.
 fn run(python: &Path, folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(python);
     command.arg("-B").args(arguments).current_dir(folder).env("PYTHONPATH", root().join("tools/score/python"));

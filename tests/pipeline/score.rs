@@ -13,7 +13,7 @@ const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 /// Returns a recording of a level body at rest. Its reference is rotated by `heading_deg` about up
 /// and then by `tilt_deg` about east.
 ///
-/// Rows that must not be scored have references that would spoil every score.
+/// Rows that must not be scored have wrong references, which would change every score.
 pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     let (sin, cos) = (0.5 * heading_deg).to_radians().sin_cos();
     let (tilt_sin, tilt_cos) = (0.5 * tilt_deg).to_radians().sin_cos();

@@ -45,8 +45,9 @@ impl MovingUnit {
 
 /// Returns a system with additional launch settings.
 ///
-/// The unit also sends while no process reads, so the drivers process must not be restarted merely
-/// because it is late.
+/// The simulated unit keeps sending while no process reads its data, so a restart of the drivers
+/// process would lose readings. The silence limit of 3 s prevents the restart of a process that is
+/// merely late.
 fn system_with(settings: &str) -> System {
     System::new(&format!("restart.silence_s = 3.0\n{settings}"))
 }
@@ -84,7 +85,7 @@ fn stop(running: Running) {
     assert_eq!((run.code, run.number("/lost"), restarts(&run)), (Some(0), 0.0, 0), "{}", run.stderr);
 }
 
-/// Records a drive with additional launch settings and returns its heading and inclination error,
+/// Records a drive with additional launch settings. Returns the heading and inclination errors,
 /// degrees.
 fn drive(settings: &str) -> [f64; 2] {
     let system = system_with(settings);

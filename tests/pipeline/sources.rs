@@ -1,5 +1,5 @@
-//! Live sources end to end. Attitudes are computed from bytes in device formats, which are encoded
-//! by other projects if available. `plumb doctor` reports device faults.
+//! Live sources end to end. Attitudes are computed from bytes in device formats. If third-party
+//! encoders are installed, they produce these bytes. `plumb doctor` reports device faults.
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
@@ -523,6 +523,6 @@ fn silent_device_is_reported() {
     wait_for_finding(&system, "is open but sends no data");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    // The use of the device here keeps it open until this point.
+    // This read keeps the device open until the end of the test.
     let _ = device.read(&mut []);
 }

@@ -193,7 +193,7 @@ fn simulation_and_replay_ignore_state_file() {
 }
 
 impl Bench {
-    /// Runs until the state file holds a well-known bias, then kills the system.
+    /// Runs until the bias in the state file counts as known, then kills the system.
     fn run_until_known_and_kill(self) -> System {
         let file = state_file(&self.system);
         let sd_rad_s =

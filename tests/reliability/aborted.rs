@@ -29,7 +29,7 @@ fn start_system(system: &System, arguments: &[&str]) -> Running {
     running
 }
 
-/// Requests the swap to a faulty stage and checks that the swap is aborted for this reason.
+/// Requests a swap to a faulty stage and checks that the swap is aborted with `reason`.
 ///
 /// The output of the whole run must equal that of an undisturbed run.
 fn assert_aborted(fault: &str, reason: &str) {
@@ -163,8 +163,7 @@ fn hanging_stage_ends_with_its_supervisor() {
     let mut client = plumb(&["swap", "course", "hangs-when-ready", "--system", &system.name]);
     let mut client = client.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     wait_for("the candidate to start", || children_of(running.pid()).len() == 6);
-    // After this pause, the candidate already hangs, but it has not yet been killed for its
-    // silence.
+    // After this pause, the candidate already hangs, but the supervisor has not yet killed it.
     std::thread::sleep(Duration::from_millis(250));
     let children = children_of(running.pid());
     assert_eq!(children.len(), 6);

@@ -62,7 +62,7 @@ impl RecordedFlight {
         Run::from_output(command.output().unwrap())
     }
 
-    /// Replays the flight with no launch file given and compares the outputs.
+    /// Replays the flight without a launch file and compares the outputs.
     fn assert_replay_is_identical(&self) -> Run {
         let folder = tempfile::tempdir().unwrap();
         let replay = folder.path().join("replay.csv");

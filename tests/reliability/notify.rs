@@ -1,4 +1,4 @@
-//! Notifications to a service manager: datagrams of real processes.
+//! Notifications to a service manager: datagrams sent by real processes.
 use std::{
     os::{
         linux::net::SocketAddrExt,
@@ -81,7 +81,8 @@ fn watchdog_is_fed_only_while_ticks_arrive() {
     assert_eq!(receive(&manager, Duration::from_millis(1)), None);
 }
 
-/// Runs a one-second simulation with an abstract socket. Returns all its notifications.
+/// Runs a one-second simulation with a notification socket in the abstract namespace. Returns all
+/// its notifications.
 fn run_with(environment: &[(&str, &str)]) -> Vec<String> {
     let system = System::new("");
     let manager = UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&system.name).unwrap()).unwrap();

@@ -59,8 +59,8 @@ fn query(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Swaps the stage of a slot. Repeats a swap that was aborted because the machine was too slow;
-/// such an aborted swap loses nothing.
+/// Swaps the stage of a slot. If the swap is aborted because the machine is too slow, it is
+/// repeated; an aborted swap must lose no tick.
 fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
         let report = query(system, &["swap", slot, to]);
@@ -213,7 +213,8 @@ fn external_stage_reports_difference_as_shadow() {
         assert!(output.status.success() || ended, "{text}{}", String::from_utf8_lossy(&output.stderr));
         last
     };
-    // On a busy machine, the program takes longer to start, so longer shadows are tried in turn.
+    // On a busy machine, the program takes longer to start, so the test retries with longer
+    // shadows.
     let mut shadows = ["3", "10", "30"].into_iter().map(shadowed);
     let difference = shadows.find(|difference| difference["ticks"].as_u64() > Some(50)).unwrap();
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
@@ -405,8 +406,8 @@ fn program_errors_are_reported() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// Build options. The mathematics is fully optimised, the checks are slightly optimised, and
-/// everything else is not optimised.
+/// Build options. The mathematical crates are fully optimised, the conformance checks slightly, and
+/// all other crates not at all.
 const BUILD_OPTIONS: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",

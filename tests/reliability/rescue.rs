@@ -78,7 +78,7 @@ fn swap_replaces_failed_stage_and_counts_loss() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     wait_for("the slot to fail", || service_status(&system, "course")["state"] == "failed");
-    // The wait is longer than the time that the topic buffers cover.
+    // The wait is longer than the time that the topic buffers cover, so ticks are lost.
     std::thread::sleep(Duration::from_secs(4));
     let report = system.swap(&["course", "angles"]);
     println!("{report}");

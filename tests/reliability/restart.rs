@@ -184,7 +184,7 @@ fn frozen_service_is_killed_and_restarted() {
     assert!(run.stderr.contains("has reported no health for"), "{}", run.stderr);
 }
 
-/// Kills a service and stops its next incarnation as soon as it exists.
+/// Kills a service and freezes its next incarnation as soon as the incarnation exists.
 fn kill_and_freeze_successor(running: &Running, service: &str) -> u32 {
     let killed = running.service(service);
     signal(killed, Signal::KILL);

@@ -1,4 +1,5 @@
-//! Gaps in the report and the output file are reported and counted, and change the exit code.
+//! If attitudes are missing from the report or the output file, the run counts and reports them and
+//! exits with code 1.
 //!
 //! The attitude itself is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
@@ -37,7 +38,7 @@ fn ticks_missed_by_frozen_supervisor_are_not_lost() {
     system.wait_until_running();
     assert_eq!(record(&system)["result"], "ok");
     signal(running.pid(), Signal::STOP);
-    // The measurement is longer than `buffer_s`.
+    // The measurement is longer than `buffer_s`, so the frozen supervisor misses ticks.
     let rates = json(&["topic", "hz", "attitude", "--seconds", "4"], &system);
     signal(running.pid(), Signal::CONT);
     assert!(rates["messages"].as_u64() > Some(3000), "{rates}");

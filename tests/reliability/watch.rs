@@ -1,4 +1,5 @@
-//! Watches: a shadow close to the owner is promoted, and rolled back when it diverges.
+//! Watches: a shadow that agrees with the owner is promoted. A promoted stage that diverges is
+//! rolled back.
 use crate::common::{System, wait_for};
 use serde_json::Value;
 

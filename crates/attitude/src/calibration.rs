@@ -17,8 +17,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 
 use crate::{Matrix3, Quaternion, Vector3, angles::Angles, state::Attitude};
 
-/// Maximum deviation of an element of M Mᵀ from the identity. It admits rotations given to three
-/// decimals.
+/// Maximum deviation of an element of M Mᵀ from the identity, with M the matrix of a mounting. The
+/// limit admits rotations given to three decimals.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
 /// Minimum volume spanned by the normalised rows of a calibration matrix. Below it, the rows count
@@ -153,8 +153,8 @@ impl Mounting {
         Ok(Self { matrix: Attitude::from_quaternion(q).matrix().transpose() })
     }
 
-    /// Creates a mounting from the matrix, v_body = M v_sensor. Its columns are the sensor's axes
-    /// in the body.
+    /// Creates a mounting from the matrix M, v_body = M v_sensor. The columns of M are the
+    /// directions of the sensor's axes in body axes.
     ///
     /// # Errors
     ///
@@ -235,7 +235,7 @@ pub enum CalibrationError {
     },
     /// The matrix is not orthogonal or contains a reflection.
     NotARotation {
-        /// Largest element of |M Mᵀ − 1|.
+        /// Largest absolute element of M Mᵀ − 1, with M the rejected matrix.
         deviation: f64,
         /// Determinant: +1 for a rotation, −1 for a reflection.
         determinant: f64,

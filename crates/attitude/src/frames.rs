@@ -92,15 +92,16 @@ impl Frame {
         }
     }
 
-    /// Converts a native quaternion body → reference, w x y z.
+    /// Converts a native quaternion, body → reference, w x y z, to this frame.
     pub fn quaternion(self, native: [f64; 4]) -> [f64; 4] {
         quaternion_from_native(self.earth(), self.body(), native)
     }
 
-    /// Converts native yaw, pitch and roll.
+    /// Converts native yaw, pitch and roll to the angles of this frame.
     ///
-    /// In every frame these are rotations about the third axis, then the second axis (the first one
-    /// in the native frame), then the axis that points forward. Yaw and roll are in (−π, π].
+    /// In every frame, yaw, pitch and roll are successive rotations about the third axis, the
+    /// second axis (in the native frame, the first axis) and the axis that points forward. Yaw and
+    /// roll are in (−π, π].
     pub fn angles(self, native: Angles) -> Angles {
         let Angles { yaw_rad, pitch_rad, roll_rad } = native;
         let [yaw_rad, pitch_rad, roll_rad] = match self {
@@ -126,7 +127,7 @@ impl Frame {
         Angles { yaw_rad, pitch_rad, roll_rad }
     }
 
-    /// Converts native u, v and z.
+    /// Converts native u, v and z to this frame.
     ///
     /// The point w = u + j v is the projection of the reference's third axis in body axes, and z is
     /// the rotation about that axis. In the inverted chart, w and z are those of the body rotated
@@ -213,7 +214,7 @@ impl QuaternionOrder {
         name_of(&Self::NAMES, self)
     }
 
-    /// Arranges components given as w, x, y, z in this order.
+    /// Returns the components `[w, x, y, z]`, rearranged in the order `self`.
     pub fn ordered<T>(self, [w, x, y, z]: [T; 4]) -> [T; 4] {
         match self {
             Self::Wxyz => [w, x, y, z],
@@ -265,7 +266,7 @@ impl Body {
     }
 }
 
-/// Converts a native quaternion w x y z to the quaternion from `body` axes to `earth` axes.
+/// Converts a native quaternion, w x y z, to the quaternion `body` → `earth`.
 ///
 /// The result is e q b*, where q is the native quaternion, b converts native body axes to `body`,
 /// and e converts native reference axes to `earth`. If b and e are the same permutation of axes,
@@ -278,8 +279,10 @@ pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f6
         .map(without_negative_zero)
 }
 
-/// Converts a quaternion q, w x y z, from `body` axes to `earth` axes to the native quaternion e* q
-/// b, with b and e as in [`quaternion_from_native`].
+/// Converts a quaternion `body` → `earth`, w x y z, to the native quaternion.
+///
+/// The result is e* q b, where q is the given quaternion, and b and e are those of
+/// [`quaternion_from_native`].
 pub fn quaternion_to_native(earth: Earth, body: Body, external: [f64; 4]) -> [f64; 4] {
     let [w, x, y, z] = external;
     match (earth, body) {

@@ -46,8 +46,8 @@ impl AttitudeError {
     }
 }
 
-/// Returns the heading error with its sign, counter-clockwise from above positive, (−180, 180],
-/// degrees.
+/// Returns the signed heading error, (−180, 180], degrees. It is positive counter-clockwise as seen
+/// from above.
 ///
 /// Its absolute value is [`AttitudeError::heading_deg`].
 pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
@@ -58,13 +58,13 @@ pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64
 /// Angles of an estimate minus those of the truth, each in (−180, 180].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AngleError {
-    /// Roll, right side down positive, degrees.
+    /// Roll, positive with the right side down, degrees.
     pub roll_deg: f64,
-    /// Pitch, nose up positive, degrees.
+    /// Pitch, positive with the nose up, degrees.
     pub pitch_deg: f64,
-    /// Yaw, counter-clockwise from above positive, degrees.
+    /// Yaw, positive counter-clockwise as seen from above, degrees.
     pub yaw_deg: f64,
-    /// Course, clockwise from above positive, degrees.
+    /// Course, positive clockwise as seen from above, degrees.
     pub course_deg: f64,
 }
 

@@ -58,7 +58,8 @@ impl Point {
     /// Projects a direction into the chart where |w| ≤ 1. Returns `None` for a vector that is zero
     /// or not finite.
     ///
-    /// w = (a + j b) / (1 + c) — Matveev 2025, (12), (28).
+    /// With the unit vector (a, b, c) along the direction, in the axes of the chart: w = (a + j b)
+    /// / (1 + c) — Matveev 2025, (12), (28).
     pub fn from_direction(direction: Vector3<f64>) -> Option<Self> {
         let norm = direction.norm();
         (norm > f64::MIN_POSITIVE && norm.is_finite()).then(|| Self::from_direction_and_norm(direction, norm))

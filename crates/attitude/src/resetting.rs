@@ -4,8 +4,8 @@
 //!
 //! Output: a valid output of the stage.
 //!
-//! Failure: a stage is reset for an invalid output. If the output after the reset is also invalid,
-//! the stage has failed permanently.
+//! Failure: an invalid output causes a reset of the stage. If the output after the reset is also
+//! invalid, the stage has failed permanently.
 
 use core::fmt;
 
@@ -28,7 +28,7 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
         Self { initial: stage.snapshot(), stage, output_error: None }
     }
 
-    /// Steps the stage. Returns the output, and `true` if the stage was reset for it.
+    /// Steps the stage. Returns the output, and `true` if the stage was reset in this step.
     ///
     /// Returns `None` once the stage has failed permanently.
     #[inline]
@@ -60,9 +60,9 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
 /// Permanent failure of a stage.
 #[derive(Debug)]
 pub enum StageFailure<'a> {
-    /// The stage has reported an error. Only stages in a separate process do.
+    /// The stage has reported an error. Only stages in a separate process report errors.
     Stage(&'a dyn core::error::Error),
-    /// The output is invalid, also after a reset.
+    /// The output is invalid even after a reset.
     InvalidOutput {
         /// Name of the stage.
         stage: &'static str,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
     use crate::{Vector3, accel::Inclination, point::Point, stage::RestoreError};
 
-    /// Stage that counts its steps and returns an invalid output from step `bad_from` on.
+    /// Stage that counts its steps and returns an invalid output from step `bad_from` onwards.
     #[derive(Clone)]
     struct Counter {
         steps: f64,

@@ -10,9 +10,9 @@ use crate::{Complex, Quaternion, Vector3, point::Chart, scalars::Scalars};
 /// Rotation of the body in its own axes. It acts on an attitude as a Möbius map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rotation {
-    /// d0 + j d3.
+    /// Components d0 and d3 of the unit quaternion δ, as d0 + j d3.
     pub p: Complex<f64>,
-    /// d1 + j d2.
+    /// Components d1 and d2 of the unit quaternion δ, as d1 + j d2.
     pub s: Complex<f64>,
 }
 
@@ -73,8 +73,8 @@ impl Rotation {
         }
     }
 
-    /// Converts a vector that is fixed in space from the body axes before the rotation to those
-    /// after it: δ* v δ.
+    /// Returns δ* v δ. If `body` is a space-fixed vector v in the body axes before the rotation,
+    /// the result is the same vector in the body axes after it.
     #[inline]
     pub(crate) fn apply_inverse(self, body: Vector3<f64>) -> Vector3<f64> {
         let axis = Vector3::new(self.s.re, self.s.im, self.p.im);
@@ -98,8 +98,8 @@ impl Scalars for Rotation {
     }
 }
 
-/// Returns cos x and sin x / x for a given x². Uses series as long as they are exact to the last
-/// bit. An infinite x yields the values of no rotation.
+/// Returns cos x and sin x / x for a given x². Power series are used as long as they are exact to
+/// the last bit. An infinite x yields (1, 0), which represents no rotation.
 #[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {

@@ -18,7 +18,7 @@ impl Scalars for f64 {
     }
 }
 
-/// Visited as 0 or 1.
+/// Visits the value as 0 or 1.
 impl Scalars for bool {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let mut value = f64::from(u8::from(*self));
@@ -51,7 +51,7 @@ impl Scalars for Vector3<f64> {
     }
 }
 
-/// Visited in the order i, j, k, w.
+/// Visits the components in the order i, j, k, w.
 impl Scalars for Quaternion<f64> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.coords.iter_mut().for_each(visit);

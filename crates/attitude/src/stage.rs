@@ -19,8 +19,8 @@ use crate::{
 
 /// Validation of a stage's output.
 pub trait Validate {
-    /// Returns why the value is invalid (a number is not finite or a rotation does not have unit
-    /// length), or `None` if it is valid.
+    /// Returns the reason why the value is invalid (a number is not finite or a rotation does not
+    /// have unit length), or `None` if it is valid.
     fn validation_error(&self) -> Option<&'static str>;
 }
 
@@ -68,8 +68,8 @@ pub trait Stage {
     /// Visits every number of the state, always in the same order.
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64));
 
-    /// Returns why a state of finite numbers is invalid, such as a negative variance, or `None` if
-    /// it is valid.
+    /// Returns the reason why a state of finite numbers is invalid, such as a negative variance, or
+    /// `None` if it is valid.
     fn validation_error(&self) -> Option<&'static str> {
         None
     }
@@ -135,7 +135,7 @@ pub trait Stage {
 pub struct Snapshot {
     /// Name of the stage that wrote the snapshot.
     pub stage: &'static str,
-    /// Values of the state. Entries from `len` on are zero.
+    /// Values of the state. Entries from index `len` onwards are zero.
     pub values: [f64; MAX_STATE_VALUES],
     /// Number of values in use.
     pub len: usize,
@@ -152,7 +152,7 @@ impl Snapshot {
             .fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
     }
 
-    /// Checks that the snapshot was written by `stage` with `expected` values and is intact.
+    /// Checks that the snapshot was written by `stage`, has `expected` values and is intact.
     ///
     /// # Errors
     ///
@@ -240,15 +240,15 @@ impl Attitude {
     }
 }
 
-/// Returns why an attitude is invalid (outside the bounds of its chart, or NaN), or `None` if it is
-/// valid.
+/// Returns the reason why an attitude is invalid (outside the bounds of its chart, or NaN), or
+/// `None` if it is valid.
 pub fn attitude_validation_error(attitude: Attitude) -> Option<&'static str> {
     let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
     (!inside).then_some("an attitude outside its chart")
 }
 
-/// Returns why a gyro bias of finite components is invalid (above 10 rad/s), or `None` if it is
-/// valid.
+/// Returns the reason why a gyro bias of finite components is invalid (above 10 rad/s), or `None`
+/// if it is valid.
 pub fn bias_validation_error(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
     (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

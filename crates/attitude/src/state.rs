@@ -147,9 +147,9 @@ impl Attitude {
     /// modulus 1 that converts the level frame to a frame that does not rotate about the vertical.
     /// The returned axes are in the latter.
     ///
-    /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w, with
-    /// l the tilt: the composition of both maps. With the azimuth r⁺ = r M²/|M|² the axes need only
-    /// one division, by |M|² + |N|².
+    /// With l the tilt and (p, s) the rotation, the composition of both maps is w⁺ = N/M and
+    /// z⁺ = z + 2 arg M, where N = n + l m̄, M = m − l n̄, n = p̄ w + j s and m = p + j s̄ w. With
+    /// the azimuth r⁺ = r M²/|M|², the axes need only one division, by |M|² + |N|².
     #[inline]
     pub(crate) fn rotate_and_tilt(
         &mut self,
@@ -180,8 +180,8 @@ impl Attitude {
     /// Returns the attitude after a tilt of its level frame by the rotation that brings ζ0 to the
     /// level-frame point `tilt`.
     ///
-    /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l. The rotation axis is horizontal, so the
-    /// heading does not change with the tilt.
+    /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l, with l the tilt. The rotation axis is
+    /// horizontal, so the heading does not change with the tilt.
     #[inline]
     pub fn tilted(self, tilt: Complex<f64>) -> AttitudeUpdate {
         self.mapped(self.up.w + tilt, Complex::new(1.0, 0.0) - self.up.w.conj() * tilt)
@@ -201,7 +201,8 @@ impl Attitude {
     /// Returns the horizontal part ξ + j η of a body vector in the level frame, which is the
     /// reference frame rotated by z.
     ///
-    /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.
+    /// h = F − (a + j b)(f_ζ + Re(w̄ F)) with F = f_ξ + j f_η and a + j b = 2w/(1 + |w|²). These
+    /// are the first two rows of A(w)ᵀ f.
     #[inline]
     pub fn horizontal(self, body: Vector3<f64>) -> Complex<f64> {
         let f = self.up.chart.flip(body);
@@ -271,7 +272,7 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
 fn wrap_large_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped.abs() > 4.0 {
-        // For this many revolutions the product with 2π is not exact, so the exact remainder is
+        // The angle is so large that the product with 2π is not exact, so the exact remainder is
         // used.
         return libm::remainder(angle_rad, TAU);
     }

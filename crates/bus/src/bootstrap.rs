@@ -4,8 +4,9 @@
 //!
 //! Output: a folder and the segment in which iceoryx2 counts nodes, accessible to this user only.
 //!
-//! Failure: every error is returned to the caller. Another user who modifies the segment during the
-//! short time in which it is accessible can prevent the start, but cannot do any other harm.
+//! Failure: every error is returned to the caller. Other users can write to the segment for a short
+//! time, before it is replaced as described below. This can prevent the start, but does no other
+//! harm.
 //!
 //! iceoryx2 creates the node segment readable and writable for every user, regardless of the umask,
 //! and accepts an existing segment unchanged. Therefore the segment is created once and then
@@ -34,7 +35,7 @@ impl SystemName {
         for path in segments {
             replace(&path).map_err(|cause| BusError::File { doing: "restricting access to", path, cause })?;
         }
-        // Creating a second node checks that iceoryx2 accepts the copy.
+        // Creating a node again checks that iceoryx2 accepts the private copies.
         self.create_first_node()
     }
 

@@ -36,7 +36,7 @@ pub enum BusError {
         "using {path}: {why}; it was left unchanged: {hint}remove it if it is not needed (sudo rm -r {path}), or set another `name` in launch.toml"
     )]
     ForeignFile {
-        /// File or folder.
+        /// Path of the file or folder.
         path: PathBuf,
         /// Problem with the file.
         why: String,
@@ -48,7 +48,7 @@ pub enum BusError {
     File {
         /// Operation that failed.
         doing: &'static str,
-        /// File or folder.
+        /// Path of the file or folder.
         path: PathBuf,
         /// Operating system error.
         cause: io::Error,
@@ -116,7 +116,7 @@ pub enum BusError {
     IncompleteSegment {
         /// System name.
         name: String,
-        /// Incomplete segment.
+        /// Path of the incomplete segment.
         path: PathBuf,
     },
     /// The topic has no publisher and no subscriber.
@@ -144,7 +144,7 @@ pub enum BusError {
     BufferMismatch {
         /// Topic name.
         topic: &'static str,
-        /// Number of messages requested.
+        /// Number of buffered messages that this process requested.
         here: usize,
         /// Number of messages that the topic buffers.
         there: usize,

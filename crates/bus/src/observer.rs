@@ -64,7 +64,7 @@ impl Drop for Observer {
     }
 }
 
-/// Locks a free observer place. The place remains taken as long as the returned file is open.
+/// Locks a free lock file for an observer. The lock is held as long as the returned file is open.
 fn lock_free_place(system_name: &SystemName) -> Result<File, BusError> {
     for number in 0..MAX_OBSERVERS {
         let file = system_name.open_observer_lock(number)?;

@@ -1,4 +1,4 @@
-//! Files and folders in a world-writable folder that only this user can access.
+//! Files and folders that only this user can access, in a folder that is world-writable.
 //!
 //! Input: a path.
 //!

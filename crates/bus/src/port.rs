@@ -28,17 +28,17 @@ use messages::Message;
 use crate::{error::BusError, limits::MAX_OBSERVERS, machine_limits::describe_cause};
 
 /// Maximum number of publishers of a topic: owner, candidate and feeder, and the same number of
-/// killed processes that are not yet cleaned up.
+/// killed processes that have not been cleaned up yet.
 const MAX_PUBLISHERS: usize = 6;
 /// Maximum number of subscriptions of a service to a topic: owner, candidate and a killed process
-/// that is not yet cleaned up.
+/// that has not been cleaned up yet.
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
 /// Maximum number of other subscriptions to a topic: the gateway and a killed predecessor; the
 /// supervisor, its recorder and its input check; two per observer; and a spare one.
 const MAX_OTHER_SUBSCRIPTIONS: usize = 6 + 2 * MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 ///
-/// A subscriber also keeps the unread messages of as many publishers that have exited.
+/// A subscriber also keeps the unread messages of publishers that have exited, up to this number.
 pub(crate) const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
 /// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
@@ -154,7 +154,8 @@ impl BusTopic {
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
     fn send(&self, message: &[u8]) -> Result<(), BusError>;
-    /// Delivers the buffered history to subscribers that joined since the last message or call.
+    /// Delivers the buffered history to the subscribers that have joined since the last message was
+    /// sent or this function was last called.
     fn deliver_history(&self) -> Result<(), BusError>;
 }
 

@@ -62,7 +62,7 @@ impl ObserverSession {
     }
 
     /// Releases a port or node. If another run has started, the port or node is leaked instead,
-    /// because files of these names then belong to that run.
+    /// because the files with these names then belong to that run.
     pub(crate) fn release<P>(&self, port: P) {
         match self.lock_run() {
             Ok(Some(_inside)) => drop(port),
@@ -103,6 +103,6 @@ pub struct Port {
     pub name: String,
     /// Process identifier; 0 if unknown.
     pub pid: u32,
-    /// `true` unless the process was killed.
+    /// `false` if the process was killed or is not in the list of processes on the bus.
     pub alive: bool,
 }

@@ -1,4 +1,5 @@
-//! State shared by all processes of a system: a wake word per topic, the owner and the run.
+//! State shared by all processes of a system: a wake word per topic, the process ID of the
+//! owner and the identifier of the run.
 
 use std::{
     fs::File,
@@ -13,7 +14,7 @@ use rustix::{
     thread::futex,
 };
 
-/// Number of wake words, more than there are topics.
+/// Number of wake words. It exceeds the number of topics.
 pub(crate) const WORD_COUNT: usize = 63;
 const _: () = assert!(Topic::ALL.len() < WORD_COUNT);
 pub(crate) const SHARED_STATE_BYTES: usize = size_of::<Layout>();

@@ -176,7 +176,7 @@ impl SystemName {
         };
         let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
         let deadline = Instant::now() + OWNER_START_TIMEOUT;
-        // A segment that is just being created will have a size at a later check.
+        // A segment that is still being created has a size at one of the next checks.
         while !suspects.is_empty() && Instant::now() < deadline {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);

@@ -207,13 +207,12 @@ impl SystemName {
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
-        // The supervisor cleans up after killed processes, so that no other process is delayed by
-        // it.
+        // The supervisor cleans up after killed processes, so that they delay no other process.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
-        // iceoryx2 visits this number of places for each message that it receives, and its default
-        // is 128.
+        // iceoryx2 scans this buffer for each message that it receives. The default capacity of 128
+        // is more than needed.
         config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_SERVICE_PORTS;
         config
     }
@@ -255,7 +254,7 @@ impl SystemName {
         owned_files::open_file(&self.shared_state_path(), create)
     }
 
-    /// Opens the lock file of an observer place.
+    /// Opens the lock file of the observer with this number, which is less than `MAX_OBSERVERS`.
     pub(crate) fn open_observer_lock(&self, number: usize) -> Result<File, BusError> {
         owned_files::open_file(&self.observer_lock_path(number), true)
     }
@@ -293,8 +292,8 @@ impl Claim {
 
     /// Releases the name and claims it again after the files were removed.
     ///
-    /// Only the next tick of each topic is kept. The caller must ensure that no process has a bus
-    /// resource open.
+    /// Of the shared state, only the number of the next tick of each topic is kept. The caller must
+    /// ensure that no process has a bus resource open.
     ///
     /// # Errors
     ///

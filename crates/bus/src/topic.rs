@@ -71,8 +71,9 @@ impl Bus {
 
     /// Returns the flag that this process sets when it is notified of the owner's death.
     ///
-    /// The flag is needed because children of the owner are notified before its death is visible in
-    /// `/proc`. If the flag is set, the last process to leave removes the system's files.
+    /// The flag is needed because children of the owner are notified before the owner's death is
+    /// visible in `/proc`. If the flag is set, the last process to leave removes the system's
+    /// files.
     pub fn owner_exited(&self) -> Arc<AtomicBool> {
         self.lease.owner_exited.clone()
     }
@@ -133,8 +134,8 @@ impl<M: Message> Publisher<M> {
         self.port.send(bytemuck::bytes_of(message))
     }
 
-    /// Announces that `tick` is published next, so that a replacement knows how far a dead
-    /// publisher got.
+    /// Announces that `tick` is about to be published, which makes the tick after it the topic's
+    /// next tick. A replacement can thus determine how far a dead publisher got.
     pub fn set_next_tick_after(&self, tick: u64) {
         self.waker.set_next_tick_after(tick);
     }

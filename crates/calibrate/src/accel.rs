@@ -48,7 +48,7 @@ const BLOCK_WINDOWS: usize = 2;
 /// Size of a residual above which its Huber weight decreases, in standard deviations.
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum weight of a window, for sparsely covered sectors of the sphere. A window in a sector
-/// with the mean number of windows has the weight 1.
+/// with the mean number of windows has weight 1.
 const MAX_SECTOR_WEIGHT: f64 = 2.0;
 
 /// Accelerometer calibrator.
@@ -80,9 +80,9 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests. Their number equals the number of unknowns of the model.
+    /// Rests, exactly one for each unknown of the model.
     MinimalRests,
-    /// Rests. Their number exceeds the number of unknowns of the model.
+    /// Rests that outnumber the unknowns of the model.
     Rests,
     Motion,
 }

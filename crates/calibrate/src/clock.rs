@@ -212,7 +212,8 @@ impl ClockCalibrator {
         Some((parameters, covariance[(0, 0)].max(0.0).sqrt()))
     }
 
-    /// Returns the normal equations over all windows and a robust norm of the residuals, µT.
+    /// Returns the normal equations over all windows and a robust estimate of the size of the
+    /// residuals, µT.
     fn sums(&self, parameters: &Parameters, sd_ut: f64) -> Option<(NormalEquations<7>, f64)> {
         let (delay_s, hard_ut) = (parameters[0], Vector3::new(parameters[1], parameters[2], parameters[3]));
         let bias_rad_s = Vector3::new(parameters[4], parameters[5], parameters[6]);

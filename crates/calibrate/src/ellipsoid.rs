@@ -22,7 +22,8 @@ use crate::motion::MeanForce;
 pub(crate) struct Ellipsoid<const N: usize>(pub(crate) SVector<f64, N>);
 
 impl<const N: usize> Ellipsoid<N> {
-    /// Creates a sphere: the vector `scale` · (reading − `centre`) has the length R.
+    /// Creates the model of a sphere: the vector `scale` · (reading − `centre`) has a constant
+    /// length.
     pub(crate) fn sphere(centre: Vector3<f64>, scale: f64) -> Self {
         let parameters = [centre.x, centre.y, centre.z, scale, scale, scale, 0.0, 0.0, 0.0];
         Self(SVector::from_fn(|i, _| parameters[i]))
@@ -65,7 +66,8 @@ impl<const N: usize> Ellipsoid<N> {
         (length - radius, SVector::from_fn(|i, _| parts[i]))
     }
 
-    /// Returns |M (v − b)| − R and its derivatives.
+    /// Returns the residual |M (v − b)| − R and its derivatives, with the reading v and the radius
+    /// R.
     pub(crate) fn residual(&self, reading: &Vector3<f64>, radius: f64) -> (f64, SVector<f64, N>) {
         let (matrix, arm) = (self.matrix(), reading - self.bias());
         let corrected = matrix * arm;
@@ -89,7 +91,7 @@ impl<const N: usize> Ellipsoid<N> {
 }
 
 /// Returns the standard deviations of the bias, of the diagonal elements of M and of its
-/// off-diagonal elements. The last are zero if N = 6.
+/// off-diagonal elements. Those of the off-diagonal elements are zero if N = 6.
 pub(crate) fn standard_deviations<const N: usize>(covariance: &SMatrix<f64, N, N>) -> [Vector3<f64>; 3] {
     let sd = |i: usize| if i < N { covariance[(i, i)].max(0.0).sqrt() } else { 0.0 };
     [0, 3, 6].map(|first| Vector3::new(sd(first), sd(first + 1), sd(first + 2)))

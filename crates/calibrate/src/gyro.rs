@@ -1,6 +1,6 @@
 //! Gyro bias: the mean rate at rest.
 //!
-//! The bias includes the earth's rotation, 15 °/h, which is negligible for the use of the bias.
+//! The measured bias includes the earth's rotation, 15 °/h. This error is negligible.
 
 use attitude::Vector3;
 

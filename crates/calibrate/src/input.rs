@@ -33,7 +33,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Names of all calibrations on the command line.
+    /// Command-line names of all calibrations.
     pub const NAMES: [(&str, Self); 5] = [
         ("gyro", Self::Gyro),
         ("accel", Self::Accel),

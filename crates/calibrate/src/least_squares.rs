@@ -19,7 +19,7 @@ pub(crate) struct NormalEquations<const N: usize> {
     weight: f64,
     /// Score Σ w Jᵀr of the current block.
     block_score: SVector<f64, N>,
-    /// Σ s sᵀ over the completed blocks.
+    /// Σ s sᵀ over the completed blocks, each with the score s.
     block_scatter: SMatrix<f64, N, N>,
     /// Σ w² JᵀJ.
     squared_information: SMatrix<f64, N, N>,
@@ -52,7 +52,8 @@ impl<const N: usize> NormalEquations<N> {
         self.weight += weight;
     }
 
-    /// Ends the current block. Later residuals are uncorrelated with those already added.
+    /// Ends the current block. Residuals added afterwards are assumed to be uncorrelated with those
+    /// of the ended block.
     pub(crate) fn end_block(&mut self) {
         if self.block_score.amax() > 0.0 {
             self.block_scatter.ger(1.0, &self.block_score, &self.block_score, 1.0);

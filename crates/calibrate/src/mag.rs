@@ -21,8 +21,8 @@ use crate::{
 
 /// Maximum number of samples kept.
 const MAX_SAMPLES: usize = 60_000;
-/// Initial minimum interval between the samples kept, ns. It doubles whenever the number of samples
-/// has reached [`MAX_SAMPLES`].
+/// Initial minimum interval between the samples kept, ns. The interval doubles whenever the number
+/// of samples reaches [`MAX_SAMPLES`].
 const MIN_INTERVAL_NS: i64 = 40_000_000;
 /// Minimum number of covered sectors, out of 24.
 const MIN_SECTORS: usize = 20;

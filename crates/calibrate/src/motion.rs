@@ -32,10 +32,10 @@ const MAX_WINDOWS: usize = 5_000;
 /// Mean of the forces in a window, in the sensor axes at the start of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MeanForce {
-    /// Means of R f_x, R f_y and R f_z. If each mean is multiplied by its column of M, the sum of
-    /// the products is the mean of R M f.
+    /// Means of R f_x, R f_y and R f_z. If each mean is multiplied by the corresponding column of
+    /// M, the sum of the products is the mean of R M f.
     pub(crate) component_means: [Matrix3<f64>; 3],
-    /// Mean of R.
+    /// Mean of the rotation matrix R.
     pub(crate) mean_rotation: Matrix3<f64>,
     /// Sides that pointed up for a quarter of a second or longer: +x, −x, +y, −y, +z, −z.
     pub(crate) sides_up: [bool; 6],
@@ -50,13 +50,14 @@ impl MeanForce {
         Self { component_means, mean_rotation: Matrix3::identity(), sides_up }
     }
 
-    /// Returns the mean of R M (f − b), where M is `matrix` and b is `bias`.
+    /// Returns the mean of R M (f − b), where M is `matrix` and b is `bias`. The module
+    /// documentation defines R and f.
     pub(crate) fn corrected(&self, matrix: &Matrix3<f64>, bias: &Vector3<f64>) -> Vector3<f64> {
         let sum: Vector3<f64> = (0..3).map(|axis| self.component_means[axis] * matrix.column(axis)).sum();
         sum - self.mean_rotation * (matrix * bias)
     }
 
-    /// Returns the mean of R f.
+    /// Returns the mean of R f, the force without correction.
     pub(crate) fn force_m_s2(&self) -> Vector3<f64> {
         self.corrected(&Matrix3::identity(), &Vector3::zeros())
     }

@@ -50,9 +50,9 @@ impl Value {
 pub struct Residual {
     /// Description of the residual.
     pub quantity: &'static str,
-    /// Root mean square of the raw readings.
+    /// Value of `quantity` for the raw readings.
     pub before: f64,
-    /// Root mean square of the calibrated readings.
+    /// Value of `quantity` for the calibrated readings.
     pub after: f64,
     /// Unit of `before` and `after`.
     pub unit: &'static str,
@@ -140,7 +140,7 @@ impl Rejection {
         Self { kind: kind.to_string(), missing: coverage.missing.clone(), coverage }
     }
 
-    /// Creates a rejection for a result that is unusable in spite of complete coverage.
+    /// Creates a rejection for a result that is unusable despite complete coverage.
     pub(crate) fn unreliable(kind: Kind, coverage: Coverage, missing: String) -> Self {
         Self { kind: kind.to_string(), missing: vec![missing], coverage }
     }

@@ -75,7 +75,7 @@ impl RunningStats {
     }
 }
 
-/// Online detector of rests.
+/// Rest detector that processes the readings as they arrive.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RestFinder {
     current: Option<Block>,

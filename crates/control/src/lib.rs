@@ -40,8 +40,8 @@ pub use swap::SwapOutcome;
 const MAX_LINE_BYTES: usize = 64 * 1024;
 /// Time within which a running system must send a line.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
-/// Timeout for a swap, counted from the arrival of the first tick. It is twice the sum of the
-/// deadlines of this swap and of the swap before it.
+/// Time allowed for a swap after the slot has produced its first tick. It is long enough for this
+/// swap and a preceding one to reach all their deadlines.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns `true` if the request is acknowledged first and completed later.

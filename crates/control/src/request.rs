@@ -21,7 +21,7 @@ pub enum ControlRequest {
     Status,
     /// Return the service configuration, with the stages that fill the slots now.
     ServiceConfig,
-    /// Return which data is missing from the report and the output file so far.
+    /// Return the record status: the data missing so far from the report and the output file.
     RecordStatus,
     /// Show a line from a service to the user.
     Announce {
@@ -30,7 +30,7 @@ pub enum ControlRequest {
         /// Text to show.
         line: String,
     },
-    /// Replace the list of problems with a service's input.
+    /// Set the list of problems with the input of a service. The previous list is discarded.
     Diagnostics {
         /// Reporting service.
         service: String,
@@ -60,7 +60,7 @@ pub struct Diagnostic {
 /// Data missing from the report and the output file of a running system.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordStatus {
-    /// Attitudes that were published but not collected by the supervisor.
+    /// Number of attitudes that were published but not collected by the supervisor.
     pub not_recorded: u64,
     /// Failure of the output file or the recording; `None` while both are being written.
     pub output_error: Option<String>,
@@ -97,11 +97,11 @@ pub struct SwapReport {
     pub to: String,
     /// First tick of the new stage; `None` if it did not take over.
     pub commit_tick: Option<u64>,
-    /// Ticks lost since the request.
+    /// Number of ticks lost since the request.
     pub lost: u64,
-    /// Attitudes published more than once since the request.
+    /// Number of attitudes published more than once since the request.
     pub duplicated: u64,
-    /// Longest interval between two attitudes since the request, µs.
+    /// Longest interval between consecutive attitudes since the request, µs.
     pub gap_us: f64,
     /// Attitude jump at the commit tick, degrees.
     pub jump_deg: f64,
@@ -156,9 +156,9 @@ pub struct ServiceStatus {
     pub incarnation: u32,
     /// Current epoch of the slot; 0 for services without a slot.
     pub epoch: u32,
-    /// Ticks published.
+    /// Number of ticks published.
     pub ticks: u64,
-    /// Ticks lost.
+    /// Number of ticks lost.
     pub lost: u64,
     /// Address at which the service can be reached, if it has reported one.
     pub address: Option<String>,

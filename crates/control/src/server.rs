@@ -17,7 +17,7 @@ use crate::{ControlError, ControlRequest, MAX_LINE_BYTES, Response, is_long_runn
 
 /// Maximum number of simultaneous clients.
 pub(super) const MAX_CLIENTS: usize = 16;
-/// Maximum number of connections accepted per poll. The rest wait for the next poll.
+/// Maximum number of connections accepted per poll. Further connections wait for the next poll.
 const MAX_ACCEPTS_PER_POLL: usize = 64;
 /// Time within which a client must send its request. Otherwise it is disconnected.
 pub(super) const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);

@@ -1,4 +1,4 @@
-//! Conversion between the report on a swap and its message beyond the board.
+//! Conversion between swap reports and `SwapAnswer`, their form in messages to other hosts.
 
 use swap::SwapOutcome;
 use wire::v1::{SwapAnswer, swap_answer::Outcome};

@@ -1,10 +1,10 @@
 //! Feeds damaged streams to every decoder: `cargo run --release -p decoders --example fuzz_decoders
 //! -- 1000000 [SEED]` runs a million cases per format.
 //!
-//! Valid units are truncated, spliced, extended and rotated, and their bits and bytes are changed.
-//! The decoder receives the stream twice: as a whole and in chunks. Both results must be equal,
-//! every byte must be accounted for, and the intact units after the damage must be decoded. The
-//! program prints totals. A panic ends it with an error.
+//! Valid units (frames or lines) are truncated, spliced, extended and rotated, and their bits and
+//! bytes are changed. The decoder receives the stream twice: as a whole and in chunks. Both results
+//! must be equal, every byte must be accounted for, and the intact units after the damage must be
+//! decoded. The program prints totals. A panic ends it with an error.
 #![allow(clippy::unwrap_used, reason = "the fuzzer detects panics")]
 
 #[allow(dead_code, reason = "tests use more of it")]
@@ -77,7 +77,7 @@ fn is_same<T: PartialEq + std::fmt::Debug>(a: &T, b: &T) -> bool {
     a == b || format!("{a:?}") == format!("{b:?}")
 }
 
-/// Damages the units in one to four places.
+/// Concatenates the units and damages the result in one to four places.
 fn damage(units: &[Vec<u8>], rng: &mut FuzzRng) -> Vec<u8> {
     let mut bytes = units.concat();
     for _ in 0..=rng.below(4) {

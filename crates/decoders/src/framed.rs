@@ -100,7 +100,8 @@ impl<F: Format> Decoder for Framed<F> {
     }
 }
 
-/// Returns three little-endian `i16` values from `offset` on, or `None` if `bytes` is too short.
+/// Returns three little-endian `i16` values starting at `offset`, or `None` if `bytes` is too
+/// short.
 pub(crate) fn three_i16(bytes: &[u8], offset: usize) -> Option<[f64; 3]> {
     let mut three = [0.0; 3];
     for (part, pair) in three.iter_mut().zip(bytes.get(offset..offset + 6)?.as_chunks::<2>().0) {

@@ -85,7 +85,7 @@ pub enum LinesError {
     MissingColumn {
         /// Quantity that the column is mapped to.
         target: &'static str,
-        /// Name in the mapping.
+        /// Name of the column in the mapping.
         column: String,
         /// Column with a similar name.
         near: Option<String>,
@@ -231,7 +231,8 @@ impl Format for Lines {
 /// Line split into fields.
 struct Row<'a> {
     fields: &'a [&'a str],
-    /// `true` unless the separator is a comma. A comma in a number is then a decimal comma.
+    /// `true` if the separator is not a comma. In that case, a comma in a number is a decimal
+    /// comma.
     may_have_decimal_comma: bool,
 }
 

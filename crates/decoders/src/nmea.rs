@@ -5,9 +5,10 @@
 //! course as velocity east and north, latitude, longitude, and UNIX time. VTG yields a fix without
 //! time and position, and only until the first RMC. Other sentences are counted.
 //!
-//! **Neither sentence has a vertical velocity.** It is set to 0 with a standard deviation of
-//! [`crate::ASSUMED_VERTICAL_SD_M_S`] for all three components, which suits ground vehicles and
-//! boats. An aircraft needs a receiver that reports the vertical velocity, for example over UBX.
+//! **Neither sentence has a vertical velocity.** The vertical velocity is set to 0, and all three
+//! components get the standard deviation [`crate::ASSUMED_VERTICAL_SD_M_S`]. This suits ground
+//! vehicles and boats. An aircraft needs a receiver that reports the vertical velocity, for example
+//! over UBX.
 //!
 //! Sentences with status V or with an estimated, manual, simulated or invalid mode yield no fix. A
 //! stationary receiver leaves the course field empty. Such a sentence yields velocity 0 if its
@@ -18,8 +19,8 @@ use crate::{
     framed::{Format, ParseOutcome},
 };
 
-/// Maximum length between `$` and `*`. The standard allows 79 bytes, some receivers send slightly
-/// more.
+/// Maximum length between `$` and `*`. The standard allows 79 bytes, but some receivers send
+/// slightly more.
 const MAX_SENTENCE_BYTES: usize = 128;
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
 /// Speed below which a fix needs no course, m/s.
@@ -27,7 +28,7 @@ pub const STATIONARY_SPEED_M_S: f64 = 0.5;
 /// First two-digit year that belongs to the 20th century.
 const CENTURY_PIVOT: u32 = 80;
 
-/// NMEA format, which remembers whether an RMC sentence has been received.
+/// NMEA format. Stores whether an RMC sentence has been received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nmea {
     has_rmc: bool,
@@ -80,8 +81,8 @@ impl Nmea {
     }
 }
 
-/// Returns `true` if the mode is autonomous, differential, precise or real-time kinematic.
-/// Sentences before NMEA 2.3 have no mode.
+/// Returns `true` if the mode is autonomous, differential, precise or real-time kinematic, or
+/// empty. Sentences before NMEA 2.3 have no mode.
 fn is_measured(mode: &str) -> bool {
     matches!(mode, "" | "A" | "D" | "P" | "R" | "F")
 }

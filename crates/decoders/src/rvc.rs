@@ -29,7 +29,7 @@ use crate::{
 const SYNC: u8 = 0xaa;
 const FRAME_BYTES: usize = 19;
 const INTERVAL_NS: u64 = 10_000_000;
-/// Largest valid yaw, pitch and roll, 0.01°.
+/// Largest valid yaw, pitch and roll, in units of 0.01°.
 const MAX_ANGLES_CENTIDEG: [f64; 3] = [18_000.0, 9_000.0, 18_000.0];
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 /// Maximum number of lost frames between two frames from which a rate is computed.

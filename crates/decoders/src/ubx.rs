@@ -71,7 +71,7 @@ fn fletcher(bytes: &[u8]) -> [u8; 2] {
     })
 }
 
-/// Fields of a NAV-PVT payload that a fix is made from, in the units of the message.
+/// Fields of a NAV-PVT payload from which a fix is built, in the units of the message.
 struct NavPvt {
     year: u16,
     month: u8,
@@ -98,7 +98,7 @@ const VALID_TIME: u8 = 1 << 1;
 const GNSS_FIX_OK: u8 = 1 << 0;
 /// Bit `invalidLlh` of `flags3`.
 const INVALID_LLH: u8 = 1 << 0;
-/// Values of `fixType` with a velocity.
+/// Values of `fixType` for which the receiver reports a velocity.
 const FIX_2D: u8 = 2;
 const FIX_3D: u8 = 3;
 const GNSS_AND_DEAD_RECKONING: u8 = 4;

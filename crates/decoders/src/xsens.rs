@@ -35,7 +35,7 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site (Xsens
+/// Field strength of one arbitrary unit, µT (0).49 gauss, as at Xsens's calibration site (Xsens
 /// knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 
@@ -53,8 +53,8 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device with a magnetometer unit of `field_ut` µT, by default
-    /// [`FIELD_UT`].
+    /// Creates the format of a device. `field_ut` is the field strength of one magnetometer unit,
+    /// µT, usually [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

@@ -31,8 +31,9 @@ pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 const MAX_CLOCK_DRIFT: f64 = 0.02;
 /// Maximum relative deviation of a sample rate from its nominal value.
 const MAX_RATE_DRIFT: f64 = 0.5;
-/// Discrepancy between the clocks that counts as a reset of the device's clock, ns. The threshold
-/// applies both to a single interval and to the distance of the result from the line.
+/// Threshold above which a discrepancy counts as a reset of the device's clock, ns. It applies to
+/// the difference between an interval on the device's clock and on the host's clock, and to the
+/// distance of a result from the fitted line.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
 /// Maximum correction of an interval towards the line, as a fraction of the interval.
 const MAX_CORRECTION: f64 = 0.1;
@@ -169,7 +170,7 @@ impl ClockFit {
         self.health
     }
 
-    /// Restarts the fit at a sample and assigns it the time `t_ns`.
+    /// Restarts the fit at a sample and assigns the time `t_ns` to this sample.
     fn restart(&mut self, stamp: Option<Stamp>, is_counted: bool, arrival_ns: i64, t_ns: i64) -> i64 {
         let device_ns = stamp.map_or(arrival_ns, |stamp| stamp.count_ns.cast_signed());
         let point = Point { device_ns, arrival_ns };

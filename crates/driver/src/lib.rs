@@ -48,8 +48,8 @@ impl Sensor {
     /// Publishes a reading without blocking.
     ///
     /// `t_ns` is the time of the measurement on the sensor's clock. `rate_rad_s`, `force_m_s2` and
-    /// the optional `field_ut` are in sensor axes. If the system was restarted in the meantime, the
-    /// new one is joined.
+    /// the optional `field_ut` are in sensor axes. If the system was restarted in the meantime,
+    /// this call joins the new system.
     ///
     /// # Errors
     ///

@@ -17,8 +17,7 @@ impl Graph {
         self.0.iter().filter(move |topic| topic.publisher == Participant::One(service))
     }
 
-    /// Returns the topic, published by `service`, that has a message for every tick, if there is
-    /// one.
+    /// Returns the topic on which `service` publishes a message for every tick, if there is one.
     pub fn output(self, service: Service) -> Option<&'static Entry> {
         self.outputs(service).find(|topic| topic.presence == Presence::EveryTick)
     }

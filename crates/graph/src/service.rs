@@ -25,7 +25,7 @@ macro_rules! services {
             $($(#[$other_doc])* $other,)*
         }
 
-        /// A service that runs a stage of choice.
+        /// A service that runs a selectable stage.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
         pub enum Slot {
@@ -128,8 +128,8 @@ enum Property {
 }
 
 impl Service {
-    /// Services that a launch file may list. The drivers are not listed, but started if the source
-    /// needs them.
+    /// Services that a launch file may list. The drivers cannot be listed. They are started if the
+    /// source needs them.
     pub const LISTED: [Self; count_listed()] = listed();
 
     const fn has(self, property: Property) -> bool {
@@ -146,7 +146,7 @@ impl Service {
 
     /// Returns `true` for services outside the data path.
     ///
-    /// An auxiliary service publishes no ticks of its own, and its end is not a failure of the
+    /// An auxiliary service publishes no ticks of its own, and its exit is not a failure of the
     /// system.
     pub fn is_auxiliary(self) -> bool {
         !Self::PATH.contains(&self)

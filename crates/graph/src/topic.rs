@@ -1,11 +1,11 @@
-//! Topics and their entries in the table.
+//! Topics and the entries of the topic table.
 
 use crate::Participant;
 
-/// Entry of a topic in the table.
+/// Entry of the topic table, which describes one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
-    /// Index in the table, which is also the index of the wake word.
+    /// Index in the topic table. The wake word of the topic has the same index.
     pub index: usize,
     /// Name on the bus, on the wire and in output.
     pub name: &'static str,
@@ -26,7 +26,7 @@ pub struct Entry {
 pub enum Presence {
     /// Every tick. A tick without a message counts as lost.
     EveryTick,
-    /// Ticks with the flag of this name only.
+    /// Only the ticks that carry the flag of this name.
     Flagged(&'static str),
     /// No ticks, because the messages are not derived from an IMU sample.
     NoTick,
@@ -87,7 +87,7 @@ macro_rules! define_topics {
                 self.entry().name
             }
 
-            /// Returns the topic of an entry of this table.
+            /// Returns the topic at the index of `entry`.
             pub fn from_entry(entry: &$crate::Entry) -> Option<Self> {
                 Self::ALL.get(entry.index).copied()
             }

@@ -84,7 +84,7 @@ pub(crate) struct Child {
 }
 
 impl Child {
-    /// Starts the program. Each response may take [`START_TIMEOUT`] until another timeout is set.
+    /// Starts the program. The timeout of a response is [`START_TIMEOUT`] until it is changed.
     pub(crate) fn start(mut command: Command) -> Result<Self, HostError> {
         let words = [command.get_program()].into_iter().chain(command.get_args());
         let program = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");

@@ -1,14 +1,15 @@
 //! Conversion of stage inputs to finite numbers, so that external stages need no checks.
 //!
-//! A value that is not finite is treated as missing, or becomes zero if the slot cannot express a
-//! missing value. Only a common state may contain infinite values, which mean "unknown".
+//! A value that is not finite is treated as missing, or becomes zero if the slot's input cannot
+//! represent a missing value. Only a common state may contain infinite values, which mean
+//! "unknown".
 
 use attitude::{
     Vector3, course::CourseInput, fuser::FuserInput, gnss::Fix, gyro::RateSample, scalars::Scalars,
     stage::attitude_validation_error, state::Attitude,
 };
 
-/// Input of a slot that can be reduced to finite numbers.
+/// Input of a slot that can be converted to finite numbers.
 pub trait FiniteInput: Scalars + Default + Copy {
     /// Returns the input with finite numbers only. Finite values are unchanged.
     fn finite(&self) -> Self;

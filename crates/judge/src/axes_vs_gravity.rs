@@ -19,8 +19,8 @@ const STEP_S: f64 = 0.004;
 pub(crate) const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
 /// Length of a window, s. Accelerations of a hand or a vehicle reverse within this time.
 const WINDOW_S: f64 = 2.0;
-/// Minimum spread of the force in body axes for a window to count. It corresponds to about 20°,
-/// which is more than vibration causes in a body at rest.
+/// Minimum spread of the force in body axes for a window to count. It corresponds to a rotation by
+/// about 20°, which exceeds the effect of vibration on a body at rest.
 const MIN_SPREAD: f64 = 0.04;
 /// Minimum number of windows for a diagnosis. A shock affects one window, or two if it falls on
 /// their boundary.
@@ -32,9 +32,9 @@ const MAX_RESIDUAL: f64 = 0.5;
 /// Minimum ratio of the unchanged rate's residual to the smallest residual. It is above 1, because
 /// the best of 144 hypotheses always fits slightly better than the true one.
 const MIN_RESIDUAL_RATIO: f64 = 1.5;
-/// Minimum amount by which the unchanged rate's residual must exceed [`MIN_RESIDUAL_RATIO`] times
-/// the smallest residual. It prevents a diagnosis if both residuals are near zero, because then
-/// neither hypothesis is wrong.
+/// Minimum amount by which the residual of the unchanged rate must exceed [`MIN_RESIDUAL_RATIO`]
+/// times the smallest residual. If all residuals are near zero, this limit prevents a diagnosis,
+/// because the unchanged rate is then correct.
 const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
 /// Factor in the limit `TIE_RATIO` · smallest residual + `TIE_DIFFERENCE`. Hypotheses with a
 /// residual below this limit count as equally good. Several remain if the body rotates about few
@@ -42,7 +42,8 @@ const MIN_RESIDUAL_DIFFERENCE: f64 = 0.08;
 const TIE_RATIO: f64 = 1.15;
 /// Offset in the limit given at [`TIE_RATIO`].
 const TIE_DIFFERENCE: f64 = 0.01;
-/// Unit hypotheses: unchanged, °/s read as rad/s, and rad/s read as °/s.
+/// Factors that correct the rates under each unit hypothesis: correct unit, °/s read as rad/s, and
+/// rad/s read as °/s.
 const SCALES: [f64; 3] = [1.0, std::f64::consts::PI / 180.0, 180.0 / std::f64::consts::PI];
 
 /// Hypotheses with the same unit and the same handedness.
@@ -177,7 +178,7 @@ impl GyroAxesCheck {
         if !(best < max_residual && unchanged > MIN_RESIDUAL_RATIO * best + MIN_RESIDUAL_DIFFERENCE) {
             return None;
         }
-        // Among equally good hypotheses, those with the smallest change come first.
+        // Equally good hypotheses are sorted: those that change the axes and unit least come first.
         all.retain(|hypothesis| hypothesis.residual < TIE_RATIO * best + TIE_DIFFERENCE);
         all.sort_by(|one, other| {
             simplicity(other).total_cmp(&simplicity(one)).then(one.residual.total_cmp(&other.residual))
@@ -202,13 +203,14 @@ impl HypothesisGroup {
         self.moments.iter_mut().zip(force.iter()).for_each(|(moment, force)| *moment += self.to_start * *force);
     }
 
-    /// Adds the spread of the finished window to the sum of each hypothesis. `spread` computes it
-    /// from the sum of the forces over the window.
+    /// Adds the spread in the finished window to the accumulated spread of each hypothesis. The
+    /// function `spread` computes it from the sum of the rotated forces in the window.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
-            // The sum of the forces under this hypothesis, apart from a rotation and possibly the
-            // sign. The spread depends only on the length of the sum.
+            // The sum of the terms is Aᵀ times the sum of the rotated forces under this hypothesis,
+            // where A is `sum.axes`. Aᵀ does not change the length of a vector, and the spread
+            // depends only on the length.
             let terms = moments.iter().zip(sum.axes.row_iter());
             let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             sum.spread += spread(&force);
@@ -221,7 +223,7 @@ impl HypothesisGroup {
     }
 }
 
-/// Returns a value that is larger the less a hypothesis changes the axes and the unit.
+/// Returns the simplicity of a hypothesis. Every change of the axes or of the unit lowers it.
 ///
 /// Negating all axes counts as a smaller change than negating one.
 fn simplicity(Hypothesis { axes, scale, .. }: &Hypothesis) -> f64 {

@@ -1,4 +1,5 @@
-//! Detection of axes that are stuck while others change, or that are clipped at their range.
+//! Detection of axes that are stuck while others change, or that are clipped at the limit of their
+//! range.
 
 use crate::diagnosis::{self, Diagnosis};
 

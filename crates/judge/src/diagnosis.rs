@@ -28,9 +28,9 @@ pub enum InputIssue {
     RateStuck,
     /// An axis of the accelerometer is stuck.
     ForceStuck,
-    /// An axis of the gyro is clipped at its range.
+    /// An axis of the gyro is clipped at the limit of its range.
     RateClipped,
-    /// An axis of the accelerometer is clipped at its range.
+    /// An axis of the accelerometer is clipped at the limit of its range.
     ForceClipped,
 }
 
@@ -109,7 +109,7 @@ fn unit_remedy(sensor: &str, factor: f64, unit: &str) -> String {
     format!("`--units {unit}` of `plumb import`, or {}", scale_remedy(sensor, factor))
 }
 
-/// Factor from °/s to rad/s with sufficient digits.
+/// Factor from °/s to rad/s, rounded for display in a remedy.
 const DEGREE_RAD: f64 = 0.017_453_292_52;
 
 pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
@@ -119,8 +119,8 @@ pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
     Diagnosis { issue: InputIssue::RateUnit, evidence, causes }
 }
 
-/// Creates the diagnosis of a wrong rate unit: in `windows` windows of length `window_s` the gyro
-/// rotated and the force did not.
+/// Creates the diagnosis of a wrong rate unit. In `windows` windows of length `window_s`, the gyro
+/// measured a large rotation and the force showed little of it.
 pub(crate) fn unobserved_rotation(windows: u32, window_s: f64) -> Diagnosis {
     let evidence = format!(
         "{windows} times within {window_s} s the gyro reported ten times the rotation the accelerometer saw (> 57°)"
@@ -139,7 +139,7 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
             let remedy = "`--units ms` or `--units us` of `plumb import`; a driver on the bus sends t_sensor_ns in ns, increasing with each reading";
             vec![cause("constant timestamps, or timestamps in another unit", remedy)]
         }
-        // Intervals in ms of sensors that sample at 20 Hz to 1.7 kHz.
+        // Median intervals, in ms, of sensors that sample at 20 Hz to 1.7 kHz.
         0.6..50.0 => vec![
             cause("times in ms, read as s", import("ms")),
             cause("times in µs, read as ms", import("us")),
@@ -238,10 +238,10 @@ pub(crate) struct Hypothesis {
 }
 
 /// Creates the diagnosis of wrong axes or a wrong unit of the gyro. `all` contains the hypotheses
-/// that fit, in order of increasing change.
+/// that fit. Those that change the axes and the unit least come first.
 pub(crate) fn gyro_mismatch(unchanged: f64, seconds: f64, all: &[Hypothesis]) -> Diagnosis {
-    /// Maximum number of hypotheses shown. They differ only in axes about which there was no
-    /// rotation.
+    /// Maximum number of hypotheses shown. The hypotheses differ only in the axes about which the
+    /// body has not rotated.
     const SHOWN: usize = 3;
     let unit_only = all.iter().find(|hypothesis| hypothesis.axes == Matrix3::identity());
     let (issue, causes) = match unit_only {

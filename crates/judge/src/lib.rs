@@ -37,7 +37,8 @@ use magnitude::MagnitudeCheck;
 use orientation::OrientationCheck;
 use rate_unit::RateUnitCheck;
 
-/// Interval between two evaluations, s of the samples' time. It equals the longest window.
+/// Interval between two evaluations on the clock of the samples, s. It equals the length of the
+/// longest window.
 const EVALUATION_INTERVAL_S: f64 = 2.0;
 /// Minimum number of samples for an evaluation, both in total and since the previous evaluation.
 /// The 10 % quantile needs that many.
@@ -52,7 +53,8 @@ const SUFFICIENT_MOTION_S: f64 = 60.0;
 const MAX_SPAN_S: f64 = 120.0;
 /// Number of samples after which the check ends, whatever their times: one minute at 8 kHz.
 const MAX_SAMPLES: u64 = 500_000;
-/// Largest component that is checked. Its square and the products of such squares stay finite.
+/// Largest magnitude of a component that is checked. Its square and the products of such squares
+/// stay finite.
 const SQUARE_SAFE_MAX: f64 = 1e9;
 /// Minimum number of clipped rates for a diagnosis. Throwing the body causes only a few.
 const MIN_CLIPPED_RATES: u64 = 50;
@@ -63,8 +65,8 @@ const MIN_IMPLAUSIBLE_RATES: u64 = 5;
 const MIN_TIMESTAMP_FAULTS: u64 = 3;
 /// Lower bound of gyro measuring ranges, rad/s. The smallest usual range is 125 °/s.
 const MIN_RATE_RANGE_RAD_S: f64 = 2.0;
-/// Lower bound of accelerometer measuring ranges, m/s². The smallest usual range is 2 g, less its
-/// error.
+/// Lower bound of accelerometer measuring ranges, m/s². The smallest usual range is 2 g. The bound
+/// is lower to allow for scale errors.
 const MIN_FORCE_RANGE_M_S2: f64 = 15.0;
 
 /// Plausibility check of one stream of samples.

@@ -22,13 +22,13 @@ const SHAKEN_RATIO: f64 = 3.0;
 /// Bounds of the 10 % and 90 % quantiles relative to the median for a steady force: a body at rest
 /// or carried, without strong motion.
 const STEADY_RATIOS: [f64; 2] = [0.7, 1.5];
-/// Minimum observation time before the median of a shaken body is used, s. It is longer than it
-/// takes to pick the body up and put it down.
+/// Minimum observation time before the median force on a shaken body is evaluated, s. It is longer
+/// than the time needed to pick the body up and put it down.
 const MIN_SHAKEN_SPAN_S: f64 = 5.0;
 /// Minimum number of values for a quantile: five of them are below the 10 % quantile.
 const MIN_COUNT: u64 = 50;
 /// The unit of time is considered wrong if more than one in `LEAP_FACTOR` samples has a clock leap.
-/// A smaller share indicates single faults.
+/// A smaller share indicates isolated faults.
 const LEAP_FACTOR: u64 = 2;
 /// Minimum number of rejected field samples for a diagnosis, and also the minimum ratio of rejected
 /// to accepted samples. If the fields are in nT, all samples are rejected as out of range, while a
@@ -93,7 +93,7 @@ impl MagnitudeCheck {
 /// Number of bins per decade. A bin has a relative width of 5 %, which is fine enough for every
 /// bound above.
 const BINS_PER_DECADE: f64 = 50.0;
-/// Decimal exponent of the lowest bin: 0.1 ns.
+/// Decimal exponent of the lowest bin. For an interval in s, the bin starts at 0.1 ns.
 const MIN_EXPONENT: f64 = -10.0;
 /// Number of decades, from the lowest bin to one decade above
 /// [`SQUARE_SAFE_MAX`](crate::SQUARE_SAFE_MAX).

@@ -11,11 +11,12 @@ const MAX_RATE_RAD_S: f64 = 1.0;
 /// Cosine of the angle between force and body up below which the body is upside down. It
 /// corresponds to 120°, beyond the tilt of a body on its side.
 const UPSIDE_DOWN_COSINE: f64 = -0.5;
-/// Largest relative deviation of |f| from its mean for the force to count as gravity. It
-/// corresponds to a turn at 25° bank.
+/// Largest relative deviation of the force's magnitude from its mean for the force to count as
+/// gravity. It corresponds to a turn at 25° bank.
 const GRAVITY_TOLERANCE: f64 = 0.1;
-/// Weight of each sample in the running mean of |f|. It gives a time constant of 1 s at 100 Hz. A
-/// weight per sample is used, because it does not depend on the unit of time, which may be wrong.
+/// Weight of each sample in the running mean of the force's magnitude. It gives a time constant of
+/// 1 s at 100 Hz. A weight per sample is used, because it does not depend on the unit of time,
+/// which may be wrong.
 const SMOOTHING: f64 = 0.01;
 /// Minimum observation time for a diagnosis, s. In aerobatics a vehicle is upside down for less
 /// time.
@@ -32,7 +33,7 @@ const MIN_FIELDS: u64 = 10;
 pub(crate) struct OrientationCheck {
     observed_s: f64,
     upside_down_s: f64,
-    /// Running mean of |f|, in the input's unit.
+    /// Running mean of the force's magnitude, in the input's unit.
     mean_magnitude: Option<f64>,
     force: Vector3<f64>,
     last_up: Option<Vector3<f64>>,

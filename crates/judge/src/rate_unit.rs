@@ -13,22 +13,23 @@ use crate::{
     diagnosis::{self, Diagnosis},
 };
 
-/// Length of a window, s. A swinging hand does not return within this time.
+/// Length of a window, s. A body swung by hand does not return to its initial orientation within
+/// this time.
 const WINDOW_S: f64 = 0.5;
 /// Length of a step, s. It is long enough for motor and propeller vibration to average out, and
 /// short enough that the body rotates only a little.
 const STEP_S: f64 = 0.05;
-/// Minimum rotation perpendicular to the force for a window to count, rad. No hand or vehicle
-/// repeatedly rotates that far in one window.
+/// Minimum rotation perpendicular to the force, rad. Windows with less rotation are ignored. No
+/// vehicle or hand-held body repeatedly rotates this far in one window.
 const MIN_ROTATION_RAD: f64 = 1.0;
-/// Largest ratio of the force's rotation to the gyro's that counts as a mismatch. Rates in °/s give
-/// 1/57, plus the effect of accelerations.
+/// Largest ratio of the force's rotation to the gyro's that counts as a mismatch. If the rates are
+/// in °/s instead of rad/s, the ratio is 1/57, plus the effect of accelerations.
 const MAX_FORCE_SHARE: f64 = 0.1;
 /// Minimum number of mismatches for a diagnosis. A few mismatches occur even with the right unit:
 /// if a body swings back within a window, the force shows less rotation than the body made.
 const MIN_MISMATCHES: u32 = 5;
-/// Minimum share of mismatches among the windows that count. With a wrong unit nearly all windows
-/// mismatch, with the right one only a few.
+/// Minimum share of mismatches among the windows with at least [`MIN_ROTATION_RAD`]. With a wrong
+/// unit nearly all of these windows mismatch, with the right one only a few.
 const MIN_MISMATCH_SHARE: f64 = 0.8;
 
 /// Comparison of the rotation measured by the gyro with the rotation of the force.

@@ -109,8 +109,8 @@ impl AccessList {
     ///
     /// Clients without a certificate may subscribe and query. They may not put, reply, declare
     /// liveliness or send commands. With `exports` they may also receive the vehicle's ticks,
-    /// because another host of its system may be such a client. With `certified`, clients with a
-    /// certificate may do everything, because the router through which they connect has its own
+    /// because in a split system the other hosts may be such clients. With `certified`, clients with
+    /// a certificate may do everything, because the router through which they connect has its own
     /// access list.
     pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
         let mut list = Self::deny_all();
@@ -170,7 +170,7 @@ impl AccessList {
     }
 }
 
-/// Returns the rules of a vehicle. The vehicle publishes and replies below its own name, and
+/// Returns the rules of a vehicle. The vehicle publishes and replies under its own name, and
 /// receives commands and queries for its own data.
 fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     let own = format!("plumbline/v1/{}", vehicle.name());
@@ -179,14 +179,16 @@ fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
     vec![
         allow(id("publishes"), "ingress", &["put", "declare_queryable", "reply"], [all]),
         allow(id("declares liveliness"), "ingress", &["liveliness_token"], [live]),
-        // Without this rule the vehicle sees no subscriber and publishes nothing.
+        // Without this rule no subscriber is visible to the vehicle, and the vehicle publishes
+        // nothing.
         allow(id("sees subscribers"), "egress", &["declare_subscriber"], [TELEMETRY_KEYS]),
         allow(id("receives queries"), "egress", &["query"], QUERYABLE_KEYS),
         allow(id("receives commands"), "egress", &["query"], [commands]),
     ]
 }
 
-/// Returns the rules for the ticks that the vehicle exports to and imports from a split system.
+/// Returns the rules for the ticks that the vehicle exports and imports as a host of a split
+/// system.
 fn carry_rules<'a>(vehicle: &Party, imports: impl Iterator<Item = &'a Import> + Clone) -> Vec<Rule> {
     let carry = |party: &Party| format!("plumbline/v1/{}/@carry", party.name());
     let id = |what: &str| format!("{vehicle} {what}");

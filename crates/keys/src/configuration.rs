@@ -4,7 +4,8 @@
 
 use crate::{Host, access::AccessList};
 
-/// Path of a party's folder on the party's machine. The configurations refer to it.
+/// Folder on a party's machine to which its key folder is copied. The Zenoh configurations contain
+/// paths in this folder.
 pub const INSTALL_DIR: &str = "/etc/plumbline/keys";
 /// Port on which the router listens.
 pub const ROUTER_PORT: u16 = 7447;

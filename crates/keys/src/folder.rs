@@ -56,8 +56,8 @@ pub struct WrittenFolder {
     pub folder: PathBuf,
     /// Written files.
     pub files: Vec<PathBuf>,
-    /// Path to which the folder must be copied; `None` for the authority, because its files stay
-    /// here.
+    /// Path to which the folder must be copied; `None` for the authority, because its files stay on
+    /// this machine.
     pub copy_to: Option<&'static str>,
 }
 
@@ -312,7 +312,8 @@ impl Keys {
         }
     }
 
-    /// Reads which vehicles import ticks from which other vehicles.
+    /// Returns the permitted imports of ticks, as recorded in the folders of the importing
+    /// vehicles.
     fn read_imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
         let mut imports = Vec::new();
         for importer in parties {

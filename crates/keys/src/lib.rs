@@ -31,7 +31,7 @@ pub use party::{Host, Party, Role};
 /// Error while creating or reading keys.
 #[derive(Debug, thiserror::Error)]
 pub enum KeysError {
-    /// The name is not usable in a key expression and as a folder name.
+    /// The name cannot be part of a key expression or the name of a folder.
     #[error("invalid name `{name}`: expected 1 to 32 characters of a-z, 0-9, - and _")]
     InvalidName {
         /// The rejected name.
@@ -68,9 +68,9 @@ pub enum KeysError {
     /// The target file or folder exists and replacing it was not requested.
     #[error("{path} already exists; use --force to replace it{consequence}")]
     Exists {
-        /// The existing file or folder.
+        /// Path of the existing file or folder.
         path: PathBuf,
-        /// Consequence of replacing it, appended to the message.
+        /// Consequence of replacing the file or folder, appended to the message.
         consequence: &'static str,
     },
     /// The folder contains no authority.
@@ -92,21 +92,21 @@ pub enum KeysError {
     UnknownParty {
         /// The missing party.
         party: Party,
-        /// The searched folder.
+        /// Path of the searched folder.
         folder: PathBuf,
     },
     /// The router's configuration lacks the lines that enclose the access list.
     #[error("cannot write the access list to {path}: the lines `// {begin}` and `// {end}` are missing; restore them", begin = configuration::LIST_START, end = configuration::LIST_END)]
     MissingListMarkers {
-        /// The router's configuration.
+        /// Path of the router's configuration.
         path: PathBuf,
     },
     /// The file is not a valid certificate, key or import list.
     #[error("cannot read {path}: {why}")]
     InvalidFile {
-        /// The invalid file.
+        /// Path of the invalid file.
         path: PathBuf,
-        /// The reason.
+        /// Reason why the file is invalid.
         why: String,
     },
     /// The certificate has expired.
@@ -116,7 +116,7 @@ pub enum KeysError {
     Expired {
         /// Common name of the certificate.
         name: String,
-        /// The certificate file.
+        /// Path of the certificate file.
         path: PathBuf,
         /// Last day of validity, `YYYY-MM-DD`, UTC.
         until: String,
@@ -132,7 +132,7 @@ pub enum KeysError {
     NotYetValid {
         /// Common name of the certificate.
         name: String,
-        /// The certificate file.
+        /// Path of the certificate file.
         path: PathBuf,
         /// First day of validity, `YYYY-MM-DD`, UTC.
         from: String,
@@ -152,7 +152,7 @@ pub enum KeysError {
     Io {
         /// Verb of the operation: read, write, create, move or remove.
         action: &'static str,
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
         /// Operating system error.
         cause: io::Error,

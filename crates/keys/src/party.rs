@@ -14,7 +14,7 @@ const MAX_HOST: usize = 253;
 /// Role of a party, which determines its permissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
-    /// Party that publishes below its own name and accepts commands there.
+    /// Party that publishes under its own name and accepts commands under that name.
     Vehicle,
     /// Party that reads everything and sends commands.
     Operator,

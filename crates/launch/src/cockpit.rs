@@ -47,8 +47,8 @@ impl Cockpit {
     /// Description of valid addresses for error messages.
     pub const EXPECTED_ADDRESS: &str = "a loopback address such as 127.0.0.1:8088, or any address with tls; for remote access use `ssh -L 8088:127.0.0.1:8088 HOST`";
 
-    /// Parses a listen address. Returns `None` if it is invalid, or outside the loopback without
-    /// TLS.
+    /// Parses a listen address. Returns `None` if it is invalid, or if it is not a loopback address
+    /// and there is no TLS.
     pub fn parse_address(text: &str, has_tls: bool) -> Option<SocketAddr> {
         text.parse().ok().filter(|address: &SocketAddr| has_tls || address.ip().is_loopback())
     }

@@ -11,7 +11,7 @@ pub struct SectionDescription {
     pub path: String,
     /// `true` for an array of tables.
     pub is_array: bool,
-    /// `true` if no default applies to a section that is missing.
+    /// `true` if a missing section stays unset instead of taking the defaults of its keys.
     pub is_optional: bool,
     /// Meaning, in whole sentences.
     pub doc: String,
@@ -53,7 +53,7 @@ pub fn describe() -> Vec<SectionDescription> {
 mod tests {
     use super::*;
 
-    /// Returns the section with the given lines, after the first of the key's conditions.
+    /// Returns the text of a section: its header, `condition` and `lines`.
     fn section(section: &SectionDescription, condition: &str, lines: &str) -> String {
         let SectionDescription { path, is_array, .. } = section;
         let header = match (path.as_str(), is_array) {

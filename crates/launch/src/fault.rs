@@ -17,7 +17,7 @@ pub const MAX_FAULTS: usize = 64;
 /// the highest rate.
 pub const MAX_DELAYED_READINGS: usize = 20_000;
 
-/// Allowed start and end of a fault, s (11 days).
+/// Allowed start and end of a fault, s. The maximum is 11 days.
 const TIME_S: RangeInclusive<f64> = 0.0..=1e6;
 
 keys! {
@@ -71,7 +71,8 @@ choices! {
             /// Factor. 1 has no effect.
             factor: f64 = 1.0, -1e6..=1e6;
             /// Offset in the sensor's units: rad/s, m/s² or µT. For a receiver, the velocity offset
-            /// east, north and up, m/s. Not allowed for all sensors, which have no common unit.
+            /// east, north and up, m/s. Not allowed for the sensor "all", because the sensors have
+            /// no common unit.
             offset: [f64; 3] = [0.0; 3], Vector;
         },
         /// Only every n-th value is output. In between, a gyro or accelerometer repeats the last
@@ -150,7 +151,8 @@ fn fault_kind(section: &mut Section<'_, '_>, key: Key, out: &mut FaultKind) {
         return section
             .variants(key.name, out, FaultKind::NAMES.iter().copied(), |section, kind| kind.read_keys(section));
     }
-    // An unknown or missing kind causes no second problem.
+    // If the kind is unknown or missing, the keys of every kind are accepted, so that only the
+    // kind itself is reported.
     section.allow(|section| FaultKind::NAMES.iter().for_each(|(_, kind)| kind.clone().read_keys(section)));
 }
 

@@ -51,7 +51,7 @@ keys! {
 pub enum TopicRate {
     /// Every sample is sent.
     All,
-    /// This many samples are sent per second of the source's time, Hz.
+    /// Number of samples sent per second of the source's time.
     Hz(f64),
 }
 
@@ -126,7 +126,7 @@ impl Import {
 fn rates(out: &mut BTreeMap<String, TopicRate>, section: &mut Section<'_, '_>) {
     for topic in Topic::ALL {
         let entry = topic.entry();
-        // The source does not time topics outside the data path, so their rate cannot be reduced.
+        // Messages of control topics have no source time, so their rate cannot be reduced.
         let is_timed = entry.buffer != Buffer::Control;
         let expected = if is_timed { r#""all", "off" or a number of Hz"# } else { r#""all" or "off""# };
         let mut rate = out.remove(entry.name);

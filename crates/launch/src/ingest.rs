@@ -143,7 +143,7 @@ pub enum Gnss {
     Auto,
     /// No fixes.
     Off,
-    /// This file.
+    /// Fixes in this file.
     File(PathBuf),
 }
 

@@ -5,7 +5,7 @@
 //! [`read!`] reads keys that are not fields of a section's struct.
 //!
 //! The struct, its `Default`, the reader with its checks, the comments of `launch.toml` and the
-//! reference chapter follow from these rows.
+//! reference chapter are generated from these rows.
 
 use crate::toml_reader::Section;
 
@@ -53,7 +53,7 @@ macro_rules! key_name {
 ///
 /// A row is `/// Meaning.` `field: Type = default, kind;`. `kind` implements [`Kind`]. It may be
 /// followed by `unit "s"`, and by `example "value"` for a key that is not set by default. Write
-/// `field as "key"` if the key is not called like the field.
+/// `field as "key"` if the name of the key differs from that of the field.
 macro_rules! keys {
     (
         $(#[$meta:meta])*
@@ -172,13 +172,13 @@ macro_rules! choices {
 pub(crate) trait Named: Sized + 'static {
     /// All values with their names.
     const NAMES: &'static [(&'static str, Self)];
-    /// Meanings of the values, in the same order.
+    /// Meanings of the values, in the order of [`NAMES`](Self::NAMES).
     const DOCS: &'static [&'static str];
 }
 
 /// Reads keys that are not fields of a section's struct.
 ///
-/// A row is `/// Meaning.` `key: kind => place;`. The default is the value of `place` before.
+/// A row is `/// Meaning.` `key: kind => place;`. The default is the current value of `place`.
 macro_rules! read {
     ($section:expr, {
         $(

@@ -12,7 +12,7 @@ use crate::{
     toml_reader::{Section, Values, int, resolve, words},
 };
 
-/// Any number from 0 that every TOML parser supports.
+/// Non-negative integers that every TOML parser supports.
 pub(crate) const NATURAL: RangeInclusive<u64> = 0..=i64::MAX as u64;
 
 /// A number in a range, with or without a decimal point. The default NaN stands for a key that is
@@ -25,7 +25,7 @@ impl Kind<f64> for RangeInclusive<f64> {
     }
 }
 
-/// An integer in a range. The default 0 stands for a key that is not set, if 0 is not allowed.
+/// An integer in a range. If the range excludes 0, the default 0 stands for a key that is not set.
 impl Kind<u64> for RangeInclusive<u64> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut u64) {
         let range = format!("{} to {}", self.start(), self.end());
@@ -124,7 +124,7 @@ impl<T> Kind<T> for Text<T> {
     }
 }
 
-/// A string that `accepts` accepts. An empty default stands for a key that is not set.
+/// A string for which `accepts` returns a value. An empty default stands for a key that is not set.
 pub(crate) const fn text(expected: &'static str, accepts: fn(&str) -> Option<String>) -> Text<String> {
     Text { expected, parse: accepts, show: |text| Some(text.clone()).filter(|text| !text.is_empty()) }
 }
@@ -147,7 +147,7 @@ impl Kind<PathBuf> for File {
     }
 }
 
-/// A path, or the names `"auto"` and `"off"` with their values.
+/// A path, or one of the names `"auto"` and `"off"`, each of which has a fixed value.
 pub(crate) struct FileOr<T> {
     pub(crate) auto: T,
     pub(crate) off: T,
@@ -296,7 +296,7 @@ impl<T> Kind<Vec<T>> for Tables<T> {
     }
 }
 
-/// Keys of the same table, which the function reads.
+/// Keys of the enclosing table, read by the function.
 pub(crate) struct Inline<T>(pub(crate) fn(&mut T, &mut Section<'_, '_>));
 
 impl<T> Kind<T> for Inline<T> {
@@ -305,7 +305,7 @@ impl<T> Kind<T> for Inline<T> {
     }
 }
 
-/// A key that the function reads, because the allowed values depend on other keys.
+/// A key that is read by the function, because its allowed values depend on other keys.
 pub(crate) struct By<T>(pub(crate) fn(&mut Section<'_, '_>, Key, &mut T));
 
 impl<T> Kind<T> for By<T> {

@@ -35,7 +35,7 @@ keys! {
         /// sources. `plumb up --cold` ignores the file.
         state_file: StateFile = StateFile::Auto,
             FileOr { auto: StateFile::Auto, off: StateFile::Off, file: StateFile::File };
-        /// Restarts of services that have exited or hang.
+        /// Restart of services that have exited or that hang.
         restart: Restart = Restart::default(), Table(Restart::read_keys);
         /// `true` if fault injection is allowed, see `[[ingest.fault]]`.
         faults: bool = false, Flag;
@@ -78,7 +78,7 @@ pub enum StateFile {
     Auto,
     /// No state file.
     Off,
-    /// This file, also for a simulation in real time.
+    /// This file, for live sources other than standard input and for simulations in real time.
     File(PathBuf),
 }
 
@@ -87,9 +87,9 @@ keys! {
     #[derive(Copy)]
     pub struct Restart {
         /// Time without a health message after which a service is killed and restarted. After a
-        /// restart it is at least twice the fastest start of the service.
+        /// restart, this time is at least twice the shortest start time of the service so far.
         silence_s: f64 = 0.5, 0.2..=60.0, unit "s";
-        /// Minimum run time of a process for its exit not to count as a failure. Such an exit
+        /// Run time after which the exit of a process does not count as a failure. Such an exit
         /// resets the failure count.
         min_uptime_s: f64 = 1.0, 0.0..=60.0, unit "s";
         /// Pause before the restart after the second consecutive failure. It doubles with each

@@ -1,4 +1,5 @@
-//! Automatic promotion of a shadow stage by its difference from the stage in the slot: `[[watch]]`.
+//! Automatic promotion of a shadow stage, based on its difference from the stage in the slot:
+//! `[[watch]]`.
 
 use std::ops::Range;
 

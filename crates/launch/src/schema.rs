@@ -11,14 +11,14 @@ use crate::{
 use std::{fs, path::Path};
 use toml::de::DeTable;
 
-/// Maximum number of messages that a topic holds for a subscriber: 13 MB for the largest message
-/// type.
+/// Maximum number of messages that a topic of the data path holds for a subscriber: 15 MB for the
+/// largest message type.
 pub const MAX_TOPIC_MESSAGES: usize = 65_536;
 
 impl Launch {
     /// Reads and checks a launch file.
     ///
-    /// Relative paths in it become relative to the launch file's folder.
+    /// Relative paths in the file are resolved against the folder of the file.
     ///
     /// # Errors
     ///
@@ -47,7 +47,8 @@ impl Launch {
         Ok(launch)
     }
 
-    /// Replaces the values of the keys in the text. Its paths are relative to `folder`.
+    /// Overwrites the values of the keys that `text` contains. Paths in `text` are relative to
+    /// `folder`.
     pub(crate) fn merge(&mut self, folder: Option<&Path>, file_name: &str, text: &str) -> Result<(), Problems> {
         let (table, syntax_errors) = DeTable::parse_recoverable(text);
         let mut list: Vec<_> = syntax_errors.iter().map(|error| Problem::syntax(error, text)).collect();

@@ -66,7 +66,7 @@ keys! {
         scale: Option<[f64; 3]> = None, Optional(Vector), example "[1.001, 1.0, 0.998]";
         /// Matrix that is multiplied with the scale.
         misalignment: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
-        /// Product of misalignment and scale, instead of these two.
+        /// Product of misalignment and scale, given instead of these two matrices.
         matrix: Option<[[f64; 3]; 3]> = None, Optional(Matrix);
     }
 }
@@ -97,10 +97,11 @@ fn calibration(out: &mut Calibration, section: &mut Section<'_, '_>) {
 }
 
 keys! {
-    /// Keys of the mounting. Angles are allowed together, the others exclude each other.
+    /// Keys of the mounting. Only the three angles can be set together.
     struct MountingKeys {
-        /// Directions of the sensors' x and y: x-DIRECTION-y-DIRECTION, two directions at right
-        /// angles of right, left, forward, back, up, down. "rfu", "flu" and "frd" are short forms.
+        /// Body directions of the sensors' x and y axes, as x-DIRECTION-y-DIRECTION. The directions
+        /// are two of right, left, forward, back, up and down, at right angles to each other.
+        /// "rfu", "flu" and "frd" are short forms.
         axes: String = String::new(), text("x-DIRECTION-y-DIRECTION", |name| Some(name.into())),
             example r#""x-right-y-forward""#;
         /// Quaternion w, x, y, z.

@@ -112,13 +112,14 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     });
 }
 
-/// Returns the slot of a section: that of the key `slot`, else the slot of the section's name.
+/// Returns the slot named by the key `slot`, or else by the section itself.
 fn slot(section: &Section<'_, '_>) -> Slot {
     let name = section.peek("slot").unwrap_or(section.path());
     Slot::ALL.into_iter().find(|slot| slot.name() == name).unwrap_or(Slot::Fuser)
 }
 
-/// Returns the stages that the file being read allows in a slot: built-in ones and its own.
+/// Returns the names of the stages that may run in a slot: the built-in ones and the external
+/// stages declared in the file being read.
 fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Slot) -> Vec<&'t str> {
     let own = section.root().get("stages").and_then(|stages| stages.get_ref().as_table());
     let is_for_slot = |stage: &DeValue<'_>| {

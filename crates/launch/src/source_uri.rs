@@ -22,8 +22,8 @@ const MAIN_KEYS: [(&str, Option<&str>); 9] = [
 ];
 
 impl Launch {
-    /// Replaces the source with the one in the line. A relative path is relative to the working
-    /// folder.
+    /// Replaces the source with the one that `line` describes. A relative path is resolved against
+    /// the working folder.
     ///
     /// # Errors
     ///
@@ -32,7 +32,7 @@ impl Launch {
         self.apply_override(format!("--source {line}"), source_section(line))
     }
 
-    /// Replaces the receiver with the one in the line, `ENDPOINT?key=value`.
+    /// Replaces the receiver with the one that `line` describes as `ENDPOINT?key=value`.
     ///
     /// # Errors
     ///

@@ -22,7 +22,7 @@ impl Launch {
             && (!service.is_auxiliary() || service.carries_ticks() && self.gateway.is_split())
     }
 
-    /// Returns the service that ticks come from on this host: the gateway if ticks are imported,
+    /// Returns the service that provides the ticks on this host: the gateway if ticks are imported,
     /// else ingest.
     pub fn tick_source(&self) -> Service {
         if self.gateway.import.is_some() { Service::Gateway } else { Service::Ingest }

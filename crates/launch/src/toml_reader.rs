@@ -23,7 +23,7 @@ struct File<'t> {
     folder: Option<&'t Path>,
     problems: Vec<Problem>,
     visits: Vec<Visit<'t>>,
-    /// Descriptions, if keys are described and not read.
+    /// Descriptions, if keys are described instead of read.
     descriptions: Option<Vec<SectionDescription>>,
 }
 
@@ -38,10 +38,10 @@ struct Visit<'t> {
 pub(crate) struct Section<'t, 'f> {
     table: &'t DeTable<'t>,
     file: &'f mut File<'t>,
-    /// Index of the table's visit.
+    /// Index of this table in `File::visits`.
     visit: usize,
     invalid: Vec<&'static str>,
-    /// Setting with which the keys that are being described are allowed.
+    /// Condition under which the keys being described are allowed, such as `kind = "slow"`.
     condition: Option<String>,
 }
 
@@ -189,7 +189,7 @@ impl<'t> Section<'t, '_> {
         }
     }
 
-    /// Reads the value of a key by `convert`, or describes the key.
+    /// Converts the value of a key with `convert`. In description mode, describes the key instead.
     pub(crate) fn value<T>(
         &mut self,
         key: Key,
@@ -239,7 +239,8 @@ impl<'t> Section<'t, '_> {
         });
     }
 
-    /// Reads the keys of a variant that was chosen by `key`. Describes the keys of all variants.
+    /// Reads the keys of the variant that was chosen by `key`. In description mode, describes the
+    /// keys of all variants.
     pub(crate) fn variants<'n, T: 'n>(
         &mut self,
         key: &str,
@@ -257,7 +258,7 @@ impl<'t> Section<'t, '_> {
         self.condition = None;
     }
 
-    /// Marks every key that `read` reads as known, without reporting problems.
+    /// Calls `read` only to mark its keys as known. Problems are not reported.
     pub(crate) fn allow(&mut self, read: impl FnOnce(&mut Self)) {
         let before = self.file.problems.len();
         read(self);
@@ -269,7 +270,7 @@ impl<'t> Section<'t, '_> {
         self.file.visits[self.visit].known.retain(|known| *known != key);
     }
 
-    /// Returns `true` if keys are described and not read.
+    /// Returns `true` if keys are described instead of read.
     pub(crate) fn is_description(&self) -> bool {
         self.file.descriptions.is_some()
     }
@@ -356,7 +357,7 @@ impl<'t> Section<'t, '_> {
         }
     }
 
-    /// Reports the first missing one of the required keys. `label` names what the table needs.
+    /// Reports the first required key that is missing. `label` describes the requirement.
     pub(crate) fn require(&mut self, required: &[&str], label: &str) {
         if let Some(key) = self.missing(required) {
             self.report_table(&format!("{}: {key:?} is missing", self.path()), label);
@@ -473,7 +474,7 @@ impl<'t> Section<'t, '_> {
         let conditions: Vec<_> = self.condition.clone().into_iter().collect();
         let Some(section) = self.description() else { return };
         let doc = words(key.doc);
-        // A key of several variants is described once.
+        // A key that several variants share is described once.
         if let Some(known) = section.keys.iter_mut().find(|known| known.name == key.name && known.doc == doc) {
             return known.conditions.extend(conditions);
         }
@@ -492,12 +493,12 @@ impl<'t> Section<'t, '_> {
     }
 }
 
-/// Returns the path relative to the folder, if one is known. An empty path stays empty.
+/// Joins a relative path to the folder, if the folder is known. An empty path stays empty.
 pub(crate) fn resolve(folder: Option<&Path>, path: &str) -> PathBuf {
     folder.filter(|_| !path.is_empty()).map_or_else(|| path.into(), |folder| folder.join(path))
 }
 
-/// Returns a text on one line.
+/// Replaces each run of white space, including line breaks, with a single space.
 pub(crate) fn words(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

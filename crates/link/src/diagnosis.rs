@@ -6,7 +6,7 @@ use zenoh::Wait;
 
 use crate::{Endpoints, admission::MAX_SESSIONS, endpoints::is_secured};
 
-/// Timeout of the attempt, ms.
+/// Timeout of a connection attempt, ms.
 const ATTEMPT_TIMEOUT_MS: &str = "3000";
 
 /// Tries to connect to each endpoint and describes the results, one per line.

@@ -16,7 +16,7 @@ const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];
 /// Number of ports tried after the configured one.
 const MAX_EXTRA_PORTS: u16 = 64;
 
-/// Time without a sign of life after which a peer counts as disconnected, ms. It is needed because
+/// Time without any message after which a peer counts as disconnected, ms. It is needed because
 /// QUIC does not report that a remote process has died.
 const LEASE_MS: &str = "3000";
 /// Prefix of endpoints with mutual TLS.
@@ -70,7 +70,7 @@ impl Endpoints {
         Self { listen: vec![], access: None, plain_access: None, ..self.clone() }
     }
 
-    /// Replaces ports of loopback listeners that are already in use with the next free ports.
+    /// Moves each loopback listener to the next free port if its own port is already in use.
     ///
     /// # Errors
     ///
@@ -93,7 +93,7 @@ impl Endpoints {
         Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
     }
 
-    /// Returns `true` if any endpoint uses mutual TLS, which means that it is on another machine.
+    /// Returns `true` if any endpoint uses mutual TLS, as for connections to other machines.
     pub(crate) fn are_secured(&self) -> bool {
         self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))
     }

@@ -46,7 +46,7 @@ pub enum LinkError {
         /// Number of further ports tried.
         tried: u16,
     },
-    /// A key could not be used.
+    /// A Zenoh operation on a key failed.
     #[error("{operation} {key}: {cause}")]
     Key {
         /// Operation that failed.

@@ -47,8 +47,8 @@ const DELIVERY_DELAY: Duration = Duration::from_millis(300);
 const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(40);
 /// Time for which a client retries after rejections or local errors.
 const REJECTED_TIMEOUT: Duration = Duration::from_secs(3);
-/// Minimum duration of a failed attempt that counts as unanswered. If there is no answer, Zenoh
-/// gives up only after 10 s.
+/// Failed attempts that last at least this long count as unanswered. Without an answer, Zenoh gives
+/// up only after 10 s.
 const MIN_UNANSWERED_ATTEMPT: Duration = Duration::from_secs(5);
 /// Time to wait for a session at a port that is open but busy. In this time Zenoh can reject about
 /// 2,500 stalled connections, at 250 per second.

@@ -144,7 +144,7 @@ pub enum MappingError {
         /// Text found.
         found: String,
     },
-    /// A reference is mapped, but the frame does not give its earth axes.
+    /// A reference is mapped, but the frame does not name the earth axes.
     #[error("found no earth axes for qw, qx, qy, qz, expected a frame such as enu-flu or ned-frd")]
     MissingEarthFrame,
 }
@@ -280,7 +280,8 @@ impl Mapping {
         self.column(REFERENCE[0]).is_some()
     }
 
-    /// Returns the targets of the east, north and vertical velocity. `None` if they are not mapped.
+    /// Returns the targets of the east, north and vertical velocities, or `None` if they are not
+    /// mapped.
     pub fn velocity(&self) -> Option<[&'static str; 3]> {
         [VELOCITY_UP, VELOCITY_DOWN].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
     }

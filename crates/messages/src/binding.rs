@@ -122,7 +122,7 @@ mod tests {
         };
     }
 
-    /// The system's table with the added lines.
+    /// Passes the system's topic table, followed by the added lines, to `$callback`.
     macro_rules! extended_table {
         ({ $($callback:ident)::+ { $($argument:tt)* } } $($line:tt)*) => {
             graph::topics! { $($callback)::+ { $($argument)* } $($line)* }

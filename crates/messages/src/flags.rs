@@ -33,7 +33,7 @@ flags! {
     /// The accelerometer has repeated the same value for too long; it is considered stuck and not
     /// used.
     FORCE_STUCK = 5 "force-stuck",
-    /// |f| is near zero, so that its direction is undefined; the specific force is not used.
+    /// The specific force is near zero, so that it has no direction. It is not used.
     FORCE_SMALL = 6 "force-small",
     /// The interval before this sample exceeds the gap limit.
     GAP = 7 "gap",
@@ -85,7 +85,7 @@ impl Flags {
     pub const INFORMATIONAL: Self =
         Self(Self::RATE_INSTANT.0 | Self::ALIGNED.0 | Self::AT_REST.0 | Self::FIELD.0 | Self::FIX.0);
 
-    /// Returns `true` if any flag of `other` is set.
+    /// Returns `true` if `self` contains at least one flag of `other`.
     pub fn any(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }

@@ -48,7 +48,7 @@ pub fn size(topic: Topic) -> usize {
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
     /// Table entry of the topic that carries the payload.
     const TOPIC: &'static Entry;
-    /// Type name, including a version that is raised when the meaning of the payload changes.
+    /// Type name, including a version that is incremented when the meaning of the payload changes.
     const TYPE: &'static str;
 
     /// Returns the names, types and offsets of the fields.

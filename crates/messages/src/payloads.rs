@@ -72,7 +72,8 @@ impl Chart {
 pub struct CourseReference(pub u64);
 
 impl CourseReference {
-    /// Heading at the start. Gyro and accelerometer alone cannot observe north.
+    /// Arbitrary: the heading at the start, because gyro and accelerometer alone cannot observe
+    /// north.
     pub const ARBITRARY: Self = Self(0);
     /// Magnetic north.
     pub const MAGNETIC: Self = Self(1);
@@ -201,13 +202,13 @@ payload! {
 }
 
 payload! {
-    /// Reading as received by ingest, from which a flight can be replayed.
+    /// Reading as received by ingest. A flight is replayed from these messages.
     ///
     /// Readings are published in order of arrival while a subscriber requests them. Injected
     /// faults, checks, calibration and mounting are applied later.
     ///
-    /// Each incarnation of ingest reads a simulation or recording from the start, so that the same
-    /// reading, with the same number, may occur more than once. With sensors on the bus, `number`
+    /// Each incarnation of ingest reads a simulation or recording from the start. The same reading,
+    /// with the same number, may therefore occur more than once. With sensors on the bus, `number`
     /// starts at 0 in each incarnation, while ticks and times continue from `tick` and `offset_ns`.
     TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
         /// Number of readings that this incarnation received before this one, including rejected
@@ -269,9 +270,9 @@ payload! {
         z_rad: f64,
         /// Chart of `w` and `z_rad`.
         chart: Chart,
-        /// Rotation of the body over the interval, p = d0 + j d3.
+        /// Rotation of the body over the interval, the unit quaternion d: p = d0 + j d3.
         p: [f64; 2],
-        /// Rotation of the body over the interval, s = d1 + j d2.
+        /// Rotation of the body over the interval, the unit quaternion d: s = d1 + j d2.
         s: [f64; 2],
         /// Mean rate over the interval, rad/s, body axes.
         rate_rad_s: [f64; 3],
@@ -287,7 +288,7 @@ payload! {
         w: [f64; 2],
         /// Chart of `w`.
         chart: Chart,
-        /// |f|, m/s².
+        /// Magnitude |f| of the specific force, m/s².
         norm_m_s2: f64,
         /// Confidence: 1 at |f| = g, 0 if the point is not from this sample.
         trust: f64,
@@ -317,7 +318,7 @@ payload! {
         inclination_sd_rad: f64,
         /// Standard deviation of the heading, rad; π if unknown.
         heading_sd_rad: f64,
-        /// Zero direction of the heading.
+        /// Direction in which the heading is zero.
         course_reference: CourseReference,
         /// Number of times the attitude was re-initialised.
         reset_counter: u64,
@@ -448,7 +449,7 @@ payload! {
 }
 
 payload! {
-    /// Decision of the supervisor: the owner of a slot from a tick on.
+    /// Decision of the supervisor on which process owns a slot from a given tick onwards.
     Control = "plumbline.Control.1" {
         /// First tick of the decision.
         from_tick: u64,
@@ -492,9 +493,9 @@ payload! {
         pid: u32,
         /// Epoch of the decision that the service follows.
         epoch: u32,
-        /// 1 if that decision arrived too late to be followed, else 0.
+        /// 1 if the decision with this `epoch` arrived too late to be followed, else 0.
         missed: u32,
-        /// First tick published under that decision; u64::MAX if none.
+        /// First tick published under the decision with this `epoch`; u64::MAX if none.
         published_from: u64,
         /// Number of outputs that were not finite.
         flawed: u64,
@@ -543,11 +544,13 @@ event_kinds! {
     RESTARTED = 5 "restarted",
     /// A service will not be restarted.
     GIVEN_UP = 6 "given-up",
-    /// A client or a watch requests a stage for a slot.
+    /// A client or a promotion rule (`[[watch]]`) requests a stage for a slot.
     SWAP_REQUESTED = 7 "swap-requested",
-    /// A client or a watch requests a shadow stage in parallel with the owner of a slot.
+    /// A client or a promotion rule (`[[watch]]`) requests a shadow stage in parallel with the
+    /// owner of a slot.
     SHADOW_REQUESTED = 8 "shadow-requested",
-    /// A stage that is to take over has started, with the slot's state before `adopted_tick`.
+    /// A stage that is to take over has started. Its initial state is that of the slot before
+    /// `adopted_tick`.
     CANDIDATE = 9 "candidate",
     /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
     /// owner.
@@ -558,7 +561,7 @@ event_kinds! {
     REFUSED = 12 "refused",
     /// A request failed and the slot is unchanged; `why` is the reason.
     ABORTED = 13 "aborted",
-    /// The `ticks` ticks before `tick` have no attitude.
+    /// The attitudes of the `ticks` ticks that precede `tick` are missing.
     LOST = 14 "lost",
     /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote them.
     NOT_RECORDED = 15 "not-recorded",
@@ -610,9 +613,9 @@ payload! {
 }
 
 impl SystemEvent {
-    /// Value of a 64-bit number that does not apply.
+    /// Placeholder for a 64-bit number that does not apply.
     pub const NONE: u64 = u64::MAX;
-    /// Value of a 32-bit number that does not apply.
+    /// Placeholder for a 32-bit number that does not apply.
     pub const NONE_U32: u32 = u32::MAX;
 
     /// Creates an event of `kind` without further information.

@@ -90,7 +90,7 @@ impl DecodedMessage {
         }
     }
 
-    /// Appends a field that has the name `word` as its value.
+    /// Appends a field called `name` with the enumeration value `word`.
     pub fn with_name_field(mut self, name: &'static str, word: &'static str) -> Self {
         self.fields.push((Field { name, kind: "", offset: 0, description: "" }, Value::Name(word)));
         self

@@ -34,7 +34,8 @@ pub struct FlowMonitor {
     delivery: Option<Delivery>,
 }
 
-/// Delivery of a topic's messages to a remote observer, counted from the first message received.
+/// Counts of the messages that a remote observer has received on a topic, and of those lost since
+/// the first one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Delivery {
     /// Messages sent but not received.
@@ -55,7 +56,7 @@ pub struct Delivery {
     pub restarts: u64,
 }
 
-/// Offsets of the header fields that identify a message.
+/// Offsets of the header fields from which the statistics are computed.
 #[derive(Debug, Clone, Copy)]
 struct StampOffsets {
     tick: usize,
@@ -136,9 +137,8 @@ impl FlowMonitor {
 
     /// Sets the delivery counts of a remote observer.
     ///
-    /// After this call, the number of missed messages is the number of lost messages in these
-    /// counts. Gaps between ticks no longer count as missed, because the configured topic rate may
-    /// omit ticks.
+    /// From then on, the number of missed messages is `delivery.lost`. Gaps between ticks no longer
+    /// count as missed, because the configured topic rate may omit ticks.
     pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);
     }
@@ -166,7 +166,7 @@ impl FlowMonitor {
         self.record_time(t_sent_ns);
     }
 
-    /// Records that the observer's buffer was full, so that messages may have been overwritten.
+    /// Records that the observer's buffer was full. Messages may have been overwritten.
     pub fn mark_buffer_full(&mut self) {
         self.buffer_was_full = true;
     }

@@ -9,7 +9,7 @@ use messages::{SensorReading, TakenReading};
 use readings::source::Reading;
 use runtime::ServiceConfig;
 
-/// Reason for which a running system cannot be calibrated.
+/// Reason why a running system cannot be calibrated.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadingsError {
     /// The system does not publish its raw readings.

@@ -16,8 +16,8 @@ use crate::{
 /// Monitors the data path of a running system.
 #[derive(Debug)]
 pub struct SystemMonitor {
-    /// Taps in reverse path order. The output of a service is read before its inputs, so that the
-    /// inputs of every output that was read can be read as well.
+    /// Taps in reverse path order. An output is read before the inputs of its service, so the
+    /// inputs of every output that was read are available too.
     taps: Vec<(Service, Tap)>,
     events: Tap,
     hops: HopLatencies,
@@ -51,7 +51,7 @@ pub struct ServiceRow {
     pub service: String,
     /// Stage in the service's slot.
     pub stage: Option<String>,
-    /// Name of its state, as reported by the supervisor.
+    /// Name of the service's state, as reported by the supervisor.
     pub state: String,
     /// Process ID, if any.
     pub pid: Option<u32>,
@@ -137,7 +137,8 @@ impl SystemMonitor {
             .map(|event| if event.reason().is_empty() { "it ended normally" } else { event.reason() })
     }
 
-    /// Returns the state since the last snapshot, combined with the supervisor's service status.
+    /// Returns the state of the system, combined with the supervisor's service status. Rates and
+    /// latencies cover the time since the last snapshot.
     pub fn snapshot(&mut self, system: &str, statuses: &[ServiceStatus]) -> SystemSnapshot {
         let (latencies, end_to_end) = self.hops.take_latencies();
         let now_ns = monotonic_ns();

@@ -1,4 +1,4 @@
-//! Error of the evaluation or output of attitudes.
+//! Errors when evaluating or writing attitudes.
 
 use std::{io, path::PathBuf};
 

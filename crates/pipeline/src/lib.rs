@@ -4,7 +4,7 @@
 //!
 //! Output: attitudes, their accuracy, latency and order, and a CSV file.
 //!
-//! Time: the stamps of the messages only.
+//! Time: the timestamps of the messages.
 //!
 //! Failure: a failed stage ends the run. A file that can no longer be written ends with a complete
 //! line, and the run continues without it.

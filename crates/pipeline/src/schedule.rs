@@ -74,7 +74,7 @@ impl Schedule {
         schedule
     }
 
-    /// Returns a warning for everything that the events leave undetermined.
+    /// Returns the warnings about facts that the events leave undetermined.
     pub fn warnings(&self) -> &[ReplayWarning] {
         &self.warnings
     }
@@ -145,8 +145,8 @@ impl Schedule {
         }
     }
 
-    /// Records a restart. A restart from a checkpoint of the same instance does not affect the
-    /// attitude.
+    /// Records a restart and adds a warning, unless the service resumed from a checkpoint of the
+    /// same instance. Such a restart does not affect the attitude.
     fn on_restarted(&mut self, slot: Slot, event: &SystemEvent) {
         let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
         if is_fresh || event.adopted_filling != event.filling {

@@ -67,8 +67,8 @@ impl<S: SlotProcessor<Input: Clone>> SlotRunner<S> {
         })))
     }
 
-    /// Applies all changes up to `tick`. Must be called before any input of `tick` or a later tick
-    /// is offered.
+    /// Applies all stage activations and owner changes up to `tick`. Must be called before any
+    /// input of `tick` or a later tick is offered.
     pub(crate) fn advance_to(&mut self, tick: u64, publish: &mut dyn FnMut(S::Output)) -> Result<(), RuntimeError> {
         match self {
             Self::Fixed(_) => Ok(()),

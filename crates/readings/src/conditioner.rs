@@ -1,4 +1,4 @@
-//! Converts readings to checked samples: each reading that fits into the time line becomes a tick.
+//! Converts readings to checked samples: each accepted reading becomes a tick.
 //!
 //! Input: readings as reported by the sensors, after the faults that the launch file injects. They
 //! are checked before calibration and mounting are applied.
@@ -36,13 +36,13 @@ use crate::{
     source::{Reading, ReceiverFix, Truth},
 };
 
-/// Longest step of the stamps that counts as a gap, ns. A longer step is a leap of the clock.
+/// Longest step between timestamps that counts as a gap, ns. A longer step is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
 /// Maximum magnitude of the first stamp, ns (285 years), so that time can run for years without
 /// overflow.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
-/// Maximum number of consecutive backward stamps that are rejected. After that, the sensor's clock
-/// is considered set back, and the sample time continues.
+/// Maximum number of consecutive backward timestamps that are rejected. After that, the sensor's
+/// clock is considered set back, and the sample time continues.
 const MAX_BACKWARD_STAMPS: i64 = 10;
 
 /// Sample of one tick.
@@ -67,7 +67,7 @@ pub struct Conditioner {
     rate: VectorChannel,
     force: VectorChannel,
     field: FieldChannel,
-    /// Fix of a rejected reading, which is passed on with the next sample.
+    /// Fix to pass on with the next sample, because its own reading was rejected.
     pending_fix: Option<ReceiverFix>,
     transform: BodyTransform,
     gap_ns: i64,
@@ -267,11 +267,11 @@ impl Conditioner {
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// Returns the interval to use if the clock was set back, ns, or `None` until a set-back is
-    /// certain.
+    /// Returns the interval to use (ns) if it is certain that the clock was set back, and otherwise
+    /// `None`.
     ///
-    /// A stamp is outdated if it is earlier than that of the last accepted reading. A set-back is
-    /// certain after two consecutive outdated stamps in increasing order, or after
+    /// A stamp is outdated if it is earlier than that of the last accepted reading. The clock was
+    /// certainly set back after two consecutive outdated stamps in increasing order, or after
     /// [`MAX_BACKWARD_STAMPS`] outdated stamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {

@@ -21,9 +21,11 @@ use crate::{
 pub struct FlightReplay {
     config: ServiceConfig,
     conditioner: Conditioner,
-    /// `true` if the readings came from the bus. Each incarnation then numbers its readings from 0.
+    /// `true` if the readings came from the bus. Each incarnation of ingest then numbers its
+    /// readings from 0.
     is_from_bus: bool,
-    /// Incarnation that published the last reading, and the number of the next reading.
+    /// Incarnation of ingest that published the last reading, and the number that its next reading
+    /// must have.
     last: Option<(u32, u64)>,
     rejected: u64,
 }

@@ -10,8 +10,9 @@
 //! Failure: reading ends at the first malformed line, with its position, the text found and the
 //! expected format.
 //!
-//! Satellite fixes are in a separate file ([`gnss`]), and so may be the reference attitude
-//! ([`References`]). A [`Writer`] writes a recording that [`Reader`] reads back unchanged.
+//! Satellite fixes are in a separate file ([`gnss`]). The reference attitude may also be in a
+//! separate file ([`References`]). A [`Writer`] writes a recording that [`Reader`] reads back
+//! unchanged.
 #![forbid(unsafe_code)]
 
 mod atomic_file;

@@ -13,7 +13,7 @@ use crate::{
 pub struct Layout {
     /// Magnetic field: `mx,my,mz`.
     pub field: bool,
-    /// Reference attitude: `qw,qx,qy,qz,mov`.
+    /// Reference attitude `qw,qx,qy,qz`, and `mov`, which is 1 if errors are scored at the row.
     pub reference: bool,
 }
 

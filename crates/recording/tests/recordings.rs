@@ -40,7 +40,7 @@ fn error(contents: &[u8]) -> String {
     message.replace(&format!("{}/", folder.path().display()), "")
 }
 
-/// Returns the part of the error after "reading the recording flight.csv: ".
+/// Returns the error message of [`survey`] without its prefix.
 fn malformed(contents: &[u8]) -> String {
     error(contents).strip_prefix("reading the recording flight.csv: ").unwrap().to_owned()
 }

@@ -1,4 +1,5 @@
-//! Checkpoints: captures a slot's state between two ticks, and resumes from it in another process.
+//! Captures a slot's state between two ticks as a checkpoint, and resumes from it in another
+//! process.
 //!
 //! - Input: a slot, or a checkpoint from any origin.
 //! - Output: a checkpoint, or a slot with the restored state.
@@ -13,7 +14,8 @@ use crate::{slot::SlotProcessor, state_words::StateWords};
 /// Part of the state that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resumed {
-    /// The complete state was restored. The outputs continue bit for bit.
+    /// The complete state was restored. Later outputs are bit-identical to those of an
+    /// uninterrupted run.
     Complete,
     /// Only the state common to all stages of the slot was restored, because the checkpoint belongs
     /// to another stage.
@@ -142,7 +144,7 @@ fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeErro
     Ok(record)
 }
 
-/// Replaces the words that `visit` passes to its callback by those in `words`. Fails if the two
+/// Replaces the words that `visit` passes to its callback with those in `words`. Fails if the two
 /// numbers of words differ.
 fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;

@@ -9,7 +9,7 @@ use rustix::{
     time::{ClockId, Timespec, clock_gettime},
 };
 
-/// Returns CLOCK_MONOTONIC, ns.
+/// Returns the time on CLOCK_MONOTONIC, ns.
 pub fn monotonic_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
@@ -42,7 +42,8 @@ pub fn cpu_time_ns(pid: u32) -> Option<u64> {
     Some(used_ns.sum())
 }
 
-/// Sets the timer slack of this thread to its minimum, so that sleeps do not end up to 50 µs late.
+/// Sets the timer slack of this thread to its minimum. With the default slack, a sleep can last up
+/// to 50 µs too long.
 pub fn minimise_timer_slack() {
     // If the kernel rejects the request, sleeps are merely less precise.
     let _ = rustix::thread::set_current_timer_slack(std::num::NonZeroU64::new(1));

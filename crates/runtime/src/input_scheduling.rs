@@ -1,12 +1,12 @@
 //! Order in which a slot polls its inputs.
 
-/// Polls inputs until each was empty when it was polled last, or `may_continue` returns `false`.
+/// Polls inputs until each one was empty at its last poll, or `may_continue` returns `false`.
 ///
 /// `poll` reads a few messages from an input and returns `true` if the input may have more. The
-/// input that the next output waits for (`awaited_input`) is polled first. This way an input that
-/// is behind catches up before the others get further ahead, and no input is given up while it
-/// still has messages. For the same reason all inputs are polled again after one that has more
-/// messages, before which `may_continue` is asked. There are at most 64 inputs.
+/// input that the next output waits for (`awaited_input`) is polled first. An input that is behind
+/// can thus catch up before the others get further ahead, and no input is given up while it still
+/// has messages. After a poll that leaves messages unread, `may_continue` is called and then all
+/// inputs are polled again. There are at most 64 inputs.
 pub fn poll_fairly<T, E>(
     slot: &mut T,
     inputs: usize,

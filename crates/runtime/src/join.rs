@@ -7,9 +7,9 @@
 //! - Failure: a missing message is skipped, counted and reported.
 //!
 //! A *dense* input has a message for every tick. A *sparse* input has one only for ticks that carry
-//! its flag (see the table of [`graph`]). A tick is complete when every dense input has delivered
-//! it, skipped it or is absent, and the same holds for every sparse input named by the tick's
-//! flags. An incomplete tick is released once any input is `lateness_ticks` ahead of it.
+//! its flag (see the table of [`graph`]). A tick is complete when every dense input, and every
+//! sparse input named by the tick's flags, has delivered or skipped the tick or is absent. An
+//! incomplete tick is released once any dense input is `lateness_ticks` ahead of it.
 
 use std::{cmp::Reverse, collections::VecDeque};
 
@@ -66,7 +66,8 @@ impl<M: Ticked> Default for JoinInput<M> {
 }
 
 impl<M> JoinInput<M> {
-    /// Creates a sparse input for ticks with `flag`, or a dense input if it is [`Flags::NONE`].
+    /// Creates a sparse input for ticks with `flag`, or a dense input if `flag` is
+    /// [`Flags::NONE`].
     pub fn new(flag: Flags) -> Self {
         Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX, arrival: 0 }
     }
@@ -190,7 +191,7 @@ pub struct Join<I> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// The backlog is given up as soon as any input reaches this tick.
+    /// The backlog is given up as soon as any dense input reaches this tick.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
@@ -231,7 +232,8 @@ impl<I: JoinInputs> Join<I> {
 
     /// Declares that all ticks before `tick` have been published.
     ///
-    /// Such a tick is given up only when an input is `patience_ticks` beyond `tick`.
+    /// A missing tick of this backlog is given up only once a dense input has reached the tick
+    /// `patience_ticks` after the end of the backlog.
     pub fn expect_backlog(&mut self, tick: u64, patience_ticks: u64) {
         (self.backlog_end, self.backlog_deadline) = (tick, tick.saturating_add(patience_ticks));
     }
@@ -266,10 +268,10 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Extends the backlog to the newest tick of the other inputs while an awaited input has
-    /// delivered nothing.
+    /// Extends the backlog to the newest tick of any dense input while an awaited input has not
+    /// delivered its first message.
     ///
-    /// Until such an input delivers its first message, its history is still in delivery.
+    /// Until then, all messages of the awaited input may still be in delivery.
     fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
         self.inputs.each(&mut |input| {

@@ -31,8 +31,8 @@ pub trait SlotInput<I> {
 #[derive(Debug)]
 pub struct OrderedSubscriber<M: Ticked> {
     subscriber: Subscriber<M>,
-    /// Maximum number of messages per read, which is the number that the buffers of all publishers
-    /// hold.
+    /// Maximum number of messages per read. It equals the capacity of the buffers of all publishers
+    /// together.
     max_read: usize,
     stream: RefCell<OrderedStream<M>>,
 }
@@ -51,8 +51,8 @@ pub struct OrderedStream<M> {
 impl<M: Ticked> OrderedStream<M> {
     /// Creates a stream that starts at `next_tick`. Ticks before `backlog_end` have been published.
     ///
-    /// A candidate waits longer for this backlog than an owner, because no subscriber waits for a
-    /// candidate. It waits for at most half of the ticks that a topic holds.
+    /// A candidate waits longer for this backlog than an owner does: for half the capacity of a
+    /// topic. This is possible because no subscriber waits for a candidate.
     pub fn new(next_tick: u64, backlog_end: u64, config: &ServiceConfig) -> Self {
         let lateness_ticks = config.lateness_ticks() / 2;
         let patience_ticks = match config.role {
@@ -77,7 +77,7 @@ impl<M: Ticked> OrderedStream<M> {
         let Self { reorder_buffer, staged } = self;
         let (mut in_order, mut left) = (true, limit);
         let result = read(&mut |message| {
-            // No other message precedes the next tick, so that it need not be staged.
+            // A message of the next tick precedes all others, so it is delivered without staging.
             if staged.is_empty() && left > 0 && message.header().tick == reorder_buffer.sequence().next_tick {
                 left -= 1;
                 return reorder_buffer.offer(message, &mut |message, _| take(message));

@@ -27,7 +27,7 @@ pub struct Prior {
     pub gyro_scale: Option<PriorEstimate>,
 }
 
-/// Estimate of a sensor error, in the unit given in the name of its field.
+/// Estimate of a sensor error. The field that holds it states the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PriorEstimate {
@@ -64,8 +64,8 @@ const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd:
 /// Ageing of the gyro scale error.
 ///
 /// A fuser that has observed no rotation reports a standard deviation of 0.002. Such an estimate is
-/// not worth storing. The walk makes the estimate expire after 72 days, when the sensor may have
-/// been replaced.
+/// not worth storing. The walk makes an estimate expire after at most 72 days, because the sensor
+/// may have been replaced by then.
 const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.0, uninformative_sd: 0.003 };
 /// Minimum standard deviation of a scale error from an earlier run. With a smaller value, the fuser
 /// would follow a temperature change of a few degrees too slowly.

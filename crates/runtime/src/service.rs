@@ -44,7 +44,7 @@ pub struct SlotLoop<'a, S: SlotProcessor> {
     shadow: Option<ShadowComparison<S::Output>>,
     /// Number of messages that are read from one input before the others are polled.
     batch_size: usize,
-    /// Maximum number of repeated polls in a round.
+    /// Maximum number of polls in a round that leave further messages unread.
     max_polls: usize,
 }
 
@@ -137,8 +137,8 @@ impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
             }
             Ok(has_more)
         })?;
-        // A health report confirms that the service gave up its ownership, so it is published at
-        // once.
+        // A health report confirms that the service gave up its ownership, so it is published
+        // immediately.
         if owned_before && !service.owns_next_tick() {
             context.make_health_due();
         }

@@ -101,8 +101,8 @@ impl ServiceConfig {
 
     /// Returns the shared memory that the topics need, bytes.
     ///
-    /// The result includes room for a restarted service in addition to the topics of its last
-    /// incarnation.
+    /// The result leaves room for a restarted service. Its new topics exist in addition to those of
+    /// its last incarnation.
     pub fn shared_memory_bytes(&self) -> u64 {
         let bytes = |topic: Topic| {
             let entry = topic.entry();
@@ -124,12 +124,14 @@ impl ServiceConfig {
         self.launch.ingest.source.is_blocking() || self.pace != Pace::Speed(1.0)
     }
 
-    /// Returns the maximum number of ticks by which the source may be ahead of the last subscriber.
+    /// Returns the maximum lead of the source over its slowest subscriber, ticks.
     ///
-    /// Normally this lead is shorter than the time for which a subscriber with two publishers waits
-    /// for one of them. It is also less than the capacity of a buffer. For an import only the
-    /// capacity limits the lead. Imported ticks can be lost for good, and a subscriber gives up a
-    /// lost tick only once later ticks are far enough ahead of it.
+    /// The limit is at most half the lateness, so a subscriber with two publishers does not give up
+    /// one of them because of this lead. It is also at most half the capacity of a buffer.
+    ///
+    /// For an import, the limit is halfway between the lateness and the capacity. It must exceed
+    /// the lateness, because imported ticks can be lost for good, and a subscriber gives up a lost
+    /// tick only once later ticks are ahead of it by the lateness.
     pub fn window_ticks(&self) -> u64 {
         if self.launch.gateway.import.is_some() {
             return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;
@@ -167,8 +169,8 @@ const CHECKPOINTS_PER_BUFFER: u64 = 32;
 /// Maximum number of messages read from one input before the others are polled.
 const MAX_BATCH_SIZE: usize = 32;
 
-/// Minimum buffer size, messages. It is small enough for a slow sensor, and large enough for the
-/// burst of messages after a stall.
+/// Minimum buffer size, messages. Without it, the buffer of a slow sensor would be too small for
+/// the burst of messages after a stall.
 const MIN_BUFFER: usize = 256;
 
 /// Number of messages that a topic outside the data path buffers per subscriber.

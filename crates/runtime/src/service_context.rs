@@ -30,7 +30,7 @@ use crate::{
     service_config::{CONTROL_BUFFER, Resume, Role, ServiceConfig},
 };
 
-/// Maximum size of the configuration, bytes. It holds a launch file and a few numbers.
+/// Maximum size of the configuration, bytes. A configuration holds a launch file and a few numbers.
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
 /// Longest sleep, after which a service checks for input and stop requests even without a wake-up.
 const MAX_WAIT: Duration = Duration::from_millis(50);
@@ -51,7 +51,7 @@ pub struct ServiceContext {
     /// Bus that the service has joined.
     pub bus: Bus,
     stop_flag: Arc<AtomicBool>,
-    /// Set by the first health report. While it is `None`, a stop request ends the process
+    /// `None` until the first health report. Until then, a stop request ends the process
     /// immediately, even if the process is blocked.
     liveness: Option<Arc<()>>,
     health: Publisher<Health>,

@@ -52,7 +52,8 @@ pub trait SlotProcessor {
         None
     }
 
-    /// Returns `true` if the stage's common state differs from the initial state of every stage.
+    /// Returns `true` once the stage has determined its state. Until then, the common state has the
+    /// initial value, which is the same for every stage.
     fn is_initialised(&self) -> bool {
         true
     }

@@ -25,9 +25,9 @@ pub struct SlotService<S: SlotProcessor> {
     /// Tick of a swap. Outputs carry the flag `SWAPPED` up to and including the first one at or
     /// after this tick.
     swapped_at: Option<u64>,
-    /// Tick before which inputs are missing. Outputs carry the flag `LOST_BEFORE` up to and
-    /// including the first one at or after this tick. The flag is repeated on later outputs,
-    /// because subscribers already have the outputs in which the loss occurred.
+    /// Set if inputs before this tick are missing after a restart. Outputs carry the flag
+    /// `LOST_BEFORE` up to and including the first one at or after this tick. All of them are
+    /// flagged, because subscribers discard the outputs before this tick as repeated.
     missed_at: Option<u64>,
     /// Next tick of the restored checkpoint. `None` after the first output.
     resumed_tick: Option<u64>,
@@ -129,7 +129,7 @@ impl<S: SlotProcessor> SlotService<S> {
         Some(self.state())
     }
 
-    /// Returns the state before the next tick.
+    /// Returns the state from which the next tick is computed.
     pub fn state(&mut self) -> Checkpoint {
         checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some())
     }
@@ -165,8 +165,8 @@ impl<S: SlotProcessor> SlotService<S> {
     }
 }
 
-/// Flags a swap or missing inputs on each output, up to and including the first one at or after the
-/// tick concerned.
+/// Sets the flags `SWAPPED` and `LOST_BEFORE` on each output, up to and including the first one at
+/// or after the tick `swapped_at` or `missed_at`.
 fn with_flags<O: Ticked>(mut output: O, swapped_at: &mut Option<u64>, missed_at: &mut Option<u64>) -> O {
     let Header { tick, flags, .. } = output.header_mut();
     *flags |= Flags::SWAPPED.when(swapped_at.is_some()) | Flags::LOST_BEFORE.when(missed_at.is_some());

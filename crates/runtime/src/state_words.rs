@@ -82,8 +82,8 @@ impl<A: StateWords, B: StateWords> StateWords for (A, B) {
 
 impl StateWords for Sequence {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The publisher is left out, because a resumed service reads its inputs from their oldest
-        // message.
+        // The publisher is left out. A resumed service reads its inputs again from their oldest
+        // message, and repetitions by the last publisher must not count as duplicates.
         let Self { next_tick, ticks, lost, duplicated, repeated, publisher: _ } = self;
         [next_tick, ticks, lost, duplicated, repeated].into_iter().for_each(visit);
     }

@@ -1,13 +1,13 @@
 //! Classical coning: a body axis describes a cone, and after each cycle the body is back in its
 //! initial attitude.
 //!
-//! With the half angle α of the cone and the angular frequency Ω, the attitude is q(t) = (cos α/2,
-//! sin α/2 cos Ωt, sin α/2 sin Ωt, 0). The exact body rate is then ω = (−Ω sin α sin Ωt, Ω sin α
+//! With the half angle α of the cone and the angular frequency Ω, the attitude is q(t) = (cos(α/2),
+//! sin(α/2) cos Ωt, sin(α/2) sin Ωt, 0). The exact body rate is then ω = (−Ω sin α sin Ωt, Ω sin α
 //! cos Ωt, −Ω (1 − cos α)).
 //!
 //! The axis of rotation changes continuously. An integrator that uses the integral of the rate over
 //! an interval of length h as its rotation vector therefore drifts about ζ, at a rate of
-//! approximately ½ Ω α² (1 − sin Ωh/Ωh).
+//! approximately ½ Ω α² (1 − sin(Ωh)/(Ωh)).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 
@@ -46,7 +46,8 @@ impl Coning {
 
     /// Returns the integral of the body rate, rad, up to a constant.
     ///
-    /// The difference between two times is the angle that an integrating gyro measures in between.
+    /// The difference between its values at two times is the angle that an integrating gyro
+    /// measures between these times.
     pub(crate) fn rotation_rad(self, t_s: f64) -> Vector3<f64> {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);

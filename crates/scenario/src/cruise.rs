@@ -28,7 +28,7 @@ const WIND_M_S: f64 = 10.0;
 const GUST_RMS_M_S: f64 = 1.5;
 /// Periods of the gusts, s. Each period contributes the same power.
 const GUST_PERIODS_S: [f64; 4] = [7.0, 17.0, 41.0, 97.0];
-/// Amplitude of the side slip in the hard flight, rad: 3°.
+/// Amplitude of the side slip in the hard flight, rad (3°).
 const SLIP_RAD: f64 = 3.0 * core::f64::consts::PI / 180.0;
 /// Period of the side slip, s.
 const SLIP_PERIOD_S: f64 = 31.0;

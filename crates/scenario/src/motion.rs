@@ -62,8 +62,8 @@ impl Motion {
     /// Returns the mean body rate from one time to another, rad/s: the reading of an integrating
     /// gyro.
     ///
-    /// If the axis of rotation changes within the interval, the mean rate differs from the rate of
-    /// [`rotation_between`](Self::rotation_between).
+    /// If the axis of rotation changes within the interval, the mean rate differs from the constant
+    /// rate that would cause the rotation returned by [`rotation_between`](Self::rotation_between).
     pub fn mean_rate_rad_s(self, from_s: f64, to_s: f64) -> Vector3<f64> {
         Body::new(self).mean_rate_rad_s(from_s, to_s)
     }

@@ -1,5 +1,5 @@
-//! Reference scenario of Matveev 2025: yaw ψ = 1°/s t, pitch ϑ = 25° cos(2π 0.05 t), roll γ = 30°
-//! sin(2π 0.05 t).
+//! Reference scenario of Matveev 2025: yaw ψ = (1 °/s) t, pitch ϑ = 25° cos(2π 0.05 t), roll γ =
+//! 30° sin(2π 0.05 t).
 
 use attitude::{Vector3, angles::Angles, state::Attitude};
 

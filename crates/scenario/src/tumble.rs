@@ -5,7 +5,7 @@ use attitude::{Vector3, rotation::Rotation, state::Attitude};
 
 /// Returns the body rate of the scenario `tumble`, rad/s: 500 °/s about (3, −2, 1).
 ///
-/// The axis is 75° from the vertical, so the inclination reaches up to 149°.
+/// The axis is 75° from the vertical, so the inclination reaches 149°.
 pub fn rate_rad_s() -> Vector3<f64> {
     Vector3::new(3.0, -2.0, 1.0).normalize() * 500f64.to_radians()
 }

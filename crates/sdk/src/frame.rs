@@ -39,7 +39,7 @@ pub enum RequestKind {
     Set = 2,
     /// Processes one tick. Input of the slot → output of the slot.
     Step = 3,
-    /// Requests the state. Empty → a constant count of numbers.
+    /// Requests the state. Empty → a fixed-length list of numbers.
     Snapshot = 4,
     /// Restores a state. Numbers of a snapshot → empty, or rejected.
     Restore = 5,

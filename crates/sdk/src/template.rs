@@ -110,12 +110,12 @@ const RESERVED_NAMES: [&str; 81] = [
 /// Programming language of a template.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Language {
-    /// Crate that implements the `Stage` trait.
+    /// Rust crate that implements the `Stage` trait.
     Rust {
         /// Folder of Plumbline's source, or the URL of its git repository.
         source: String,
     },
-    /// Class, with the package `plumbline` next to it.
+    /// Python class, with the package `plumbline` next to it.
     Python,
     /// C or C++ file, with the header `plumbline.h` next to it.
     C,

@@ -7,7 +7,7 @@
 //! | --- | --- |
 //! | [`gyro`] | angular rate to the rotation of each tick |
 //! | [`accel`] | specific force to the up direction |
-//! | [`fuser`] | both, magnetic field and fixes to attitude |
+//! | [`fuser`] | rotation, up direction, magnetic field and fixes to attitude |
 //! | [`course`] | attitude and fixes to angles, course and quaternion |
 //! | `true_north` | magnetic declination |
 #![forbid(unsafe_code)]

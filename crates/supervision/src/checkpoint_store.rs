@@ -17,9 +17,11 @@ const MAX_CHECKPOINTS: usize = 32;
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Checkpoint>; Service::ALL.len()],
     candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
-    /// Tick of the next attitude to collect, which is the first output needed from the last slot.
+    /// Tick of the next attitude to collect. The last slot's output for earlier ticks is not
+    /// needed.
     output_tick: Option<u64>,
-    /// For each slot, the first input tick that a live process may still need.
+    /// For each service with a slot, the first input tick that a live process of the service may
+    /// still need.
     ///
     /// A restarted process or a candidate may be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
@@ -77,8 +79,8 @@ impl CheckpointStore {
         (self.positions, self.held_from) = (positions, held_from);
     }
 
-    /// Sets whether every service recomputes its output, which is the case on an empty bus with a
-    /// repeatable source.
+    /// Sets whether every service recomputes its output from the first tick on. This is necessary
+    /// if the bus is empty and the source is repeatable.
     pub(crate) fn set_full_replay(&mut self, full_replay: bool) {
         self.full_replay = [full_replay; Service::ALL.len()];
     }
@@ -192,8 +194,8 @@ fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
     is_valid
 }
 
-/// Appends a checkpoint and removes those that are not older than it. There can be such
-/// checkpoints, because a new process may be behind its predecessor.
+/// Appends a checkpoint and removes all checkpoints that are not older than the new one. A new
+/// process that is behind its predecessor replaces the predecessor's checkpoints in this way.
 fn push(checkpoints: &mut VecDeque<Checkpoint>, checkpoint: Checkpoint) {
     while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick)
         || checkpoints.len() >= MAX_CHECKPOINTS

@@ -133,8 +133,8 @@ pub enum Action {
     GrantCredit {
         /// First tick that must not be published yet.
         ticks: u64,
-        /// Final credit: the source then publishes no new ticks but keeps running for restarted
-        /// subscribers.
+        /// `true` for the final credit. The source then publishes no new ticks, but keeps running
+        /// for restarted subscribers.
         is_final: bool,
     },
     /// Reply to a client.
@@ -155,8 +155,7 @@ pub enum Action {
     /// Kill every process without reporting the exits, then create a new bus of the same name. The
     /// response is [`Event::BusRenewed`].
     RenewBus,
-    /// Stop the system. Of the actions not yet performed, only replies are performed after this
-    /// one.
+    /// Stop the system. Of the actions that follow, only replies are performed.
     Finish(Option<Failure>),
 }
 
@@ -222,7 +221,7 @@ pub enum Failure {
     FilesRemovedRepeatedly {
         /// One of the removed files.
         path: PathBuf,
-        /// Number of removals.
+        /// Number of times that files were removed.
         count: usize,
         /// Length of the period in which the removals were counted, s.
         within_s: u64,

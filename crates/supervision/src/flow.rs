@@ -7,7 +7,8 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// Once the source has ended, the remaining ticks are given up after this time without output.
+/// Time to wait for further output once the source has ended. After it, the remaining ticks are
+/// given up.
 ///
 /// It is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -17,10 +18,11 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// In lockstep, missing ticks are considered lost after a period without output, even if every
-/// service runs. The period is this time plus `silence_s`.
+/// Time without output, in addition to `silence_s`, after which missing ticks count as lost
+/// although every service runs. The timeout applies only if the source waits for credit.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between extra windows granted past missing ticks. It gives subscribers time to keep up.
+/// Interval between two extra windows of credit, which the source receives while ticks are missing
+/// from the output. It gives subscribers time to catch up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Progress of the system from start to shutdown.
@@ -84,7 +86,7 @@ impl Flow {
         self.phase = Phase::Starting;
     }
 
-    /// Extends the deadlines by the duration of a stall.
+    /// Extends the deadlines for output by the duration of a stall.
     pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
         self.last_progress += stall;
     }
@@ -113,8 +115,8 @@ impl Supervision {
 
     /// Returns `true` if a requested shutdown need not wait for the services to start.
     ///
-    /// If every service has been ready once, the shutdown first delivers the ticks already
-    /// received. It gives up after [`DRAIN_TIMEOUT_STARTING`] without output.
+    /// If every service has been ready once, the ticks already received are delivered first.
+    /// Waiting for them ends after [`DRAIN_TIMEOUT_STARTING`] without output.
     fn may_abandon_start(&self) -> bool {
         self.flow.first_ready.is_none() || self.now.saturating_sub(self.flow.last_progress) > DRAIN_TIMEOUT_STARTING
     }
@@ -177,8 +179,8 @@ impl Supervision {
         }
     }
 
-    /// Returns the tick from which on every tick is guaranteed to stay in the topics until it is
-    /// read.
+    /// Returns the first tick of the range of ticks that are guaranteed to stay in the topics until
+    /// they are read.
     ///
     /// In lockstep, this includes all ticks for which credit was granted. Otherwise messages older
     /// than half of the buffer may be overwritten before they are read.
@@ -236,8 +238,8 @@ impl Supervision {
         self.local_next_tick().unwrap_or(self.output.next_tick)
     }
 
-    /// Returns the tick before which every local slot has published, or `None` if the attitude is
-    /// computed on this host.
+    /// Returns the first tick that some local slot has not published yet, or `None` if the attitude
+    /// is computed on this host.
     pub fn local_next_tick(&self) -> Option<u64> {
         let path = || self.path().map(|(service, _)| service).filter(|service| !service.is_auxiliary());
         let has_attitude = path().any(|service| service == Service::Course);
@@ -247,7 +249,8 @@ impl Supervision {
     /// Returns the number of ticks received from the source.
     pub fn ticks_in(&self) -> u64 {
         match self.config.launch.tick_source() {
-            // The topic is up to date even if ingest has exited without reporting its health.
+            // The next tick of the topic is up to date even if ingest has exited without reporting
+            // its health.
             Service::Ingest => self.published[Service::Ingest as usize],
             origin => self.table.entry(origin).health().map_or(0, |health| health.ticks),
         }

@@ -25,7 +25,7 @@ pub(crate) struct StageInstance {
     pub(crate) stage: StageConfig,
     /// Tick of the checkpoint that the instance was started from; `None` after a fresh start.
     restored_tick: Option<u64>,
-    /// Number of the instance that wrote that checkpoint.
+    /// Number of the instance that wrote the checkpoint of `restored_tick`.
     restored_from: u32,
     /// Tick after the newest one published by the failed predecessor; `None` unless the instance
     /// replaced a failed owner.

@@ -209,7 +209,7 @@ impl Supervision {
         self.entries().map(status).collect()
     }
 
-    /// Returns the launch file with the stages that fill the slots now.
+    /// Returns the launch file, with the stages that currently fill the slots.
     pub fn launch(&self) -> &Launch {
         &self.config.launch
     }
@@ -225,7 +225,8 @@ impl Supervision {
         self.entries().filter(|(service, _)| self.config.launch.consumes_ticks(*service))
     }
 
-    /// Returns the newest checkpoint of the service, or of the owner if the service is a slot.
+    /// Returns the newest checkpoint of the service. If the service has a slot, this is the newest
+    /// checkpoint of the owner.
     pub fn newest_checkpoint(&self, service: Service) -> Option<&Checkpoint> {
         self.checkpoints.newest(service)
     }

@@ -6,8 +6,8 @@ use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::OutputProgress;
 
-/// Number of attitudes after the commit tick that are included in the longest interval reported for
-/// a swap.
+/// Number of ticks after the commit tick in which the longest interval between attitudes is
+/// determined for the swap report.
 const TICKS_AFTER_COMMIT: u64 = 50;
 /// Time limit for the attitudes after the commit tick to arrive, ms.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
@@ -25,7 +25,7 @@ pub(crate) enum Requester {
     /// Client of the control socket. `shadow` is the slot of the requested shadow, which ends when
     /// the client disconnects.
     Client { client: u64, shadow: Option<Slot> },
-    /// Watch of a slot.
+    /// Promotion rule (`[[watch]]`) of a slot.
     Watch(Slot),
     /// Client that has disconnected.
     Disconnected,
@@ -41,7 +41,7 @@ pub(crate) struct Pending {
     to: String,
     lost: u64,
     duplicated: u64,
-    /// Longest interval between two attitudes since the request.
+    /// Longest interval between two consecutive attitudes since the request.
     max_gap_ns: u64,
     /// Outcome; `None` until the slot's coordinator reports it.
     completion: Option<Completion>,
@@ -161,7 +161,7 @@ impl PendingSwaps {
         self.pending.drain(..).map(aborted).collect()
     }
 
-    /// Updates the longest interval of every request in progress.
+    /// Updates the longest interval between attitudes of every request in progress.
     pub(crate) fn record_gap(&mut self, gap_ns: u64) {
         self.pending.iter_mut().for_each(|swap| swap.max_gap_ns = swap.max_gap_ns.max(gap_ns));
     }

@@ -41,7 +41,7 @@ pub struct ProcessEntry {
     pub(crate) restart_at: Option<Duration>,
     /// Set once the service has been given up, after which it is not restarted.
     pub(crate) given_up: bool,
-    /// Epoch and first tick that the next owner process starts with.
+    /// Epoch and first tick with which the next owner process starts.
     pub(crate) ownership: Option<(u32, u64)>,
     address: Option<String>,
     diagnostics: Vec<Diagnostic>,
@@ -53,7 +53,7 @@ pub(crate) struct Process {
     pub(crate) incarnation: u32,
     /// Process ID; 0 until the process has started.
     pub(crate) pid: u32,
-    /// Set if the process publishes from its start on.
+    /// Set if the process publishes as soon as it has started.
     pub(crate) owns_slot: bool,
     pub(crate) started: Duration,
     /// Tick of the checkpoint that the process resumed from, if any.
@@ -61,14 +61,15 @@ pub(crate) struct Process {
     /// First input tick that the process needs, if known.
     first_tick: Option<u64>,
     pub(crate) health: Option<Health>,
-    /// Time of the newest health report or, before the first report, of the start. A stall moves it
-    /// forward by the stall's duration.
+    /// Time of the newest health report or, before the first report, of the start. A stall of the
+    /// supervisor moves this time forward by the duration of the stall.
     silent_since: Duration,
-    /// Set once a stall has extended the deadline of the current silence.
+    /// Set if the deadline of the current silence has already been extended because the supervisor
+    /// stalled.
     stall_credited: bool,
     /// Set once the process was requested to exit.
     terminate_sent: bool,
-    /// Set if the process was killed because it reported nothing in time.
+    /// Set if the process was killed because it did not report in time.
     pub(crate) timed_out: bool,
 }
 
@@ -105,7 +106,7 @@ impl ProcessTable {
         Service::ALL.into_iter().zip(&self.entries)
     }
 
-    /// Returns, for each slot, the first input tick that a live process may still need.
+    /// Returns, for each service, the first input tick that a live process may still need.
     ///
     /// A candidate that needs ticks before `held_from` is ignored, because it may never have opened
     /// its topics. A replacement for a failed owner counts as an owner.
@@ -174,7 +175,7 @@ impl ProcessTable {
         self.entry_mut(service).processes_mut().filter(is_target).for_each(|process| process.pid = pid);
     }
 
-    /// Returns the time since the previous call.
+    /// Returns the time since the previous call. If it is long, the supervisor has stalled.
     pub(crate) fn take_stall(&mut self, now: Duration) -> Duration {
         now.saturating_sub(std::mem::replace(&mut self.last_polled, now))
     }
@@ -249,7 +250,7 @@ impl ProcessEntry {
     }
 
     /// Returns the state in one word. A running service is "silent" if its last health report is
-    /// longer ago than `silence`.
+    /// older than `silence`.
     pub fn state(&self, now: Duration, silence: Duration) -> &'static str {
         match (&self.owner, self.health()) {
             _ if self.given_up => "failed",
@@ -302,7 +303,7 @@ impl ProcessEntry {
         candidate.or_else(|| self.retired.extract_if(.., is_target).next()).map(ExitedProcess::Other)
     }
 
-    /// Extends the deadline of each silent process by the duration of a stall.
+    /// Extends the deadline of each silent process by the duration of a stall of the supervisor.
     ///
     /// Each silence is extended only once, because on an overloaded machine the supervisor is late
     /// repeatedly.

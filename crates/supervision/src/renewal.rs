@@ -22,7 +22,7 @@ pub(crate) struct Renewals {
     /// Set once the removal has been announced to the user.
     announced: bool,
     under_way: bool,
-    /// Set if a process other than an owner has just exited before it joined the bus.
+    /// Set if a process that is not an owner has just exited before it could join the bus.
     join_failed: bool,
 }
 
@@ -31,13 +31,13 @@ impl Renewals {
         self.under_way
     }
 
-    /// Records whether a process other than an owner has just exited before it joined the bus. The
-    /// record is cleared at each timer event.
+    /// Records whether a process that is not an owner has just exited before it could join the bus.
+    /// The record is cleared at each timer event.
     pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
         self.join_failed = join_failed;
     }
 
-    /// Returns the number of renewals within the window.
+    /// Returns the number of renewals within the last [`RENEWAL_WINDOW`].
     fn count_recent(&mut self, now: Duration) -> usize {
         while self.renewals.pop_front_if(|at| *at + RENEWAL_WINDOW < now).is_some() {}
         self.renewals.len()

@@ -94,8 +94,8 @@ impl Supervision {
         }
     }
 
-    /// Returns `true` if attitudes can still be computed without the service. One of gyro and accel
-    /// is sufficient.
+    /// Returns `true` if attitudes can still be computed without the service. Of gyro and accel,
+    /// only one is needed.
     fn is_dispensable(&self, service: Service) -> bool {
         match service.slot() {
             Some(Slot::Gyro) => !self.table.entry(Service::Accel).given_up,
@@ -112,8 +112,8 @@ impl Supervision {
         let rule = self.config.launch.restart;
         let on_limit = match rule.on_limit {
             _ if service.is_auxiliary() => OnLimit::Retry,
-            // Without a source nothing can continue. A source that waits for attitudes would wait
-            // forever if an indispensable service was given up.
+            // Nothing can continue without the source. A source that waits for attitudes would wait
+            // forever if a service that they depend on were given up.
             OnLimit::Degrade if service == self.config.launch.tick_source() => OnLimit::Stop,
             OnLimit::Degrade if self.source_waits() && !self.is_dispensable(service) => OnLimit::Stop,
             on_limit => on_limit,

@@ -15,7 +15,7 @@ pub(crate) enum RestartVerdict {
     StopSystem,
 }
 
-/// Longest time from the start of a process to its first health report, for any service.
+/// Longest allowed time from the start of a process to its first health report, for any service.
 pub(crate) const FIRST_HEALTH_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Restart policy of one service, based on its past exits.
@@ -30,8 +30,8 @@ pub(crate) struct RestartPolicy {
 }
 
 impl RestartPolicy {
-    /// Handles the exit of a service's first process that never became ready. The restart limit
-    /// then counts as reached.
+    /// Handles the exit of a service's first process before that process was ready. The exit counts
+    /// as if the restart limit had been reached.
     pub(crate) fn on_failed_first_start(&mut self, rule: &Restart) -> RestartVerdict {
         self.failures = rule.limit;
         self.on_exit(None, rule)

@@ -17,7 +17,7 @@ use crate::{
 /// Time from the newest sample to the hand-over tick, s. If the decision takes longer to arrive,
 /// the hand-over is reverted.
 const MARGIN_S: f64 = 0.05;
-/// Maximum attempts per swap request.
+/// Maximum number of attempts per swap request.
 ///
 /// Each retry doubles the margin [`MARGIN_S`], because a stalled machine can deliver the decision
 /// too late.
@@ -325,8 +325,8 @@ impl Supervision {
         }
     }
 
-    /// Passes an event of a service to the coordinator of its slot. A service without a slot has
-    /// none.
+    /// Passes an event of a service to the coordinator of its slot. Does nothing if the service has
+    /// no slot.
     pub(crate) fn notify_slot_of(&mut self, service: Service, event: swap::Event) {
         if let Some(slot) = service.slot() {
             self.notify_slot(slot, event);
@@ -359,8 +359,8 @@ impl Supervision {
                 if entry.owner.is_some() {
                     self.actions.push(Action::Kill { incarnation });
                 }
-                // The replacement's output has been delivered, so the previous owner continues
-                // after it.
+                // The replacement's output has been delivered, so the previous owner resumes
+                // after the replacement's last tick.
                 if self.swaps.state(slot).is_some_and(|state| state.owned_by_replacement) {
                     self.publish_owner(slot, epoch, incarnation, self.published[service as usize].max(from_tick));
                 }
@@ -369,14 +369,14 @@ impl Supervision {
         }
     }
 
-    /// Publishes that a slot keeps its owner, starting with the tick after the newest published
-    /// one.
+    /// Publishes the event that the owner of a slot is unchanged. The tick of the event is the one
+    /// after the newest tick published for the slot.
     pub(crate) fn publish_owner_unchanged(&mut self, slot: Slot) {
         let incarnation = self.table.entry(slot.service()).incarnation();
         self.publish_owner(slot, FIRST_EPOCH, incarnation, self.published[slot.service() as usize]);
     }
 
-    /// Publishes an ownership decision with the details of the owner.
+    /// Publishes an event about an ownership decision, with the details of the owner.
     fn publish_owner(&mut self, slot: Slot, epoch: u32, owner: u32, from_tick: u64) {
         let service = slot.service();
         let is_candidate = self.table.is_candidate(service as u32, owner);
@@ -498,9 +498,10 @@ fn limits(config: &Config) -> SwapLimits {
         shadow_ms: 100,
         commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_timeout_ms: 500,
-        // In lockstep the previous stage can keep running for long, because a restarted subscriber
-        // finds all its inputs no matter how late it returns. The 60 s cover a replacement that
-        // takes `ready_timeout_ms` to fail, followed by some processes that take as long to start.
+        // In lockstep the previous stage can keep running for a long time, because a restarted
+        // subscriber finds all its inputs no matter how late it returns. The 60 s cover a
+        // replacement that takes `ready_timeout_ms` to fail, followed by a few processes that take
+        // as long to start.
         linger_ms: if lockstep { 60_000 } else { 1_000 },
         stop_retry_ms: 400,
         max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),

@@ -24,7 +24,7 @@ pub(crate) struct WatchRunner {
     rule: PromotionRule,
     shadow: Option<u64>,
     takeover: Option<u64>,
-    /// Reports received since the previous poll, on the requests of this watch.
+    /// Swap reports, received since the previous poll, that answer requests of this watch.
     reports: Vec<(u64, SwapReport)>,
     attempts: u32,
     next_attempt: Duration,
@@ -124,7 +124,7 @@ impl Supervision {
         }
     }
 
-    /// Requests whichever of the watch's two stages does not fill the slot, either as a shadow or
+    /// Requests the stage of the watch that does not currently fill the slot, either as a shadow or
     /// for a takeover. Returns the ID of the request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
@@ -136,8 +136,7 @@ impl Supervision {
 }
 
 impl WatchRunner {
-    /// Processes the reports received since the previous call and returns a line to announce, if
-    /// any.
+    /// Processes the reports received since the previous call. Returns a line to print, if any.
     fn process_reports(&mut self, now: Duration) -> Option<String> {
         let reports = std::mem::take(&mut self.reports);
         let report_for = |id: Option<u64>| reports.iter().find(|(request, _)| Some(*request) == id).cloned();

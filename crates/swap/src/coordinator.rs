@@ -41,8 +41,8 @@ pub struct Coordinator {
 }
 
 impl Coordinator {
-    /// Creates the coordinator of a slot that `active` owns from its first tick on, under the
-    /// decision with the number `epoch`.
+    /// Creates the coordinator of a slot. The incarnation `active` owns the slot from tick 0 on.
+    /// `epoch` is the number of the decision that made it the owner.
     pub fn new(active: u32, epoch: u32, limits: SwapLimits) -> Self {
         Self {
             limits,
@@ -213,8 +213,8 @@ impl Coordinator {
                 self.abort(now_ms, FailureReason::CandidateExited, actions);
             } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation)
             {
-                // If the stop was already requested, the stage has run long enough for its
-                // subscribers to read its outputs.
+                // The stop is requested only after the subscribers have had time to read all
+                // outputs of the stage. An exit before that may lose outputs.
                 let unrequested = matches!(swap.state, SwapState::Committed { .. });
                 self.swap = None;
                 if unrequested {

@@ -21,14 +21,14 @@ pub struct SwapLimits {
     /// Timeout for the active stage to resume ownership after a failed swap, ms. After that, the
     /// active stage is restarted.
     pub restore_timeout_ms: u64,
-    /// Longest time for which the previous stage keeps running after the commitment, ms. It
+    /// Longest time for which the previous stage keeps running after the swap is committed, ms. It
     /// publishes nothing new, but subscribers that restart receive its history.
     pub linger_ms: u64,
     /// Interval at which the stop request to a service is repeated until the service has exited,
     /// ms.
     pub stop_retry_ms: u64,
-    /// Maximum lag at the hand-over, ticks. It applies to the candidate behind the active stage,
-    /// and to the active stage behind its input.
+    /// Maximum lag at the hand-over, ticks. The limit applies to the lag of the candidate behind
+    /// the active stage and to the lag of the active stage behind its input.
     pub max_lag_ticks: u64,
     /// Number of ticks from the newest known tick to the first tick of the new owner.
     ///
@@ -47,7 +47,7 @@ pub struct Request {
     /// `true` if the candidate only computes in parallel with the active stage until it is promoted
     /// or cancelled.
     pub shadow_only: bool,
-    /// Time by which the slot must have produced a tick, ms; `u64::MAX` for a shadow.
+    /// Time by which the slot must have produced its first tick, ms; `u64::MAX` for a shadow.
     pub deadline_ms: u64,
     /// Number of earlier attempts that failed because the decision came too late.
     pub previous_attempts: u32,
@@ -68,9 +68,9 @@ impl SwapLimits {
 pub enum Event {
     /// A client requests another stage for the slot.
     Request(Request),
-    /// The shadow is to take over.
+    /// Request for the shadow to take over.
     Promote {
-        /// Time by which the slot must have produced a tick, ms.
+        /// Time by which the slot must have produced its first tick, ms.
         deadline_ms: u64,
     },
     /// The shadow is cancelled. A shadow that has been promoted in the meantime is kept.
@@ -178,8 +178,8 @@ pub enum Action {
         /// First tick that the owner publishes.
         from_tick: u64,
     },
-    /// Reports the result to the client. After a commitment, the stage named in the report owns the
-    /// slot.
+    /// Reports the result to the client. If the swap was committed, the stage named in the report
+    /// owns the slot.
     Report(Report),
 }
 
@@ -232,7 +232,7 @@ pub enum FailureReason {
     },
     /// The candidate did not open its topics in time.
     NotReady {
-        /// Timeout, ms.
+        /// Timeout for the candidate to open its topics, ms.
         ready_timeout_ms: u64,
     },
     /// The candidate did not catch up in time, or fell behind again.

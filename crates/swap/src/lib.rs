@@ -54,7 +54,7 @@ pub const FIRST_EPOCH: u32 = 1;
 /// Initial role of a service in its slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Role {
-    /// The service owns its slot and publishes from a tick on.
+    /// The service owns its slot and publishes from a given tick on.
     Owner {
         /// First published tick.
         from_tick: u64,
@@ -81,9 +81,9 @@ pub struct OwnershipStatus {
     pub next_tick: u64,
     /// Epoch of the last decision that the service handled.
     pub decided_epoch: u32,
-    /// `true` if that decision came too late and changed nothing.
+    /// `true` if the decision of `decided_epoch` came too late and changed nothing.
     pub missed: bool,
-    /// First tick published under that decision.
+    /// First tick published under the decision of `decided_epoch`.
     pub published_from: Option<u64>,
 }
 

@@ -13,7 +13,7 @@ use crate::{Sequence, Stamped};
 #[derive(Debug, Clone)]
 pub struct ReorderBuffer<M> {
     lateness_ticks: u64,
-    /// End of the backlog: earlier ticks have been published and may still be in delivery.
+    /// End of the backlog. Earlier ticks have been published, but may not have been delivered yet.
     backlog_end: u64,
     /// Lead of a held message over `backlog_end` at which the backlog is given up, ticks.
     patience_ticks: u64,
@@ -33,8 +33,8 @@ impl<M: Stamped> ReorderBuffer<M> {
     /// before the checkpoint.
     ///
     /// If another publisher may still send an earlier tick, a message is held until that tick
-    /// arrives or until the newest held tick is `lateness_ticks` ahead of the stream. This includes
-    /// messages before the first delivery, because the publisher is not known then.
+    /// arrives or until the newest held tick is `lateness_ticks` ahead of the stream. This also
+    /// applies before the first delivery, because the publisher is not known then.
     pub fn new(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
         let sequence = Sequence { next_tick, ..Sequence::default() };
         Self {
@@ -120,8 +120,8 @@ impl<M: Stamped> ReorderBuffer<M> {
 
     /// Returns `true` if another publisher may still send a tick before this message.
     ///
-    /// This is ruled out only if the message has the publisher of the last delivered message and no
-    /// newer epoch. While the start is unknown, the epoch alone decides.
+    /// This is ruled out only if the message has the same publisher as the last delivered message
+    /// and no newer epoch than that message. While the start is unknown, the epoch alone decides.
     fn may_have_predecessor(&self, message: &M) -> bool {
         message.epoch() > self.epoch || !self.start_unknown && self.sequence.publisher != message.incarnation()
     }

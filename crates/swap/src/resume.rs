@@ -13,11 +13,11 @@ pub enum Resume {
     Checkpoint(Box<Checkpoint>),
     /// Position of a source.
     Source {
-        /// Next tick.
+        /// Next tick to publish.
         next_tick: u64,
         /// CLOCK_MONOTONIC at which the first tick was due, ns; 0 if no tick has been due yet.
         start_ns: u64,
-        /// Sample time minus sensor time, ns.
+        /// Timestamp of a published sample minus the sensor's own timestamp, ns.
         offset_ns: i64,
     },
 }

@@ -38,7 +38,7 @@ const VIEWER_CHANNELS: [(&str, &str, Topic); 3] = [
 /// Channel of a flight recording or viewer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
-    /// Name, `/<topic>` or the name of a viewer channel.
+    /// Name of the channel: `/<topic>`, or the name of a viewer channel.
     pub name: String,
     /// Fully qualified name of the schema, as accepted by
     /// [`descriptors_for`](crate::schema::descriptors_for).
@@ -71,18 +71,18 @@ pub fn channels(topics: &[Topic]) -> Vec<Channel> {
 /// Byte offsets of the bookkeeping fields in a topic's messages; `None` for a field that is absent.
 #[derive(Debug, Clone, Copy)]
 pub struct FieldOffsets {
-    /// Offset of the tick.
+    /// Offset of the field that holds the tick.
     pub tick: Option<usize>,
     t_sent_ns: Option<usize>,
-    /// Offset of the number of ticks missing from the stream.
+    /// Offset of the field that counts the ticks missing from the stream.
     pub lost_upstream: Option<usize>,
 }
 
 /// Time stamps and sequence number of a message on a channel.
 ///
 /// `log_ns` is the time of publication on CLOCK_REALTIME: the message's `t_sent_ns`, or the time of
-/// reception if the message has none. It is converted from CLOCK_MONOTONIC with
-/// [`Clocks::offset_ns`], which is measured only once. It therefore never jumps, even if
+/// reception if the message has none. This time is converted from CLOCK_MONOTONIC with
+/// [`Clocks::offset_ns`], which is measured only once. `log_ns` therefore never jumps, even if
 /// CLOCK_REALTIME is set.
 ///
 /// `source_ns` is the end of the sample's interval on the source's clock, or `log_ns` if the
@@ -143,8 +143,8 @@ impl Encoder {
         }
     }
 
-    /// Returns the time of publication, CLOCK_MONOTONIC, ns, or `received_ns` if the message has
-    /// none.
+    /// Returns the publication time of a message on CLOCK_MONOTONIC, ns, or `received_ns` if the
+    /// message has no publication time.
     pub fn sent_ns(&self, bytes: &[u8], received_ns: u64) -> u64 {
         let sent_ns = self.offsets.t_sent_ns.and_then(|offset| read_u64(bytes, offset));
         sent_ns.filter(|sent_ns| *sent_ns > 0).unwrap_or(received_ns)

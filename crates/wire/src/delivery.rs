@@ -11,7 +11,7 @@ use std::fmt;
 use crate::v1::Envelope;
 
 /// Counts of the messages received under a key. When the gateway restarts, `decimated` and
-/// `dropped` start again from 0. All other counts continue.
+/// `dropped` restart from 0. All other counts continue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DeliveryTracker {
     /// Number of messages received.

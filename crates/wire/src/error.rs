@@ -26,7 +26,7 @@ pub enum DecodeError {
         message: &'static str,
         /// Unit of the limit, such as `samples` or `bytes`.
         what: &'static str,
-        /// Maximum number that is allowed.
+        /// Maximum allowed number.
         max: usize,
     },
     /// A required field is missing.
@@ -46,7 +46,7 @@ pub enum DecodeError {
     OutOfRange {
         /// Name of the field.
         field: &'static str,
-        /// Value found.
+        /// Invalid value.
         value: String,
         /// Allowed values.
         expected: &'static str,

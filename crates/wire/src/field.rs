@@ -16,7 +16,7 @@ const NORM_TOLERANCE: f64 = 1e-6;
 pub(crate) trait Field<P>: Sized {
     fn to_proto(self) -> P;
     fn from_proto(value: P, field: &'static str) -> Result<Self, DecodeError>;
-    /// Rejects values that a validated message cannot contain.
+    /// Returns an error if a validated message cannot contain this value.
     fn validated(self, _field: &'static str) -> Result<Self, DecodeError> {
         Ok(self)
     }
@@ -132,7 +132,7 @@ impl Field<i32> for EventKind {
 /// Enum value of the last service.
 const LAST_SERVICE: i32 = Service::ALL.len() as i32;
 
-/// Converts the index of a service.
+/// Index of a service, which is an enum value in the schema.
 impl Field<i32> for u32 {
     fn to_proto(self) -> i32 {
         enum_to_proto(self.into(), LAST_SERVICE)

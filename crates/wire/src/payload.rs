@@ -1,7 +1,7 @@
 //! Conversion of topic messages to and from protobuf.
 //!
-//! The conversion is exact to the bit, except that −0 is received as 0, because protobuf omits
-//! default values.
+//! The conversion is bit-exact, except that −0 is received as 0, because protobuf omits default
+//! values.
 
 use messages::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Checkpoint, Control, Credit, Difference, FusedState, GnssFix,

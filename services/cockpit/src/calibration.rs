@@ -25,7 +25,7 @@ const CALIBRATION_TIMEOUT: Duration = Duration::from_secs(600);
 pub struct CalibrationRequest {
     /// Kind of calibration.
     pub kind: Kind,
-    /// Sensor parameters and conditions that the calibrator builds on.
+    /// Local gravity and magnetic field, and existing calibrations of the sensors.
     pub prior: Prior,
     /// Topic with the sensor readings.
     pub topic: Topic,
@@ -55,7 +55,7 @@ impl Calibration {
         }
     }
 
-    /// Adds a message of `topic`. Messages of other topics are ignored.
+    /// Adds a message of `topic`. It is ignored if `topic` is not the one with the sensor readings.
     pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8]) {
         if topic == self.topic {
             readings::decode_sample(topic, bytes).iter().for_each(|sample| self.calibrator.push(sample));

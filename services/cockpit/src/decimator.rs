@@ -1,5 +1,5 @@
-//! Reduction of messages to what the page shows: the newest of each topic and the range of each
-//! quantity.
+//! Reduction of messages to what the page shows: the newest message of each topic and the range of
+//! each quantity.
 //!
 //! Input: every message.
 //! Output: a snapshot of the messages since the previous snapshot.
@@ -94,7 +94,7 @@ impl Decimator {
                     events.push(event.to_proto());
                 }
             }
-            // A page shows none of these topics.
+            // These topics are not shown on the page.
             Topic::Sensor | Topic::Receiver | Topic::Reading | Topic::Credit | Topic::Checkpoint | Topic::Control => {}
         }
     }

@@ -93,8 +93,8 @@ impl Hub {
         }
     }
 
-    /// Sends the system's status to the viewers. Unless the system is live, the latest values are
-    /// cleared.
+    /// Sends the system's status to the viewers. Also clears the latest values unless the system is
+    /// live.
     pub fn publish_status(&self, standing: Standing) {
         let mut backlog = self.backlog();
         if standing.state() != State::Live {
@@ -145,8 +145,8 @@ impl Hub {
     /// never decimated. It also contains the calibration, because its result is sent only once.
     pub(crate) fn catch_up(&self, messages: u64) -> [Bytes; 2] {
         let backlog = self.backlog();
-        // The flags of more snapshots than were missed are included, because more messages may be
-        // dropped from the queue before the viewer receives this summary.
+        // The summary covers more snapshots than were missed, because further messages may be
+        // dropped from the queue before the viewer receives the summary.
         let picture = backlog.summary(messages as usize + MAX_QUEUED_MESSAGES);
         [Said::Picture(picture), Said::Calibration(backlog.calibration.clone().unwrap_or_default())].map(encode)
     }

@@ -3,7 +3,7 @@
 //! Input: messages of a system or a recording, and the responses of its supervisor.
 //! Output: a page over HTTP, snapshots over a WebSocket, commands to the supervisor.
 //! Time: 30 snapshots per second, each covering the messages since the previous one.
-//! Failure: a slow browser misses snapshots, a hung one is disconnected, and requests of foreign
+//! Failure: a slow browser misses snapshots, a hung one is disconnected, and requests from foreign
 //! pages are rejected. The data path never waits for the cockpit.
 //!
 //! One thread reads the system and publishes snapshots. A second one queries the supervisor once a

@@ -187,17 +187,17 @@ fn unlabelled(value: Option<f64>) -> Option<(Labels<'static>, f64)> {
 struct Exposition(String);
 
 impl Exposition {
-    /// Writes a family of values that can rise and fall.
+    /// Writes a gauge: a metric family with values that can rise and fall.
     fn gauge<'l>(&mut self, name: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         self.family(name, "gauge", help, samples);
     }
 
-    /// Writes a family of values that only rise, except for a reset to zero.
+    /// Writes a counter: a metric family with values that only rise, except for a reset to zero.
     fn counter<'l>(&mut self, name: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         self.family(name, "counter", help, samples);
     }
 
-    /// Writes a family with its finite samples, or nothing if it has no finite sample.
+    /// Writes a metric family with its finite samples, or nothing if it has no finite sample.
     fn family<'l>(&mut self, name: &str, kind: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'l>, f64)>) {
         let mut samples = samples.into_iter().filter(|(_, value)| value.is_finite()).peekable();
         if samples.peek().is_none() {

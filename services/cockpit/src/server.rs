@@ -97,7 +97,7 @@ pub struct Server {
     tls: Option<TlsAcceptor>,
 }
 
-/// Content of the site, and access to it.
+/// Content of the site, with the tokens and origins that are granted access.
 pub struct SiteContent {
     /// Vehicles that can be shown.
     pub vehicles: Arc<dyn VehicleDirectory>,

@@ -11,20 +11,20 @@ use crate::calibration::CalibrationRequest;
 /// State of a source.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SourceState {
-    /// The source is not available yet. Contains the reason for display.
+    /// The source is not available yet. Contains the reason, which is shown to the user.
     Connecting(String),
     /// Several vehicles are available, but no vehicle is selected yet.
     Unselected,
     /// The source delivers messages.
     Live,
-    /// The source has ended. Contains the reason for display.
+    /// The source has ended. Contains the reason, which is shown to the user.
     Ended(String),
 }
 
 /// Source of the messages of a system.
 pub trait Source {
     /// Calls `on_message` for each message since the previous poll, in its bus layout, and returns
-    /// the state.
+    /// the state of the source.
     ///
     /// For each slot of the data path, the messages of its output come before those of its inputs.
     fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
@@ -43,7 +43,7 @@ pub trait Source {
 pub struct SystemDescription {
     /// Name of the system.
     pub system: String,
-    /// Source of its samples, for display.
+    /// Source of the system's samples, for display.
     pub source: String,
     /// Declared tick rate, Hz; 0 if unknown.
     pub rate_hz: f64,

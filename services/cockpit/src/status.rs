@@ -133,8 +133,8 @@ impl StatusMonitor {
         }
     }
 
-    /// Returns `true` if the source's state has changed since the last status, or if the first
-    /// query after an event has completed.
+    /// Returns `true` if the source's state has changed since the last status, or if a query that
+    /// was started after the last event has completed.
     pub(crate) fn has_changed(&self, state: &SourceState) -> bool {
         let is_newer = |outdated| lock(&self.report).query > outdated;
         self.is_new_state(state) || self.outdated_query.is_some_and(is_newer)
@@ -215,7 +215,7 @@ impl StatusMonitor {
         }
     }
 
-    /// Measures the data path and the processes since the previous call.
+    /// Measures the data path and the processes over the interval since the previous call.
     fn measure(&mut self, pids: impl Iterator<Item = u32>) -> Measurements {
         self.hops.process_pending();
         let (latencies, end_to_end) = self.hops.take_latencies();
@@ -256,7 +256,7 @@ fn lock(report: &Mutex<SupervisorReport>) -> MutexGuard<'_, SupervisorReport> {
     report.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the tick rate on the publishers' clock, Hz.
+/// Returns the tick rate measured by the publishers' clock, Hz.
 fn rate_hz(previous: Option<Header>, now: Option<Header>) -> Option<f64> {
     let (before, now) = previous.zip(now)?;
     let seconds = now.t_sent_ns.checked_sub(before.t_sent_ns)? as f64 * 1e-9;

@@ -21,7 +21,7 @@ pub trait VehicleDirectory: Send + Sync {
     ///
     /// # Errors
     ///
-    /// Returns the reason for display if the vehicle is not available.
+    /// Returns a reason that can be shown to the user if the vehicle is not available.
     fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String>;
 }
 

@@ -33,20 +33,20 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// If this many bytes have arrived without a single valid message, a wrong format or speed is
-/// reported. The number is many times the length of a typical message.
+/// Number of received bytes from which a wrong format or speed is reported if the bytes contain no
+/// valid message. The number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// If this many messages have arrived without a measurement, a problem is reported.
+/// Number of received messages from which a problem is reported if none contains a measurement.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// If the clock has stepped this many times within the window, a problem is reported. A device that
-/// merely restarts causes fewer steps.
+/// Number of clock steps within the window at which a problem is reported. A device that merely
+/// restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
 
-/// Reports of one device in the last seconds.
+/// Reports of one device from the last [`WINDOW_S`] seconds.
 #[derive(Debug, Default)]
 pub(crate) struct DeviceMonitor {
     /// Prefix of the problem kinds, to distinguish two devices.
@@ -167,7 +167,7 @@ mod tests {
     use super::*;
     use crate::reconnecting_port::DeviceFailure;
 
-    /// Returns the kinds of problems found after one report per second for `seconds` seconds.
+    /// Returns the kinds of the problems that are present after `seconds` reports, one per second.
     fn kinds_after(seconds: u64, report_at: impl Fn(u64) -> (DeviceReport, u64)) -> Vec<String> {
         let mut monitor = DeviceMonitor::new("");
         let mut diagnostics = Vec::new();

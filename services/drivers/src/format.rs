@@ -43,7 +43,7 @@ fn line_format(columns: &Columns) -> Result<Lines, DriversError> {
         mapping: columns.mapping()?,
         columns: columns.names(),
         time_bits: u8::try_from(columns.time_bits).ok().filter(|bits| *bits > 0),
-        // A partial first line is discarded by the device stream.
+        // The device stream discards a partial first line, so the decoder need not skip it.
         starts_at_line_start: true,
     };
     Ok(Lines::new(&settings)?)

@@ -35,7 +35,7 @@ pub(crate) enum OpenPort {
     Serial(File),
 }
 
-/// Datagram socket that accepts the first sender and counts the datagrams of others.
+/// Datagram socket that accepts the first sender and counts the datagrams of other senders.
 pub(crate) struct DatagramPort {
     socket: UdpSocket,
     /// Accepted sender and the time of its last datagram.
@@ -124,7 +124,7 @@ fn no_data_if_interrupted(result: io::Result<usize>) -> io::Result<PortRead> {
     }
 }
 
-/// Connects to the first address of the host that accepts the connection.
+/// Connects to a host, at the first of its addresses that accepts a connection.
 fn connect(address: &str) -> io::Result<TcpStream> {
     let mut last_error = io::Error::new(ErrorKind::NotFound, "the host has no address");
     for address in address.to_socket_addrs()? {

@@ -10,7 +10,7 @@ use decoders::{
 };
 use wire::{measurement, v1};
 
-/// Maximum length of a message.
+/// Maximum length of a message, bytes.
 const MAX_MESSAGE_BYTES: usize = 512;
 /// Size of the length prefix of the longest message.
 const LENGTH_BYTES: usize = 2;
@@ -39,7 +39,7 @@ impl Format for Protobuf {
     }
 }
 
-/// Returns the size of the length prefix, and the length.
+/// Returns the size of the length prefix and the message length that it encodes.
 fn length(bytes: &[u8]) -> Option<(usize, usize)> {
     match *bytes {
         [low, ..] if low & CONTINUATION == 0 => Some((1, low.into())),

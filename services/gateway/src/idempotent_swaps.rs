@@ -1,8 +1,8 @@
 //! Swap requests, each of which is executed once and answered by its deadline.
 //!
-//! A repeated request gets the reply to the first one. A request that arrives after its deadline or
-//! has an outdated epoch is rejected. The supervisor itself checks the epoch, so that no other
-//! decision can be made between the check and the swap.
+//! A repeated request gets the reply to the original request. A request that arrives after its
+//! deadline or has an outdated epoch is rejected. The supervisor itself checks the epoch, so that
+//! no other decision can be made between the check and the swap.
 
 use std::{
     collections::VecDeque,
@@ -33,7 +33,7 @@ const REPLY_MARGIN_MS: u64 = 500;
 /// Function that forwards a request to the supervisor. The error is a text for display.
 pub type SwapClient = Box<dyn Fn(control::SwapRequest) -> Result<SwapReport, String> + Send + Sync>;
 
-/// Swap requests that are in progress or remembered.
+/// Swap requests in progress, and recent requests with their replies.
 pub struct IdempotentSwaps {
     client: SwapClient,
     state: Mutex<State>,
@@ -65,7 +65,7 @@ impl IdempotentSwaps {
         [state.forwarded, state.answered_locally]
     }
 
-    /// Executes a request and returns the reply, waiting no longer than its deadline.
+    /// Executes a request and returns the reply, no later than the deadline of the request.
     pub fn handle(self: &Arc<Self>, request: SwapRequest) -> SwapAnswer {
         match self.register(&request) {
             Ok(true) => {

@@ -1,4 +1,4 @@
-//! Access to the contents of a mutex.
+//! Locks a mutex even if it is poisoned.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -12,7 +12,7 @@ use std::{
 
 use crate::error::GatewayError;
 
-/// Interval between checks.
+/// Interval between two checks of the memory limit.
 const CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Maximum growth of private memory since the start, KiB. 64 connected stations that never read
 /// their messages use a third of this limit.
@@ -28,7 +28,7 @@ pub(crate) struct MemoryLimit {
 }
 
 impl MemoryLimit {
-    /// Sets the limit relative to the memory in use now.
+    /// Creates a limit relative to the memory currently in use.
     pub(crate) fn new(is_split: bool) -> Self {
         let tick_cache_kib = if is_split { TICK_CACHE_KIB } else { 0 };
         Self { limit_kib: private_kib().unwrap_or(0) + MAX_GROWTH_KIB + tick_cache_kib, checked: Instant::now() }

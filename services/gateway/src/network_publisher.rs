@@ -25,7 +25,7 @@ use crate::{
 
 /// Interval between updates of the liveliness tokens.
 pub(crate) const LIVELINESS_INTERVAL: Duration = Duration::from_millis(100);
-/// Interval between reports.
+/// Interval between two reports of the gateway.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Last message sent under each key, with its type.

@@ -4,8 +4,8 @@
 //! immediately. This needs no additional system call by the publisher, because the call that wakes
 //! the next service on the data path also wakes the gateway.
 //!
-//! If ticks are faster, the bus is polled at the message rate, so that publishers on the bus need
-//! no system call to wake the gateway.
+//! If ticks are faster, or in lockstep, the bus is polled at the message rate, so that publishers
+//! on the bus need no system call to wake the gateway.
 //!
 //! Ticks from another host are always waited for.
 
@@ -43,7 +43,8 @@ impl PollTimer {
 
     /// Waits until the next poll is due.
     ///
-    /// `wait` waits for data for at most the given time. It is called only if ticks are awaited.
+    /// If the timer waits for each tick, `wait` is called first. It must wait for data, but no
+    /// longer than the given time.
     pub(crate) fn wait(&mut self, wait: impl FnOnce(Duration)) {
         if self.is_event_driven {
             wait(MAX_POLL_INTERVAL);

@@ -15,7 +15,7 @@ use crate::{locked::locked, network_publisher::LastMessages, shared::Shared, wor
 
 /// Declares the queryables. They reply until the returned values are dropped.
 pub(crate) fn serve(link: &Link, shared: &Arc<Shared>, last: LastMessages) -> Result<[QueryHandler; 2], LinkError> {
-    // Separate pools, so that pending swaps do not block other queries.
+    // The pools are separate, so that pending swaps do not block other queries.
     let [readers, commanders] = [(); 2].map(|()| WorkerPool::new(&shared.rejected_queries));
     let reads = link.handle_queries(&keys::key(&shared.vehicle, "*"), {
         let shared = shared.clone();

@@ -89,7 +89,7 @@ pub struct PacedIngest {
 }
 
 impl PacedIngest {
-    /// Opens source and topics, and computes again the ticks that an earlier incarnation published,
+    /// Opens the source and the topics. Recomputes the ticks that an earlier incarnation published,
     /// to restore the conditioner's state.
     ///
     /// # Errors
@@ -111,8 +111,8 @@ impl PacedIngest {
         Ok(Self { ingest, readings, next, first_ns })
     }
 
-    /// Waits until the next sample may be published and is due, and publishes it, with others that
-    /// are due. May return earlier without publishing.
+    /// Waits until the next sample is due and may be published, and publishes it. At maximum speed,
+    /// publishes a batch of samples. May return earlier without publishing.
     ///
     /// Returns `false` once there is nothing more to publish.
     ///
@@ -315,8 +315,8 @@ impl Ingest {
         Ok(None)
     }
 
-    /// Publishes the raw reading, if requested, and returns its sample, or `None` if it is
-    /// rejected.
+    /// Publishes the raw reading, if requested. Returns the sample of the reading, or `None` if the
+    /// reading is rejected.
     fn process(&mut self, reading: &Reading) -> Result<Option<Sample>, IngestError> {
         let Self { raw_readings, conditioner, .. } = self;
         if let Some(raw_readings) = raw_readings {
@@ -379,8 +379,9 @@ impl Ingest {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
         Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
-            // The end is the topic's next tick, not that of this incarnation. All ticks that an
-            // earlier incarnation has published are therefore published again.
+            // Publication ends at the topic's next tick, even if this incarnation has not reached
+            // that tick yet. This incarnation therefore still repeats all ticks that an earlier one
+            // has published.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
         })?)
     }

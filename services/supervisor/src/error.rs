@@ -129,7 +129,7 @@ pub enum UpError {
         launch::pluralize(*without_fused, "line")
     )]
     WithoutFused {
-        /// Number of lines.
+        /// Number of lines without the values of the fused state.
         without_fused: u64,
     },
 }

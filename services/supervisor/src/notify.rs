@@ -52,7 +52,7 @@ impl Notifier {
         })
     }
 
-    /// Reports that every service runs.
+    /// Reports that every service is running.
     pub(crate) fn notify_ready(&mut self) {
         self.send("READY=1");
         self.last_fed = Instant::now();

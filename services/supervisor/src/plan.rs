@@ -49,8 +49,8 @@ pub struct Request {
     /// `true` to publish the raw readings of the source, so that the recorded flight can be
     /// replayed.
     pub publish_readings: bool,
-    /// Services that this executable lacks, with the feature that adds them. The built-in launch
-    /// file runs without these services; any other one must not list them.
+    /// Services that this executable lacks, each with the feature that adds it. The built-in launch
+    /// file runs without these services. Other launch files must not list them.
     pub absent_services: Vec<(Service, &'static str)>,
 }
 

@@ -37,7 +37,7 @@ use rustix::{
 
 use crate::scheduling::{self, SchedulingClass};
 
-/// Unit of CPU times in `/proc/PID/stat`, ticks per second.
+/// Number of clock ticks per second. CPU times in `/proc/PID/stat` are in clock ticks.
 const USER_HZ: f64 = 100.0;
 /// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
@@ -225,7 +225,7 @@ impl Process {
         }
     }
 
-    /// Returns the exit status if the process has exited. The process stays in the kernel's table.
+    /// Returns the exit status if the process has exited. The process is not reaped.
     fn exit_status(&self) -> Option<ExitStatus> {
         let status = self.state(WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)?;
         let raw = status.exit_status().map(|code| code << 8).or(status.terminating_signal())?;

@@ -16,9 +16,11 @@ use bus::SystemName;
 
 use crate::error::UpError;
 
-/// Delay from an exit to the removal. It is long enough for the service to have restarted.
+/// Delay between the exit of a service and the removal of its resources. It is long enough for the
+/// service to have restarted.
 const CLEANUP_DELAY: Duration = Duration::from_millis(50);
-/// Interval between periodic removals, which cover, for example, a killed observer.
+/// Interval between periodic removals. They are needed because the exit of some processes, such as
+/// observers, is not notified.
 const CLEANUP_INTERVAL: Duration = Duration::from_secs(1);
 /// Time limit for the thread to end at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);

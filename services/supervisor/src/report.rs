@@ -12,20 +12,21 @@ use crate::error::UpError;
 /// Report of a run.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
-    /// Ticks numbered by ingest.
+    /// Number of ticks received from ingest.
     pub ticks_in: u64,
-    /// Ticks with an attitude. If another host computes the attitude, this is the number of ticks
-    /// published by every local slot.
+    /// Number of ticks with an attitude. If another host computes the attitude, this is the number
+    /// of ticks that all local slots have published.
     pub ticks_out: u64,
-    /// Ticks without an attitude.
+    /// Number of ticks without an attitude.
     pub lost: u64,
-    /// Number of ticks with no attitude in the figures below and in the output file.
+    /// Number of ticks with an attitude that is missing from the figures of this report and from
+    /// the output file.
     ///
-    /// The supervisor did not collect them before they were overwritten in the topic.
+    /// The supervisor did not collect these attitudes before they were overwritten in the topic.
     pub not_recorded: u64,
-    /// Attitudes published more than once.
+    /// Number of attitudes published more than once.
     pub duplicated: u64,
-    /// Latency from the birth of a sample at ingest to the publication of its attitude.
+    /// Latency from the reception of a sample at ingest to the publication of its attitude.
     pub latency_us: LatencyUs,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
@@ -43,7 +44,7 @@ pub struct Report {
     /// Digest of all attitudes. Equal digests mean bit-identical attitudes.
     #[serde(skip)]
     pub digest: u64,
-    /// Readings rejected at the source.
+    /// Number of readings rejected at the source.
     #[serde(skip)]
     pub rejected: u64,
     /// Union of the flags of all attitudes.
@@ -90,11 +91,11 @@ pub struct ServiceReport {
 /// Totals of a run that are not available from the collector.
 #[derive(Debug, Clone, Default)]
 pub struct RunTotals {
-    /// Ticks numbered by ingest, or imported from another host.
+    /// Number of ticks received from ingest or from another host.
     pub ticks_in: u64,
-    /// Ticks published by every local slot, if another host computes the attitude.
+    /// Number of ticks that all local slots have published, if another host computes the attitude.
     pub ticks_out: Option<u64>,
-    /// Readings rejected at the source.
+    /// Number of readings rejected at the source.
     pub rejected: u64,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
@@ -105,7 +106,7 @@ pub struct RunTotals {
 }
 
 impl Report {
-    /// Creates the report of a run that ended regularly or with `failure`.
+    /// Creates the report of a run that ended normally or with `failure`.
     pub fn new(mut collector: Collector, totals: RunTotals, failure: Option<UpError>) -> Self {
         let unwritten = collector.finish().err().map(UpError::from);
         let without_fused = collector.lines_without_fused();

@@ -2,14 +2,17 @@
 //!
 //! - Input: a process and its class.
 //! - Output: its scheduling attributes.
-//! - Failure: if the attributes cannot be set, the process keeps the kernel's defaults.
+//! - Failure: if the attributes cannot be set, the process keeps its previous ones.
 //!
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
-//! processor would wait for a whole time slice of that process, some milliseconds. Processes on the
-//! data path therefore have the shortest slices. Linux 6.12 and later then run them as soon as they
-//! are woken; earlier versions ignore the slice. Starting candidates and exiting processes have an
-//! increased nice value. A policy chosen for the whole system, such as `chrt --fifo`, applies to
-//! the data path.
+//! processor would wait for a whole time slice of that process, which lasts a few milliseconds.
+//! Processes on the data path therefore have the shortest slices. Linux 6.12 and later then run
+//! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and
+//! exiting processes have an increased nice value.
+//!
+//! If the supervisor has another policy, for example from `chrt --fifo`, that policy also applies
+//! to the data path and to auxiliary processes. Starting and exiting processes have the default
+//! policy.
 
 use std::io;
 
@@ -21,7 +24,7 @@ use rustix::{
 /// Time slice of processes on the data path, ns. Processing one tick takes less time than this.
 const PATH_SLICE_NS: u64 = 100_000;
 /// Time slice of the supervisor, ns. It is longer than on the data path, but shorter than the
-/// kernel's default of some milliseconds.
+/// kernel's default of a few milliseconds.
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
 /// Increase of the nice value for starting and exiting processes.
 ///

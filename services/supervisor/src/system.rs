@@ -106,8 +106,8 @@ impl<'r> System<'r> {
         let system_name = SystemName::new(&plan.config.launch.name)?;
         SharedMemory::check(system_name.name(), plan.config.shared_memory_bytes())?;
         let claim = system_name.claim()?;
-        // All of the supervisor's topics are opened before any service starts, because a signal
-        // would interrupt the wait for a topic that a service is just creating.
+        // All of the supervisor's topics are opened before any service starts. Otherwise a signal
+        // could interrupt the wait for a topic that a service is still creating.
         let optional_inputs = OptionalInputs {
             fused: plan.out.as_ref().is_some_and(AttitudeFile::needs_fused),
             every_topic: recorder.is_some(),
@@ -177,8 +177,8 @@ impl<'r> System<'r> {
         if self.supervision.local_next_tick().is_none() {
             connection.collect(collector)?;
         }
-        // The recorder reads before the source receives new credit, so that in lockstep each round
-        // is complete.
+        // The recorder reads before the source receives new credit. In lockstep, no message of a
+        // round can therefore be overwritten before it is recorded.
         if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
             topics.poll(&mut **recorder);
         }
@@ -252,7 +252,7 @@ impl<'r> System<'r> {
     }
 
     fn perform(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
-        // After the end, only replies are still performed.
+        // Once the system has ended, all actions except replies are ignored.
         if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
@@ -383,7 +383,7 @@ impl<'r> System<'r> {
         self.view.announce(warnings);
     }
 
-    /// Creates the report of the run, which ended regularly or with `failure`.
+    /// Creates the report of the run, which ended normally or with `failure`.
     fn report(&mut self, mut collector: Collector, failure: Option<UpError>) -> Report {
         let cpu_s_per_s = self.cpu_usage.cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s());
         let mut failure = failure;

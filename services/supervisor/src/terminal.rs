@@ -39,7 +39,8 @@ fn has_room(timeout: Option<&Timespec>) -> bool {
         match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
             Err(Errno::INTR) => {}
             Ok(0) => return false,
-            // Any other condition is reported by the subsequent write.
+            // Standard error is ready, is closed or has failed. If it has failed, the write that
+            // follows reports the failure.
             _ => return true,
         }
     }

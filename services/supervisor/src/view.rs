@@ -17,7 +17,7 @@ use crate::{Plan, error::UpError, report::LatencyUs};
 const SILENCE_THRESHOLD: Duration = Duration::from_millis(500);
 /// Number of lines above the services: header, attitude, error, throughput.
 const HEADER_LINES: usize = 4;
-/// Interval between two lines of a log.
+/// Interval between two progress lines if the output is a log.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 pub(crate) struct View {

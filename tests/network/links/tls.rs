@@ -20,7 +20,7 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout of one poll.
 const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Listening vehicle with the key folders of itself and of other parties.
+/// Listening vehicle with its own key folder and those of other parties.
 struct Board {
     folder: TempDir,
     port: u16,
@@ -156,7 +156,8 @@ fn silent_peer_is_detected_before_default_lease() {
     let mut present = [next(), next()];
     present.sort();
     assert_eq!(present, [("live/alpha".into(), true), ("live/beta".into(), true)]);
-    // Although alpha goes silent 3 s later than beta, the loss of alpha is detected first.
+    // Alpha goes silent 3 s later than beta. Its loss is nevertheless detected first, because only
+    // beta uses Zenoh's default lease, which is longer.
     proxies[1].cut();
     thread::sleep(Duration::from_secs(3));
     proxies[0].cut();

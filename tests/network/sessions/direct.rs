@@ -1,5 +1,5 @@
-//! Vehicle that itself listens for clients, like a gateway that uses no router. The same access
-//! list applies.
+//! Tests of a vehicle that itself listens for clients, like a gateway that uses no router. The same
+//! access list applies as with a router.
 use super::site::{Received, Site, Vehicle, query_keys, wait_for};
 use zenoh::{Session, Wait};
 
@@ -11,8 +11,8 @@ fn alpha(site: &Site) -> Session {
 fn site() -> Site {
     let site = Site::new(&["viewer.wall", "vehicle.beta"]);
     site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["127.0.0.1".parse().unwrap()], &[], 30, false).unwrap();
-    // This party receives its keys later than the vehicle. It must be on the vehicle's access list
-    // nevertheless.
+    // This party receives its keys after the vehicle. It must nevertheless be on the vehicle's
+    // access list.
     site.issue("operator.ann");
     site
 }

@@ -20,7 +20,7 @@ const BURST_MESSAGES: u64 = 24;
 const BURST_INTERVAL: Duration = Duration::from_millis(500);
 const RECEIVE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Pseudo-random bytes. Each message is a slice of them.
+/// Pseudo-random bytes. Each message is a slice of this buffer.
 static NOISE: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let word = |word: u64| (word.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ word.rotate_left(17)).to_le_bytes();
     (1..=2 * MESSAGE_BYTES as u64 / 8).flat_map(word).collect()

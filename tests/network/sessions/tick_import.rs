@@ -31,7 +31,7 @@ impl Board {
     }
 }
 
-/// Returns a board behind a router and one that listens itself.
+/// Returns two setups. In one, the board connects to a router; in the other, it listens itself.
 fn board_setups() -> Vec<BoardSetup> {
     [false, true].map(BoardSetup::new).into()
 }
@@ -69,7 +69,7 @@ fn importing_host_receives_live_and_cached_ticks() {
             received.contains(CARRY)
         });
         wait_for("cached ticks", || query_keys(&base, CACHED) == [CARRY]);
-        // The role covers ticks only, not telemetry.
+        // The role permits access to ticks but not to telemetry.
         let telemetry = Received::subscribe(&base, "plumbline/v1/**");
         let more_ticks = Received::subscribe(&base, CARRY);
         wait_for("more ticks", || {

@@ -177,7 +177,7 @@ mod tests {
             mavlink_version: 3,
         });
         assert_eq!(encoder.heartbeat(HeartbeatStatus::Silent), expected(0, heartbeat));
-        // The payloads end without zeros, with some, and with zeros only.
+        // Some of the payloads end with zero bytes, which the encoder omits.
         for (round, scale) in [1.0f32, 0.0].into_iter().enumerate() {
             for last in [0.75f32, 2.0, 0.0] {
                 let (time_boot_ms, [q1, q2, q3, q4]) = (0xffff_fffe * (1 - round as u32), [0.5, -0.5, 0.1, 0.7]);

@@ -60,7 +60,7 @@ impl MessageType {
 }
 
 impl Node {
-    /// Creates a node; `session` is the Zenoh identity.
+    /// Creates a node. `session` is the identifier of the Zenoh session.
     pub fn new(domain: u8, session: &str) -> Self {
         Self { domain, session: session.into() }
     }
@@ -254,7 +254,7 @@ mod tests {
         assert_eq!((&bytes[16..25], bytes.len()), (&b"imu_link\0"[..], 324));
         let numbers: Vec<f64> =
             bytes[28..].chunks_exact(8).map(|eight| f64::from_le_bytes(eight.try_into().unwrap())).collect();
-        // ROS counts yaw from east, so an attitude that faces north is a rotation by 90°.
+        // ROS measures yaw from east, so an attitude that faces north is a rotation by 90°.
         let h = 0.5f64.sqrt();
         assert!(numbers[..4].iter().zip([0.0, 0.0, h, h]).all(|(a, b)| (a - b).abs() < 1e-15), "{numbers:?}");
         assert_eq!((numbers[12], &numbers[25..28]), (0.25, &[0.2, -0.1, 9.8][..]));

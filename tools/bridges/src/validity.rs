@@ -26,7 +26,7 @@ pub enum WithholdReason {
 ///
 /// # Errors
 ///
-/// Returns the reason for which the attitude must not be sent.
+/// Returns the reason why the attitude must not be sent.
 pub fn validate(output: &AttitudeOutput, now_ns: u64) -> Result<(), WithholdReason> {
     let AttitudeOutput { header, quaternion, yaw_rad, pitch_rad, roll_rad, rate_rad_s, .. } = output;
     if header.flags.any(Flags::UNALIGNED) {

@@ -186,8 +186,8 @@ fn run_swap(system: &mut SystemUnderTest, name: &str, request: SwapRequest) -> R
     let (sender, receiver) = mpsc::channel::<Result<SwapReport, ControlError>>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            // Sending fails only if the receiver has already returned with an error, so this error
-            // is ignored.
+            // Sending fails only if the receiver has already returned with an error, so a send
+            // error is ignored.
             let _ = sender.send(send_request(name, &ControlRequest::Swap(request)));
         });
         loop {
@@ -211,8 +211,7 @@ fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
     intervals.max().unwrap_or(0)
 }
 
-/// Counts the lines of an attitude file that have the same time as the previous line or an earlier
-/// time.
+/// Counts the lines of an attitude file at which the time does not increase.
 fn count_out_of_order(attitudes: &[u8]) -> u64 {
     let time_s = |line: &[u8]| str::from_utf8(line.split(|byte| *byte == b',').next()?).ok()?.parse::<f64>().ok();
     let times_s: Vec<_> = attitudes.split(|byte| *byte == b'\n').skip(1).filter_map(time_s).collect();

@@ -25,7 +25,7 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 /// Checks an external program as the stage `name` of its slot.
 ///
 /// `on_group_start` receives the name of each group of checks, because a group can take minutes.
-/// Each response must arrive within the timeout for starting a program.
+/// The timeout for each response is the start timeout of a program.
 ///
 /// # Errors
 ///

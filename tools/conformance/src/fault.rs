@@ -17,7 +17,7 @@ use crate::script::{Script, Tick, noise};
 
 /// Start of every fault, s. The estimates have settled by then.
 pub const FAULT_START_S: f64 = 20.0;
-/// Longest interval that a stage receives, s.
+/// Longest tick interval that is passed to a stage, s.
 pub(crate) const MAX_INTERVAL_S: f64 = 1.0;
 /// Range limit of the gyro, rad/s (2000 °/s).
 const RATE_RANGE_RAD_S: f64 = 34.906_585;

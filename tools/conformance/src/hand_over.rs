@@ -80,8 +80,8 @@ fn check_hand_over<L: SlotSpec, G: SlotStage<L>, R: SlotStage<L>>(
     }
     let (_, next) = &inputs[HAND_OVER_INPUT];
     let (expected, actual) = (donor.step(next), receiver.clone().step(next));
-    // A receiver with a known north re-initialises the heading if the donor had none. In that case,
-    // only the inclinations are compared.
+    // If only the receiving stage has a north reference, it re-initialises the heading. In that
+    // case, only the inclinations are compared.
     let heading = L::heading_reference(&expected).filter(|reference| L::heading_reference(&actual) == Some(*reference));
     let angle = if heading.is_some() { angle_deg } else { inclination_deg };
     let (expected, actual) = (L::quaternion(&expected), L::quaternion(&actual));

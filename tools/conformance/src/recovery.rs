@@ -18,7 +18,8 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Allowance added to the multiple of the undisturbed RMSE to give the error bound, degrees.
+/// Margin of the error bound, degrees. The bound is a multiple of the undisturbed RMSE plus this
+/// margin.
 const MARGIN_DEG: f64 = 0.05;
 /// Column for fusers that have no separate column.
 const OTHER_FUSERS: &str = "any";
@@ -27,7 +28,8 @@ const RMSE_ROW: &str = "undisturbed RMSE °";
 /// Row with the multiple of the undisturbed RMSE below which a stage counts as recovered.
 const FACTOR_ROW: &str = "multiple of undisturbed RMSE";
 
-/// Table with one row per fault and one column per stage. An entry is a time in seconds or `none`.
+/// Table with one column per stage. [`RMSE_ROW`] and [`FACTOR_ROW`] are followed by one row per
+/// fault with the maximum recovery time, s. An entry is `none` if there is no limit.
 static TABLE: LazyLock<Vec<Vec<&'static str>>> = LazyLock::new(|| {
     let rows = include_str!("../recovery.csv").lines().filter(|line| !line.starts_with('#'));
     rows.map(|row| row.split(',').map(str::trim).collect()).collect()

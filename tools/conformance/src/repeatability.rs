@@ -8,7 +8,7 @@ use crate::{
     slot::{SlotSpec, SlotStage},
 };
 
-/// Maximum number of inputs compared after a snapshot.
+/// Maximum number of inputs after a snapshot for which the outputs are compared.
 const COMPARED_INPUTS: usize = 500;
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {

@@ -28,8 +28,8 @@ pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
     Some(format!("{script}, tick {tick}: {error}{failure}"))
 }
 
-/// Stage that has processed the first ticks of a script, for use with every script that starts with
-/// the same ticks.
+/// Stage that has processed the first ticks of a script. Its run can be resumed with every script
+/// that starts with the same ticks.
 ///
 /// A copy of an external stage is another process with the same state. Data that a program keeps
 /// outside its state would be missing in the copy. The repeatability checks detect such data.
@@ -42,12 +42,12 @@ pub(crate) struct PrefixRun<L: SlotSpec, S> {
     slot: PhantomData<L>,
 }
 
-/// Result of a run on the ticks after the shared ones.
+/// Result of a run that resumes after the ticks of a [`PrefixRun`].
 pub(crate) struct RunOutcome<S> {
     pub(crate) stage: S,
     /// Time, s, and inclination error, degrees, at each tick up to the first invalid output.
     pub(crate) errors_deg: Vec<(f64, f64)>,
-    /// Description of the first invalid output, which may be in the shared ticks.
+    /// Description of the first invalid output, which may be from the ticks of the [`PrefixRun`].
     pub(crate) invalid_output: Option<String>,
 }
 
@@ -63,7 +63,8 @@ impl<L: SlotSpec, S: SlotStage<L>> PrefixRun<L, S> {
         Self { stage, input_count, invalid_output, slot: PhantomData }
     }
 
-    /// Runs a copy of the stage on the rest of a script that starts with the same ticks.
+    /// Runs a copy of the stage on the rest of `script`, which must start with the ticks that the
+    /// stage has already processed.
     pub(crate) fn resume(&self, script: &Script) -> RunOutcome<S> {
         let (mut stage, mut invalid_output, mut errors_deg) =
             (self.stage.clone(), self.invalid_output.clone(), Vec::new());

@@ -37,7 +37,7 @@ pub struct Tick {
     pub field_ut: Option<Vector3<f64>>,
     /// Fix from the satellite receiver.
     pub fix: Option<Fix>,
-    /// `true` if gyro and accelerometer are working.
+    /// `true` if gyro and accelerometer are working, so that constant readings mean rest.
     pub rest_credible: bool,
     /// `true` if the gyro is working and within its range.
     pub rate_credible: bool,

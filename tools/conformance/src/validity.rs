@@ -13,7 +13,8 @@ use crate::{
 /// Extreme finite numbers, most of them beyond the range of any measurement.
 const EXTREME_NUMBERS: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
 
-/// Function that sets one quantity of a tick to a number. The given fix serves as a template.
+/// Function that sets one quantity of a tick to a number. If the quantity belongs to a fix, the
+/// other values of the fix are copied from the given one.
 type SetNumber = fn(&mut Tick, f64, Option<Fix>);
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {

@@ -13,8 +13,8 @@ use ratatui::{
 
 use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon, trend::format_signed};
 
-/// Colour of the estimate and the sky line. All colours are from Okabe and Ito 2008, as entries of
-/// the 256-colour palette.
+/// Colour of the trend bars and of the horizon line. All colours are from Okabe and Ito 2008, as
+/// entries of the 256-colour palette.
 pub(crate) const BLUE: Color = Color::Indexed(32);
 /// Colour of the ground.
 pub(crate) const GROUND: Color = Color::Indexed(178);
@@ -29,7 +29,7 @@ pub(crate) const MUTED: Color = Color::Indexed(244);
 const FULL_SIZE: (u16, u16) = (80, 24);
 /// Minimum size for the reduced view: columns, lines.
 const MIN_SIZE: (u16, u16) = (40, 8);
-/// Number of bar height steps per character.
+/// Number of different heights of a bar within one character.
 const STEPS_PER_CHARACTER: u64 = 8;
 
 /// Draws a snapshot over the whole frame.

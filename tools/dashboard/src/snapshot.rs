@@ -37,9 +37,9 @@ pub enum DataState {
     Connecting,
     /// Data are being received.
     Live,
-    /// Data have been received, but not recently. The newest data have this age.
+    /// Data have been received, but not recently. The field is the age of the newest data.
     Stale(Duration),
-    /// The data have ended, for this reason.
+    /// The data have ended. The field is the reason.
     Ended(String),
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Input: a [`Draw`] value and a size in pixels.
 //!
-//! Output: the text of a file. It contains no typeface, because the viewer supplies it.
+//! Output: the text of an SVG file. The text contains no font; the viewer supplies the fonts.
 //!
 //! | module | contents |
 //! | --- | --- |

@@ -1,6 +1,7 @@
 //! Colours, text sizes and line styles.
 //!
-//! The palette is that of Okabe and Ito 2008, which is distinguishable with any colour vision.
+//! The palette is that of Okabe and Ito 2008. Its colours can also be distinguished by people with
+//! colour vision deficiency.
 
 use plotters::style::RGBColor;
 
@@ -23,17 +24,17 @@ pub const TEXT_COLOR: RGBColor = RGBColor(26, 26, 26);
 
 /// Font family and size of titles.
 pub const TITLE: (&str, u32) = ("sans-serif", 18);
-/// Font family and size of other text.
+/// Font family and size of all text except titles.
 pub const TEXT: (&str, u32) = ("sans-serif", 14);
 
 /// Line style of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineStyle {
-    /// Line of one pixel.
+    /// Line one pixel wide.
     Thin,
-    /// Line of two pixels.
+    /// Line two pixels wide.
     Thick,
-    /// Line of four pixels.
+    /// Line four pixels wide.
     Wide,
     /// Cloud of dots instead of a line.
     Dots,
@@ -73,7 +74,7 @@ pub fn series_style(index: usize) -> (RGBColor, LineStyle) {
 
 /// Formats a number without trailing zeros or a negative zero, for example 20 instead of 20.0.
 pub fn format_number(value: &f64) -> String {
-    // Sums of tick values have rounding errors, so tiny values count as zero.
+    // The tick labels of an axis are sums with rounding errors, so tiny values count as zero.
     let value = if value.abs() < 1e-9 { &0.0 } else { value };
     let text = if *value != 0.0 && value.abs() < 1e-3 { format!("{value:.0e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };

@@ -37,8 +37,8 @@ impl FlightHeader {
             host: fs::read_to_string("/proc/sys/kernel/hostname").map_or("unknown".into(), |host| host.trim().into()),
             launch_file: None,
             launch: None,
-            // The configuration always serialises: it has only named maps, lists, numbers and
-            // strings.
+            // The configuration can always be serialised: it has only named maps, lists, numbers
+            // and strings.
             config: serde_json::to_string_pretty(config).unwrap_or_default(),
             rate_hz: config.rate_hz,
             output: config.launch.output,
@@ -65,7 +65,7 @@ impl FlightHeader {
     }
 }
 
-/// Returns the current time on CLOCK_REALTIME, from the clock offset of the recording, ns.
+/// Returns the current time on CLOCK_REALTIME, ns, computed with the clock offset of the recording.
 pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }

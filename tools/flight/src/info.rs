@@ -56,7 +56,7 @@ pub struct FlightInfo {
     pub missed: BTreeMap<String, u64>,
     /// Reason why the recording ended, if known.
     pub end_reason: Option<String>,
-    /// Other metadata records by name: system, version, host, start time.
+    /// Remaining metadata records by name, with system, version, host and start time.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// Attached files.
     pub attachments: Vec<AttachmentInfo>,

@@ -17,7 +17,7 @@
 //! | `writer` | MCAP writer: channels, messages, metadata, attachments |
 //! | `chunk_file` | file that grows in complete chunks |
 //! | `gaps` | count of missed ticks |
-//! | [`summary`] | result of a recording |
+//! | [`summary`] | summary of a recorded file |
 //! | [`reader`] | messages of a flight, for replay |
 //! | [`info`] | content of a flight |
 #![forbid(unsafe_code)]

@@ -98,7 +98,7 @@ struct Batch {
     /// Topic, length and time of arrival of each message, in the order of `bytes`.
     messages: Vec<(Topic, u32, u64)>,
     bytes: Vec<u8>,
-    /// Total number of missed messages by topic.
+    /// Total number of missed messages of each topic.
     missed: BTreeMap<Topic, u64>,
 }
 
@@ -287,7 +287,7 @@ fn run_writer(
     };
     let finished = process_commands(&mut writer, &commands).map_err(record_failure).is_ok();
     let (mut file, seconds, topics) = writer.into_parts();
-    // Write the MCAP summary.
+    // The MCAP summary is still in the buffer of `file`.
     if finished && let Err(cause) = std::io::Write::flush(&mut file).and_then(|()| file.sync()) {
         record_failure(cause.into());
     }

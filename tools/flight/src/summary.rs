@@ -1,4 +1,4 @@
-//! Result of a recording.
+//! Summary of a recorded file.
 
 use std::{fmt, path::PathBuf};
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::FlightError;
 
-/// Result of a recording.
+/// Summary of a recorded file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordingSummary {
     /// Path of the file.
@@ -20,13 +20,13 @@ pub struct RecordingSummary {
     pub messages: u64,
     /// Lower bound on the number of published messages that are missing from the file.
     pub missed: u64,
-    /// Results of the recorded topics.
+    /// Summaries of the recorded topics.
     pub topics: Vec<TopicSummary>,
     /// Error that made the file incomplete, if any.
     pub error: Option<String>,
 }
 
-/// Result for one topic.
+/// Summary of one topic.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct TopicSummary {
     /// Name of the topic.

@@ -1,4 +1,4 @@
-//! Recording to a file and reading it back.
+//! Tests that record to a file and read it back.
 
 use std::fs;
 

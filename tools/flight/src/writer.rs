@@ -22,7 +22,7 @@ use crate::{
     summary::TopicSummary,
 };
 
-/// Uncompressed size at which a chunk is completed early, bytes.
+/// Uncompressed size at which a chunk is completed without waiting for the next flush, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Name of the metadata record at the start.
 pub(crate) const HEADER_METADATA: &str = "plumbline";
@@ -125,7 +125,8 @@ impl Writer {
         Ok(())
     }
 
-    /// Completes the file with the reason for ending, the optional report and the MCAP summary.
+    /// Writes the reason for ending, the optional report and the MCAP summary, which completes the
+    /// file.
     pub(crate) fn finish(&mut self, reason: &str, report: Option<&str>) -> McapResult<()> {
         let entries = [("reason".to_owned(), reason.to_owned())];
         self.mcap.write_metadata(&Metadata { name: END_METADATA.into(), metadata: entries.into() })?;
@@ -139,7 +140,7 @@ impl Writer {
     }
 
     /// Returns the file, the duration of the flight in seconds, and the number of flushed messages
-    /// by topic. The file may contain unflushed data.
+    /// by topic. The file may also contain data that were not flushed, which are not counted.
     pub(crate) fn into_parts(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
             topic: channel.topic.name(),

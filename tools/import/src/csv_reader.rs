@@ -70,8 +70,8 @@ impl CsvReader {
             columns > 1 && columns == width(&first.1, *separator)
         };
         let separator = SEPARATORS.into_iter().find(separates);
-        // If no separator fits, the reader of the first row later reports that its number of
-        // columns is wrong.
+        // If no separator fits, the wrong number of columns is reported later, when the first row
+        // is read.
         let header_separator = || SEPARATORS.into_iter().find(|separator| width(&header, *separator) > 1);
         let separator = separator.or_else(header_separator).unwrap_or(b',');
         let mut names = Vec::new();

@@ -92,7 +92,7 @@ impl Source for CsvSource<'_> {
         Format::Csv
     }
 
-    /// Returns the total size of the headers and of one pass over the file of each column group.
+    /// Returns the number of bytes to read: the headers, then the file of each column group once.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
@@ -169,7 +169,7 @@ pub(crate) struct CsvFiles {
     read_bytes: Rc<Cell<u64>>,
 }
 
-/// Columns of one vector, with the file that contains them and its time column.
+/// Columns of one vector, the file that contains them, and the time column of that file.
 struct ColumnGroup<const N: usize> {
     path: PathBuf,
     time: usize,

@@ -14,7 +14,8 @@ use crate::{
     format::Format,
 };
 
-/// Number of bytes inspected at the start of a file, and of decompressed gzip data.
+/// Number of bytes inspected at the start of a file. In a gzip file, the same number of bytes is
+/// also inspected after decompression.
 const PREFIX_BYTES: u64 = 4096;
 
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";

@@ -127,7 +127,7 @@ pub enum ImportError {
     MappingRequired {
         /// Path of the file.
         path: PathBuf,
-        /// Names of its columns.
+        /// Names of the columns in the file.
         columns: Vec<String>,
     },
     /// The mapping is invalid.
@@ -158,7 +158,7 @@ pub enum ImportError {
     /// The components of a vector are in different files, so their times differ.
     #[error("mapping {}: found columns of {}, expected all in one file", group.join(", "), quoted_list(files))]
     SplitVector {
-        /// Targets of the components.
+        /// Mapping targets of the vector's components.
         group: Vec<&'static str>,
         /// File of each component.
         files: Vec<String>,
@@ -175,7 +175,7 @@ pub enum ImportError {
         /// Description of what was expected.
         expected: String,
     },
-    /// A ULog is damaged before its data section.
+    /// A ULog file is damaged before its data section.
     #[error("reading {}: byte {at_byte}: found {found} before any data; copy the file again", path.display())]
     DamagedStart {
         /// Path of the file.
@@ -204,7 +204,7 @@ pub enum ImportError {
     NoRows {
         /// Path of the file.
         path: PathBuf,
-        /// Reason, if known.
+        /// Reason for the missing samples, if known.
         reason: Option<String>,
         /// Description of the data that provides rate and force.
         expected: String,

@@ -1,4 +1,4 @@
-//! Decoding of single ROS 2 messages received over a network.
+//! Decodes individual ROS 2 messages received over a network.
 //!
 //! Input: CDR with its encapsulation header.
 //!
@@ -6,7 +6,8 @@
 //!
 //! Time: `header.stamp`, ns since 1970.
 //!
-//! Failure: `None` if the message is malformed, not finite or marked as not measured.
+//! Failure: `None` if the message is malformed, contains a value that is not finite, or is marked
+//! as not measured.
 
 use crate::bag::ros;
 

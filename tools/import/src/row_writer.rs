@@ -149,7 +149,7 @@ impl<'a> RowWriter<'a> {
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };
-            // An error is taken from the iterator as well, so that it ends the import.
+            // The condition is also true for an error, so that the `?` below ends the import.
             let Some(sample) =
                 self.fields.next_if(|next| next.as_ref().map_or(true, |(t_ns, _)| belongs_to_pending(*t_ns)))
             else {
@@ -182,7 +182,7 @@ impl<'a> RowWriter<'a> {
     }
 
     fn reference_at(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
-        // An error is taken from the iterator as well, so that it ends the import.
+        // The condition is also true for an error, so that the `?` below ends the import.
         while let Some(attitude) =
             self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
         {

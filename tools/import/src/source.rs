@@ -1,7 +1,8 @@
 //! Interface of all source formats.
 //!
-//! A source is read in several passes, so that memory does not grow with its length: a survey, one
-//! pass for the rows, and one pass for each series that is merged into the rows.
+//! A source is read in several passes: a survey, one pass for the rows, and one pass for each
+//! series that is merged into the rows. The memory required therefore does not grow with the length
+//! of the source.
 
 use crate::{
     Format, ImportError, Note,

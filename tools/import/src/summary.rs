@@ -64,7 +64,7 @@ pub enum Note {
         what: &'static str,
         /// Number of samples.
         count: u64,
-        /// Reason for skipping them.
+        /// Reason why the samples were skipped.
         reason: &'static str,
     },
     /// A file of a bag is damaged. Data after the damage was not read from that file.

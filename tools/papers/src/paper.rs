@@ -45,7 +45,8 @@ impl Paper {
         }
     }
 
-    /// Returns the number of simulation runs. The progress counts them in addition to the pictures.
+    /// Returns the number of simulation runs. The progress display counts them in addition to the
+    /// pictures.
     pub(crate) fn run_count(self) -> u64 {
         match self {
             Self::S1 => s1::RUN_COUNT,

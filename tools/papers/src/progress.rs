@@ -8,7 +8,8 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// Creates a counter for `total` steps. `report` receives the finished and the total steps.
+    /// Creates a counter for `total` steps. `report` receives the number of finished steps and the
+    /// total.
     pub fn new(total: u64, report: &'a mut dyn FnMut(u64, u64)) -> Self {
         Self { done: 0, total, report }
     }

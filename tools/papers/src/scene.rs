@@ -14,12 +14,12 @@ use plotters::{
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) title: String,
-    /// Azimuth from which the scene is viewed, degrees: the angle about the vertical axis, counted
+    /// Azimuth from which the scene is viewed, degrees: the angle about the vertical axis, measured
     /// from the first axis.
     pub(crate) azimuth_deg: f64,
     /// Elevation from which the scene is viewed, above the horizontal plane, degrees.
     pub(crate) elevation_deg: f64,
-    /// Half of the scene length that fits along the smaller side of the picture.
+    /// Half of the length, in scene units, that fits along the shorter side of the picture.
     pub(crate) half_extent: f64,
     pub(crate) shapes: Vec<Shape>,
 }

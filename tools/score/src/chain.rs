@@ -40,7 +40,8 @@ impl StageChain {
         })
     }
 
-    /// Returns `true` if every timed stage runs in this process, as opposed to an external program.
+    /// Returns `true` if every timed stage runs in this process, so that no external program is
+    /// timed.
     pub(crate) fn are_in_process(&self) -> bool {
         let Self { gyro, accel, fuser, course: _ } = self;
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))

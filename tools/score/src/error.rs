@@ -50,10 +50,10 @@ pub enum ScoreError {
     /// A parameter is set twice.
     #[error("parameter {key} is set twice; keep one of the values")]
     DuplicateSetting {
-        /// The parameter, as given.
+        /// Parameter, as written by the user.
         key: String,
     },
-    /// The time window of the figures contains no sample.
+    /// The trial has no sample in the time window of the figures.
     #[error("no sample of {trial} to draw from {from_s} s{}: the trial ends at {end_s:.3} s; change --from or --to", match to_s {
         Some(to_s) => format!(" to {to_s} s"),
         None => String::new(),

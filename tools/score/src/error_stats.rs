@@ -39,7 +39,8 @@ pub struct TickErrors {
     pub attitude: AttitudeError,
     /// Signed errors of the angles; `None` if the forward axis is near the vertical.
     pub angles: Option<AngleError>,
-    /// Signed rotation about the vertical, degrees, counter-clockwise seen from above.
+    /// Signed heading error, degrees: rotation about the vertical from reference to estimate,
+    /// positive counter-clockwise seen from above.
     pub heading_error_deg: f64,
     /// `true` if the heading, and therefore yaw, is referenced to north.
     pub heading_is_known: bool,

@@ -14,7 +14,7 @@
 
 use serde::Serialize;
 
-/// Fractions of the samples for which a ratio is reported.
+/// Coverages of the reported quantiles, as fractions of the samples.
 const COVERAGES: [f64; 2] = [0.68, 0.95];
 /// Ideal ratios for a single-axis error.
 const ONE_AXIS_IDEAL: [f64; 2] = [1.0, 2.0];
@@ -79,7 +79,8 @@ impl RatioHistogram {
     }
 }
 
-/// Histograms of all errors with a reported standard deviation.
+/// Histograms of all errors with a reported standard deviation. Each ratio is an error divided by
+/// its reported standard deviation.
 #[derive(Debug, Clone, Default)]
 pub struct RatioHistograms {
     /// Ratios of the inclination error.

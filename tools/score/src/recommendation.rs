@@ -6,8 +6,8 @@ use crate::table::{ErrorsDeg, Recommendation, Scores, StageScore, Sweep};
 const EQUIVALENCE_SHARE: f64 = 0.02;
 
 impl Recommendation {
-    /// Ranks complete scores. Returns `None` if there is only one chain and no setting was
-    /// optimised, because there is nothing to choose from.
+    /// Recommends the chain with the smallest error. Returns `None` if there is only one chain and
+    /// no setting was optimised, because there is nothing to choose from.
     pub(crate) fn from_scores(scores: &Scores, heading_is_known: bool) -> Option<Self> {
         let Scores { stages, tuned, .. } = scores;
         if stages.len() < 2 && tuned.is_empty() {

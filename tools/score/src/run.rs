@@ -64,7 +64,7 @@ pub struct Request {
     pub sweeps: Vec<SettingRange>,
     /// Setting to optimise over a range.
     pub tune: Option<SettingRange>,
-    /// `true` if the text output contains the tables of all errors.
+    /// `true` if the text output also contains the tables of all errors and of normalised errors.
     pub prints_all_errors: bool,
 }
 

@@ -46,7 +46,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Returns the key with its slot or stage, as given.
+    /// Returns the key as written in the setting, including the slot or stage, if any.
     fn qualified_key(&self) -> String {
         self.target.as_ref().map_or_else(|| self.key.clone(), |target| format!("{target}.{}", self.key))
     }

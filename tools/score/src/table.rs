@@ -65,7 +65,7 @@ pub struct StageScore {
     pub mean: Errors,
     /// Normalised errors over the samples of all trials.
     pub normalised: NormalisedErrors,
-    /// Mean time per update over the trials, ns.
+    /// Mean CPU time per update over the trials, ns.
     pub ns_per_update: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ pub struct TrialScore {
     pub scored: u64,
     /// Number of samples.
     pub ticks: u64,
-    /// Time from a sample to the fused attitude, ns.
+    /// CPU time per update, from a sample to the fused attitude, ns.
     pub ns_per_update: Option<f64>,
     /// Spread over the seeds of a simulation; the errors are then the means over the seeds.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -37,7 +37,7 @@ pub(crate) fn errors(scores: &Scores) -> String {
     aligned(&head, &rows(scores, trial_lines, mean))
 }
 
-/// Returns the table of all other errors.
+/// Returns the table of angle, course and gyro bias errors, and of the heading drift.
 pub(crate) fn all_errors(scores: &Scores) -> String {
     let head = [
         "RMSE and drift",

@@ -63,7 +63,7 @@ impl StageInput {
 /// Returns the time per update of each chain in `compared`, ns.
 ///
 /// A time is `None` if there are no samples, or if a stage is an external program, because the
-/// thread's CPU time does not include it.
+/// thread's CPU time does not include the CPU time of the program.
 pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Option<f64>> {
     let mut rounds_ns = vec![[f64::NAN; ROUNDS]; compared.len()];
     for round in 0..ROUNDS {

@@ -38,7 +38,7 @@ pub(crate) enum ProcessState {
     Source(Box<Source>),
     /// The process runs a slot.
     Slot(SlotProcess),
-    /// The process hangs, or runs on a bus without other processes.
+    /// The process hangs, or is the only one on its bus.
     Unresponsive,
 }
 

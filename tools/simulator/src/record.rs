@@ -6,7 +6,7 @@ use launch::Service;
 
 use crate::reference::{CommittedSwap, SwapsBySlot};
 
-/// Client of the supervisor with one request.
+/// Client that sends one request to the supervisor.
 #[derive(Debug)]
 pub(crate) struct Client {
     pub(crate) description: String,

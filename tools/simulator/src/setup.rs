@@ -16,7 +16,8 @@ pub(crate) struct Setup {
     pub(crate) launch: Launch,
     pub(crate) ticks: u64,
     pub(crate) pace: Pace,
-    /// Set if the run must not lose a tick or change a byte in spite of its faults.
+    /// Set if the run must lose no tick and must produce the same output bytes as without its
+    /// faults.
     pub(crate) strict: bool,
     /// Maximum time from the start of a process to its first poll, ms.
     pub(crate) max_start_ms: u64,
@@ -236,7 +237,7 @@ impl Setup {
         self.faults.iter().filter(|(_, fault)| *fault == Fault::Stop).map(|(at_ms, _)| *at_ms).min()
     }
 
-    /// Removes requests and long faults shortly before a stop.
+    /// Removes the requests and long faults that occur shortly before a stop.
     ///
     /// They are removed because, after a stop request, the supervisor gives up on services that do
     /// not respond soon.

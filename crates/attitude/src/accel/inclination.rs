@@ -22,7 +22,8 @@ pub struct Inclination {
     pub force_m_s2: Vector3<f64>,
     /// Norm |f| of the force, m/s².
     pub norm_m_s2: f64,
-    /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 where |f| differs from g by g.
+    /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g or
+    /// more.
     ///
     /// It is 0 if `up` was not computed from this force. It rates a single instant only. To
     /// suppress forces due to motion, averaging works better than rejecting samples with low trust.
@@ -49,8 +50,8 @@ impl Scalars for Inclination {
     }
 }
 
-/// Returns the trust: 1 at |f| = g, decreasing to 0 where |f| differs from g by g. A force that was
-/// not used has trust 0.
+/// Returns the trust: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g or more. A
+/// force that was not used has trust 0.
 #[inline]
 pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let deviation = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();

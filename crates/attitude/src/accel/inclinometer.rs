@@ -1,9 +1,9 @@
 //! Accelerometer stages `inclinometer-matrix` and `inclinometer-quaternion`, which derive the up
 //! direction from pitch and roll.
 //!
-//! The method comes from geonavigation. The paper's axes are X forward, Y right, Z down, and its
-//! sensor measures gravity, so Z reads +g at rest. In the axes of this crate (ξ right, η forward, ζ
-//! up) and with the specific force f, which is opposite to gravity,
+//! The method comes from the geonavigation paper cited below. The axes of the paper are X forward,
+//! Y right, Z down, and its sensor measures gravity, so Z reads +g at rest. In the axes of this
+//! crate (ξ right, η forward, ζ up) and with the specific force f, which is opposite to gravity,
 //!
 //! g_x = −f_η, g_y = −f_ξ, g_z = f_ζ.
 //!
@@ -30,8 +30,9 @@ enum Method {
 
 /// Accelerometer stage that computes pitch and roll.
 ///
-/// Like the paper, it assumes linear characteristics, equal slopes and orthogonal axes, which a
-/// [`Calibration`](crate::calibration::Calibration) provides.
+/// As in the paper cited in the module documentation, the sensor is assumed to have linear
+/// characteristics, equal slopes and orthogonal axes. A
+/// [`Calibration`](crate::calibration::Calibration) provides these properties.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inclinometer {
     method: Method,
@@ -67,8 +68,8 @@ impl Method {
 
 /// Returns the quaternion of pitch and roll.
 ///
-/// λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin ψ/2) about X, Y, Z, which
-/// here are η, ξ and −ζ.
+/// With pitch β and roll ψ, λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin
+/// ψ/2) about X, Y, Z, which here are η, ξ and −ζ.
 fn tilt_quaternion(pitch_rad: f64, roll_rad: f64) -> Quaternion<f64> {
     let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(0.5 * pitch_rad), libm::sincos(0.5 * roll_rad));
     Quaternion::new(cos_pitch * cos_roll, sin_pitch * cos_roll, cos_pitch * sin_roll, sin_pitch * sin_roll)

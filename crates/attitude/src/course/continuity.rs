@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{Quaternion, angles::Angles, scalars::Scalars, stage::RestoreError};
 
-/// |pitch| above which yaw and roll cannot be separated, rad: 89°.
+/// |pitch| above which yaw and roll cannot be separated, rad (89°).
 pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 
 /// Returns the gyroscopic course HΓ = −ψ, where ψ is the fuser's yaw. The declination converts a

@@ -14,7 +14,8 @@
 //!   heading is magnetic. The course has the reference of the fuser's heading, or true north if a
 //!   declination was added.
 //! - [`track`](TrackCourse): gyroscopic course, corrected towards the track over ground. The course
-//!   refers to true north from the first track on; before that it equals the course of `angles`.
+//!   refers to true north from the first track onwards; before that it equals the course of
+//!   `angles`.
 //!
 //! The angles and the quaternion stay in the fuser's frame, regardless of the course reference. The
 //! quaternion changes only with the rotation of the body, so an autopilot that uses it sees no step

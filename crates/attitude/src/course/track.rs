@@ -43,7 +43,8 @@ settings! {
         time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
         /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// Maximum interval by which one track is weighted. A longer interval counts as a gap.
+        /// Maximum interval since the previous track that is used to weight a track. A longer
+        /// interval counts as a gap and is reduced to this value.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
         /// Assumed age of a velocity on arrival if the receiver does not report the age.
         latency_s: 0.2 in 0.0 .. 2.0, "s";
@@ -65,11 +66,11 @@ const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
 
 /// Course stage `track`.
 ///
-/// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d of the gyro,
-/// and tracks reduce it with time constant T. With continuous tracks it therefore settles at T d,
-/// the error of S4's equation. The part σ_t comes from the crab angle and the velocity noise of the
-/// track. If the fuser itself corrects its heading, σ_d is limited to the standard deviation of
-/// that heading.
+/// The standard deviation of the course is √(σ_d² + σ_t²). The part σ_d grows at the drift rate d
+/// of the gyro, and tracks reduce it with time constant T. With continuous tracks it therefore
+/// settles at T d, the error of S4's equation. The part σ_t comes from the crab angle and the
+/// velocity noise of the track. If the fuser itself corrects its heading, σ_d is limited to the
+/// standard deviation of that heading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackCourse {
     settings: TrackSettings,
@@ -78,7 +79,8 @@ pub struct TrackCourse {
     gyroscopic_rad: f64,
     reference: CourseReference,
     has_previous: bool,
-    /// Difference H − HΓ, rad; meaningless while the course is unknown.
+    /// Difference H − HΓ between the course and the gyroscopic course, rad; meaningless while the
+    /// course is unknown.
     offset_rad: f64,
     is_known: bool,
     /// Turn rate H', rad/s, clockwise.

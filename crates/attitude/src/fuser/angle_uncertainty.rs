@@ -1,11 +1,11 @@
-//! Standard deviation of a low-passed angle, derived from its own innovations.
+//! Standard deviation of a low-pass filtered angle, derived from the innovations of the angle.
 
 use core::f64::consts::PI;
 
 use crate::scalars::Scalars;
 
-/// Standard deviation assumed for the gyro bias by a stage that does not estimate it, rad/s: that
-/// of a consumer MEMS gyro after its own calibration.
+/// Standard deviation assumed for the gyro bias by a stage that does not estimate the bias, rad/s.
+/// It is typical of a calibrated consumer MEMS gyro.
 pub(super) const ASSUMED_BIAS_SD_RAD_S: f64 = 0.003;
 /// Averaging time of the innovations' mean square, s.
 const MEMORY_S: f64 = 1.0;

@@ -1,9 +1,10 @@
 //! Magnetic heading through a first-order low-pass, in analogy to the fusion of w with the
 //! accelerometer.
 //!
-//! z_c' = z' + (z_mag − z_c)/T, with the difference wrapped. Here z_mag = atan2(m'_ξ, m'_η) is the
-//! heading of the levelled field m' = A(w)ᵀ m. "z is fused like w" — Matveev 2025, which gives no
-//! further detail. No field sample is rejected as disturbed.
+//! z_c' = z' + (z_mag − z_c)/T, with the difference wrapped. Here z_c is the fused z, z is
+//! integrated from the gyro, and T is the time constant. z_mag = atan2(m'_ξ, m'_η) is the heading
+//! of the levelled field m' = A(w)ᵀ m, with the field m in body axes. "z is fused like w" — Matveev
+//! 2025, which gives no further detail. No field sample is rejected as disturbed.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
@@ -30,7 +31,7 @@ impl Default for Compass {
 impl Compass {
     /// Creates the state from another stage's heading.
     ///
-    /// A heading counted from true north is kept until the first field sample, which sets the
+    /// A heading that refers to true north is kept until the first field sample, which sets the
     /// heading.
     pub(super) fn new(reference: CourseReference, heading_sd_rad: f64) -> Self {
         Self {

@@ -49,7 +49,7 @@ impl Default for Estimate {
 }
 
 impl Estimate {
-    /// Estimate without any information.
+    /// Estimate in which every quantity is unknown.
     pub const UNKNOWN: Self = Self {
         attitude: Attitude { up: Point { w: Complex::new(0.0, 0.0), chart: Chart::Upright }, z_rad: 0.0 },
         reference: CourseReference::Arbitrary,

@@ -8,14 +8,15 @@ use crate::{
 /// Smallest field that has a usable direction, µT: about a thousandth of the earth's field.
 const MIN_FIELD_UT: f64 = 0.05;
 
-/// Returns the increase of z that turns the horizontal field to η0, rad, (−π, π].
+/// Returns the increase of z, rad, (−π, π], that turns the horizontal field to the reference axis
+/// η0.
 ///
 /// For the levelled field m' = A(w)ᵀ m, this is z_mag − z with z_mag = atan2(m'_ξ, m'_η). The code
 /// rotates m' by z first, which gives the same angle.
 pub(super) fn heading_correction_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
     let h = attitude.horizontal(field);
     let (sin, cos) = libm::sincos(attitude.z_rad);
-    // Rotated by z into the reference frame, in which η0 is north.
+    // The field is rotated by z into the reference frame, in which η0 is north.
     arg(Complex::new(h.re * sin + h.im * cos, h.re * cos - h.im * sin))
 }
 

@@ -44,11 +44,11 @@ impl Validate for Fused {
 /// Corrections applied in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Corrections {
-    /// The tilt was corrected towards the accelerometer's.
+    /// The tilt was corrected with the accelerometer.
     pub tilt: bool,
     /// The gyro bias was updated.
     pub bias: bool,
-    /// The heading was corrected towards the magnetic field's.
+    /// The heading was corrected with the magnetic field.
     pub magnetic: bool,
     /// A satellite velocity was used.
     pub velocity: bool,

@@ -15,7 +15,7 @@ pub struct GyroScale {
 }
 
 impl GyroScale {
-    /// Scale error without any information.
+    /// Unknown scale error.
     pub const UNKNOWN: Self =
         Self { error: Vector3::new(0.0, 0.0, 0.0), sd: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY) };
 
@@ -38,7 +38,8 @@ impl Default for GyroScale {
 
 impl Scalars for GyroScale {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        // All numbers of a state are finite, so an unknown deviation is stored as a flag.
+        // All numbers of a state must be finite, so an infinite standard deviation is stored as a
+        // flag.
         let mut known = self.sd.iter().all(|sd| sd.is_finite());
         let mut sd = if known { self.sd } else { Vector3::zeros() };
         known.visit(visit);

@@ -8,14 +8,15 @@ const MAX_FIELD_UT: f64 = 1e4;
 /// Hard iron with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HardIron {
-    /// Field added to the magnetometer's reading, µT, body axes.
+    /// Magnetic field of the body, which adds to the external field in the magnetometer's reading,
+    /// µT, body axes.
     pub field_ut: Vector3<f64>,
     /// Standard deviation of each component, µT; infinite if unknown.
     pub sd_ut: f64,
 }
 
 impl HardIron {
-    /// Hard iron without any information.
+    /// Unknown hard iron.
     pub const UNKNOWN: Self = Self { field_ut: Vector3::new(0.0, 0.0, 0.0), sd_ut: f64::INFINITY };
 
     /// Returns why the value is invalid, or `None` if it is valid.
@@ -37,7 +38,8 @@ impl Default for HardIron {
 
 impl Scalars for HardIron {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        // All numbers of a state are finite, so an unknown deviation is stored as a flag.
+        // All numbers of a state must be finite, so an infinite standard deviation is stored as a
+        // flag.
         let mut known = self.sd_ut.is_finite();
         let mut sd_ut = if known { self.sd_ut } else { 0.0 };
         known.visit(visit);

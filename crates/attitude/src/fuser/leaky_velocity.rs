@@ -18,7 +18,7 @@ const SD_M_S: f64 = 1.0;
 /// Standard deviation of an unknown velocity, m/s: the typical leaky velocity of a braking vehicle.
 const UNKNOWN_SD_M_S: f64 = 4.0;
 
-/// Leaky velocity of a levelling loop with its uncertainty.
+/// Leaky integral of the horizontal specific force in a levelling loop, with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeakyVelocity {
     /// Velocity, m/s, along east and north of the attitude's reference frame, as ξ + jη.
@@ -28,7 +28,7 @@ pub struct LeakyVelocity {
 }
 
 impl LeakyVelocity {
-    /// Velocity without any information.
+    /// Unknown velocity.
     pub const UNKNOWN: Self = Self { velocity_m_s: Complex::new(0.0, 0.0), sd_m_s: f64::INFINITY };
 
     /// Creates the value from a loop's velocity.

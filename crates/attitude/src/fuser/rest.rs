@@ -8,9 +8,9 @@ use crate::{Vector3, scalars::Scalars};
 
 /// Time constant of the means that samples are compared with, s.
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
-/// Largest deviation of a rate from its mean at rest, rad/s: 2 °/s.
+/// Largest deviation of a rate from its mean at rest, rad/s (2 °/s).
 const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;
-/// Largest component of the mean rate that is accepted as a bias, rad/s: 2 °/s.
+/// Largest component of the mean rate that is accepted as a bias, rad/s (2 °/s).
 const MAX_MEAN_RATE_RAD_S: f64 = 0.034_906_585;
 /// Largest deviation of a force from its mean at rest, m/s².
 const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
@@ -18,10 +18,10 @@ const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
 const MAX_RATE_RAD_S: f64 = 1e6;
 /// Time without movement after which rest is detected, s.
 const MIN_QUIET_S: f64 = 1.5;
-/// Longest averaging time of the rate at rest, s.
+/// Longest time over which the rate at rest is averaged, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
-/// Largest speed over ground at which the body may be at rest, m/s.
+/// Largest speed reported by a receiver at which the body may still be at rest, m/s.
 pub(super) const MAX_SPEED_AT_REST_M_S: f64 = 0.7;
 /// Standard deviation of a bias measured at rest, rad/s.
 pub(super) const BIAS_SD_AT_REST_RAD_S: f64 = 8e-4;

@@ -9,7 +9,7 @@
 //! Failure:
 //! - Over missing ticks the rotation is that between the gyro's open-loop attitudes. A gap longer
 //!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
-//! - After a rate outage the level is re-initialised if it has become too wrong.
+//! - After a rate outage the level is re-initialised if its error has become too large.
 //! - The specific force of a dead accelerometer is not used.
 //! - A stage is reset for an invalid output. If the output after the reset is also invalid, the
 //!   stage has failed.
@@ -40,7 +40,7 @@ pub struct SensorTick {
     pub t_start_ns: i64,
     /// End of the interval, ns.
     pub t_end_ns: i64,
-    /// Set if time or ticks before this tick have no sample.
+    /// Set if there is a gap in time before this tick, or if ticks before it were lost.
     pub is_after_gap: bool,
     /// Set if the stage of the gyro or the accelerometer was reset for this tick.
     pub is_sensor_stage_reset: bool,
@@ -63,7 +63,7 @@ pub struct SensorTick {
 /// Faults of a rate sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RateFaults {
-    /// The value is not a rate.
+    /// The rate is not finite.
     pub is_invalid: bool,
     /// The rate is outside the range of the gyro.
     pub is_clipped: bool,
@@ -74,7 +74,7 @@ pub struct RateFaults {
 /// Faults of a specific force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ForceFaults {
-    /// The value is not a specific force.
+    /// The specific force is not finite.
     pub is_invalid: bool,
     /// The force is too small to have a direction.
     pub is_small: bool,
@@ -85,7 +85,7 @@ pub struct ForceFaults {
 /// Output of a [`SupervisedFuser`] at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SupervisedFused {
-    /// Output of the stage. Its corrections report a new alignment, rest and a disturbed field.
+    /// Output of the stage. Its `corrections` also flag a realignment, rest and a disturbed field.
     pub fused: Fused,
     /// Set once the attitude has been aligned. Before that, the attitude is arbitrary.
     pub is_aligned: bool,
@@ -105,7 +105,7 @@ pub struct SupervisedFuser<S> {
 /// State of a [`SupervisedFuser`], excluding its stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SupervisedState {
-    /// Open-loop attitude of the gyro and end of the interval, ns, of the newest motion.
+    /// Gyro's open-loop attitude at the end of the newest motion, and the time of that end, ns.
     pub previous_motion: Option<(Attitude, i64)>,
     /// Set once the attitude has been aligned.
     pub is_aligned: bool,
@@ -246,7 +246,7 @@ mod tests {
 
     const INTERVAL_NS: i64 = 10_000_000;
 
-    /// Body with a gyro, simulated at 100 Hz. The accelerometer shows `up`.
+    /// Body with a gyro, simulated at 100 Hz. The accelerometer measures gravity along `up`.
     struct Body {
         fuser: SupervisedFuser<Fuser>,
         gyro: Gyro,

@@ -211,8 +211,8 @@ impl Stage for WzOpen {
         }
     }
 
-    /// Adopts the attitude of another stage. It differs from that of the gyro slot, so the offset
-    /// is computed at the next motion.
+    /// Adopts the attitude of another stage. This attitude differs from that of the gyro slot, so
+    /// the offset between them is computed at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.gyro_attitude = common.attitude;

@@ -28,10 +28,11 @@
 use super::motion::{RateKind, RateSample};
 use crate::{Vector3, scalars::Scalars};
 
-/// Maximum ratio of two successive intervals for which the slope of the rate is extrapolated.
+/// Maximum ratio of the longer to the shorter of two successive intervals. Above it, the trend of
+/// the rate over both intervals is not used.
 const MAX_INTERVAL_RATIO: f64 = 2.0;
 
-/// Previous samples.
+/// Coning correction, with the last two rates that it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Coning {
     /// Last two rates, newest first, rad/s.

@@ -10,11 +10,11 @@ use crate::{
 
 /// Relation of a rate sample to its interval.
 ///
-/// The distinction matters. If an instant is treated as a mean, the attitude lags by half an
-/// interval (by 1.1° at 4 rad/s and 100 Hz, which also biases the gyro bias estimate). If a mean is
-/// averaged with the previous mean, the attitude lags by the same amount. A MEMS gyro that is read
-/// at its filter rate reports means; a simulation, or a gyro that is read at a much lower rate,
-/// reports instants.
+/// The distinction matters. If an instantaneous value is treated as a mean, the attitude lags by
+/// half an interval, which is 1.1° at 4 rad/s and 100 Hz. The lag also biases the estimate of the
+/// gyro bias. If a mean is averaged with the previous mean, the attitude lags by the same amount. A
+/// MEMS gyro that is read at its filter rate reports means. A simulation, or a gyro that is read at
+/// a much lower rate, reports instantaneous values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RateKind {
     #[default]

@@ -63,7 +63,7 @@ fn inclination_deg(a: Attitude, b: Attitude) -> f64 {
     libm::asin(a.up.direction().cross(&b.up.direction()).norm().min(1.0)).to_degrees()
 }
 
-/// Returns the RMS of the inclination error from `from_s` on, degrees.
+/// Returns the RMS of the inclination error from `from_s` onwards, degrees.
 fn inclination_rms_deg(scenario: &Scenario, fuser: &mut Fuser, from_s: f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     fly(scenario, fuser, |t_s, out, truth| {

@@ -193,8 +193,9 @@ fn adopted_estimate_is_continued() {
                 let out = fuser.step(&input);
                 // `madgwick` corrects the attitude by its gain times the interval, however large
                 // the error is, and compares the force with the attitude of the previous interval.
-                // `wz-open` low-passes the difference from the gyro slot's attitude, which is not
-                // constant if the two attitudes differ.
+                // `wz-open` low-pass filters the difference between the accelerometer's point w and
+                // the gyro slot's. If the two points differ, their difference varies as the body
+                // rotates.
                 let limit_deg = match name {
                     "madgwick" => 1.0,
                     "wz-open" if tick > 0 && rate_rad_s == moving_rad_s => 180.1,

@@ -1,9 +1,10 @@
-//! Reported standard deviations: the quantiles of the errors divided by them are compared with
-//! those of a normal distribution.
+//! Reported standard deviations. Each error is divided by its reported standard deviation. The
+//! quantiles of these normalised errors are compared with those of a normal distribution.
 //!
 //! `cargo test --release -p attitude deviations:: -- --nocapture` prints every figure.
 //!
-//! Input: trials of BROAD, crossed trials and cruise scenarios.
+//! Input: trials of BROAD, crossed trials (the movement of one trial in the magnetic field of
+//! another) and cruise scenarios.
 //!
 //! Failure: without the recordings, the tests that need them are skipped with a message.
 use attitude::{
@@ -22,10 +23,11 @@ use crate::heading::{
     trial::{Chain, trials, truth},
 };
 
-/// Quantiles at 68 % and 95 % of a normally distributed error in one axis, in standard deviations.
+/// Quantiles at 68 % and 95 % of the magnitude of a normally distributed error in one axis, in
+/// standard deviations.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// Quantiles at 68 % and 95 % of the length of a normally distributed error in two axes, in
-/// standard deviations of one axis.
+/// Quantiles at 68 % and 95 % of the magnitude of an error that is normally distributed in two
+/// axes, in standard deviations of one axis.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Accepted ratio of a measured quantile to the ideal one.
 const CONSISTENT: core::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -176,7 +178,7 @@ fn wz_sd_with_sensor_parameters_is_consistent() {
 fn assert_consistent_in(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) {
     let [inclination, heading] = simulated(fuser, name, settings, seeds);
     assert_consistent(inclination, name);
-    // A heading with an arbitrary reference has no error, so its ratio may be NaN.
+    // The error of a heading with an arbitrary reference is undefined, so its ratio may be NaN.
     if !heading[0].is_nan() {
         assert_consistent(heading, name);
     }

@@ -19,7 +19,8 @@ struct World {
     field_interval_ticks: u64,
     delay_s: f64,
     rest_s: f64,
-    /// Speed of the movement relative to [`attitude_at`], which has a mean rate of 1.4 rad/s.
+    /// Factor by which the movement is faster than that of [`attitude_at`], which has a mean rate
+    /// of 1.4 rad/s.
     speed_factor: f64,
     /// Magnetic field, east, north, up, µT.
     field_ut: [f64; 3],
@@ -37,7 +38,7 @@ const WORLD: World = World {
     drift_rad_s: 0.0,
 };
 
-/// Returns the attitude at a time of a periodic movement with a period of one minute.
+/// Returns the attitude at `t_s` in a movement that repeats every minute.
 fn attitude_at(t_s: f64) -> Attitude {
     let phase = t_s * core::f64::consts::TAU / 60.0;
     Attitude::from_angles(Angles {
@@ -115,7 +116,7 @@ impl World {
 
 fn unchanged(_: f64, _: &mut FuserInput) {}
 
-/// Returns the largest heading error from `from_s` on, degrees.
+/// Returns the largest heading error from `from_s` onwards, degrees.
 fn max_error_deg(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> f64 {
     let mut max_error = 0f64;
     world.run(&mut Wz::default(), until_s, change, |t_s, _, error, _| {

@@ -82,7 +82,7 @@ fn madgwick_improved_reduces_s3_error_by_30_percent() {
     }
 }
 
-/// Returns the drift over one minute of coning motion, °/s.
+/// Returns the mean drift rate over one minute of coning motion, °/s.
 fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
     let motion = Motion::from_name("coning").unwrap();
     let mut sensors = Sensors::new(motion, SensorErrors::NONE, 1);

@@ -17,7 +17,7 @@ use attitude::{
 use scenario::Scenario;
 
 const SEEDS: core::ops::RangeInclusive<u64> = 1..=8;
-/// An error counts as an error in a gap if more than this time has passed since the last fix, s.
+/// Minimum time since the last fix at which an error counts as an error without fixes, s.
 const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {
@@ -279,10 +279,10 @@ fn recorded_flight() -> Option<Vec<Row>> {
     Some(imu.lines().skip(1).map(row).collect())
 }
 
-/// Returns the RMS errors of inclination and heading, degrees, from one minute after take-off on.
+/// Returns the RMS errors of inclination and heading, degrees, starting one minute after take-off.
 ///
-/// `is_covered` receives the time since that moment, s. Fixes are used only while it returns
-/// `true`.
+/// `is_covered` receives the time since the start of this period, s. Fixes are used only while it
+/// returns `true`.
 fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;
     let (mut chain, mut before_s) = (Chain::new(fuser, &[]), rows[0].t_s);

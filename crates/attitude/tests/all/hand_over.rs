@@ -64,21 +64,21 @@ const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
 /// Margin of the error over the whole trial for a swap from a fuser with a small error, degrees.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin of the error over the whole trial for a swap from a fuser with a small error to `vqf`,
+/// Margin of the error over the whole trial for a swap to `vqf` from a fuser with a small error,
 /// degrees.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
 /// Margins for swaps between `wz` and `multiple-model`, degrees: for the error from the swap on,
 /// and for the error over the whole trial.
 ///
-/// These two fusers are equal on these trials, so each swap is a hand-over from a fuser to itself.
-/// It shows the effect of the hand-over, which the larger error of other fusers would hide.
+/// On these trials the two fusers behave identically, so each swap is in effect a hand-over from a
+/// fuser to itself. Such a swap shows the effect of the hand-over, which the larger error of other
+/// fusers would hide.
 const SAME_FUSER: [Errors; 2] = [degrees(0.05, 0.25), degrees(0.05, 0.08)];
 /// Margins for each second fuser, degrees.
 ///
 /// The first margin is for the error from the swap on if the first fuser has a small error. The
 /// other two are for any other first fuser: one for the error from the swap on, and one for the
 /// error over the whole trial.
-/// after any other fuser: from the swap on, and over the whole trial.
 const LIMITS: [(&str, [Errors; 3]); 11] = [
     ("wz", [degrees(0.05, 0.2), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
     ("multiple-model", [degrees(0.05, 0.2), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
@@ -172,7 +172,7 @@ impl Trial {
         Self { inputs, truths: rows.iter().map(|row| row.reference).collect() }
     }
 
-    /// Returns the index of the row that is preceded by this share of the scored rows.
+    /// Returns the index of the row that is preceded by this fraction of the scored rows.
     fn row(&self, share: f64) -> usize {
         let scored: Vec<_> = (0..self.truths.len()).filter(|row| self.truths[*row].is_some()).collect();
         scored[(scored.len() as f64 * share) as usize]

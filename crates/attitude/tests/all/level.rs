@@ -1,5 +1,5 @@
-//! Level of `wz` over many seeds: scenario S1 of the article, steady spins, gyro bias, error over a
-//! day.
+//! Level of `wz` over many seeds: scenario S1 of Matveev 2025, steady spins, gyro bias, error
+//! over a day.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -176,8 +176,8 @@ fn error_of_no_fuser_grows_over_a_day() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // The gyro's attitude in `wz-open` drifts without bound. The error, an offset in the chart
-        // of that attitude, is therefore stretched by a varying factor.
+        // `wz-open` adds an offset to the point w of a gyro attitude that drifts without bound. The
+        // angle that corresponds to an error of this offset varies with the drift.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }

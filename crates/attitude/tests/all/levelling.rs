@@ -172,8 +172,7 @@ fn levelling_without_receiver_keeps_bias_error() {
 fn unified_levelling_matches_levelling_unless_in_gaps() {
     let aided = flight_errors("levelling-unified", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // The error is the time constant of the complex course times the gyro bias: 50 s times 0.05
-    // °/s.
+    // The error is the time constant of the course times the gyro bias: 50 s times 0.05 °/s.
     assert!((2.0..3.0).contains(&aided.heading.value()), "{}", aided.heading.value());
     let gaps = flight_errors("levelling-unified", "cruise?gnss=gaps", 1..=8);
     let printed = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
@@ -209,7 +208,7 @@ fn unified_levelling_announces_jump_between_platforms() {
     let [_, _, edges @ ..] = &announced[..] else { panic!("{announced:?}") };
     let near = |t_s: f64| edges.iter().any(|edge| (edge.0 - t_s).abs() < 2.0);
     assert!(edges.len() == 4 && [301.5, 360.0, 541.5, 600.0].into_iter().all(near), "{announced:?}");
-    // Only roll and pitch jump, the course does not.
+    // Only roll and pitch jump. The course does not.
     assert!(edges.iter().all(|(_, [roll, pitch, yaw])| roll.max(*pitch) > 0.03 && *yaw < 0.2), "{announced:?}");
 }
 

@@ -1,4 +1,4 @@
-//! Fuser `multiple-model`: choice between its two stages, and reference of its heading.
+//! Tests of the fuser `multiple-model`: choice between its two stages, and its heading reference.
 use attitude::{
     Complex, GRAVITY_M_S2, Vector3,
     accel::Projector,
@@ -53,7 +53,7 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
 
 /// Returns the outputs of a cruise until `until_s`, followed by `rest_s` seconds at rest.
 ///
-/// The cruise has fixes from 10 s on. The rest follows without a landing and has no fixes.
+/// The cruise has fixes from 10 s onwards. The rest follows without a landing and has no fixes.
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });
@@ -164,8 +164,8 @@ fn parameters_are_those_of_wz_and_aided_without_magnetic() {
     assert_eq!(fuser.parts(), ["wz", "aided"]);
 }
 
-/// A car drives, then stands still until the fuser no longer assumes ground motion, and is then
-/// pushed.
+/// Tests the leaky velocity of a car that drives, stands still until the fuser no longer assumes
+/// ground motion, and is then pushed.
 ///
 /// At the time of the push, the level comes from `wz` and the heading from `aided`.
 #[test]
@@ -178,10 +178,10 @@ fn leaky_velocity_is_handed_over_in_heading_frame() {
     }
 }
 
-/// Returns the leaky velocity after a push by 1 m/s² for 1 s in `direction_rad`.
+/// Returns the leaky velocity after a push of 1 m/s² for 1 s in `direction_rad`.
 ///
-/// Before the push, the vehicle rolls to `roll_rad` and drives in the direction of its right axis,
-/// with fixes.
+/// Before the push, the vehicle rolls to `roll_rad`, drives in the direction of its right axis with
+/// fixes, and then stands still without fixes.
 fn leaky_velocity_after_push(direction_rad: f64, roll_rad: f64) -> Complex<f64> {
     let (sin, cos) = direction_rad.sin_cos();
     let (mut fuser, mut gyro, mut accel) =

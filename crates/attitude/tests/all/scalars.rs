@@ -1,4 +1,4 @@
-//! Number of scalars of each type that is exchanged with a hosted stage, and their order.
+//! Tests the number and order of the scalars in each type that is exchanged with a hosted stage.
 
 use attitude::{
     Vector3,

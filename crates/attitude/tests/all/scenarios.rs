@@ -70,7 +70,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count).sqrt()
 }
 
-/// Root-mean-square inclination errors from 5 s on, degrees.
+/// Root-mean-square inclination errors from 5 s onwards, degrees.
 struct S1Errors {
     gyro: f64,
     fused: f64,

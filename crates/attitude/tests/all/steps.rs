@@ -111,9 +111,9 @@ fn run(name: &str, samples: &[Sample], magnetic: bool, mut observe: impl FnMut(f
 /// Largest values of a run, degrees, each with the time at which it occurred, s.
 #[derive(Debug, Clone, Copy, Default)]
 struct Worst {
-    /// Rotation of a tick beyond the rotation that the gyro measured.
+    /// Rotation in a tick in excess of the rotation measured by the gyro.
     correction: (f64, f64),
-    /// Change of the correction between two ticks.
+    /// Change of the correction between consecutive ticks.
     change: (f64, f64),
     announced: u64,
 }
@@ -172,7 +172,8 @@ fn broad_trials_have_no_unannounced_step() {
 
 /// At 50 Hz in aerobatics, the level correction exceeds `MAX_STEP_DEG` in one tick, but changes
 /// little between ticks. Therefore, the change of the correction is limited instead: for `wz`,
-/// `aided` and `multiple-model` to twice `MAX_STEP_DEG`, and for the others to their known values.
+/// `aided` and `multiple-model` to twice `MAX_STEP_DEG`, and for the others to a limit that their
+/// known steps do not exceed.
 #[test]
 fn aerobatic_flight_has_no_unannounced_step() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };

@@ -36,7 +36,7 @@ const MANOEUVRES: [Manoeuvre; 6] = [
     Manoeuvre { name: "roundabout", interval_s: [40.0, 70.0], left_m_s2: 4.0, yaw_rate_rad_s: 0.5, ..STRAIGHT },
 ];
 
-/// Returns the inclination, which is the error of a level vehicle at any heading.
+/// Returns the inclination of an attitude. It is the inclination error if the vehicle is level.
 fn inclination_deg(q: Quaternion<f64>) -> f64 {
     2.0 * q.i.hypot(q.j).atan2(q.w.hypot(q.k)).to_degrees()
 }
@@ -78,7 +78,8 @@ fn vehicle_manoeuvres_cause_no_unannounced_jump() {
             previous = fused.attitude;
         }
         println!("{name}: worst inclination error of wz {wz_deg:.1}°, of VQF {vqf_deg:.1}°");
-        // The loop may overshoot by a quarter of a step, much more than a Butterworth filter does.
+        // The step response of the loop may overshoot by a quarter of the step, much more than that
+        // of a Butterworth filter.
         assert!(wz_deg < 1.35 * vqf_deg + 2.0, "{name}: {wz_deg}°, VQF {vqf_deg}°");
     }
 }

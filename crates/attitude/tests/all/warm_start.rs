@@ -14,14 +14,15 @@ use scenario::Scenario;
 
 /// Fusers that subtract the bias from the rate, with the largest accepted bias error, °/s.
 ///
-/// The limit of `vqf` is higher, because it assumes the same bias uncertainty as on a cold start,
-/// whatever the source of the bias.
+/// `vqf` has a higher limit, because it assumes the same bias uncertainty as on a cold start, even
+/// if the bias comes from an earlier run.
 const BIAS_ESTIMATORS: [(&str, f64); 5] =
     [("wz", 0.02), ("multiple-model", 0.02), ("levelling-pi", 0.02), ("aided", 0.02), ("vqf", 0.08)];
 /// Gyro bias on each axis, rad/s (0.1 °/s).
 const BIAS_RAD_S: f64 = 0.001_745_329_251_994_329_5;
 const BIAS_SD_RAD_S: f64 = 2e-4;
-/// Hard iron, µT. The horizontal part is three quarters of the horizontal field.
+/// Hard iron, µT. Its horizontal part is three quarters of the horizontal part of the ambient
+/// field.
 const HARD_IRON_UT: Vector3<f64> = Vector3::new(15.0, 0.0, -4.0);
 const HARD_IRON_SD_UT: f64 = 0.5;
 /// Scale error of the gyro, per axis.

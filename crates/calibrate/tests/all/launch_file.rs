@@ -48,7 +48,7 @@ fn combined_blocks_form_launch_file_that_corrects_errors() {
     let calibration = launch.ingest.calibration;
     let [gyro, accel, mag] =
         [calibration.gyro, calibration.accel, calibration.mag].map(|section| section.to_calibration().unwrap());
-    // Applying the calibration inverts the distortion of exact readings.
+    // The calibration must undo the distortion of exact readings.
     for _ in 0..100 {
         let exact = calibrate::Sample {
             t_ns: 0,

@@ -19,7 +19,8 @@ fn calibrate_raw(kind: Kind, samples: &[Sample]) -> Report {
     run_calibration(kind, &Prior::default(), samples).unwrap()
 }
 
-/// Returns a rotation by hand about wandering axes at about 60 °/s that covers all directions.
+/// Returns the orientation of a unit that is turned by hand at about 60 °/s. The axis of rotation
+/// wanders, so that all directions are covered.
 pub(crate) fn tumbling(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     let mut noise = Noise::new(seed + 1_000_000);
     let phases: [f64; 4] = [0; 4].map(|_| noise.within(std::f64::consts::PI));
@@ -33,7 +34,7 @@ pub(crate) fn tumbling(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     }
 }
 
-/// Returns an oscillation by hand about three axes.
+/// Returns the orientation of a unit that is shaken by hand about three axes.
 pub(crate) fn shaking(seed: u64) -> impl Fn(f64) -> Quaternion<f64> {
     let mut noise = Noise::new(seed + 2_000_000);
     let phases = noise.vector_within(3.0);

@@ -171,7 +171,7 @@ impl DevicePair {
     }
 }
 
-/// Force at the time of a rate.
+/// Result of the search for the force at the time of a rate.
 enum Force {
     Known([f64; 3]),
     /// No later force has arrived yet.

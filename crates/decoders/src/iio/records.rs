@@ -150,7 +150,8 @@ impl Vector {
 }
 
 impl Channel {
-    /// Returns the value in `record`, or `None` if the record is too short.
+    /// Returns the value in `record`, or `None` if the record is too short or the value does not
+    /// fit into an `i64`.
     fn read(&self, record: &[u8]) -> Option<i64> {
         let stored = record.get(self.byte_offset..self.byte_offset.checked_add(self.storage_bytes)?)?;
         let joined = |all: u64, byte: &u8| all << 8 | u64::from(*byte);

@@ -21,7 +21,8 @@ pub const ROOT: &str = "/sys/bus/iio/devices";
 const MAX_FILE_BYTES: u64 = 4096;
 /// Maximum number of folder entries that are examined.
 const MAX_ENTRIES: usize = 1000;
-/// Channel folders: the first exists since Linux 5.11, the second in earlier versions, too.
+/// Channel folders. The first has existed since Linux 5.11; the second also exists in earlier
+/// versions.
 const CHANNEL_FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
 const QUANTITIES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
 const AXES: [&str; 3] = ["x", "y", "z"];

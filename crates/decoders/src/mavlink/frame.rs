@@ -8,7 +8,7 @@ pub const STX_V2: u8 = 0xfd;
 /// Returns the checksum of a frame, CRC-16/MCRF4XX.
 ///
 /// `covered` is the frame after the first byte, up to the end of the payload. `crc_extra` is the
-/// seed of its message.
+/// result of [`crc_extra`] for the message.
 pub fn checksum(covered: &[u8], crc_extra: u8) -> u16 {
     covered.iter().chain([&crc_extra]).fold(0xffff, |crc: u16, byte| {
         let [low, high] = crc.to_le_bytes();

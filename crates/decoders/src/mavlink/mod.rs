@@ -19,8 +19,9 @@
 //! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
 //! `time_boot_ms` counts from the start with 1 ms resolution.
 //!
-//! Vertical velocity: GPS_RAW_INT has none. It is set to 0 with a standard deviation of at least
-//! [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground vehicles and boats. GLOBAL_POSITION_INT
+//! Vertical velocity: GPS_RAW_INT does not contain the vertical velocity. The decoder sets it to 0
+//! with a standard deviation of at least [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground
+//! vehicles and boats. GLOBAL_POSITION_INT
 //! has a vertical velocity, but its estimate includes the autopilot's own IMU.
 //!
 //! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with
@@ -118,11 +119,11 @@ pub enum FixMessage {
 /// Units of the numbers in RAW_IMU. ArduPilot sends mrad/s, mg and mgauss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawScale {
-    /// Rate unit, rad/s.
+    /// Rate for the number 1, rad/s.
     pub rate_rad_s: f64,
-    /// Force unit, m/s².
+    /// Specific force for the number 1, m/s².
     pub force_m_s2: f64,
-    /// Field unit, µT.
+    /// Field for the number 1, µT.
     pub field_ut: f64,
 }
 
@@ -239,7 +240,7 @@ impl Header {
 /// were added later; both read as zero.
 struct Payload([u8; MAX_PAYLOAD_BYTES]);
 
-/// Fields are at the offsets that the XML definitions yield: sorted by size, then extensions.
+/// Fields are in the wire order of MAVLink: sorted by size, then the extension fields.
 impl Payload {
     fn new(bytes: &[u8]) -> Self {
         let mut padded = [0; MAX_PAYLOAD_BYTES];

@@ -132,7 +132,7 @@ proptest! {
 }
 
 /// Returns the bytes that a UART receives if `bytes` are sent at `ratio` times its baud rate.
-/// Format: start bit, eight data bits with the lowest first, stop bit.
+/// Format: start bit, eight data bits (least significant bit first), stop bit.
 fn resample(bytes: &[u8], ratio: f64) -> Vec<u8> {
     let mut line = vec![true; 20];
     for byte in bytes {

@@ -167,15 +167,15 @@ fn rvc(frames: &[Vec<u8>]) -> Vec<Measurement> {
 #[test]
 fn rvc_datasheet_frame_gives_force_and_axes() {
     assert_eq!(rvc_frame_with(0xde, [1, -110, 2085], [-371, -20, 977]), DATASHEET_FRAME);
-    // The rotation from a preceding level frame to the datasheet's frame equals the attitude in the
-    // datasheet's frame.
+    // The first message reports a level attitude. The rotation between the two messages therefore
+    // equals the attitude in the datasheet's message.
     let found = rvc(&[rvc_frame_with(0xdd, [1, 0, 0], [0, 0, 1000]), DATASHEET_FRAME.to_vec()]);
     let [Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut: None } }] = found[..] else {
         panic!("{found:?}")
     };
     assert_eq!(time, Some(DeviceTime::Counter { now_ns: 2_220_000_000, period_ns: 2_560_000_000 }));
     assert_near(force_m_s2, [-371.0, -20.0, 977.0].map(|mg| mg / 1000.0 * GRAVITY_M_S2), 1e-12);
-    // The level frame's up axis, rotated back, must point along the force.
+    // The up axis of the level attitude, rotated back, must point along the force.
     let angle = rate_rad_s.iter().map(|part| part * part).sum::<f64>().sqrt() * 0.01;
     let [x, y, z] = rate_rad_s.map(|part| part * 0.01 / angle);
     let (sine, cosine) = (-angle).sin_cos();

@@ -1,5 +1,5 @@
-//! Sample streams of all formats, each with a decoder and with units of bytes that are valid on
-//! their own.
+//! Sample streams of all formats. A stream has a decoder, and units (frames or cycles of frames),
+//! each of which is valid without the others.
 
 use decoders::{
     Counts, Decoder, Framed, Measurement,

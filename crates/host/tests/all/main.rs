@@ -92,7 +92,7 @@ fn invalid_response_fails_permanently_with_reason() {
         assert!(stage.step(&Vector3::zeros()).validation_error().is_some(), "{fault}");
         let reason = stage.failure().map(ToString::to_string).unwrap_or_default();
         assert!(reason.contains(message), "{fault}: {reason}");
-        // After the failure no request is sent, so that nothing blocks.
+        // After the failure no request is sent, so nothing blocks.
         let waited = started.elapsed();
         assert!(
             stage.step(&Vector3::zeros()).validation_error().is_some() && stage.restore(&stage.snapshot()).is_err()

@@ -1,4 +1,4 @@
-//! Motion that hides errors of the gyro's axes. The errors are found after the body has rotated by
+//! Motions that hide errors in the gyro's axes. The errors are found once the body has rotated by
 //! 90° about each axis.
 
 use std::f64::consts::FRAC_PI_2;
@@ -38,7 +38,7 @@ fn rotations(rate_hz: f64) -> Vec<Reading> {
     let mut all = Vec::new();
     for axis in axes {
         for step in 0..((ROTATION_S + REST_S) * rate_hz) as u32 {
-            // Smooth start and end, as by hand.
+            // The rotation starts and ends smoothly, as if the body were turned by hand.
             let angle_rad = |t_s: f64| FRAC_PI_2 * (1.0 - (FRAC_PI_2 * 2.0 * (t_s / ROTATION_S).min(1.0)).cos()) / 2.0;
             let t_s = f64::from(step) / rate_hz;
             let step_rad = angle_rad(t_s + 1.0 / rate_hz) - angle_rad(t_s);

@@ -1,4 +1,4 @@
-//! Arbitrary samples do not cause a panic.
+//! Tests that arbitrary samples do not cause a panic.
 
 use judge::{InputCheck, TimestampCheck};
 use messages::{Flags, Header, ImuSample, MagSample};

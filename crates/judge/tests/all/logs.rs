@@ -1,8 +1,8 @@
 //! Logs from PX4 and from a real flight, unchanged and with errors that are visible in their
 //! motion.
 //!
-//! Errors of the gyro's axes are visible while gravity rotates in the body: not at rest, and not in
-//! the coordinated turns of an aeroplane.
+//! Errors of the gyro's axes are visible only while the direction of gravity changes in body axes:
+//! neither at rest nor in the coordinated turns of an aeroplane.
 
 use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use judge::InputIssue;
@@ -24,9 +24,9 @@ const ALWAYS_VISIBLE: [&str; 9] = [
 /// Logs. Each entry contains the file, the tenth of the log at which reading starts, counted from
 /// 0, and the errors that are visible in addition to [`ALWAYS_VISIBLE`].
 const LOGS: [(&str, usize, &[&str]); 3] = [
-    // A few seconds in flight, then on the ground.
+    // This log covers a few seconds in flight and some time on the ground.
     ("logs/px4_sample.ulg", 0, &["rates in °/s"]),
-    // Seven seconds long.
+    // This log is seven seconds long.
     ("logs/px4_small.ulg", 0, &[]),
     // The flight begins after seven tenths of the log.
     ("flights/apm_plane_log2_imu.csv.gz", 7, &["rates in °/s", "an axis stuck"]),

@@ -76,7 +76,8 @@ fn each_input_error_is_diagnosed() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Removes gravity from the force, like the "linear" or "user" acceleration of phones.
+/// Removes gravity from the force. The result is the "linear" or "user" acceleration that phones
+/// report.
 fn without_gravity(reading: Reading) -> Reading {
     let Some(truth) = reading.reference else { return reading };
     let [w, x, y, z] = truth.quaternion;

@@ -21,7 +21,7 @@ const MAX_RATE_SD_RAD_S: f64 = 0.0175;
 /// Maximum mean rate at rest, rad/s (20 °/s). A larger rate indicates a steady turn or an unusable
 /// gyro.
 const MAX_REST_RATE_RAD_S: f64 = 0.35;
-/// Gyro bias above which a warning is reported, rad/s (2 °/s). Common sensors have less.
+/// Gyro bias above which a warning is reported, rad/s (2 °/s). Common sensors have a smaller bias.
 const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Minimum number of samples for a check.
 const MIN_SAMPLES: f64 = 50.0;

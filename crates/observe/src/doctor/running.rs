@@ -55,8 +55,8 @@ impl Observation {
         };
         while !is_over() {
             std::thread::sleep(POLL_INTERVAL);
-            // The field is read before the samples, because a sample is checked without waiting for
-            // its field. A field that arrives between the two reads is not checked.
+            // The field is read first, because the check of a sample does not wait for the field of
+            // its tick. A field that arrives between the two reads is not checked.
             field.drain(&mut |bytes| {
                 bytemuck::try_pod_read_unaligned(bytes).into_iter().for_each(|field| observation.fields.push(field));
             })?;

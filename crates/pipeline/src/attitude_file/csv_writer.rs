@@ -46,7 +46,7 @@ pub(crate) struct CsvWriter {
 
 impl CsvWriter {
     /// Creates the file with the header line. An existing file keeps its content until the first
-    /// lines are written, so that a run that does not start costs nothing.
+    /// lines are written, so a run that fails to start does not destroy it.
     pub(crate) fn create(path: &Path, header: String) -> Result<Self, CollectorError> {
         let create_error = |cause| CollectorError::Create { path: path.into(), cause };
         // Opening a named pipe would block until a reader opens it.
@@ -139,8 +139,8 @@ impl CsvWriter {
     }
 }
 
-/// Replaces the content of the file by batches of complete lines, until the channel is closed or a
-/// write fails.
+/// Replaces the content of the file with batches of complete lines, until the channel is closed or
+/// a write fails.
 fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
     for batch in batches {
         if written_bytes.load(Ordering::Relaxed) == 0 && file.metadata()?.is_file() {

@@ -29,7 +29,7 @@ use launch::{Fault, FaultKind, Sensor};
 use crate::source::{Reading, ReceiverFix};
 use {delay_line::DelayLine, fault_rng::FaultRng};
 
-/// Longest step of the stamps that counts as elapsed time, ns. A longer step is a leap of the
+/// Longest step between timestamps that counts as elapsed time, ns. A longer step is a leap of the
 /// clock.
 const MAX_STEP_NS: i64 = 10_000_000_000;
 

@@ -1,4 +1,4 @@
-//! Tests each row of the conditioner's table, and random stamps and values.
+//! Tests each row of the conditioner's table, and random timestamps and values.
 use attitude::gnss::Fix;
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
@@ -32,7 +32,8 @@ fn readings(count: i64) -> Vec<Reading> {
     (0..count).map(reading).collect()
 }
 
-/// Conditions all readings and checks the time, numbers and counts of the samples.
+/// Conditions all readings. Checks the times, ticks and values of the samples, and the counts of
+/// accepted and rejected readings.
 fn conditioned(readings: &[Reading]) -> Vec<Option<ImuSample>> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let samples: Vec<_> =
@@ -309,7 +310,7 @@ fn extreme_stamps_do_not_stop_time() {
     }
 }
 
-/// Random stamps and values: splitmix64 (Steele, Lea, Flood 2014).
+/// Random timestamps and values: splitmix64 (Steele, Lea, Flood 2014).
 struct FuzzRng(u64);
 
 impl FuzzRng {

@@ -44,7 +44,7 @@ fn conditioned_with(sensor: Sensor, kind: FaultKind) -> Vec<Option<Sample>> {
 }
 
 fn rate(sample: &Option<Sample>) -> [f64; 3] {
-    // The default calibration and mounting do not change any bit.
+    // The default calibration and mounting leave every bit of the rate unchanged.
     sample.unwrap().imu.rate_rad_s
 }
 

@@ -12,7 +12,7 @@ use crate::{
 pub(super) struct SimulatedReceiver {
     receiver: Receiver,
     noise: RandomStream,
-    /// Number of fixes due so far, including those outside the coverage.
+    /// Number of fixes due so far, including those that were omitted because there was no coverage.
     count: u64,
 }
 

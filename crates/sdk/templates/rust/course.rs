@@ -68,7 +68,7 @@ impl Stage for @Class@ {
         let course_rad = (declination_rad - angles.yaw_rad).rem_euclid(TAU) % TAU;
         let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
         let quaternion = input.attitude.quaternion();
-        // The sign is kept continuous, because a change of sign would break interpolation.
+        // The quaternion keeps its sign, because a change of sign would break interpolation.
         let quaternion = if quaternion.dot(&self.last.quaternion) < 0.0 { -quaternion } else { quaternion };
         let aligned = self.last.course.is_some_and(|previous| previous.reference != reference);
         self.last = LastReading { quaternion, course: Some(CourseEstimate { course_rad, reference, sd_rad }) };

@@ -8,7 +8,7 @@ use crate::{
 
 impl Coordinator {
     /// Decides that the candidate owns the slot from a future tick on. Neither stage has reached
-    /// this tick, so that both can receive the decision in time.
+    /// this tick, so both can receive the decision in time.
     pub(super) fn arm(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         let Some(owner) = swap.candidate else { return };
@@ -83,7 +83,8 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Committed, None, commit_tick, took_ms));
     }
 
-    /// Publishes a decision by which the slot has no owner from the first unpublished tick on.
+    /// Publishes a decision that leaves the slot without an owner from the first unpublished tick
+    /// on.
     pub(super) fn vacate(&mut self, actions: &mut Vec<Action>) {
         self.epoch += 1;
         let decision = OwnershipDecision { epoch: self.epoch, owner: 0, from_tick: self.published_tick };

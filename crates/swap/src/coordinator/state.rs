@@ -14,7 +14,7 @@ pub enum SwapState {
     Idle,
     /// The candidate is starting.
     Starting,
-    /// The candidate processes the history of its input.
+    /// The candidate is processing the history of its input.
     CatchingUp,
     /// The candidate computes in parallel with the active stage.
     Shadowing,

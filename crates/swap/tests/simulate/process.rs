@@ -117,7 +117,7 @@ impl Process {
     }
 
     /// Simulates one millisecond. `newest_input` is the newest tick of the input. If `exits` is
-    /// set, the process exits during its work.
+    /// set, the process exits during this millisecond.
     pub(crate) fn step(&mut self, now_ms: u64, newest_input: Option<u64>, exits: bool, rng: &mut SimRng) {
         if !self.alive || now_ms < self.hung_until_ms || now_ms < self.behaviour.ready_ms {
             self.alive &= !exits;

@@ -33,7 +33,8 @@ impl Subscriber {
         }
     }
 
-    /// Receives a message. Fails if a tick is delivered out of order.
+    /// Receives a message. Fails if a delivered tick is out of order, follows a missing tick, or
+    /// has a lower epoch than the tick before.
     pub(crate) fn receive(&mut self, packet: Packet) -> Result<(), String> {
         let mut failure = None;
         let received = &mut self.received;

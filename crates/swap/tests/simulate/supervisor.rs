@@ -82,8 +82,7 @@ impl World {
             Action::RestartActive { epoch, from_tick } => {
                 let owner = &self.processes[self.owner as usize - 1];
                 let hung = owner.hung_until_ms + 2 * self.scenario.limits.restore_timeout_ms > self.now_ms;
-                // If the previous stage has exited, a subscriber may need ticks that this stage had
-                // published.
+                // A subscriber may need ticks that the previous stage published before it exited.
                 let lost_handover = self.handovers.last().filter(|(previous, commit_tick)| {
                     from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive
                 });
@@ -191,8 +190,8 @@ impl World {
 
     /// Returns the tick of the newest checkpoint from which the slot's owner can resume.
     ///
-    /// If subscribers can restart, the checkpoint is not after the later of two ticks: the oldest
-    /// checkpoint of the subscribers, and `from_tick`.
+    /// If subscribers can restart, only checkpoints up to a limit are considered. The limit is the
+    /// oldest checkpoint of the subscribers, or `from_tick` if that is later.
     fn resume_tick(&self, from_tick: u64) -> u64 {
         let oldest = self.subscribers.iter().map(|subscriber| subscriber.checkpoint.next_tick).min();
         let limit = oldest.filter(|_| self.scenario.subscribers_restart).unwrap_or(u64::MAX).max(from_tick);

@@ -1,5 +1,5 @@
 //! World of one seed: a source, the processes of a slot, two subscribers and a supervisor. Faults
-//! occur up to a certain time.
+//! end at a certain time, after which everything must settle.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -44,7 +44,7 @@ pub(crate) struct World {
     pub(crate) handovers: Vec<(u32, u64)>,
     /// Ticks of hand-overs after which the new stage had to republish earlier ticks.
     pub(crate) republished: BTreeSet<u64>,
-    /// Epochs under which a stage replaced an exited owner.
+    /// Epochs in which a stage replaced an exited owner.
     pub(crate) replaced: BTreeSet<u32>,
     pub(crate) restarts: u64,
     pub(crate) verbose: bool,

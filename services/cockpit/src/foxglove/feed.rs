@@ -18,8 +18,8 @@ use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::Sourc
 /// Maximum number of messages queued per client, enough for all messages of half a second. A client
 /// that falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 512;
-/// If the publication time steps back by more than this, the system is considered restarted, ns.
-/// The publication times of concurrent publishers differ by less.
+/// Backward step of the publication time above which the system is considered restarted, ns. The
+/// publication times of concurrent publishers differ by less.
 const RESTART_STEP_NS: u64 = 1_000_000_000;
 
 /// Channels, their subscriber counts, and the queues of the clients.
@@ -70,9 +70,9 @@ impl Broadcaster {
         self.session.load(Ordering::SeqCst)
     }
 
-    /// Updates the subscriber counts after a client has changed its subscriptions. `before` and
-    /// `after` yield for each channel whether the client was subscribed before and is subscribed
-    /// now.
+    /// Updates the subscriber counts after a client has changed its subscriptions. For each
+    /// channel, `before` yields `true` if the client was subscribed before the change, and `after`
+    /// yields `true` if the client is subscribed after the change.
     pub(crate) fn update_subscriptions(&self, before: impl Iterator<Item = bool>, after: impl Iterator<Item = bool>) {
         for (clients, change) in self.subscriber_counts.iter().zip(before.zip(after)) {
             match change {
@@ -109,7 +109,7 @@ pub(crate) struct Feed {
 struct TopicFeed {
     encoder: Encoder,
     rate_limit: Option<RateLimit>,
-    /// Newest publication time so far on CLOCK_MONOTONIC, ns.
+    /// Latest publication time so far on CLOCK_MONOTONIC, ns.
     newest_ns: u64,
     /// Indices of the topic's channels.
     channels: Vec<usize>,
@@ -155,7 +155,7 @@ impl Feed {
                 false => Some(data.clone()),
             };
             if let Some(data) = data {
-                // Sending fails only if the subscriber has disconnected meanwhile.
+                // Sending fails only if the subscriber has disconnected in the meantime.
                 let _ =
                     broadcaster.messages.send(ChannelMessage { session, channel: index, t_ns: stamps.log_ns, data });
             }

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::json;
 use wire::channel::Channel;
 
-/// Names of the subprotocol, newer first. The server treats both alike.
+/// Names of the subprotocol, the newer one first. The server treats both in the same way.
 pub(crate) const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Opcode of a binary frame with a channel message.
 const MESSAGE_DATA: u8 = 1;

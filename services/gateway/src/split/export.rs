@@ -115,7 +115,7 @@ impl Export {
 }
 
 impl ExportState {
-    /// Starts the thread that sends new records and replies to queries until the gateway stops.
+    /// Starts the thread that sends new records and responds to queries until the gateway stops.
     pub(crate) fn spawn(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
         let outlet = link.raw_publisher(&self.key)?;
         let workers = WorkerPool::new(&shared.rejected_queries);

@@ -11,8 +11,8 @@ use super::record::{Record, index_of, message_header, topics_in};
 
 /// Maximum size of a frame, bytes.
 pub const MAX_FRAME_BYTES: usize = 1 << 20;
-/// A frame is closed once its records reach this total size, bytes. The last record may take the
-/// total above it.
+/// Total size of the records at which a frame is closed, bytes. The last record may exceed this
+/// size.
 pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
 /// Header of a frame.

@@ -33,13 +33,14 @@ use crate::{
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a frame after which the importer requests all ticks from the next tick to deliver.
+/// Time without a frame after which the importer requests the next tick to be delivered and all
+/// later ticks.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
-/// Minimum interval between requests.
+/// Minimum interval between two requests for missing ticks.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 /// Time to wait for a reply.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum number of frames processed before it is checked whether ticks are missing.
+/// Maximum number of frames processed between two checks for missing ticks.
 const MAX_FRAMES_PER_POLL: usize = 256;
 /// Time without credit after which ticks are published anyway, so that a stalled slot does not
 /// block the other slots for longer.

@@ -16,7 +16,7 @@ use runtime::{
 
 use super::record::{Record, topics_in};
 
-/// Join of the topics in a mask.
+/// Join of the topics that a mask selects.
 #[derive(Debug)]
 pub struct Merge {
     join: Join<TopicInputs>,
@@ -26,7 +26,7 @@ pub struct Merge {
     start_deadline: u64,
 }
 
-/// Join inputs of the topics in a mask, with their indices.
+/// Join inputs of the topics that a mask selects, with the indices of these topics.
 #[derive(Debug)]
 struct TopicInputs(Vec<(usize, JoinInput<TopicMessage>)>);
 
@@ -43,7 +43,8 @@ impl Merge {
         Self { has_started: true, ..Self::with_unknown_start(mask, lateness_ticks, 0) }
     }
 
-    /// Creates a join that starts at the first tick that all dense topics still hold.
+    /// Creates a join that starts at the first tick that is still available from all dense topics,
+    /// which are the topics with a message for every tick.
     ///
     /// Ticks before `backlog_end` have already been published, but their messages are still being
     /// delivered. These ticks are therefore given up later than other ticks.
@@ -59,7 +60,8 @@ impl Merge {
         self.join.offer(|topics| topics.input(index), TopicMessage { tick, flags, bytes: bytes.to_vec() });
     }
 
-    /// Returns the next record once every topic has either delivered its tick or been given up.
+    /// Returns the next record. Returns `None` until every topic has either delivered the record's
+    /// tick or been given up for this tick.
     pub fn next_record(&mut self) -> Option<Record> {
         if !self.has_started {
             self.join.start_at(self.first_tick()?);
@@ -73,7 +75,8 @@ impl Merge {
         self.join.inputs().0.get(self.join.awaited_input()).map(|(index, _)| *index)
     }
 
-    /// Returns the first tick, once every dense topic has delivered a message or been given up.
+    /// Returns the first tick of the stream, or `None` until every dense topic has delivered a
+    /// message or the deadline for the start has passed.
     fn first_tick(&self) -> Option<u64> {
         let (mut first, mut all_received, mut timed_out) = (None, true, false);
         self.join.inputs().each(&mut |input| {

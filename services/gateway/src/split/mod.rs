@@ -71,7 +71,7 @@ impl BusSide {
         }
     }
 
-    /// Reads messages from the bus to export, or publishes imported ones.
+    /// Reads the messages to be exported from the bus, or publishes the imported messages.
     pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
         match self {
             Self::Disabled => Ok(()),

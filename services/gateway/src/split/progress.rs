@@ -1,4 +1,4 @@
-//! Progress of a split system as checkpoints, and the number of a run.
+//! Checkpoints of a split system's progress, and the identifier of a run.
 
 use std::fs;
 

@@ -15,7 +15,7 @@ use super::{
     record::{Record, topics_in},
 };
 
-/// Maximum distance of a stored tick from the next tick to deliver.
+/// Maximum distance of a stored tick from the next tick to deliver, ticks.
 pub const MAX_AHEAD_TICKS: u64 = 65_536;
 
 /// Next element of the stream.
@@ -35,7 +35,7 @@ pub struct Reassembly {
     run: Option<u64>,
     next_tick: u64,
     end_tick: u64,
-    /// Ticks cached by the exporter, as far as known.
+    /// Ticks cached by the exporter, according to the frames received.
     cached: Range<u64>,
     ahead: BTreeMap<u64, Record>,
 }
@@ -67,7 +67,7 @@ pub enum ReassemblyError {
 }
 
 impl Reassembly {
-    /// Creates a stream of the topics in `mask` for the ticks `next_tick..end_tick`.
+    /// Creates the reassembly of the topics in `mask` for the ticks `next_tick..end_tick`.
     ///
     /// `run` is the run of the exporter, if known from an earlier incarnation.
     pub fn new(mask: u8, rate_hz: f64, run: Option<u64>, next_tick: u64, end_tick: u64) -> Self {

@@ -313,8 +313,9 @@ proptest! {
             if next == 0 { continue; }
             let live = frame(&cache, before..next);
             match action {
-                // The frame is delivered (0), lost (1) or delayed (2); the importer restarts a few
-                // ticks earlier (3); or delayed frames arrive and missing ticks are requested.
+                // 0 delivers the frame, 1 loses it, 2 delays it. 3 restarts the importer at a tick
+                // up to `rewind` ticks back. Any other action delivers the delayed frames and
+                // requests missing ticks.
                 0 => reassembly.offer(Frame::decode(&live).unwrap()).unwrap(),
                 1 => {}
                 2 => delayed.push(live),

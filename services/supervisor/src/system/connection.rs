@@ -42,11 +42,11 @@ pub(super) struct BusConnection {
 /// Optional subscriptions of the supervisor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OptionalInputs {
-    /// Fused state of each tick, for the output file.
+    /// `true` to subscribe to the fused state of each tick, for the output file.
     pub(super) fused: bool,
-    /// Every topic, for a recorder.
+    /// `true` to subscribe to every topic, for a recorder.
     pub(super) every_topic: bool,
-    /// Samples and fields, for the input check.
+    /// `true` to subscribe to samples and magnetic fields, for the input check.
     pub(super) input: bool,
 }
 
@@ -112,7 +112,8 @@ impl BusConnection {
         self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.record_fused(&state)));
     }
 
-    /// Returns the messages of the services, and the newest tick published by each.
+    /// Returns the messages of the services, and the tick after the newest one published by each
+    /// service of the data path.
     pub(super) fn poll_events(&mut self) -> Result<Vec<Event>, UpError> {
         let mut events = Vec::new();
         // Subscribers that have connected late receive the earlier messages.
@@ -134,8 +135,8 @@ impl BusConnection {
         service.output().map_or(0, |topic| self.bus.next_tick(topic.entry()))
     }
 
-    /// Publishes an ownership decision. If it is not delivered, it is not confirmed and is
-    /// reverted.
+    /// Publishes an ownership decision. A decision that is not delivered is not confirmed, and is
+    /// therefore reverted.
     pub(super) fn publish_control(&self, control: &Control) {
         let _ = self.control.send(control);
     }

@@ -18,7 +18,7 @@ impl RecordedTopics {
         Ok(Self(each.collect::<Result<_, _>>()?))
     }
 
-    /// Passes the messages received to the recorder and ends the round.
+    /// Passes the received messages to the recorder and marks the end of the round.
     pub(super) fn poll(&self, recorder: &mut dyn Recorder) {
         self.0.iter().for_each(|topic| topic.drain(recorder));
         recorder.end_round();
@@ -47,7 +47,7 @@ impl<M: Message> DrainTopic for TopicReader<M> {
             count += 1;
             recorder.record(self.topic, bytemuck::bytes_of(&message));
         });
-        // A failed read affects only the recording.
+        // A failed read is handled like an overflow, because it affects only the recording.
         if count >= self.buffer || result.is_err() {
             recorder.on_overflow(self.topic);
         }

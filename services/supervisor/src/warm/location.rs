@@ -1,4 +1,4 @@
-//! Determines which runs have a state file, and its path.
+//! Determines which runs have a state file, and the path of the file.
 
 use std::{env, ffi::OsString, path::PathBuf};
 

@@ -47,7 +47,8 @@ pub(crate) struct WarmStart {
     writer: Option<StateWriter>,
     last_check: Instant,
     last_written: Option<WrittenState>,
-    /// Newest known sensor errors and their time. Initially those that the run started with.
+    /// Newest known sensor errors and their time. Initially the errors known at the start of the
+    /// run.
     latest: Option<(Prior, Instant)>,
     /// Messages to announce.
     messages: Vec<String>,

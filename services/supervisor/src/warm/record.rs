@@ -1,6 +1,6 @@
 //! Content of a state file and its validation.
 //!
-//! The first line contains the format and the checksum of the rest, the second line is JSON.
+//! The first line contains the format and the checksum of the rest. The second line is JSON.
 
 use launch::{Ingest, Source};
 use messages::{HASH_START, hash};
@@ -14,7 +14,7 @@ const MAGIC: &str = "plumbline state ";
 /// Version of the format.
 const VERSION: &str = "2";
 
-/// JSON content after the first line.
+/// JSON content of a state file, which follows the first line.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StateRecord {
@@ -255,8 +255,8 @@ mod tests {
         let found = Some(PriorEstimate { mean: [0.001; 3], sd: 4e-4 });
         assert_eq!(scale(Prior { gyro_scale: found, ..PRIOR }), found);
         assert_eq!(Prior { gyro_scale: None, ..PRIOR }.or_scale_from(None).gyro_scale, None);
-        // The standard deviation of the prior is combined with the minimum of 2e-3, which is much
-        // larger.
+        // The standard deviation of the prior, 5e-4, is combined in quadrature with the minimum
+        // standard deviation of a scale, 2e-3.
         assert!((PRIOR.estimate().gyro_scale.sd.x - 5e-4f64.hypot(2e-3)).abs() < 1e-12);
         assert_eq!(Prior::from_named_values(&PRIOR.named_values()), Some(PRIOR));
     }

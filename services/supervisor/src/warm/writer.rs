@@ -104,7 +104,8 @@ mod tests {
         };
         (0..3).for_each(|_| submit());
         assert!(writer.messages.recv().unwrap().contains("cannot write it: "));
-        // The second state is accepted only after the three states above have been processed.
+        // The second of these two states is accepted only after the three states above have been
+        // processed.
         (0..2).for_each(|_| submit());
         fs::remove_file(folder.path().join("folder")).unwrap();
         (0..2).for_each(|_| submit());

@@ -10,7 +10,7 @@ use crate::{ImportError, Note};
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
 
-/// Message type of a topic, in order of preference: Plumbline before ROS.
+/// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Kind {
     PlumblineImu,
@@ -146,8 +146,9 @@ impl<'a> Topics<'a> {
 
     /// Selects the topic to read for a role.
     ///
-    /// This is the requested topic, or else the first one by name that has samples. ROS velocities
-    /// are read only on request, because their messages do not specify the axes.
+    /// This is the requested topic. If none is requested, it is the first topic with samples, in
+    /// the order of [`Kind`] and then of the name. ROS velocities are read only on request, because
+    /// their messages do not specify the axes.
     pub(super) fn select(&self, role: Role, notes: &mut Vec<Note>) -> Option<&Topic> {
         let of_role = || self.counts.iter().filter(|(topic, _)| topic.kind.role() == role);
         let is_read_by_default = |topic: &&Topic| topic.kind != Kind::Twist;

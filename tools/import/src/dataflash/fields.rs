@@ -13,7 +13,7 @@ const MIN_STATUS_3D: f64 = 3.0;
 /// Exclusive upper limit for times in a recording, ns.
 const MAX_TIME_NS: i64 = 9_000_000_000_000_000_000;
 
-/// Attitude estimator in the autopilot, in order of preference.
+/// Attitude estimator of the autopilot. The variants are in order of preference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Estimator {
     /// Third extended Kalman filter, logged as a quaternion.
@@ -26,7 +26,7 @@ pub(super) enum Estimator {
     Ekf3Angles,
     /// Second extended Kalman filter, logged as Euler angles.
     Ekf2Angles,
-    /// Secondary estimator that ran in parallel to the one in control.
+    /// Secondary estimator that ran in parallel with the estimator in control.
     Secondary,
 }
 

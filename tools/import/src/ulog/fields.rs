@@ -13,7 +13,7 @@ use crate::{
     source::ReceiverFix,
 };
 
-/// Relative timestamp that marks a missing measurement.
+/// Timestamp, relative to the gyro sample, that marks a missing measurement.
 const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;
 /// Lowest `fix_type` for which all three velocity components are available.
 const MIN_FIX_TYPE: u8 = 3;
@@ -25,7 +25,7 @@ pub(crate) struct FieldSample {
     pub(crate) field_ga: [f32; 3],
 }
 
-/// Attitude at a time, from forward, right, down to north, east, down.
+/// Attitude at a time: the rotation from forward, right, down to north, east, down axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AttitudeSample {
     pub(crate) t_ns: i64,
@@ -52,7 +52,8 @@ pub(super) struct CombinedFields {
     rate: Vector<f32>,
     force: Vector<f32>,
     force_time_offset: Option<FieldParser<i32>>,
-    /// Magnetic field with its relative timestamp. Present only in logs from before 2018.
+    /// Magnetic field, and its time relative to the gyro sample. Present only in logs from before
+    /// 2018.
     field: Option<(Vector<f32>, FieldParser<i32>)>,
 }
 
@@ -131,7 +132,8 @@ impl AttitudeFields {
         })
     }
 
-    /// Returns the attitude; `None` if the quaternion is not a rotation.
+    /// Returns the attitude; `None` if the quaternion is not a rotation or the time is out of
+    /// range.
     pub(super) fn attitude(&self, data: &[u8]) -> Option<AttitudeSample> {
         let quaternion = [0, 1, 2, 3].map(|part: usize| self.quaternion[part].parse(data));
         let reset_counter = self.reset_counter.as_ref().map_or(0, |resets| resets.parse(data));
@@ -175,7 +177,8 @@ impl ReceiverFields {
         })
     }
 
-    /// Returns the fix; `None` if it is not a 3D fix or its velocity is marked as invalid.
+    /// Returns the fix; `None` if it is not a 3D fix, its velocity is invalid, or its time is out
+    /// of range.
     pub(super) fn fix(&self, data: &[u8]) -> Option<ReceiverFix> {
         let is_valid = self.is_valid.as_ref().is_none_or(|is_valid| is_valid.parse(data));
         let is_3d = self.fix_type.as_ref().is_none_or(|kind| kind.parse(data) >= MIN_FIX_TYPE);

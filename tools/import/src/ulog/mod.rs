@@ -51,7 +51,7 @@ pub(crate) struct Log {
     selection: Option<Selection>,
 }
 
-/// Topics and instances selected by the survey, with counts of what was skipped.
+/// Topics and instances selected by the survey, with counts of skipped samples.
 struct Selection {
     combined: Series,
     /// Field samples from the magnetometer topic, or from `sensor_combined` in an old log.
@@ -129,7 +129,7 @@ impl Log {
         Ok(())
     }
 
-    /// Returns the number of passes made before the one for the rows.
+    /// Returns the number of passes over the log that precede the pass for the rows.
     fn passes_before_rows(&self) -> u64 {
         1 + u64::from(self.selection.as_ref().is_none_or(|selection| selection.fixes.accepted > 0))
     }

@@ -24,8 +24,7 @@ use runs::{NoiseFreeSample, NoisySample, TABLE_TIMES_S};
 /// Number of simulation runs: one noise-free and one with errors.
 pub(crate) const RUN_COUNT: u64 = 2;
 
-/// Published values of u, v and z in the scenario of the paper, at the times of `TABLE_TIMES_S`; z
-/// in rad.
+/// Values of u, v and z (rad) that the paper gives for its scenario at the times `TABLE_TIMES_S`.
 const PUBLISHED: [[f64; 3]; 6] = [
     [0.0, 0.221694663, 0.0],
     [-0.267949192, 0.0, 0.087266463],

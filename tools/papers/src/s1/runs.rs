@@ -57,9 +57,9 @@ pub(crate) struct NoisySample {
     pub(crate) low_pass_gyro: f64,
     /// LPF(v_a): low-pass filtered v of the accelerometer channel.
     pub(crate) low_pass_accel: f64,
-    /// Fused attitude by figure 9 as published, stage `wz-open`.
+    /// Fused attitude according to figure 9 as published (open loop), stage `wz-open`.
     pub(crate) open: Attitude,
-    /// Fused attitude by figure 9 with the loop closed, stage `wz-closed`.
+    /// Fused attitude according to figure 9 with a closed loop, stage `wz-closed`.
     pub(crate) closed: Attitude,
 }
 
@@ -126,13 +126,14 @@ pub struct Results {
     pub closure: f64,
     /// Noise-free values of u, v and z at 0, 5, 10, 25, 75 and 100 s; z in rad.
     pub table: [[f64; 3]; 6],
-    /// Inclination RMSE of the gyro channel from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, gyro channel, degrees.
     pub gyro_deg: f64,
-    /// Inclination RMSE of the accelerometer channel from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, accelerometer channel, degrees.
     pub accel_deg: f64,
-    /// Inclination RMSE of figure 9 as published (open loop) from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, fusion according to figure 9 as published (open loop),
+    /// degrees.
     pub open_deg: f64,
-    /// Inclination RMSE of figure 9 with the loop closed from 5 s on, degrees.
+    /// Inclination RMSE from 5 s on, fusion according to figure 9 with a closed loop, degrees.
     pub closed_deg: f64,
     /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,
@@ -242,8 +243,8 @@ mod tests {
         ] {
             assert!((got / published - 1.0).abs() < 0.15, "{got}° for {published}°");
         }
-        // In figure 8 of the paper, v exceeds ±0.3 and reaches 0.4. In figure 10 of the paper,
-        // HPF(v) is a small part of the sum.
+        // In figure 8 of the paper, v drifts beyond its range of ±0.3 and reaches 0.4. In figure
+        // 10, HPF(v) is a small part of the sum.
         assert!((0.05..0.25).contains(&results.drift_v.abs()), "{}", results.drift_v);
         assert!(results.high_pass < 0.5 * results.low_pass && results.sum_error < 0.01, "{results:?}");
     }

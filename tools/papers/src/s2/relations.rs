@@ -132,7 +132,7 @@ pub struct Results {
     pub matrix: Tilt,
     /// Largest error of the quaternion method.
     pub quaternion: Tilt,
-    /// Largest error of the projection of S1.
+    /// Largest error of the method of S1, a projection (stage `projector`).
     pub projector: Tilt,
     /// Largest difference between the matrix and the quaternion method.
     pub matrix_vs_quaternion: Tilt,

@@ -51,7 +51,7 @@ pub(super) fn axes() -> Part {
     ];
     let (sin, cos) = 12f64.to_radians().sin_cos();
     let (z_sin, z_cos) = 35f64.to_radians().sin_cos();
-    // Rotation by the azimuth of the platform, then by both misalignments, exaggerated.
+    // Rotation by the azimuth of the platform, then by both misalignments, which are exaggerated.
     let right = Vector3::new(z_cos * cos, z_sin * cos, sin);
     let up = Vector3::new(-sin * z_cos, -sin * z_sin, cos) + Vector3::new(z_sin, -z_cos, 0.0) * 0.25;
     let up = (up - right * up.dot(&right)).normalize();

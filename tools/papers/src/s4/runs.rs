@@ -13,8 +13,8 @@ use scenario::Scenario;
 
 /// Duration of a flight, s, as in the paper.
 pub(crate) const DURATION_S: f64 = 3500.0;
-/// Stages that are compared. The first applies the control law of the paper to a single attitude.
-/// The second implements figure 7 of the paper.
+/// Stages that are compared. `levelling` applies the control law of the paper to a single platform.
+/// `levelling-unified` implements figure 7 of the paper.
 pub(crate) const STAGES: [&str; 4] = ["levelling", "levelling-unified", "levelling-pi", "aided"];
 /// Number of flights that are averaged for the table.
 pub(crate) const SEEDS: u64 = 4;
@@ -28,7 +28,7 @@ const PLOT_DECIMATION: usize = 10;
 pub enum GnssCoverage {
     /// Continuous fixes.
     Always,
-    /// Gaps of 60 s: the first starts at 300 s, and another every 240 s.
+    /// Gaps of 60 s, which start at 300 s and then every 240 s.
     Gaps,
     /// No fixes.
     Never,

@@ -71,8 +71,8 @@ impl Curve {
         Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
     }
 
-    /// Returns the range of the values, excluding the outermost `percent` of the points at both
-    /// ends, so that spikes are ignored.
+    /// Returns the range of the values. At each end, `percent` % of the points are excluded, so
+    /// that spikes are ignored.
     pub(crate) fn robust_range(&self, percent: f64) -> Option<(f64, f64)> {
         let mut values: Vec<_> = self.points.iter().map(|(_, value)| *value).filter(|value| !value.is_nan()).collect();
         values.sort_by(f64::total_cmp);

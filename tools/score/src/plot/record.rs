@@ -80,7 +80,8 @@ pub(crate) struct PlotRecord {
     sensors: SensorSlots,
     first_ns: Option<i64>,
     end_s: f64,
-    /// First error of an arbitrary heading. Its drift is relative to this error.
+    /// First heading error of a run with an arbitrary heading. Later errors are drawn relative to
+    /// it.
     first_heading_error_deg: Option<f64>,
     ticks: u64,
     ticks_per_point: u64,

@@ -12,7 +12,7 @@ use crate::plot::curve::Curve;
 /// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
 /// line is interrupted there.
 const WRAP_DEG: f64 = 180.0;
-/// Percentage of points at both ends that the range of the vertical axis ignores.
+/// Percentage of points at each end that the range of the vertical axis ignores.
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Width and height of a chart, pixels.
 const SIZE: [f64; 2] = [960.0, 230.0];
@@ -77,7 +77,8 @@ impl Axis {
         self.pixels[0] + (value - from) / (to - from) * (self.pixels[1] - self.pixels[0])
     }
 
-    /// Returns round tick values: 1, 2 or 5 times a power of ten.
+    /// Returns round tick values: on a logarithmic axis 1, 2 and 5 times powers of ten, on a linear
+    /// axis the multiples of one such number.
     fn ticks(&self) -> Vec<f64> {
         if self.is_log {
             let decades = self.from.log10().floor() as i32..=self.to.log10().ceil() as i32;

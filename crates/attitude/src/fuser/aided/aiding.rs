@@ -1,4 +1,4 @@
-//! State of the satellite receiver: its last velocity and the times since it.
+//! State of the satellite receiver: its last velocity, and the time since then.
 
 use crate::scalars::Scalars;
 

@@ -1,9 +1,9 @@
 //! Assumed velocity: the remembered speed along the course, and zero across it and vertically.
 //!
 //! The variances are large, and they increase further while the body turns. With fixed gains, this
-//! would be the autonomous law of platform levelling: the low-passed specific force minus V H', the
-//! speed times the turn rate. An assumed velocity must not steer the course, so its gains for the
-//! heading and for the gyro bias about the body's vertical are zero.
+//! would be the autonomous law of platform levelling. That law uses the low-pass filtered specific
+//! force minus V H', the product of speed and turn rate. An assumed velocity must not steer the
+//! course, so its gains for the heading and for the gyro bias about the body's vertical are zero.
 
 use super::{
     covariance::{ErrorState, GYRO, GYRO_UP, HEADING, Measurement, VELOCITY},
@@ -18,7 +18,7 @@ use crate::{
 
 /// Interval between two updates with an assumed velocity, s.
 const INTERVAL_S: f64 = 0.2;
-/// Standard deviation of the velocity at standstill, m/s.
+/// Standard deviation of the zero velocity that is assumed at standstill, m/s.
 const STANDSTILL_SD_M_S: f64 = 0.1;
 /// States that an assumed velocity does not correct.
 const CONSIDERED: [usize; 2] = [HEADING, GYRO_UP];
@@ -48,8 +48,8 @@ impl Aided {
         } else {
             (0.0, settings.speed_sd_m_s)
         };
-        // If the heading is not counted from north, it defines the reference frame and therefore
-        // has no error.
+        // If the heading does not refer to north, it defines the reference frame and therefore has
+        // no error.
         let heading_factor = if self.course_known { 1.0 } else { 0.0 };
         let mut error = ErrorState::zeros();
         let mut measure = |residual: f64, row: &[(usize, f64)], variance: f64| {

@@ -9,22 +9,25 @@
 //! - A receiver that is better than its settings lowers the mean, but this reveals less about the
 //!   part of the error that the gyro causes. The factor on the reported deviations is then not the
 //!   square root but an empirical law of the mean. The law was fitted to cruise flights with a
-//!   receiver noise of 0.05 m/s, some with good and some with bad other sensors. It holds only for
-//!   the default noise settings.
+//!   receiver noise of 0.05 m/s. The other sensors were good in some of the flights and bad in the
+//!   rest. The law holds only for the default noise settings.
 //!
 //! The filter's own deviations are not scaled, because its gains must follow from the settings.
 
 use crate::scalars::Scalars;
 
-/// Averaging time of the mean, s.
+/// Averaging time of the normalised innovations squared, s.
 const MEMORY_S: f64 = 60.0;
-/// Lower limit to which the mean is clamped.
+/// Smallest mean from which the factor on the reported deviations is computed. Smaller means are
+/// clamped.
 const MIN_MEAN: f64 = 0.05;
-/// Upper limit to which the mean is clamped.
+/// Largest mean from which the factor on the reported deviations is computed. Larger means are
+/// clamped.
 const MAX_MEAN: f64 = 16.0;
-/// Factor of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
+/// Coefficient c of the empirical law: if the mean is below 1, the reported deviations are
+/// multiplied by c · mean^e, but at most by 1.
 const DEFLATION_FACTOR: f64 = 1.44;
-/// Exponent of the law for a mean below 1: deviations are multiplied by factor · mean^exponent.
+/// Exponent e of the empirical law.
 const DEFLATION_EXPONENT: f64 = 0.7;
 /// Largest magnitude of a normalised innovation, in standard deviations. Larger ones are clamped.
 const MAX_INNOVATION: f64 = 8.0;

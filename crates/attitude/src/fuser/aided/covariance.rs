@@ -41,9 +41,9 @@ pub(super) struct Covariance(SMatrix<f64, COUNT, COUNT>);
 pub(super) struct PropagationInterval {
     /// Mean specific force, m/s², reference axes.
     pub(super) force_m_s2: Vector3<f64>,
-    /// R, body → reference.
+    /// Rotation matrix R, body → reference.
     pub(super) to_reference: Matrix3<f64>,
-    /// `true` if the heading counts from north. Only then does a heading error affect the velocity.
+    /// `true` if the heading refers to north. Only then does a heading error affect the velocity.
     pub(super) heading_acts: bool,
     pub(super) dt_s: f64,
     /// Variances added over the interval.

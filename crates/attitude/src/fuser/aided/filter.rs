@@ -29,8 +29,7 @@ pub struct Aided {
     pub(super) pending_rad: Vector3<f64>,
     pub(super) started: bool,
     pub(super) reference: CourseReference,
-    /// Set if the heading counts from north. A heading error affects the velocity only in this
-    /// case.
+    /// Set if the heading refers to north. A heading error affects the velocity only in this case.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
     /// Velocity of the antenna relative to the sensors, R (ω × r), m/s, reference axes.
@@ -140,7 +139,8 @@ impl Aided {
     /// Returns the horizontal direction and the course of the body's forward axis, with the pending
     /// correction applied.
     ///
-    /// The course is in rad, clockwise from η0. The result is `None` if the axis is too steep.
+    /// The course is in rad, clockwise from the reference axis η0. The result is `None` if the axis
+    /// is too steep.
     pub(super) fn forward(&self) -> Option<(Vector3<f64>, f64)> {
         let forward = self.attitude.matrix().row(1).transpose();
         let forward = forward - self.pending_rad.cross(&forward);

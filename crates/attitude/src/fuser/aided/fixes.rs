@@ -1,4 +1,4 @@
-//! Updates with the satellite velocity, and the initial course.
+//! Filter updates with the velocity of the satellite receiver, and initialisation of the course.
 
 use super::{
     covariance::{ACCEL, ErrorState, HEADING, LATENCY, Measurement, ROTATION, VELOCITY},
@@ -53,11 +53,13 @@ impl Aided {
         }
     }
 
-    /// Updates the filter with a fix: with the velocity and, at little weight, with the track.
+    /// Updates the filter with a fix: with the velocity and, with a small weight, with the track.
     ///
-    /// The measured velocity is that of the antenna at the time of measurement, v + R (ω × r).
-    /// Since that time, the errors of tilt and accelerometer bias have changed the velocity error.
-    /// The measurement therefore includes these states.
+    /// The measured velocity is that of the antenna at the time of measurement, v + R (ω × r). Here
+    /// v is the velocity of the sensors, R the rotation from body to reference axes, ω the body
+    /// rate and r the position of the antenna relative to the sensors. Since that time, the
+    /// velocity error has changed because of the errors of tilt and accelerometer bias. The
+    /// measurement model therefore includes these errors.
     fn update_velocity(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, ErrorState::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
@@ -103,8 +105,8 @@ impl Aided {
         self.apply_correction(&error);
     }
 
-    /// Sets the velocity to that of the receiver. Also sets the heading to the track, unless it
-    /// already counts from true north. Level and biases are kept.
+    /// Sets the velocity to that of the receiver. Unless the heading already refers to true north,
+    /// also sets the heading to the track. Level and biases are kept.
     fn start_course(&mut self, fix: &Fix) {
         let Some((_, course_rad)) = self.forward() else { return };
         if self.reference != CourseReference::True {

@@ -13,7 +13,7 @@
 //! [`smoothing_s`](Settings::smoothing_s), as a rotation rate, like the rate ω_c that levels a
 //! platform (see `levelling`).
 //!
-//! The heading counts from true north once the body has moved over ground faster than
+//! The heading refers to true north once the body has moved over ground faster than
 //! `track_speed_m_s`. The initial heading is that of the track, so it is wrong for a body that
 //! starts moving sideways or backwards. Before the first velocity, only gravity corrects the level.
 //! In that phase the filter can infer the speed from a sustained turn, but not from sustained

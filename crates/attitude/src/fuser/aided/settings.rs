@@ -25,7 +25,7 @@ settings! {
         accel_bias_sd_m_s2: 0.05 in 0.0001 .. 10.0, "m/s²";
         /// Standard deviation of the initial tilt about each horizontal axis.
         level_sd_deg: 2.0 in 0.01 .. 60.0, "°";
-        /// Standard deviation of the initial course relative to the track over ground in still air.
+        /// Standard deviation of the initial course, which is set from the track, in still air.
         course_sd_deg: 10.0 in 0.1 .. 90.0, "°";
         /// Standard deviation of a satellite velocity on each axis, used if the receiver reports
         /// none.
@@ -34,11 +34,11 @@ settings! {
         latency_s: 0.2 in 0.0 .. 0.6, "s";
         /// Initial standard deviation of the receiver's latency.
         latency_sd_s: 0.1 in 0.0 .. 0.5, "s";
-        /// Position of the receiver's antenna relative to the sensors, to the right.
+        /// Distance from the sensors to the receiver's antenna, positive to the right.
         antenna_right_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Position of the receiver's antenna relative to the sensors, forward.
+        /// Distance from the sensors to the receiver's antenna, positive forward.
         antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Position of the receiver's antenna relative to the sensors, up.
+        /// Distance from the sensors to the receiver's antenna, positive upward.
         antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
         /// Speed above which the track gives the course. Lower it for slow vehicles and light wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
@@ -82,7 +82,7 @@ settings! {
 }
 
 impl Settings {
-    /// Returns whether the noise settings differ from their defaults.
+    /// Compares the noise settings with their defaults.
     pub(super) fn noise_settings(&self) -> NoiseSettings {
         let noises = |settings: &Self| {
             [

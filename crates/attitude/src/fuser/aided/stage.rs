@@ -162,8 +162,8 @@ impl Stage for Aided {
         for axis in GYRO..GYRO + 3 {
             adopted.covariance.reset(axis, square(common.bias_sd_rad_s).min(max_variance));
         }
-        // The received deviation comes from innovations, which do not show a lasting level error.
-        // The deviation of an initial level is therefore added.
+        // The received standard deviation comes from innovations, which do not show a lasting level
+        // error. The standard deviation of an initial level is therefore added.
         adopted.reset_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
         adopted.handed_over = HandedOverBias::from_estimate(common);
         adopted.reference = common.reference;

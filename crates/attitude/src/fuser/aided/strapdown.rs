@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{EARTH_RATE_RAD_S, GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rotation::Rotation};
 
-/// Largest plausible specific force of a vehicle, m/s².
+/// Largest plausible component of a vehicle's specific force, m/s².
 const MAX_FORCE_M_S2: f64 = 1e3;
 /// Largest component of a vehicle's velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 3e3;
@@ -16,7 +16,7 @@ const MAX_VELOCITY_M_S: f64 = 3e3;
 const TURN_RATE_MEMORY_S: f64 = 1.0;
 /// Acceleration assumed while the accelerometer is missing, m/s².
 const ASSUMED_UNOBSERVED_ACCELERATION_M_S2: f64 = 5.0;
-/// Largest attitude correction per tick that is not flagged, rad: 0.05°.
+/// Largest attitude correction per tick that is not flagged, rad (0.05°).
 const MAX_UNFLAGGED_STEP_RAD: f64 = 8.726_646e-4;
 /// Random walk of the latency, s/√s.
 const LATENCY_WALK_S: f64 = 1e-4;

@@ -39,7 +39,7 @@ impl IntervalSums {
 }
 
 impl IntervalSums {
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let powers = [self.duration_s, self.force_outage_s, self.rate2_rad2_s, self.force_noise_m2_s3];
         powers.iter().any(|power| *power < 0.0).then_some("a sum of squares or of times below zero")

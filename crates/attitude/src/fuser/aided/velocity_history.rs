@@ -36,7 +36,7 @@ impl VelocityHistory {
 
     /// Returns the velocity and the acceleration `age_s` ago, by linear interpolation.
     ///
-    /// `now_m_s` is the present velocity. `since_last_s` is the age of the newest entry.
+    /// `now_m_s` is the current velocity. `since_last_s` is the age of the newest entry.
     pub(super) fn interpolate(
         &self,
         age_s: f64,

@@ -1,4 +1,4 @@
-//! Horizontal force that levels the platform.
+//! Horizontal force used to level the platform.
 
 use super::limits::{MAX_FORCE_M_S2, limited};
 use crate::{Complex, accel::Inclination, state::Attitude};

@@ -19,9 +19,10 @@
 //! gx = fx − V H',  gy = fy − V'                             aided — S4, (3), (4)
 //! ωx = −K gy,  ωy = K gx,  K = 1/(g τ)
 //!
-//! If V is unknown, the low-pass filtered f_P replaces (gx, gy), because over half a minute a
-//! vehicle's accelerations average out in a frame that does not rotate with it. For cruise, S4
-//! reports RMS errors of roll and pitch of 0.2–0.5° aided and 0.3–1.0° autonomous.
+//! Here (fx, fy) is the horizontal specific force, g the gravity and τ the time constant of
+//! levelling. If V is unknown, the low-pass filtered f_P replaces (gx, gy), because over half a
+//! minute a vehicle's accelerations average out in a frame that does not rotate with it. For
+//! cruise, S4 reports RMS errors of roll and pitch of 0.2–0.5° aided and 0.3–1.0° autonomous.
 //!
 //! A loop with K alone converts the gyro bias b to a tilt of τ b: with 0.05 °/s it is 0.25° for τ =
 //! 5 s, and 3° in a gap with τ = 60 s. With such a gyro the published law ([`Levelling`]) gives

@@ -18,7 +18,7 @@ use crate::{
     state::Attitude,
 };
 
-/// Control law of a platform: S4, (3), (4), or the low-pass filtered force alone.
+/// Control law of a platform: equations (3) and (4) of S4, or the low-pass filtered force alone.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Law {
     /// Force minus the acceleration known from a receiver.
@@ -37,12 +37,12 @@ pub(super) enum Law {
     },
 }
 
-/// Effect of an inclination on a platform.
+/// Effect of an inclination measurement on a platform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LevelUpdate {
-    /// The inclination initialised the level.
+    /// The measurement initialised the level.
     Set,
-    /// The inclination corrected the level.
+    /// The measurement corrected the level.
     Moved {
         /// Error of the level before the correction, rad.
         innovation_rad: f64,
@@ -58,7 +58,8 @@ pub(super) struct Platform {
     since_force_s: f64,
     /// Low-pass filtered horizontal force f_P, platform axes, m/s².
     low_pass_m_s2: Complex<f64>,
-    /// Averaging time by which the low-pass filter still falls short of its time constant, s.
+    /// Time for which the low-pass filter still computes a plain mean, s. After that, the filter
+    /// uses its time constant.
     averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

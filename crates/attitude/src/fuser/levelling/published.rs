@@ -27,11 +27,11 @@ settings! {
         /// Time constant of levelling with satellite velocity, 1/(K g). A shorter one reduces the
         /// effect of the gyro bias but passes more noise.
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of levelling if there is no satellite velocity.
+        /// Time constant of levelling if there is no GNSS velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force if there is no satellite velocity.
+        /// Low-pass time constant of the specific force if there is no GNSS velocity.
         low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
-        /// Time after the last fix at which levelling becomes autonomous.
+        /// Time without a fix after which levelling becomes autonomous.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
     }
 }
@@ -52,7 +52,7 @@ impl Levelling {
         self.platform.realign();
     }
 
-    /// Returns the law for this tick.
+    /// Returns the levelling law for this tick: aided if the speed is recent, else autonomous.
     fn law(&self) -> Law {
         if self.speed.is_recent(self.settings.gap_s) {
             Law::Aided {

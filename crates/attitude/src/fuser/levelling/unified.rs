@@ -63,25 +63,26 @@ settings! {
     }
 }
 
-/// Smallest change of the level that is flagged as a jump, rad: 0.03°.
+/// Smallest change of the level that is flagged as a jump, rad (0.03°).
 const MIN_JUMP_RAD: f64 = 0.03 * PI / 180.0;
-/// Largest pitch at which the course is corrected, rad: 80°.
+/// Largest pitch at which the course is corrected, rad (80°).
 const MAX_COURSE_PITCH_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
-/// Drift rate assumed for the gyroscopic course to obtain its standard deviation, rad/s: 0.05 °/s.
+/// Assumed drift rate of the gyroscopic course, rad/s (0.05 °/s). The standard deviation of the
+/// course grows at this rate.
 const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Assumed RMS angle between a vehicle's nose and its track, rad: 3°.
+/// Assumed RMS angle between a vehicle's nose and its track, rad (3°).
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
 /// Fuser stage `levelling-unified`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingUnified {
     settings: UnifiedSettings,
-    /// Platform P1.
+    /// Platform P1, levelled with the velocity of the receiver.
     aided: Platform,
-    /// Platform P2.
+    /// Platform P2, levelled by the low-pass filtered force alone.
     autonomous: Platform,
     speed: GroundSpeed,
-    /// Selection k: `true` for P1.
+    /// Selected platform: `true` for P1 (k = 1), `false` for P2 (k = 0).
     is_aided: bool,
     /// Rotation from the azimuth of the selected platform to that of the output, rad.
     offset_rad: f64,
@@ -123,7 +124,7 @@ impl LevellingUnified {
         Attitude { up, z_rad: wrapped_rad(z_rad + self.offset_rad) }
     }
 
-    /// Sets k. Returns `true` if the level jumps as a result.
+    /// Selects P1 if `is_aided` is `true`, else P2. Returns `true` if the level jumps as a result.
     fn select(&mut self, is_aided: bool) -> bool {
         if self.is_aided == is_aided {
             return false;

@@ -44,8 +44,8 @@ use crate::{
 };
 use gradient::{ReferenceDirections, normalized};
 
-/// Largest β dt of the improved form. A larger step overshoots the minimum if both directions are
-/// at right angles to the axis of the step.
+/// Largest β dt of the improved form. A larger step overshoots the minimum if both reference
+/// directions, up and magnetic field, are at right angles to the axis of the step.
 const MAX_STEP: f64 = 0.125;
 
 settings! {
@@ -119,8 +119,8 @@ impl Madgwick {
         self.levelled = false;
     }
 
-    /// Applies the gyro rotation of one interval, then a step against the gradient of the given
-    /// directions.
+    /// Applies the gyro rotation of one interval, then one step of gradient descent towards the
+    /// given directions.
     fn descend(&mut self, motion: &Motion, directions: &ReferenceDirections) {
         let previous = self.quaternion;
         let predicted = previous * motion.rotation.quaternion();
@@ -140,7 +140,7 @@ impl Madgwick {
         self.quaternion = normalized(next).unwrap_or(previous);
     }
 
-    /// Returns the fraction of an error that one interval corrects.
+    /// Returns the fraction of an angle error that is corrected in an interval of `dt_s`.
     fn gain(&self, uncertainty: &AngleUncertainty, dt_s: f64) -> f64 {
         match self.descent {
             // The attitude rotates by 2 β dt, however large the error is.

@@ -1,8 +1,8 @@
 //! Fuser `multiple-model`: two stages on the same input, one per kind of motion, combined into one
 //! attitude.
 //!
-//! `wz` assumes that the mean acceleration over some seconds is zero, as for a hand, a robot arm or
-//! a hovering vehicle. `aided` assumes a persistent velocity, as for aircraft and cars. This
+//! `wz` assumes that the mean acceleration over a few seconds is zero, as for a hand, a robot arm
+//! or a hovering vehicle. `aided` assumes a persistent velocity, as for aircraft and cars. This
 //! velocity is known from a receiver or, if there is none, inferred from turns. Both stages run all
 //! the time.
 //!
@@ -14,8 +14,8 @@
 //! ground motion, a heading of `wz` that refers to magnetic north takes precedence. In all other
 //! cases the heading is that of `wz`.
 //!
-//! A switch between the stages does not change the attitude at once, unless the attitudes of the
-//! stages differ too much. The difference is removed gradually (`transition`).
+//! After a switch between the stages, the difference between their attitudes is removed gradually
+//! (`transition`). Only a difference that is too large causes a jump of the attitude.
 //!
 //! | file | content |
 //! | --- | --- |

@@ -16,11 +16,12 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 
-/// Largest difference that is removed gradually, rad: 1°. A larger difference causes a jump.
+/// Largest difference between the stages' attitudes that is removed gradually, rad (1°). A larger
+/// difference causes a jump.
 const MIN_JUMP_RAD: f64 = 0.017_453_293;
-/// Time constant of the removal, s.
+/// Time constant with which the difference between the attitudes is removed, s.
 const BLEND_TIME_CONSTANT_S: f64 = 0.5;
-/// Largest correction in a tick, rad: 0.01°.
+/// Largest part of the difference that is removed in one tick, rad (0.01°).
 const MAX_STEP_RAD: f64 = 1.745_329_3e-4;
 
 /// Rotation applied to the attitude of the stage that provides the level.

@@ -5,8 +5,9 @@
 //! over seconds in any frame. The force is therefore averaged in the frame propagated by the gyro.
 //! The tilt of this frame does not affect the norm of the mean.
 //!
-//! An accelerometer with a scale error s reads a force that is too long at any rate. With the mean
-//! force f̄ and the rate H' about it, a vehicle with the speed V reads
+//! An accelerometer with a scale error s reads a force that is too long by the factor 1 + s,
+//! whatever the rate. With the mean force f̄ and the rate H' about it, a vehicle with the speed V
+//! reads
 //!
 //! f̄²/g² = (1 + s)² + (V/g)² H'².
 //!
@@ -35,7 +36,7 @@ const MIN_AVERAGED_S: f64 = 2.0 * AVERAGING_S;
 const MIN_EXCESS: f64 = 0.016;
 /// Minimum excess in standard deviations of the intercept.
 const MIN_EXCESS_SDS: f64 = 4.0;
-/// Minimum rate of a turn, rad/s: 1 °/s.
+/// Minimum rate of a turn, rad/s (1 °/s).
 const MIN_RATE_RAD_S: f64 = 0.017_453_293;
 /// Plausible speeds of a vehicle in a turn, m/s.
 const VEHICLE_SPEEDS_M_S: core::ops::Range<f64> = 5.0..300.0;
@@ -52,7 +53,8 @@ const MAX_INTERCEPT_DEVIATION: f64 = 0.1;
 const INTERCEPT_WALK: f64 = 2e-4;
 /// Standard deviation of the slope (V/g)², s²: a speed of 100 m/s.
 const SLOPE_SD_S2: f64 = 104.0;
-/// Time over which the speed of a vehicle changes, s.
+/// Time constant with which the estimated slope is forgotten, s. The slope is forgotten because a
+/// vehicle's speed changes.
 const SLOPE_TIME_CONSTANT_S: f64 = 30.0;
 /// Smallest standard deviation of the squared mean force over g².
 const MIN_NOISE_SD: f64 = 0.003;
@@ -62,7 +64,7 @@ const NOISE_MEMORY_S: f64 = 10.0;
 const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// Smallest norm of a usable mean force, m/s².
 const MIN_FORCE_M_S2: f64 = 1.0;
-/// Largest plausible force of a vehicle, m/s²: 30 g.
+/// Largest plausible force of a vehicle, m/s² (30 g).
 const MAX_FORCE_M_S2: f64 = 300.0;
 /// Largest plausible rate of a vehicle, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
@@ -94,8 +96,8 @@ impl Default for ForceLine {
 }
 
 impl ForceLine {
-    /// Updates the line with a squared force over g² and a squared rate, both means over the time
-    /// [`AVERAGING_S`], to which successive measurements remain correlated.
+    /// Updates the line with a squared force over g² and a squared rate. Both are means over
+    /// [`AVERAGING_S`], so measurements within this time are correlated.
     fn update(&mut self, force2: f64, rate2: f64, interval_s: f64) {
         let forget = (1.0 - interval_s / SLOPE_TIME_CONSTANT_S).max(0.0);
         self.slope_s2 *= forget;
@@ -112,7 +114,7 @@ impl ForceLine {
         let gain = 1.0 / (predicted + noise);
         self.intercept += intercept_column * gain * innovation;
         self.intercept = self.intercept.clamp(1.0 - MAX_INTERCEPT_DEVIATION, 1.0 + MAX_INTERCEPT_DEVIATION);
-        // A vehicle has no negative square of its speed.
+        // The square of a vehicle's speed cannot be negative.
         self.slope_s2 = (self.slope_s2 + slope_column * gain * innovation).max(0.0);
         self.intercept_variance -= intercept_column * intercept_column * gain;
         self.covariance_s2 -= intercept_column * slope_column * gain;
@@ -158,9 +160,10 @@ pub(super) struct TurnDetector {
     /// Mean rate about the mean force, rad/s.
     rate_rad_s: f64,
     line: ForceLine,
-    /// Time since the line was updated, s.
+    /// Time since `line` was updated, s.
     since_update_s: f64,
-    /// Duration of the turn, s. It increases while the body turns and decreases as fast otherwise.
+    /// Duration of the turn, s. It increases while the body turns and decreases at the same rate
+    /// otherwise.
     turn_s: f64,
 }
 
@@ -201,7 +204,7 @@ impl TurnDetector {
         }
         let interval_s = core::mem::take(&mut self.since_update_s).min(AVERAGING_S);
         let force2 = self.force2();
-        // No vehicle loses its weight, or gains three times as much, over some seconds.
+        // Averaged over a few seconds, the force on a vehicle is between 0.7 g and 3.2 g.
         if (0.5..10.0).contains(&force2) {
             self.line.update(force2, self.rate_rad_s * self.rate_rad_s, interval_s);
         }
@@ -248,8 +251,8 @@ mod tests {
 
     const DT_S: f64 = 0.01;
 
-    /// Returns the time for which a turn is detected within `duration_s`, s. The body rotates about
-    /// the force at a rate given in rad/s.
+    /// Returns the time, s, for which a turn is detected within `duration_s`. The body rotates
+    /// about the force. `rate` returns its rate, rad/s, at a time, s.
     fn turning_s(detector: &mut TurnDetector, duration_s: f64, force_m_s2: f64, rate: impl Fn(f64) -> f64) -> f64 {
         let mut turning_s = 0.0;
         for tick in 0..(duration_s / DT_S) as u32 {

@@ -32,8 +32,8 @@ pub struct Vqf {
     pub(super) magnetic: bool,
     pub(super) tilt: AngleUncertainty,
     pub(super) heading: AngleUncertainty,
-    /// Standard deviation of the error that remains in the low-pass filter from a handed-over
-    /// velocity, m/s.
+    /// Standard deviation of the error that a handed-over velocity has left in the low-pass filter,
+    /// m/s.
     pub(super) velocity_sd_m_s: f64,
     /// Handed-over gyro scale, which is passed on unchanged.
     pub(super) gyro_scale: GyroScale,
@@ -59,7 +59,7 @@ impl Default for Vqf {
 }
 
 impl Vqf {
-    /// Rebuilds the filter for the present sampling times. Its state is kept.
+    /// Rebuilds the filter for the current sampling times. Its state is kept.
     pub(super) fn rebuild(&mut self) {
         let state = *self.filter.state();
         let field_s = self.field_period.mean_s;

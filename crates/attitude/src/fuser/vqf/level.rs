@@ -32,7 +32,7 @@ impl Vqf {
         self.tilt = AngleUncertainty::INITIAL;
     }
 
-    /// Initialises the low-pass filter with gravity at the present level and the given velocity,
+    /// Initialises the low-pass filter with gravity at the current level and the given velocity,
     /// instead of with the next force.
     pub(super) fn seed_low_pass(&mut self, velocity_m_s: Complex<f64>) {
         let to_gyro = conjugate(self.filter.state().acc_quat);
@@ -42,8 +42,8 @@ impl Vqf {
         });
     }
 
-    /// Returns the leaky velocity of the force low-pass filter, which tilts the level, in the frame
-    /// of the attitude.
+    /// Returns the leaky velocity of the force low-pass filter, in the reference frame of the
+    /// attitude. The filter tilts its level at a rate proportional to this velocity.
     pub(super) fn leaky_velocity(&self) -> LeakyVelocity {
         let Some(ForceLowPass { velocity_m_s, .. }) = self.force_low_pass().filter(|_| self.levelled) else {
             return LeakyVelocity::UNKNOWN;
@@ -94,7 +94,7 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Area, m/s, of a pulse one sample long that would give a filter at rest the same rate of
-    /// change.
+    /// Rate of change of the output, stored as a velocity, m/s: that of a force pulse of one sample
+    /// which would cause the same rate of change in a filter at rest.
     velocity_m_s: Vector3<f64>,
 }

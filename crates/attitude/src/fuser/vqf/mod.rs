@@ -136,8 +136,8 @@ impl Stage for Vqf {
         }
     }
 
-    /// Continues from a handed-over state. A heading from true north is kept until the next field
-    /// sample, which resets it. The bias is clamped to the range of VQF.
+    /// Continues from a handed-over state. A heading that refers to true north is kept until
+    /// the next field sample, which resets it. The bias is clamped to the range of VQF.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.set_attitude(common.attitude);

@@ -6,11 +6,11 @@
 //!
 //! Time: the interval of the tick.
 //!
-//! Corrections too large to be smoothed are applied at once and flagged by the caller.
+//! Corrections too large to be smoothed are applied immediately and flagged by the caller.
 
 /// Time constant of the smoothing, s: half the time between two updates of the gyro errors.
 const TIME_CONSTANT_S: f64 = 0.1;
-/// Largest correction applied in a tick, rad: 0.03°.
+/// Largest correction applied in a tick, rad (0.03°).
 const MAX_STEP_RAD: f64 = 5.235_988e-4;
 
 /// Returns the fraction of a pending correction to apply in a tick. `pending2_rad2` is the square

@@ -5,7 +5,7 @@
 //! The gyro reads ω + b + m ∘ ω, with the rate ω, the bias b and the scale error m of each axis. A
 //! tilt error ε appears as a horizontal force h = g ε. Bias and scale change the tilt error at the
 //! rate −j Σ a_i (b_i + m_i ω_i), where a_i is the horizontal part of body axis i. The levelling
-//! loop reduces the tilt error by the known tilt rate κ:
+//! loop corrects the tilt at the known rate κ:
 //!
 //! ε' = −j Σ a_i (b_i + m_i ω_i) − κ,   h/g = ε + acceleration/g.
 //!
@@ -45,16 +45,17 @@ const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// First update interval after the level is initialised, s. Short intervals let the level follow
 /// the mean force from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
-/// Length of a later update interval as a fraction of the time since the level was initialised.
+/// Length of the update intervals after the first one, as a fraction of the time since the level
+/// was initialised. The length is limited to [`UPDATE_INTERVAL_S`].
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
-/// Time after initialisation during which the level follows the plain mean of the force, whatever
-/// the estimated noise, s.
+/// Time after initialisation during which the level follows the plain mean of the force, s, however
+/// large the estimated noise is.
 const MEAN_ONLY_S: f64 = 0.6;
-/// Duration that the first sample represents in the mean force after initialisation, s. The
-/// acceleration of a hand does not change within a shorter time.
+/// Duration that the first sample represents in the mean force after initialisation, s. A hand does
+/// not change its acceleration within a shorter time.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
-/// Factor on the standard deviation of a bias that is adopted together with a level. Their errors
-/// are correlated, and the correlation is not handed over.
+/// Factor applied to the standard deviation of a bias that is adopted together with a level. The
+/// errors of bias and level are correlated, but the correlation is not handed over.
 const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
@@ -66,13 +67,13 @@ const MAX_SCALE: f64 = 0.01;
 /// Additional random walk of the bias per unit of rate, 1/√s: the effect of misaligned axes at a
 /// changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
-/// Random walk of the scale error, 1/√s: the effect of some degrees of warming in an hour.
+/// Random walk of the scale error, 1/√s: the effect of a few degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Additional random walk of the tilt per unit of rate, √s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
 /// Largest rate used for the process noise, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
-/// Rate assumed during a gyro outage, rad/s: that at which a hand turns the body over.
+/// Rate assumed during a gyro outage, rad/s. A body turned over by hand rotates at about this rate.
 pub(super) const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
 /// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
 /// acceleration of 3 m/s², when the level is initialised.
@@ -86,12 +87,12 @@ const VELOCITY_MEMORY_S: f64 = 3.0;
 const FORCE_ONLY_S: f64 = 2.0;
 /// Standard deviation of the velocity divided by g after [`FORCE_ONLY_S`], s.
 const INITIAL_VELOCITY_SD_S: f64 = 0.1;
-/// Initial standard deviation of χ, the velocity caused by the tilt error, s. By definition χ
-/// starts at zero.
+/// Initial standard deviation of χ, s. χ is the velocity caused by the tilt error, divided by g. It
+/// starts at zero by definition.
 const ZERO_VELOCITY_SD_S: f64 = 1e-4;
-/// Smallest noise of the levelled force divided by g.
+/// Smallest assumed standard deviation of the noise of the levelled force, divided by g.
 const MIN_FORCE_SD: f64 = 1e-3;
-/// Smallest noise of the velocity divided by g, s.
+/// Lower limit of the assumed velocity noise (standard deviation) divided by g, s.
 const MIN_VELOCITY_SD_S: f64 = 5e-3;
 /// Initial standard deviation of the force innovations after a start.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
@@ -106,7 +107,7 @@ const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
 /// independent innovation. The number can exceed one because successive innovations are correlated.
 ///
 /// Accelerations keep their direction for less than 1 s. Over longer times they cancel, because the
-/// velocity they cause comes to an end.
+/// resulting velocity does not persist.
 const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
 /// Lower and upper limit for the number of successive velocity innovations that count as one
 /// independent innovation. It is large because a velocity keeps its direction for seconds.
@@ -120,7 +121,7 @@ const TILT: usize = 0;
 const BIAS: usize = 2;
 /// Index of the gyro scale error m.
 const SCALE: usize = 5;
-/// Index of χ, the velocity caused by the tilt error (two axes), s.
+/// Index of χ, the velocity caused by the tilt error, divided by g (two axes), s.
 const VELOCITY: usize = 8;
 /// Number of gyro errors, bias and scale of three axes.
 const GYRO_ERRORS: usize = 6;
@@ -178,17 +179,17 @@ pub(super) struct GyroErrorFilter {
     tilt_rad: Complex<f64>,
     /// Leaky velocity V divided by g, s.
     velocity_s: Complex<f64>,
-    /// Part χ of the leaky velocity that the tilt error caused, divided by g, s.
+    /// χ, the part of the leaky velocity that was caused by the tilt error, divided by g, s.
     tilt_velocity_s: Complex<f64>,
     covariance: Covariance,
     /// Error of the levelling loop per unit of bias and of scale about each body axis.
     loop_sensitivity: [LoopError; GYRO_ERRORS],
-    /// Tilt and velocity error of the levelling loop per unit of the filter's tilt.
+    /// Tilt and velocity errors of the levelling loop per unit of initial level error.
     tilt_sensitivity: [f64; 2],
-    /// Horizontal rotation that the gyro errors caused since the last update, per unit of bias and
-    /// of scale.
+    /// Horizontal rotation that the gyro errors have caused since the last update, per unit of bias
+    /// and of scale.
     drift: [Complex<f64>; GYRO_ERRORS],
-    /// Duration of gyro outages since the last update.
+    /// Duration of gyro outages since the last update, s.
     outage_s: f64,
     force_dt_m_s: Complex<f64>,
     norm_dt_m_s: f64,
@@ -196,15 +197,15 @@ pub(super) struct GyroErrorFilter {
     tilt_sd_rad: f64,
     /// Standard deviation of the bias about a horizontal axis, rad/s.
     horizontal_bias_sd_rad_s: f64,
-    /// Limit of the bias's standard deviation, rad/s.
+    /// Upper limit of the bias's standard deviation, rad/s.
     max_bias_sd_rad_s: f64,
     force_noise: InnovationNoise,
     velocity_noise: InnovationNoise,
-    /// Set unless the level was adopted from another stage. If set, the force may show the error of
-    /// the initial level.
+    /// Set unless the level was adopted from another filter or stage. If set, the force may show
+    /// the error of the initial level.
     is_initial_level: bool,
-    /// Set if the level was set from one sample, rather than kept or corrected after an outage or a
-    /// tilt fault.
+    /// Set if the level was initialised from one sample. Not set if the level was kept through an
+    /// outage, corrected after a tilt fault or adopted from another filter or stage.
     from_one_sample: bool,
     tilt_fault: TiltFaultMonitor,
     initial_velocity: InitialVelocityEstimator,
@@ -275,8 +276,8 @@ impl GyroErrorFilter {
         filter
     }
 
-    /// Creates a copy in which the standard deviation of the bias is `bias_sd_rad_s`. It is updated
-    /// by [`Self::update_unused`].
+    /// Creates a copy in which the standard deviation of the bias is `bias_sd_rad_s`. The copy is
+    /// updated by [`Self::update_unused`].
     pub(super) fn with_unknown_bias(&self, bias_sd_rad_s: f64) -> Self {
         let mut copy = Self { max_bias_sd_rad_s: bias_sd_rad_s, ..self.clone() };
         for i in BIAS..SCALE {
@@ -293,10 +294,10 @@ impl GyroErrorFilter {
         Samples { drift, outage_s, force_dt_m_s, since_update_s, bias_rad_s, scale }
     }
 
-    /// Updates a filter that runs in parallel. The errors removed from the samples are those in
-    /// `samples`.
+    /// Updates a filter that runs in parallel with another one. `samples` are those of the other
+    /// filter, together with the gyro errors that it removed from them.
     ///
-    /// `corrected_rad` is the tilt that was corrected on behalf of the other filter.
+    /// `corrected_rad` is the tilt that the other filter has corrected.
     pub(super) fn update_unused(
         &mut self,
         samples: &Samples,
@@ -308,7 +309,8 @@ impl GyroErrorFilter {
         self.outage_s = samples.outage_s;
         self.force_dt_m_s = samples.force_dt_m_s;
         self.since_update_s = samples.since_update_s;
-        // The samples contain the difference between the errors of the two filters.
+        // The other filter has removed its own bias and scale from the samples. The difference
+        // from this filter's bias and scale is therefore still in them.
         let bias_rad_s = self.bias_rad_s - samples.bias_rad_s;
         let scale = self.scale - samples.scale;
         for (drift, error) in samples.drift.iter().zip(bias_rad_s.iter().chain(scale.iter())) {
@@ -332,8 +334,8 @@ impl GyroErrorFilter {
         (self.bias_rad_s - other.bias_rad_s).norm()
     }
 
-    /// Prepares a parallel filter for use with the loop. Returns the error of the loop, including
-    /// the velocity, which is an artefact of the wrong bias.
+    /// Prepares a parallel filter to replace the loop's filter. Returns the error of the loop. The
+    /// entire velocity of the loop counts as error, because the wrong bias caused it.
     pub(super) fn take_over(&mut self, loop_velocity_s: Complex<f64>) -> LoopError {
         self.loop_sensitivity = [LoopError::default(); GYRO_ERRORS];
         self.tilt_sensitivity = [0.0, 0.0];
@@ -355,7 +357,8 @@ impl GyroErrorFilter {
         self.horizontal_bias_sd_rad_s
     }
 
-    /// Returns the standard deviation of the drift about one horizontal axis, rad.
+    /// Returns the standard deviation, about one horizontal axis, of the rotation that the bias
+    /// error causes, rad. `drift` is the rotation per unit of bias.
     fn bias_sd_across(&self, drift: &[Complex<f64>; GYRO_ERRORS]) -> f64 {
         let across = Vector3::new(drift[0].re, drift[1].re, drift[2].re);
         let along = Vector3::new(drift[0].im, drift[1].im, drift[2].im);
@@ -453,7 +456,8 @@ impl GyroErrorFilter {
         self.since_update_s >= min_interval_s.min(UPDATE_INTERVAL_S)
     }
 
-    /// Returns the time for which innovations have been observed, s, at most their averaging time.
+    /// Returns the time for which innovations have been observed, s. It is limited to their
+    /// averaging time.
     #[inline]
     fn observed_s(&self) -> f64 {
         self.force_noise.memory_s() - noise::INITIAL_MEMORY_S
@@ -503,8 +507,8 @@ impl GyroErrorFilter {
         self.inflate_tilt_covariance();
         self.propagate_sensitivity(&drift, interval_s, t2_s);
         self.horizontal_bias_sd_rad_s = self.bias_sd_across(&drift) / interval_s;
-        // The mean force refers to the middle of the interval, by which half of the tilt correction
-        // had been applied.
+        // The mean force refers to the middle of the interval. At that time, half of the tilt
+        // correction had been applied.
         let innovation = force - self.tilt_rad + tilt_correction_rad * 0.5;
         self.tilt_rad -= tilt_correction_rad;
         let decay = decay(interval_s);
@@ -532,9 +536,9 @@ impl GyroErrorFilter {
     /// If the level was initialised while the body moved, the innovations include the resulting
     /// level error. This error cannot be distinguished from noise until the averaging time of the
     /// innovations has passed. Until then the gain is at least that of a mean, 1/(1 + number of
-    /// updates). If the level was set from one sample, the tilt is then exactly the mean over time.
-    /// The variance of the tilt, however, falls as if each update interval contained one
-    /// measurement.
+    /// updates). If the level was set from one sample, the estimated tilt then equals the mean over
+    /// time of the tilts measured by the force. The variance of the tilt, however, falls as if each
+    /// update interval contained one measurement.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             MIN_FORCE_SD * MIN_FORCE_SD + self.force_noise.update(innovation, interval_s, FORCE_CORRELATION);
@@ -604,8 +608,8 @@ impl GyroErrorFilter {
     /// Restarts the filter after a tilt fault and returns the error of the loop.
     ///
     /// The true error of the level exceeds the estimated error by `level_error_rad`, so the
-    /// velocity of the loop is an artefact. Level and bias become as uncertain as they are after
-    /// initialisation.
+    /// velocity of the loop is an artefact. The bias becomes as uncertain as after initialisation.
+    /// The standard deviation of the level becomes [`REINITIALISED_LEVEL_SD_RAD`].
     #[cold]
     fn reset_after_tilt_fault(&mut self, level_error_rad: Complex<f64>, loop_velocity_s: Complex<f64>) -> LoopError {
         let tilt = self.tilt_rad + level_error_rad;
@@ -694,8 +698,8 @@ impl GyroErrorFilter {
         self.tilt_sensitivity = [e1, w1];
     }
 
-    /// Applies a measurement of the two consecutive states that start at `first`, and returns the
-    /// change of the state.
+    /// Applies a measurement of the states `first` and `first` + 1. Returns the change of the
+    /// state.
     fn update_pair(&mut self, first: usize, innovation: Complex<f64>, variance: f64) -> State {
         let change = self.update_scalar(first, innovation.re, variance);
         change + self.update_scalar(first + 1, innovation.im - change[first + 1], variance)

@@ -9,7 +9,7 @@
 use super::level::{LoopError, LoopResponse};
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
-/// Tilt error of the loop during a movement, rad: 1°.
+/// Standard deviation of the loop's tilt error during a movement, rad (1°).
 const LOOP_TILT_SD_RAD: f64 = 0.017_453_293;
 
 /// Estimator of the error of the loop's initial velocity.
@@ -27,10 +27,12 @@ impl InitialVelocityEstimator {
         Self { sensitivity: [0.0, 1.0], variance_s2: sd_s * sd_s }
     }
 
-    /// Updates the estimate after `interval_s` and returns the error of the loop to be corrected.
+    /// Updates the estimate after `interval_s` and returns the tilt and velocity errors to remove
+    /// from the loop.
     ///
-    /// `tilt_rad` and `tilt_variance_rad2` are the loop's tilt error as estimated by the gyro error
-    /// filter, and its variance. `t2_s` is the time constant of the tilt.
+    /// `tilt_rad` is the loop's tilt error as estimated by the gyro error filter, and
+    /// `tilt_variance_rad2` is the variance of this estimate. `t2_s` is the time constant of the
+    /// tilt.
     pub(super) fn observe(
         &mut self,
         tilt_rad: Complex<f64>,

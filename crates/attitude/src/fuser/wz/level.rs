@@ -17,7 +17,7 @@ use crate::{
     state::{Attitude, AttitudeUpdate, BodyAxes},
 };
 
-/// Largest correction that is applied gradually, rad: 0.5°. A larger one is a flagged jump.
+/// Largest correction that is applied gradually, rad (0.5°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.008_726_646;
 
 /// State of the levelling loop.
@@ -35,17 +35,17 @@ pub(super) struct Level {
     time_constant: TiltTimeConstant,
 }
 
-/// Error of the levelling loop: its tilt and its velocity.
+/// Error of the levelling loop: tilt error and velocity error.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct LoopError {
-    /// Tilt, rad, which is also the horizontal force that it causes, divided by g.
+    /// Tilt error, rad. It equals the horizontal force that it causes, divided by g.
     pub(super) tilt: Complex<f64>,
-    /// Velocity divided by g, s.
+    /// Velocity error divided by g, s.
     pub(super) velocity: Complex<f64>,
 }
 
-/// Evolution of the loop's own error over an interval: E' = −W/(T1 T2), W' = E − W/T1, with the
-/// tilt error E and the velocity error W divided by g.
+/// Evolution of the loop's error over an interval: E' = −W/(T1 T2), W' = E − W/T1. E is the tilt
+/// error, and W is the velocity error divided by g.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LoopResponse {
     c0: f64,
@@ -57,7 +57,8 @@ pub(super) struct LoopResponse {
 impl LoopResponse {
     const DECAY: f64 = 1.0 / T1_S;
 
-    /// Computes e^{At} by the Cayley–Hamilton theorem, to third order.
+    /// Computes e^{At} = c0 + c1 A (Cayley–Hamilton theorem), to third order in t. A is the system
+    /// matrix of the loop's error, and t is the interval.
     pub(super) fn new(interval_s: f64, t2_s: f64) -> Self {
         const B: f64 = LoopResponse::DECAY;
         let (t, a) = (interval_s, 1.0 / (T1_S * t2_s));
@@ -66,7 +67,8 @@ impl LoopResponse {
         Self { c0, c1, stiffness: a }
     }
 
-    /// Returns the tilt and the velocity divided by g after the interval.
+    /// Returns the tilt error and the velocity error at the end of the interval, the latter divided
+    /// by g.
     pub(super) fn apply<T>(self, tilt: T, velocity: T) -> [T; 2]
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,
@@ -201,8 +203,8 @@ impl Level {
 
     /// Corrects a known error of the loop. Returns `true` if the level jumps.
     ///
-    /// The velocity is corrected at once. The tilt is corrected gradually, or at once if it is too
-    /// large.
+    /// The velocity is corrected immediately. The tilt is corrected gradually, or immediately if
+    /// its error is too large.
     pub(super) fn apply_correction(&mut self, error: LoopError) -> bool {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
         self.last_velocity_m_s = self.velocity_m_s;
@@ -220,7 +222,7 @@ impl Level {
         self.azimuth *= update.level_frame_rotation.conj();
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let (sin, cos) = libm::sincos(self.attitude.z_rad);
         let mismatch = (self.azimuth - Complex::new(cos, sin)).norm_sqr();

@@ -332,7 +332,7 @@ impl Stage for Wz {
 /// used, with a relative error of 1e-3 up to 60° and 1 % up to 90°.
 #[inline]
 fn angle_rad(norm_m_s2: f64, up_m_s2: f64, horizontal_m_s2: Complex<f64>) -> f64 {
-    // Square of the chord: 2 (1 − cos) = 2 sin²/(1 + cos), which is 4 if upside down.
+    // Square of the chord: 2 (1 − cos) = 2 sin²/(1 + cos). It is 4 for opposite vectors.
     let below = (norm_m_s2 * (norm_m_s2 + up_m_s2)).max(f64::MIN_POSITIVE);
     let chord2 = (2.0 * horizontal_m_s2.norm_sqr() / below).min(4.0);
     libm::sqrt(chord2) * (1.0 + chord2 * (1.0 / 24.0 + chord2 * (3.0 / 640.0)))

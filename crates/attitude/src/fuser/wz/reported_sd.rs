@@ -3,11 +3,11 @@
 //!
 //! - The accelerometer bias rotates with the body and is not observable. It limits how well the
 //!   level is known.
-//! - On a rotating body, timing errors of some milliseconds and misaligned axes affect the
+//! - On a rotating body, timing errors of a few milliseconds and misaligned axes affect the
 //!   inclination.
 //! - The local magnetic field limits how well the heading is known.
 //!
-//! The filters' own deviations stay unchanged, because their gains depend on them.
+//! The filters' own standard deviations stay unchanged, because the filter gains depend on them.
 
 use core::f64::consts::PI;
 
@@ -16,10 +16,10 @@ use crate::GRAVITY_M_S2;
 
 /// Inclination error of a rotating body per unit of its rate, s.
 const INCLINATION_SD_PER_RATE_S: f64 = 1.5e-3;
-/// Smallest standard deviation of a heading, rad: 0.4°.
+/// Smallest standard deviation of a heading, rad (0.4°).
 const HEADING_SD_FLOOR_RAD: f64 = 6.981_317e-3;
-/// Fraction of the filter's heading deviation that is reported. It is below 1 because the filter
-/// allows for stronger local fields than most places have.
+/// Fraction of the filter's heading standard deviation that is reported. It is below 1 because the
+/// filter allows for stronger local fields than most places have.
 const HEADING_SD_FACTOR: f64 = 0.9;
 
 /// Returns the standard deviation of the inclination about each horizontal axis, rad.

@@ -16,19 +16,19 @@ const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// force. Above this limit, the increase exceeds the scale error of an accelerometer. The loop
 /// corrects smaller level errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Limit for the excess of the force's norm over g, as a fraction of the excess that an
-/// acceleration would cause. An acceleration a causes a²/(2g), that is, a²/(2g²) relative to g. If
-/// the measured excess is below the limit, the level counts as wrong.
+/// Largest excess of the force's norm over g at which the level counts as wrong, as a fraction of
+/// the excess that an acceleration would cause. An acceleration a increases the norm by a²/(2g),
+/// which is a²/(2g²) relative to g.
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
-/// Sum of innovations that keep their direction.
+/// Tilt fault detector, which sums innovations for as long as they keep their direction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TiltFaultMonitor {
     /// ∫ innovation/g dt.
     innovation_sum_s: Complex<f64>,
-    /// ∫ levelled force/g dt.
+    /// ∫ horizontal part of the levelled force/g dt.
     force_sum_s: Complex<f64>,
-    /// ∫ (norm/g − 1) dt, with the norm of the force.
+    /// ∫ (|f|/g − 1) dt, where f is the force.
     excess_sum_s: f64,
     duration_s: f64,
 }
@@ -41,8 +41,8 @@ impl Default for TiltFaultMonitor {
 }
 
 impl TiltFaultMonitor {
-    /// Processes an interval. `innovation` is the mean innovation, `force` the levelled force and
-    /// `force_norm` its norm, all divided by g.
+    /// Processes an interval. `innovation` is the mean innovation, `force` the horizontal part of
+    /// the levelled force and `force_norm` the norm of the whole force, all divided by g.
     ///
     /// Returns the error of the level, rad, if no acceleration explains the force.
     pub(super) fn observe(

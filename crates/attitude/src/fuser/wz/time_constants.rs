@@ -9,12 +9,13 @@
 //! Accelerations with the spectral density S (of the force divided by g) cause a tilt error with
 //! the variance S/(2 T2), as the noise bandwidth of 1/(T1 T2 s² + T2 s + 1) is 1/(2 T2). A gyro
 //! that lets the tilt drift with the random walk q and the bias error σ adds q² T2/2 and σ² T2². T2
-//! minimises the sum of the three. Without a bias error this is the time constant √S/q of a Kalman
-//! filter for the tilt.
+//! minimises the sum of the three variances. Without a bias error this is the time constant √S/q of
+//! a Kalman filter for the tilt.
 //!
-//! S is measured at the frequencies that the loop passes: V is low-pass filtered by a loop with the
-//! time constant [`REFERENCE_S`], whose tilt error has the variance S/(2 · [`REFERENCE_S`]). Fast
-//! shaking, which the loop suppresses in any case, hardly affects it.
+//! S is measured at the frequencies that the loop passes: a reference loop with the time constant
+//! [`REFERENCE_S`] low-pass filters the leaky velocity. The tilt error of this reference loop has
+//! the variance S/(2 · [`REFERENCE_S`]). Fast shaking, which the levelling loop suppresses in any
+//! case, hardly affects S.
 
 use super::T1_S;
 use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
@@ -34,20 +35,21 @@ const REFERENCE_S: f64 = 3.0;
 const MEMORY_S: f64 = 10.0;
 /// Duration over which the initial mean square is assumed to have been observed, s.
 const INITIAL_MEMORY_S: f64 = 1.0;
-/// Initial standard deviation of the reference loop's tilt, rad: a hand that moves the body.
+/// Initial standard deviation of the reference loop's tilt, rad, for a body moved by hand.
 const INITIAL_TILT_SD_RAD: f64 = 0.01;
-/// Random walk of the tilt at rest, rad/√s. It includes what the bias filter does not model.
+/// Random walk of the tilt at rest, rad/√s. It includes effects that the bias filter does not
+/// model.
 const TILT_WALK_RAD: f64 = 2.5e-3;
 /// Additional random walk of the tilt per unit of rate, √s: misaligned axes and timing errors.
 const TILT_WALK_PER_RATE: f64 = 1e-3;
-/// Part of the bias error's effect that remains. The bias filter corrects the rest afterwards, once
-/// the bias is found.
+/// Fraction of the bias uncertainty for which T2 is optimised. The bias filter corrects the effect
+/// of the remaining part once it has found the bias.
 const REMAINING_BIAS_FRACTION: f64 = 0.1;
 /// Largest tilt of the reference loop, rad.
 const MAX_TILT_RAD: f64 = 1.0;
-/// Largest rate, rad/s.
+/// Largest rate that enters the mean square, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
-/// Number of Newton steps, with which T2 is accurate to 1 % over its range.
+/// Number of Newton steps. They make T2 accurate to 1 % over its range.
 const NEWTON_STEPS: usize = 4;
 
 /// Time constant T2 of the tilt, adapted to the motion.
@@ -56,12 +58,12 @@ pub(super) struct TiltTimeConstant {
     t2_s: f64,
     /// Tilt of the reference loop, rad.
     reference_tilt_rad: Complex<f64>,
-    /// Mean square of that tilt about one axis, rad².
+    /// Mean square of `reference_tilt_rad` about one axis, rad².
     tilt_variance_rad2: f64,
     /// Mean square of the rate, rad²/s².
     rate_variance_rad2_s2: f64,
     memory_s: f64,
-    /// Time since the start, s, while it limits the time constant.
+    /// Time since the start, s. It saturates once it no longer limits the time constant.
     age_s: f64,
 }
 
@@ -122,8 +124,9 @@ impl TiltTimeConstant {
 
 /// Returns the T that minimises S/(2 T) + q² T/2 + σ² T².
 ///
-/// The derivative is convex and increasing, so Newton's method from the solution for σ = 0 does not
-/// overshoot zero by more than its first step, which is limited.
+/// The derivative of this sum is concave and increasing. Newton's method, which starts at the
+/// solution for σ = 0, can therefore overshoot the zero only in its first step. Each step changes T
+/// by a factor of at most 4.
 fn optimal_s(density: f64, walk2: f64, bias_variance: f64) -> f64 {
     let mut t_s = libm::sqrt(density / walk2).clamp(MIN_T2_S, 100.0 * MAX_T2_S);
     for _ in 0..NEWTON_STEPS {

@@ -2,19 +2,20 @@
 //!
 //! Input: the samples and the errors of the first filter.
 //!
-//! Output: the second filter, once its bias is significantly different.
+//! Output: the second filter, once its bias differs significantly from that of the first.
 //!
 //! Time: the intervals of the updates.
 //!
-//! Failure: a movement with the effect of a bias for [`MIN_APART_S`] is mistaken for one. This
-//! happens on none of the calibrated recordings of the open sets.
+//! Failure: a movement that has the effect of a bias for [`MIN_APART_S`] is mistaken for a bias.
+//! This happens in none of the calibrated recordings of the test sets.
 //!
 //! The first filter estimates its noise from its innovations. It mistakes the effect of a bias of
-//! many standard deviations for accelerations. A filter with a wide prior follows such a bias, but
-//! also makes a calibrated gyro worse, because it learns more from accelerations. It is therefore
-//! used only on evidence, and only until a rest has shown the bias or another stage has handed it
-//! over: the force in a long bend of a vehicle looks like the effect of a bias, too. It restarts
-//! from the first filter at regular intervals.
+//! many standard deviations for accelerations. The second filter has a wide prior and follows such
+//! a bias. With a calibrated gyro, however, it is less accurate, because accelerations affect its
+//! bias more. It is therefore used only if there is evidence of such a bias, and only until a rest
+//! has shown the bias or another stage has handed it over. The force in a long bend of a vehicle
+//! also looks like the effect of a bias. The second filter restarts from the first one at regular
+//! intervals.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
@@ -25,14 +26,16 @@ use crate::{Complex, scalars::Scalars};
 /// Standard deviation of the bias in the second filter, rad/s. Data sheets of consumer MEMS gyros
 /// allow a bias of 10 °/s, which is 3.5 standard deviations.
 const BIAS_SD_RAD_S: f64 = 0.05;
-/// Squared distance of the biases, in standard deviations of the second filter, at which they
-/// differ. A difference of three normal errors exceeds 80 in no experiment of practical length. The
-/// margin allows for accelerations that are not normal.
+/// Squared distance between the biases of the two filters above which they count as different, in
+/// squared standard deviations of the second filter. If the errors of the three components were
+/// normally distributed, a value of 80 would practically never be exceeded. The margin allows for
+/// accelerations that are not normally distributed.
 const MIN_DISTANCE2: f64 = 80.0;
-/// Squared distance of the biases above which the difference is reported as an uncertainty of the
-/// level: 0.1 % of the differences of three normal errors exceed it.
+/// Squared distance between the biases of the two filters above which their difference is reported
+/// as an uncertainty of the level, in the unit of [`MIN_DISTANCE2`]. If the errors of the three
+/// components are normally distributed, 0.1 % of the distances exceed this value.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
-/// Time for which the biases must differ, s.
+/// Time for which the biases of the two filters must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;
 /// Time after which the second filter is restarted, s.
 const RESTART_S: f64 = 30.0;
@@ -46,7 +49,8 @@ pub(super) struct WideBiasFilter {
     is_bias_known: bool,
     age_s: f64,
     apart_s: f64,
-    /// Difference of the biases that is likely, but not significant yet, rad/s.
+    /// Difference between the biases of the two filters, rad/s, if their squared distance exceeds
+    /// `SUSPECTED_DISTANCE2`; otherwise 0.
     suspected_rad_s: f64,
 }
 
@@ -77,7 +81,8 @@ impl WideBiasFilter {
     /// Processes an update of `first`. `samples` are those of `first` before the update, and
     /// `corrected_rad` is the tilt that the update corrected.
     ///
-    /// Returns the second filter if its bias has been significantly different for long enough.
+    /// Returns the second filter if its bias has differed significantly from that of `first` for
+    /// [`MIN_APART_S`].
     pub(super) fn update(
         &mut self,
         first: &GyroErrorFilter,
@@ -108,7 +113,8 @@ impl WideBiasFilter {
         (self.apart_s >= MIN_APART_S).then(|| core::mem::take(self).filter)
     }
 
-    /// Returns the difference of the biases that is likely, but not significant yet, rad/s.
+    /// Returns the difference between the biases of the two filters, rad/s, if it is suspected to
+    /// be real; otherwise 0.
     pub(super) fn suspected_rad_s(&self) -> f64 {
         self.suspected_rad_s
     }

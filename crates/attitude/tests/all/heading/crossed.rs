@@ -17,7 +17,7 @@ use recording::Row;
 const MAX_SCALE_ERROR: f64 = 0.002;
 /// Largest misalignment added to the gyro's axes, rad, similar to that of the recorded gyros.
 const MAX_SHEAR: f64 = 0.001;
-/// Noise of the magnetometer per axis, standard deviation, µT.
+/// Standard deviation of the magnetometer noise on each axis, µT.
 const NOISE_UT: f64 = 0.4;
 
 /// Returns the rows of the trial `movement`, in the field of the trial `place`.
@@ -52,8 +52,8 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
 
 /// Magnetic field of a trial, µT, earth axes.
 ///
-/// The mean is taken over the movement. The other fields are differences from this mean: at rest,
-/// and in motion averaged over `CHUNK_ROWS` (0.2 s).
+/// `mean_ut` is the mean over the movement. `at_rest_ut` and `moving_ut` are differences from this
+/// mean. The values in `moving_ut` are averages over `CHUNK_ROWS` (0.2 s).
 struct PlaceField {
     mean_ut: Vector3<f64>,
     at_rest_ut: Vector3<f64>,

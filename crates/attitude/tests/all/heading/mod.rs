@@ -14,7 +14,7 @@ use trial::{Errors, Trial, trials, vqf_errors, wz_errors, wz_errors_with_scale};
 /// Numbers of the trials without magnetic disturbance.
 pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
 
-/// Kinds of trials, each given by words that the names of its trials contain.
+/// Kinds of trials. Each kind is given by words that occur in the names of its trials.
 ///
 /// A rotation with breaks belongs only to the kind `with_breaks`.
 const KINDS: [&[&str]; 7] = [
@@ -131,8 +131,8 @@ fn wz_on_crossed_trials_beats_vqf() {
 /// Emulates warm starts. Each trial starts with the gyro scale found last, which is assumed to be
 /// known within 0.2 %.
 ///
-/// The gyro errors differ between crossed trials, so there the kept scale is only required to do no
-/// harm.
+/// Each crossed trial has different gyro errors. In crossed trials, the kept scale must therefore
+/// merely not increase the error.
 #[test]
 fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };

@@ -78,14 +78,15 @@ pub(crate) fn into_earth(q: Quaternion<f64>, body: Vector3<f64>) -> Vector3<f64>
     (q * Quaternion::from_imag(body) * q.conjugate()).imag()
 }
 
-/// Root-mean-square errors, degrees.
+/// Root mean squares of the errors, degrees. The error quaternion, in earth axes, is the product of
+/// the estimate and the conjugate of the reference: e = q q_ref*.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Errors {
-    /// Error of the whole rotation, 2 acos |e_w|.
+    /// Angle of the error quaternion e: 2 acos |e_w|.
     pub(crate) total: f64,
-    /// Heading error, 2 atan |e_z/e_w|.
+    /// Heading part of the error quaternion e: 2 atan |e_z/e_w|.
     pub(crate) heading: f64,
-    /// Inclination error, 2 acos √(e_w² + e_z²).
+    /// Inclination part of the error quaternion e: 2 acos √(e_w² + e_z²).
     pub(crate) inclination: f64,
 }
 

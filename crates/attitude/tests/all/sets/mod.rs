@@ -1,4 +1,4 @@
-//! Errors of the default fuser, `wz`, `vqf` and `madgwick` on every open set of recordings.
+//! Errors of the default fuser, `wz`, `vqf` and `madgwick` on every set of recordings.
 //!
 //! `cargo test --release -p attitude sets:: -- --nocapture` prints the table: per set the mean RMSE
 //! of inclination and heading, the normalised errors, and the trials that are worse than with VQF.
@@ -12,7 +12,8 @@ mod scores;
 use recorded::{Recording, SETS, recordings};
 use scores::{Scores, mean, run};
 
-/// Stages of the table. The first is the default, the last two are peers.
+/// Stages in the table. The first is the default, the last two are published filters for
+/// comparison.
 const STAGES: [&str; 4] = ["multiple-model", "wz", "vqf", "madgwick"];
 const VQF: usize = 2;
 

@@ -1,4 +1,4 @@
-//! The open sets of recordings.
+//! Sets of recordings with reference attitudes.
 
 use std::{
     path::{Path, PathBuf},
@@ -16,7 +16,7 @@ pub(super) struct Set {
     pub(super) limits_deg: [f64; 3],
 }
 
-/// Every open set.
+/// Sets of recordings to be scored.
 pub(super) const SETS: [Set; 5] = [
     Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.78, 1.63, 0.56] },
     Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 0.81] },
@@ -33,7 +33,8 @@ pub(super) struct Recording {
     pub(super) rows: Vec<Row>,
 }
 
-/// Returns all recordings, which are read once, or `None` after a message if a folder is missing.
+/// Returns all recordings, which are read once. Prints a message and returns `None` if a folder is
+/// missing.
 pub(super) fn recordings() -> Option<&'static [Recording]> {
     static RECORDINGS: LazyLock<Option<Vec<Recording>>> = LazyLock::new(read);
     RECORDINGS.as_deref()

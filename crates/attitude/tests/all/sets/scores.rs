@@ -1,4 +1,5 @@
-//! Errors of a stage on a recording, and relative to the reported standard deviations.
+//! Scores of a stage on a recording: the RMSE, and the errors divided by their reported standard
+//! deviations.
 
 use attitude::{
     Quaternion, Vector3,
@@ -12,10 +13,11 @@ use recording::Row;
 
 use super::recorded::Recording;
 
-/// Quantiles at 68 % and 95 % of a normally distributed error in one axis, in standard deviations.
+/// Quantiles at 68 % and 95 % of the magnitude of a normally distributed error in one axis, in
+/// standard deviations.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// Quantiles at 68 % and 95 % of the length of a normally distributed error in two axes, in
-/// standard deviations of one axis.
+/// Quantiles at 68 % and 95 % of the magnitude of an error that is normally distributed in two
+/// axes, in standard deviations of one axis.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 
 /// Chain of the default gyro and accel stages and a fuser.
@@ -70,7 +72,8 @@ fn error(out: &Fused, row: &Row) -> Option<AttitudeError> {
     })
 }
 
-/// RMSE of a stage on a recording, degrees, and its errors over their standard deviations.
+/// RMSE of a stage on a recording, degrees, and its errors divided by their reported standard
+/// deviations.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scores {
     pub(super) total: f64,

@@ -48,12 +48,12 @@ pub(super) struct Aiding {
 }
 
 impl Aiding {
-    /// Returns the speed over ground at the last fix, m/s; `None` before the first.
+    /// Returns the speed over ground at the last fix, m/s; `None` before the first fix.
     pub(super) fn speed_m_s(&self) -> Option<f64> {
         self.has_fix.then(|| libm::sqrt(self.velocity_m_s.norm_sqr()))
     }
 
-    /// Returns the time since the last fix, s; 0 before the first.
+    /// Returns the time since the last fix, s; 0 before the first fix.
     pub(super) fn since_fix_s(&self) -> f64 {
         if self.has_fix { self.since_fix_s } else { 0.0 }
     }

@@ -7,11 +7,12 @@
 
 use crate::{Complex, scalars::Scalars};
 
-/// Number of intervals in the memory.
+/// Number of recent increments that are stored.
 const SLOTS: usize = 33;
-/// Minimum length of each interval, s. An interval ends with the sample that reaches this length.
+/// Minimum duration of a stored increment, s. An increment ends with the sample that reaches this
+/// duration.
 const SLOT_S: f64 = 0.025;
-/// Maximum age of a velocity that the memory covers, s.
+/// Maximum age of a fix's velocity, s. The stored increments cover this time.
 pub(super) const MAX_AGE_S: f64 = 0.8;
 
 /// Change of velocity over a time span.
@@ -34,7 +35,7 @@ impl Increment {
     }
 }
 
-/// Integral of the force, together with a memory of recent increments.
+/// Integral of the force, together with recent increments of the integral.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DelayMatchedIntegral {
     /// Recent increments, newest first. The newest one is still growing.
@@ -61,7 +62,7 @@ impl DelayMatchedIntegral {
         self.recent[0].add(sample);
     }
 
-    /// Returns the increment between the validity times of the previous and of the new fix. The new
+    /// Returns the increment between the validity times of the previous and the new fix. The new
     /// fix was valid `age_s` ago.
     pub(super) fn take_increment(&mut self, age_s: f64) -> Increment {
         let after_fix = self.over_last(age_s.clamp(0.0, MAX_AGE_S));
@@ -70,7 +71,8 @@ impl DelayMatchedIntegral {
         matched
     }
 
-    /// Returns the integrated time since the validity time of the last fix, s.
+    /// Returns the duration of the force samples that have been integrated since the validity time
+    /// of the last fix, s.
     pub(super) fn since_fix_s(&self) -> f64 {
         self.since_fix.span_s
     }

@@ -5,11 +5,11 @@ use core::f64::consts::PI;
 use super::{aiding::Aiding, heading::Heading, settings::PiSettings, standstill::StandstillDetector};
 use crate::{Complex, Vector3, fuser::bias_handover::HandedOverBias, state::Attitude};
 
-/// Standard deviation of an unknown bias, rad/s: 0.1 °/s.
+/// Standard deviation of an unknown bias, rad/s (0.1 °/s).
 pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
 /// Standard deviation below which the bias counts as known, rad/s.
 pub(super) const KNOWN_BIAS_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Largest component of the bias, rad/s: 5 °/s. A larger value must have another cause.
+/// Largest component of the bias, rad/s (5 °/s). A larger value must have another cause.
 pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 
 /// Fuser stage `levelling-pi`.
@@ -50,7 +50,8 @@ pub struct LevellingPi {
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered force minus V H' while there are no fixes, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
-    /// Averaging time by which `low_pass_m_s2` still falls short of its time constant, s.
+    /// Time until the low-pass of `low_pass_m_s2`, which starts as a plain mean, has averaged over
+    /// its time constant, s.
     pub(super) averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

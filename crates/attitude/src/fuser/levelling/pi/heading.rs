@@ -1,7 +1,8 @@
 //! Azimuth of the platform, from the track over ground and from the direction of accelerations.
 //!
 //! The track is the direction of travel, which in wind is not the direction of the nose. It
-//! corrects the azimuth over T = 50 s, as in S4, (5), and the bias about the vertical over 4 T.
+//! corrects the azimuth over T = 50 s, as in equation (5) of S4 (see `levelling`), and the bias
+//! about the vertical over 4 T.
 //!
 //! The force and the change of velocity show the same acceleration vector, regardless of wind. In a
 //! turn the angle between the two is therefore the azimuth error. Once turns have determined the
@@ -38,8 +39,8 @@ pub(super) struct Heading {
     /// Standard deviation of the azimuth without the effect of the crab angle, rad; π while the
     /// azimuth is unknown.
     drift_sd_rad: f64,
-    /// Duration of accelerated motion so far, which determines the course, s, up to
-    /// [`FULL_TURNING_S`].
+    /// Total duration of the accelerated motion from which the azimuth has been corrected, s. It is
+    /// limited to [`FULL_TURNING_S`].
     turning_s: f64,
 }
 

@@ -31,11 +31,11 @@ const STANDSTILL_BIAS_SD_RAD_S: f64 = 0.01 * PI / 180.0;
 const BIAS_RANDOM_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
 /// Time constant with which the bias follows the mean rate at standstill, s.
 const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
-/// Constant part of the limit for unexplained velocity increments, m/s. The limit bounds the effect
-/// of an outlier.
+/// Constant part of the limit on the difference between the velocity increments measured by the
+/// force and by the fixes, m/s. The limit bounds the effect of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
-/// Part of the limit for unexplained velocity increments that is proportional to their duration,
-/// m/s².
+/// Growth of the limit on the difference between the velocity increments measured by the force and
+/// by the fixes, per second of the increments' duration, m/s².
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {
@@ -87,8 +87,8 @@ impl LevellingPi {
         self.learn_bias(azimuth(self.attitude).conj() * tilt_rad, 0.25 / settings.time_constant_s);
         let gain = low_pass_gain(span_s, settings.time_constant_s);
         self.lag_rad += (tilt_from_acceleration(unexplained_m_s / span_s) - self.lag_rad) * gain;
-        // Two loops estimate the bias. The variance decreases with the time constant of the slower
-        // one, which follows the track.
+        // Two loops estimate the bias. The variance decays with the time constant of the slower
+        // loop, the one that follows the track.
         self.bias_variance_rad2_s2 -=
             self.bias_variance_rad2_s2 * low_pass_gain(span_s, settings.track_time_constant_s);
         if self.heading.known {
@@ -125,7 +125,7 @@ impl LevellingPi {
         self.add_bias(self.attitude.up.direction() * correction.bias_rad_s);
     }
 
-    /// Attributes a share of a tilt correction to the gyro bias.
+    /// Attributes a fraction of a tilt correction to the gyro bias.
     fn learn_bias(&mut self, tilt_rad: Complex<f64>, share_per_s: f64) {
         self.add_bias(gyro_error_from_tilt(self.attitude, tilt_rad) * share_per_s);
     }
@@ -140,8 +140,9 @@ impl LevellingPi {
 
     /// Corrects the level without a fix.
     ///
-    /// If the bias is known, the correction uses the low-pass filtered force minus the acceleration
-    /// V H' of a vehicle that keeps its last speed V. Otherwise it follows S4's autonomous law.
+    /// If the bias is known, the correction uses the low-pass filtered force minus the centripetal
+    /// acceleration V H', where V is the vehicle's last speed and H' its turn rate. Otherwise the
+    /// correction follows S4's autonomous law.
     pub(super) fn level_without_fix(&mut self, force: LevelForce, turn_rate_rad_s: f64) {
         let settings = self.settings;
         let known = self.is_bias_known();
@@ -163,8 +164,8 @@ impl LevellingPi {
         self.lag_rad += (measured_rad - self.lag_rad) * gain;
         if known {
             self.learn_bias(tilt_rad, 1.0 / settings.gap_integral_s);
-            // Compensates for the random walk, so that the bias stays known once it has become
-            // known.
+            // The random walk increases the variance. This decay prevents the increase from
+            // making a known bias unknown.
             self.bias_variance_rad2_s2 -=
                 self.bias_variance_rad2_s2 * low_pass_gain(force.dt_s, settings.gap_integral_s);
         }

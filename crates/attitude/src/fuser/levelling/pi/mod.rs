@@ -9,8 +9,9 @@
 //! the bias then has no effect. What remains is the effect of the accelerometer bias: 0.12° for
 //! 0.02 m/s².
 //!
-//! While fixes arrive, V H' is not used. Instead, the force is compared with the change of velocity
-//! as a vector. This is correct in wind, too, provided that the platform's azimuth is correct.
+//! While fixes arrive, the centripetal acceleration V H' (speed times turn rate) is not used.
+//! Instead, the force is compared with the change of velocity as a vector. This is correct in wind,
+//! too, provided that the platform's azimuth is correct.
 
 mod aiding;
 mod delay_matching;
@@ -69,8 +70,8 @@ impl LevellingPi {
         self.started = true;
     }
 
-    /// Adds a force to the velocity increment and, in a gap, corrects the level with it. Returns
-    /// `true` if it corrected the level.
+    /// Integrates a force into the velocity increment. In a gap without fixes, the force also
+    /// corrects the level. Returns `true` if the level was corrected.
     fn process_force(&mut self, inclination: &Inclination, turn_rate_rad_s: f64) -> bool {
         let force = LevelForce::new(self.attitude, inclination, self.since_force_s);
         if self.since_force_s > force.dt_s {

@@ -7,17 +7,17 @@ use crate::{Vector3, fuser::rest::MAX_SPEED_AT_REST_M_S, scalars::Scalars};
 
 /// Time constant of the means and of the variances about them, s.
 const AVERAGING_S: f64 = 2.0;
-/// Largest RMS deviation of the rate from its mean at standstill, rad/s: 0.3 °/s. A moving vehicle
+/// Largest RMS deviation of the rate from its mean at standstill, rad/s (0.3 °/s). A moving vehicle
 /// exceeds it even in calm air.
 const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
-/// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s: 0.8
+/// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s (0).8
 /// °/s.
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
 /// Largest RMS deviation of the force from its mean at standstill if there is no receiver, m/s².
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;
 /// Largest RMS deviation of the force from its mean if a receiver reports standstill, m/s².
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
-/// Largest component of a mean rate that is accepted as a bias, rad/s: 1 °/s.
+/// Largest component of a mean rate that is accepted as a bias, rad/s (1 °/s).
 const MAX_BIAS_RAD_S: f64 = 0.017_453;
 /// Minimum duration of the quiet phase, s.
 const MIN_QUIET_S: f64 = 5.0;

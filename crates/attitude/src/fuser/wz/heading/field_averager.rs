@@ -10,9 +10,11 @@ use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyA
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
-/// Duration of a window, s. Slightly shortened to tolerate rounding in sums of intervals.
+/// Minimum duration of a window, s. It is less than the nominal 20 ms, so that rounding in the sum
+/// of tick intervals does not prolong the window.
 const WINDOW_S: f64 = 0.0185;
-/// Duration of an interval, s. Slightly shortened to tolerate rounding in sums of intervals.
+/// Minimum duration of an interval, s. It is less than the nominal 0.2 s, so that rounding in the
+/// sum of tick intervals does not prolong the interval.
 const INTERVAL_S: f64 = 0.1999;
 /// Limit to which each component of the rate is clamped, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
@@ -179,7 +181,7 @@ impl FieldAverager {
         self.sums.windows += 1.0;
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
         let sums = [sums.duration_s, sums.gyro_outage_s, sums.windows, sums.rate_rms_rad_s, sums.acceleration_rms_m_s2];

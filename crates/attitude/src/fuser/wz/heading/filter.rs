@@ -17,10 +17,10 @@
 //!
 //! where τ' is the delay for which R' was rotated back, and v is noise.
 //!
-//! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals. Here ψ_i = ∫ u_i ω_i dt is
-//!   the rotation about the vertical contributed by body axis i, and u is up in body axes. The
-//!   random walk of e acts along ζ0 × e, because gyro noise rotates the field and does not stretch
-//!   it.
+//! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals, where T is the length of the
+//!   interval and ψ_i = ∫ u_i ω_i dt is the rotation about the vertical contributed by body axis i,
+//!   and u is up in body axes. The random walk of e acts along ζ0 × e, because gyro noise rotates
+//!   the field and does not stretch it.
 //! - κ models a drift that appears only while the body keeps turning one way: at a scale error of
 //!   half a per cent, a full turn causes 2° of drift. Without κ, β would follow this drift for a
 //!   minute, although β represents drift that does not depend on motion. The level filter estimates
@@ -60,10 +60,11 @@ pub(super) const B: usize = 5;
 const D: usize = 8;
 /// Index of the gyro scale error κ.
 pub(super) const KAPPA: usize = 11;
-/// Index of the field p at the last rest site.
+/// Index of p, the horizontal field at the last rest site.
 const SITE: usize = 14;
 
-/// Standard deviation of an unknown ambient field, µT: that of the strongest field on earth.
+/// Standard deviation of an unknown ambient field, µT. It is close to the strength of the strongest
+/// field on Earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// Initial standard deviation of the drift rate, rad/s: that of the gyro bias in the level filter.
 /// The random walk does not increase it beyond about this value.
@@ -75,15 +76,15 @@ const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 /// Additional random walk of the drift rate while the body vibrates, rad/s/√s. It is needed because
 /// the bias of a vibrating gyro differs from that at rest.
 const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
-/// Factor on the level filter's standard deviation of the scale error. The result and
-/// [`SCALE_SD_FLOOR`] are combined as a root sum of squares, which is the largest standard
-/// deviation of κ.
+/// Factor applied to the level filter's standard deviation of the scale error. The largest standard
+/// deviation of κ is the root sum of squares of this product and [`SCALE_SD_FLOOR`].
 const SCALE_SD_FACTOR: f64 = 1.5;
-/// Part of the largest standard deviation of κ that does not depend on the level filter.
+/// Floor of the largest standard deviation of κ. It applies even if the level filter's standard
+/// deviation of the scale error is zero.
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
-/// Random walk of κ, 1/√s: the effect of some degrees of warming in an hour.
+/// Random walk of κ, 1/√s: the effect of a few degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro heading, rad/√s.
 const HEADING_WALK_RAD: f64 = 2e-4;
@@ -91,8 +92,8 @@ const HEADING_WALK_RAD: f64 = 2e-4;
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the ambient field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
-/// Standard deviation of the local disturbance, µT, which is due to iron in a building and to the
-/// sensor's soft iron.
+/// Standard deviation of the local disturbance, µT. The disturbance is due to iron in a building
+/// and to the sensor's soft iron.
 const LOCAL_FIELD_SD_UT: f64 = 1.23;
 /// Decay rate of the local disturbance at rest, 1/s.
 const DECAY_AT_REST: f64 = 0.06;
@@ -127,7 +128,7 @@ pub(super) struct Propagation {
     drift_variance_rad2_s2: f64,
     /// Largest variance of the gyro scale error κ on each axis.
     max_scale_variance: [f64; 3],
-    /// Fraction of the local disturbance d that remains.
+    /// Fraction of the local disturbance d that remains after the interval.
     local_field_decay: f64,
     /// Variance added to the local disturbance d, µT².
     local_field_variance_ut2: f64,
@@ -184,7 +185,7 @@ pub(super) struct MeasurementResult {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FieldFilter {
     pub(super) x: [f64; STATES],
-    /// Covariance; symmetric, both halves are stored.
+    /// Covariance. It is symmetric, and both halves are stored.
     p: [[f64; STATES]; STATES],
 }
 
@@ -223,7 +224,7 @@ impl FieldFilter {
         }
     }
 
-    /// Returns the hard iron; unknown if it is assumed to be zero.
+    /// Returns the hard iron, or [`HardIron::UNKNOWN`] if it is assumed to be zero.
     pub(super) fn hard_iron(&self) -> HardIron {
         let variance_ut2 = (B..B + 3).map(|i| self.p[i][i]).fold(0.0, f64::max);
         if variance_ut2 == 0.0 {
@@ -311,7 +312,7 @@ impl FieldFilter {
         core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[SITE + i][j])
     }
 
-    /// Stores e + d as p, the field to recognise at this rest site.
+    /// Stores e + d as p, the field expected on a return to this rest site.
     pub(super) fn store_rest_site(&mut self) {
         for i in 0..2 {
             self.x[SITE + i] = self.x[E + i] + self.x[D + i];
@@ -417,7 +418,8 @@ impl FieldFilter {
         }
     }
 
-    /// Updates with the mean field of an interval, which has the given variance on each axis.
+    /// Updates the state with the mean field of an interval. `variance_ut2` is the variance of the
+    /// field on each axis.
     ///
     /// The measurement is used only if the innovation passes the gate.
     pub(super) fn measure(
@@ -450,7 +452,7 @@ impl FieldFilter {
             let ([a, b, c], w) = (interval.axes[j], &w[i]);
             w[E + j] + w[D + j] + field_rate[j] * w[TAU] + a * w[B] + b * w[B + 1] + c * w[B + 2]
         };
-        // S = L Lᵀ. Each pivot is at least the noise variance, whatever the rounding.
+        // S = L Lᵀ. Each pivot is at least the noise variance, regardless of rounding.
         let d0 = s(0, 0).max(0.0) + variance_ut2;
         let r0 = libm::sqrt(d0).recip();
         let (l10, l20) = (s(0, 1) * r0, s(0, 2) * r0);
@@ -483,7 +485,7 @@ impl FieldFilter {
         MeasurementResult { nis, determinant: d0 * d1 * d2, accepted }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     ///
     /// The covariance is checked by its factors L D Lᵀ.
     pub(super) fn validation_error(&self) -> Option<&'static str> {

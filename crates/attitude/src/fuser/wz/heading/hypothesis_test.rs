@@ -34,9 +34,9 @@ const GATE: f64 = 11.0;
 const MAX_NIS: f64 = 30.0;
 /// Lead at which B replaces M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
-/// Smallest difference between the hard irons of B and M with which B can replace M, µT.
+/// Minimum difference between the hard irons of B and M for B to replace M, µT.
 const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
-/// Smallest rotation since the challenge started with which B can replace M, rad.
+/// Minimum rotation since the start of the challenge for B to replace M, rad.
 const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 /// Evidence subtracted per second of turning.
 const ALLOWANCE_PER_S: f64 = 5.5;
@@ -46,7 +46,8 @@ const MIN_TURN_RATE_RAD_S: f64 = 0.3;
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
-/// Time of turning outside the gate after which all states that concern the field are reset, s.
+/// Time outside the gate after which all states that concern the field are reset, s. It is counted
+/// only while the body turns.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time inside the gate that ends the probation of a new main filter, s.
 const PROBATION_S: f64 = 10.0;
@@ -56,7 +57,7 @@ const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 
-/// Result of an interval.
+/// Outcome of the hypothesis test for one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TestOutcome {
     /// The main filter M used the field.
@@ -178,8 +179,8 @@ impl HypothesisTest {
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
-            // The first fields after the invalidation were levelled with a level that was still
-            // wrong, so the direction is invalidated once more.
+            // The first fields after the invalidation were rotated into the level frame while the
+            // level was still wrong, so the direction is invalidated once more.
             self.invalidate_direction();
             self.direction_invalidated = false;
             replaced = true;
@@ -236,7 +237,7 @@ impl HypothesisTest {
         [&mut self.main, &mut self.body, &mut self.environment].into_iter().for_each(&mut act);
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         [&self.main, &self.body, &self.environment].into_iter().find_map(FieldFilter::validation_error)
     }

@@ -7,7 +7,7 @@ use crate::{Complex, Vector3, state::Attitude};
 pub(in crate::fuser::wz) struct HeadingInput {
     /// Attitude with the heading of the gyro alone.
     pub(in crate::fuser::wz) attitude: Attitude,
-    /// e^{jz} of `attitude`.
+    /// e^{jz}, with the azimuth z of `attitude`.
     pub(in crate::fuser::wz) azimuth: Complex<f64>,
     /// Body rate with gyro bias and scale error removed, rad/s.
     pub(in crate::fuser::wz) rate_rad_s: Vector3<f64>,

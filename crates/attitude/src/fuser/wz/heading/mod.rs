@@ -3,18 +3,18 @@
 //! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
 //! present.
 //!
-//! Output: the angle a by which the attitude must be rotated about the vertical so that its heading
-//! counts from magnetic north, with its standard deviation.
+//! Output: the angle `a` by which the attitude must be rotated about the vertical so that its
+//! heading refers to magnetic north, and the standard deviation of `a`.
 //!
 //! Time: the intervals of the ticks.
 //!
-//! Failure: if there is no field, or no hypothesis explains it, a is kept and the heading follows
+//! Failure: if there is no field, or no hypothesis explains it, `a` is kept and the heading follows
 //! the gyro.
 //!
 //! In the frame of the gyro heading, north is fixed except for a slow drift. The field is therefore
 //! a linear measurement of the unknowns: the ambient field e, the drift rate β, the magnetometer
 //! delay τ, the hard iron b, the local disturbance d, the gyro scale error κ, and the field p at
-//! the last rest site (see `filter`). The result is a = atan2(e_ξ, e_η).
+//! the last rest site (see `filter`). The result is `a` = atan2(e_ξ, e_η).
 //!
 //! | file | content |
 //! | --- | --- |
@@ -28,8 +28,9 @@
 //!
 //! - The delay matters: 13 ms at 7 rad/s are 5° of field direction.
 //! - A gate alone, on strength and dip or on the innovation, rejects passing magnets. Once a magnet
-//!   is attached to the body, however, such a gate rejects the field permanently. At a dip of 70°,
-//!   an error of 1 µT causes 4° of heading error.
+//!   is attached to the body, however, such a gate rejects the field permanently. The disturbed
+//!   field cannot be used uncorrected either: at a dip of 70°, an error of 1 µT causes 4° of
+//!   heading error.
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
@@ -83,9 +84,9 @@ const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
-/// rotation the direction is unknown.
+/// rotation the direction of north is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
-/// Largest heading correction that is applied gradually, rad: 1°. A larger one is a flagged jump.
+/// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 
 /// Effect of a tick on the heading.
@@ -107,7 +108,7 @@ pub(super) struct Heading {
     was_at_rest: bool,
     /// Set once a field sample has been used.
     started: bool,
-    /// Set once the heading has been known, from another stage or from the field.
+    /// Set once the heading has become known, from another stage or from the field.
     heading_known: bool,
     has_rested: bool,
     disturbed: bool,
@@ -185,7 +186,8 @@ impl Heading {
         self.disturbed
     }
 
-    /// Returns the hard iron; unknown if it is assumed to be zero and not estimated.
+    /// Returns the hard iron, or [`HardIron::UNKNOWN`] if it is assumed to be zero and not
+    /// estimated.
     pub(super) fn hard_iron(&self) -> HardIron {
         self.hypothesis_test.main.hard_iron()
     }
@@ -198,8 +200,7 @@ impl Heading {
     /// Handles a loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
         self.field_averager = FieldAverager::default();
-        // Before the first field sample, no heading from the field exists that would have to be
-        // invalidated.
+        // Before the first field sample, there is no heading from the field to invalidate.
         if self.started {
             self.invalidate_heading();
             self.update_correction();
@@ -355,7 +356,7 @@ impl Heading {
         jumps
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*correction_rad) <= PI && libm::fabs(*pending_rad) <= PI;

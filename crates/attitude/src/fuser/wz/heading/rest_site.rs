@@ -1,13 +1,13 @@
 //! Detects that a body at rest is back at its previous rest site.
 //!
-//! Input: those intervals of a rest that passed the gate of the filter.
+//! Input: those intervals of a rest that passed the gate of the heading filter.
 //!
 //! Output: once per rest, whether the rest site is the previous one.
 //!
 //! Time: counted in intervals.
 //!
 //! Failure: another site with the same field strength, dip and tilt of the body is taken for the
-//! previous one if its field points within some degrees of the expected direction.
+//! previous one if its field points within a few degrees of the expected direction.
 //!
 //! A body that returns to its previous site in the same orientation measures the same field:
 //! strength, dip and up vector agree. Any rotation of the horizontal field since then is drift of
@@ -20,9 +20,9 @@ use crate::{Vector3, scalars::Scalars};
 const MIN_INTERVALS: f64 = 10.0;
 /// Repeatability (standard deviation) of the horizontal field at a site, µT.
 const HORIZONTAL_SD_UT: f64 = 0.2;
-/// Repeatability of the vertical field at a site, µT.
+/// Repeatability (standard deviation) of the vertical field at a site, µT.
 const VERTICAL_SD_UT: f64 = 0.25;
-/// Repeatability of the up vector in body axes at a site.
+/// Repeatability (standard deviation) at a site of each component of the up vector in body axes.
 const UP_SD: f64 = 0.01;
 /// Largest normalised squared distance between two signatures of the same site.
 const MAX_DISTANCE2: f64 = 9.0;
@@ -51,8 +51,8 @@ pub(super) enum SiteMatch {
     Undecided,
     /// The body is back at the previous site. Returned once per rest.
     Revisited,
-    /// No return is to be reported. The caller stores the field of the current site, to recognise
-    /// that site later.
+    /// The body is at another site, or its return was reported earlier in this rest. The caller
+    /// stores the field of the site, to recognise the site later.
     Current,
 }
 
