@@ -191,14 +191,16 @@ impl Scratch {
         }
     }
 
-    /// Runs a shell line, or starts a system in the background.
+    /// Runs a shell line and returns what it prints to standard output, or starts a system in the
+    /// background.
     ///
     /// A command must succeed and print something.
-    fn run(&mut self, location: &str, line: &str) {
+    fn run(&mut self, location: &str, line: &str) -> String {
         let command = line.split(" #").next().unwrap_or_default().trim();
         let is_limited = ["--replay", "--for", "--source stdin"].iter().any(|option| command.contains(option));
         if command.starts_with("plumb up") && !is_limited {
-            return self.start(command);
+            self.start(command);
+            return String::new();
         }
         let begins = |list: &[&str]| list.iter().any(|beginning| command.starts_with(beginning));
         if begins(NEEDS_SYSTEM) && self.running.is_empty() {
@@ -216,14 +218,19 @@ impl Scratch {
         stdout.read_to_string(&mut printed).unwrap();
         let (status, messages) = (child.wait().unwrap(), fs::read_to_string(stderr).unwrap());
         assert!(status.success() || begins(MAY_FAIL), "{location}: {command}: {status}\n{printed}{messages}");
-        assert!(!(printed + &messages).trim().is_empty(), "{location}: {command} prints nothing");
+        assert!(!(printed.clone() + &messages).trim().is_empty(), "{location}: {command} prints nothing");
+        printed
     }
 
     /// Runs the shell examples of a file. If a Python block is a complete stage, writes it to the
     /// folder that `plumb stage new` has created. In the documentation, the reader is asked to do
     /// the same.
     fn run_examples(&mut self, blocks: &[Block]) {
+        let mut printed = String::new();
         for block in blocks {
+            if block.location.starts_with("docs/tutorials/") && block.first_line().starts_with("RMSE, degrees") {
+                assert_eq!(without_cost(&block.text), without_cost(&printed), "{}", block.location);
+            }
             if block.text.contains("plumbline.run(MyFuser)") {
                 self.write("my-fuser/my_fuser.py", &block.text);
             }
@@ -234,7 +241,7 @@ impl Scratch {
                 let lacks_log = !self.has_log && (line.contains(LOG) || line.contains(FLIGHT_FROM_LOG));
                 if !lacks_log && !NOT_RUN.iter().any(|(beginning, _)| line.starts_with(beginning)) {
                     let line = self.replace(&without_optional_arguments(line));
-                    self.run(&block.location, &line);
+                    printed = self.run(&block.location, &line);
                 }
             }
         }
@@ -263,6 +270,18 @@ fn first_line_then_interrupt(child: &mut Child, stdout: &mut BufReader<ChildStdo
 fn services(name: &str) -> Vec<serde_json::Value> {
     let output = plumb(&["ps", "--json", "--system", name]).output().unwrap();
     serde_json::from_slice(&output.stdout).unwrap_or_default()
+}
+
+/// Returns the lines of a score table and the lines below it, without the time per update, which
+/// ends a row.
+fn without_cost(text: &str) -> Vec<Vec<&str>> {
+    let words = |line| str::split_whitespace(line).collect::<Vec<_>>();
+    let lines = text.lines().map(words).filter(|words| !words.is_empty());
+    let without_number = |mut words: Vec<_>| {
+        words.pop_if(|word: &mut &str| word.parse::<u32>().is_ok());
+        words
+    };
+    lines.map(without_number).collect()
 }
 
 /// Removes optional arguments in brackets, such as `[--json]`.

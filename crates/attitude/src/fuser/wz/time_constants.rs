@@ -8,9 +8,9 @@
 //!
 //! Accelerations with the spectral density S (of the force divided by g) cause a tilt error with
 //! the variance S/(2 T2), as the noise bandwidth of 1/(T1 T2 s² + T2 s + 1) is 1/(2 T2). A gyro
-//! that lets the tilt drift with the random walk q and the bias error σ adds q² T2/2 and σ² T2². T2
-//! minimises the sum of the three variances. Without a bias error this is the time constant √S/q of
-//! a Kalman filter for the tilt.
+//! that lets the tilt drift with the random walk q and the bias error σ adds q² (T1 + T2)/2 and
+//! σ² T2². T2 minimises the sum of the three variances. Without a bias error this is the time
+//! constant √S/q of a Kalman filter for the tilt.
 //!
 //! S is measured at the frequencies that the loop passes: a reference loop with the time constant
 //! [`REFERENCE_S`] low-pass filters the leaky velocity. The tilt error of this reference loop has
