@@ -109,9 +109,9 @@ impl AccessList {
     ///
     /// Clients without a certificate may subscribe and query. They may not put, reply, declare
     /// liveliness or send commands. With `exports` they may also receive the vehicle's ticks,
-    /// because in a split system the other hosts may be such clients. With `certified`, clients with
-    /// a certificate may do everything, because the router through which they connect has its own
-    /// access list.
+    /// because in a split system the other hosts may be such clients. With `certified`, clients
+    /// with a certificate may do everything, because the router through which they connect has its
+    /// own access list.
     pub fn for_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
         let mut list = Self::deny_all();
         let mut rules = reader_rules(ANONYMOUS);
