@@ -17,7 +17,7 @@ use super::inclination::{Inclination, MIN_FORCE_M_S2, finite_or_zero, trust};
 use crate::{
     Quaternion, Vector3,
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
@@ -97,7 +97,7 @@ impl Stage for Inclinometer {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.up.visit(visit);
+        visit_fields!(self, visit: up; without method);
     }
 
     fn validation_error(&self) -> Option<&'static str> {

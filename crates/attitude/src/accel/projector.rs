@@ -4,7 +4,7 @@ use super::inclination::{Inclination, MIN_FORCE_M_S2, finite_or_zero, trust};
 use crate::{
     Vector3,
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
@@ -37,7 +37,7 @@ impl Stage for Projector {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.up.visit(visit);
+        visit_fields!(self, visit: up);
     }
     fn validation_error(&self) -> Option<&'static str> {
         attitude_validation_error(Attitude::from_up(self.up))

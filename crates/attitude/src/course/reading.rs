@@ -6,7 +6,7 @@ use super::reference::CourseReference;
 use crate::{
     Quaternion,
     angles::Angles,
-    scalars::Scalars,
+    scalars::{Scalars, scalars},
     stage::{RestoreError, UNIT_NORM_SQUARED_TOLERANCE, Validate},
 };
 
@@ -95,22 +95,9 @@ impl Scalars for CourseReading {
     }
 }
 
-impl Scalars for CourseEstimate {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { course_rad, reference, sd_rad } = self;
-        course_rad.visit(visit);
-        reference.visit(visit);
-        sd_rad.visit(visit);
-    }
-}
+scalars!(CourseEstimate: course_rad, reference, sd_rad);
 
-impl Scalars for LastReading {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { quaternion, course } = self;
-        quaternion.visit(visit);
-        course.visit(visit);
-    }
-}
+scalars!(LastReading: quaternion, course);
 
 fn quaternion_validation_error(quaternion: Quaternion<f64>) -> Option<&'static str> {
     let unit = libm::fabs(quaternion.norm_squared() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;

@@ -9,16 +9,16 @@ use super::{
     bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
+    finite::fuser_step,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
 };
 use crate::{
     Vector3,
-    parameters::{Parameter, ParameterError, Parameters, settings},
+    parameters::{parameters_of, settings},
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
@@ -66,28 +66,8 @@ impl WzClosed {
     pub(super) fn realign(&mut self) {
         self.started = false;
     }
-}
 
-impl Stage for WzClosed {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "wz-closed"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
@@ -128,13 +108,19 @@ impl Stage for WzClosed {
             corrections,
         }
     }
+}
+
+impl Stage for WzClosed {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "wz-closed"
+    }
+
+    parameters_of!(Settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.attitude.visit(visit);
-        self.started.visit(visit);
-        self.tilt_uncertainty.visit(visit);
-        self.compass.visit(visit);
-        self.handed_over.visit(visit);
+        visit_fields!(self, visit: attitude, started, tilt_uncertainty, compass, handed_over; without settings);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -145,17 +131,12 @@ impl Stage for WzClosed {
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
         Estimate {
             attitude: self.attitude,
             reference: self.compass.reference(),
-            bias_rad_s,
             inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.handed_over.gyro_scale(),
-            hard_iron: self.handed_over.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.handed_over.sensor_errors()
         }
     }
 

@@ -10,18 +10,18 @@ use super::{
     bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
+    finite::fuser_step,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
     wz_closed::MAX_POINT_MODULUS,
 };
 use crate::{
     Complex, Vector3,
     gyro::Motion,
-    parameters::{Parameter, ParameterError, Parameters, settings},
+    parameters::{parameters_of, settings},
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
@@ -111,28 +111,8 @@ impl WzOpen {
         let rotation = fused.quaternion() * self.fused_attitude().quaternion().conjugate();
         self.z_offset_rad = wrapped_rad(self.z_offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
     }
-}
 
-impl Stage for WzOpen {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "wz-open"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
@@ -173,16 +153,22 @@ impl Stage for WzOpen {
             corrections,
         }
     }
+}
+
+impl Stage for WzOpen {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "wz-open"
+    }
+
+    parameters_of!(Settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.gyro_attitude.visit(visit);
-        self.w_offset.visit(visit);
-        self.z_offset_rad.visit(visit);
-        self.adopted.visit(visit);
-        self.started.visit(visit);
-        self.tilt_uncertainty.visit(visit);
-        self.compass.visit(visit);
-        self.handed_over.visit(visit);
+        visit_fields!(self, visit:
+            gyro_attitude, w_offset, z_offset_rad, adopted, started, tilt_uncertainty, compass, handed_over; without
+            settings
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -197,17 +183,12 @@ impl Stage for WzOpen {
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
         Estimate {
             attitude: self.fused_attitude(),
             reference: self.compass.reference(),
-            bias_rad_s,
             inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.handed_over.gyro_scale(),
-            hard_iron: self.handed_over.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.handed_over.sensor_errors()
         }
     }
 

@@ -26,7 +26,7 @@
 //! the frequency of the coning.
 
 use super::motion::{RateKind, RateSample};
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Maximum ratio of two successive intervals for which the slope of the rate is extrapolated.
 const MAX_INTERVAL_RATIO: f64 = 2.0;
@@ -104,10 +104,4 @@ impl Coning {
     }
 }
 
-impl Scalars for Coning {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.rates_rad_s.iter_mut().for_each(|rate| rate.visit(visit));
-        self.interval_s.visit(visit);
-        self.started.visit(visit);
-    }
-}
+scalars!(Coning: rates_rad_s, interval_s, started);
