@@ -144,15 +144,15 @@ macro_rules! settings {
 }
 pub use crate::settings;
 
-/// Implements the parameters of a stage: those of the settings in its field `settings`.
+/// Implements the parameters of a stage: those of the settings in one of its fields.
 macro_rules! parameters_of {
-    ($Settings:ty) => {
+    ($Settings:ident in $($field:ident).+) => {
         fn parameters(&self) -> &'static [$crate::parameters::Parameter] {
             <$Settings as $crate::parameters::Parameters>::TABLE
         }
 
         fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::parameters::ParameterError> {
-            $crate::parameters::Parameters::set(&mut self.settings, name, value)
+            $crate::parameters::Parameters::set(&mut self.$($field).+, name, value)
         }
     };
 }

@@ -36,7 +36,7 @@ impl Stage for AnglesCourse {
         "angles"
     }
 
-    parameters_of!(AnglesSettings);
+    parameters_of!(AnglesSettings in settings);
 
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();

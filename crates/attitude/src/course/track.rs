@@ -158,7 +158,7 @@ impl Stage for TrackCourse {
         "track"
     }
 
-    parameters_of!(TrackSettings);
+    parameters_of!(TrackSettings in settings);
 
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();

@@ -107,7 +107,7 @@ impl Stage for Levelling {
         "levelling"
     }
 
-    parameters_of!(LevellingSettings);
+    parameters_of!(LevellingSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         visit_fields!(self, visit: platform, speed, bias_handover; without settings);

@@ -220,7 +220,7 @@ impl Stage for LevellingUnified {
         "levelling-unified"
     }
 
-    parameters_of!(UnifiedSettings);
+    parameters_of!(UnifiedSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         visit_fields!(self, visit:

@@ -268,7 +268,7 @@ impl Stage for Wz {
         "wz"
     }
 
-    parameters_of!(Settings);
+    parameters_of!(Settings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         visit_fields!(self, visit:

@@ -162,7 +162,7 @@ impl Stage for LevellingPi {
         "levelling-pi"
     }
 
-    parameters_of!(PiSettings);
+    parameters_of!(PiSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         visit_fields!(self, visit:
