@@ -27,7 +27,7 @@ use std::hint::black_box;
 use ahrs::{Ahrs, Madgwick, Mahony};
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
@@ -137,7 +137,7 @@ struct Sample {
 /// Gyro and accelerometer stages with a fuser.
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
 }
 
@@ -145,7 +145,7 @@ impl Chain {
     fn new(gyro: &str, fuser: &str, first: &Sample) -> Self {
         let (gyro, fuser) = (Gyro::from_name(gyro), Fuser::from_name(fuser));
         let (mut gyro, fuser) = gyro.zip(fuser).expect("the names of built-in stages");
-        let mut accel = Projector::default();
+        let mut accel = Accelerometer::default();
         gyro.align(Attitude::from_up(accel.step(&first.force_m_s2).up));
         Self { gyro, accel, fuser }
     }

@@ -22,7 +22,7 @@ use std::{env, hint::black_box, path::PathBuf};
 
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
@@ -70,7 +70,7 @@ fn time_ns(samples: &Samples, run: fn(&Samples)) -> f64 {
 fn wz(samples: &Samples) {
     let (gyro, fuser) = (Gyro::from_name("mobius"), Fuser::from_name("wz"));
     let (mut gyro, mut fuser) = gyro.zip(fuser).expect("the names of built-in stages");
-    let mut accel = Projector::default();
+    let mut accel = Accelerometer::default();
     for [rate, force] in &samples.readings {
         let rate_rad_s = Vector3::from(*rate);
         let motion = Some(gyro.step(&RateSample { rate_rad_s, dt_s: samples.dt_s, kind: samples.kind }));

@@ -57,18 +57,20 @@ fn texts<'d>(document: &'d Document<'_>, element: &str) -> Vec<&'d str> {
     document.descendants().filter(|node| node.has_tag_name(element)).filter_map(|node| node.text()).collect()
 }
 
-/// Returns the classes of the lines in each time chart.
-fn lines_of(document: &Document<'_>) -> Vec<Vec<String>> {
+/// Returns the curves in each chart, recognised by their colours.
+fn lines_of(document: &Document<'_>) -> Vec<Vec<&'static str>> {
     let charts =
-        document.descendants().filter(|node| node.has_tag_name("svg") && node.attribute("aria-label").is_some());
-    let class = |node: Node<'_, '_>| node.attribute("class").unwrap().to_owned();
-    let line_classes = |chart: Node<'_, '_>| {
-        let mut lines: Vec<_> = chart.descendants().filter(|node| node.has_tag_name("polyline")).map(class).collect();
-        lines.sort();
-        lines.dedup();
-        lines
+        document.descendants().filter(|node| node.has_tag_name("figure") && node.attribute("aria-label").is_some());
+    let lines = |chart: Node<'_, '_>| {
+        let colors: Vec<_> = chart
+            .descendants()
+            .filter(|node| node.has_tag_name("polyline"))
+            .filter_map(|node| node.attribute("stroke"))
+            .collect();
+        let curves = [("#1A1A1A", "reference"), ("#0072B2", "stage0"), ("#CC79A7", "stage1")];
+        curves.into_iter().filter(|(color, _)| colors.contains(color)).map(|(_, name)| name).collect()
     };
-    charts.map(line_classes).collect()
+    charts.map(lines).collect()
 }
 
 #[test]
@@ -84,8 +86,8 @@ fn report_shows_stages_reference_and_scored_errors() {
     let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/inclination")));
     assert_eq!(titles[0], format!("inclination error, RMS over scored samples: wz {wz:.3}°, vqf {vqf:.3}°"));
     assert_eq!(titles[1..], ["roll", "pitch", "yaw"], "charts of heading or total error without a known heading");
-    let both = ["stage0", "stage1"].map(str::to_owned);
-    let all = ["reference", "stage0", "stage1"].map(str::to_owned);
+    let both = ["stage0", "stage1"];
+    let all = ["reference", "stage0", "stage1"];
     let lines = lines_of(&document);
     assert!(lines[0] == both && lines[1..].iter().all(|lines| *lines == all), "{lines:?}");
     assert_eq!(lines.len(), 4);
@@ -147,7 +149,7 @@ fn report_of_real_recording_ranks_by_total_error() {
         let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/{error}")));
         assert_eq!(titles[at], format!("{error} error, RMS over scored samples: wz {wz:.3}°, vqf {vqf:.3}°"));
     }
-    let both = ["stage0", "stage1"].map(str::to_owned);
+    let both = ["stage0", "stage1"];
     assert!(lines_of(&document)[..3].iter().all(|lines| *lines == both));
     // With a magnetometer the heading is known, so the total error ranks the stages.
     let advice = scores.pointer("/recommendation/text").and_then(Value::as_str).unwrap();

@@ -6,7 +6,7 @@
 //!
 //! Failure: at ϑ = ±90° yaw and roll are not unique; only their sum or difference is meaningful.
 
-use crate::{Vector3, rotation::Rotation, state::Attitude};
+use crate::{Vector3, rotation::Rotation, scalars::scalars, state::Attitude};
 
 /// Smallest cos ϑ at which yaw and roll are computed separately. Below it, both would consist of
 /// rounding errors.
@@ -23,6 +23,8 @@ pub struct Angles {
     /// γ, rad, (−π, π].
     pub roll_rad: f64,
 }
+
+scalars!(Angles: yaw_rad, pitch_rad, roll_rad);
 
 impl Attitude {
     /// Creates the attitude from yaw, pitch and roll — Matveev 2025, (22), (26).

@@ -1,6 +1,6 @@
 //! Fixes of a satellite receiver.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Largest plausible component of a vehicle's velocity over ground, m/s.
 pub const MAX_SPEED_M_S: f64 = 3000.0;
@@ -38,10 +38,4 @@ impl Fix {
     }
 }
 
-impl Scalars for Fix {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { velocity_m_s, sd_m_s, age_s, latitude_rad } = self;
-        velocity_m_s.visit(visit);
-        [sd_m_s, age_s, latitude_rad].into_iter().for_each(|value| value.visit(visit));
-    }
-}
+scalars!(Fix: velocity_m_s, sd_m_s, age_s, latitude_rad);

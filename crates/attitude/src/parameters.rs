@@ -144,6 +144,20 @@ macro_rules! settings {
 }
 pub use crate::settings;
 
+/// Implements the parameters of a stage: those of the settings in one of its fields.
+macro_rules! parameters_of {
+    ($Settings:ident in $($field:ident).+) => {
+        fn parameters(&self) -> &'static [$crate::parameters::Parameter] {
+            <$Settings as $crate::parameters::Parameters>::TABLE
+        }
+
+        fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::parameters::ParameterError> {
+            $crate::parameters::Parameters::set(&mut self.$($field).+, name, value)
+        }
+    };
+}
+pub(crate) use parameters_of;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@
 //! Output: the pair (p, s), which represents the unit quaternion δ = d0 + d1 i + d2 j + d3 k with p
 //! = d0 + j d3 and s = d1 + j d2.
 
-use crate::{Complex, Quaternion, Vector3, point::Chart, scalars::Scalars};
+use crate::{Complex, Quaternion, Vector3, point::Chart, scalars::scalars};
 
 /// Rotation of the body in its own axes. It acts on an attitude as a Möbius map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,13 +90,7 @@ impl Rotation {
     }
 }
 
-impl Scalars for Rotation {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { p, s } = self;
-        p.visit(visit);
-        s.visit(visit);
-    }
-}
+scalars!(Rotation: p, s);
 
 /// Returns cos x and sin x / x for a given x². Power series are used as long as they are exact to
 /// the last bit. An infinite x yields (1, 0), which represents no rotation.

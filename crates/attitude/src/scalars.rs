@@ -12,6 +12,29 @@ pub trait Scalars {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64));
 }
 
+/// Visits fields of `self` in the given order. Fields after `without` hold no state.
+///
+/// A field in neither list does not compile, so that no part of a state is forgotten.
+macro_rules! visit_fields {
+    ($self:ident, $visit:ident: $($field:ident),+ $(; without $($other:ident),+)?) => {
+        let Self { $($field,)+ $($($other: _,)+)? } = $self;
+        $($crate::scalars::Scalars::visit($field, $visit);)+
+    };
+}
+pub(crate) use visit_fields;
+
+/// Implements [`Scalars`] for a struct, with the fields of `visit_fields`.
+macro_rules! scalars {
+    ($Type:ident: $($fields:tt)+) => {
+        impl $crate::scalars::Scalars for $Type {
+            fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+                $crate::scalars::visit_fields!(self, visit: $($fields)+);
+            }
+        }
+    };
+}
+pub(crate) use scalars;
+
 impl Scalars for f64 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         visit(self);
@@ -35,6 +58,12 @@ impl<T: Scalars + Default> Scalars for Option<T> {
         let mut value = self.take().unwrap_or_default();
         value.visit(visit);
         *self = present.then_some(value);
+    }
+}
+
+impl<T: Scalars, const N: usize> Scalars for [T; N] {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 

@@ -13,7 +13,7 @@ use crate::{
     Complex, J, Matrix3, Quaternion, Vector3,
     point::{Chart, Point},
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::scalars,
 };
 
 /// Value of |w|² above which the chart changes.
@@ -308,10 +308,4 @@ fn wide_arg(m: Complex<f64>) -> f64 {
     libm::atan2(m.im, m.re)
 }
 
-impl Scalars for Attitude {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { up, z_rad } = self;
-        up.visit(visit);
-        z_rad.visit(visit);
-    }
-}
+scalars!(Attitude: up, z_rad);

@@ -95,12 +95,6 @@ impl Flags {
         if condition { self } else { Self::NONE }
     }
 
-    /// Returns the name and meaning of each flag that is set.
-    pub fn meanings(self) -> impl Iterator<Item = (&'static str, &'static str)> {
-        let all = Self::NAMES.iter().zip(Self::MEANINGS);
-        all.filter(move |((flag, _), _)| self.any(*flag)).map(|((_, name), meaning)| (*name, *meaning))
-    }
-
     /// Returns the names of the flags that are set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.iter().filter(move |(flag, _)| self.any(*flag)).map(|(_, name)| *name)

@@ -45,72 +45,65 @@ impl Header {
     }
 }
 
-/// Chart of a point w. It is a number, so that every bit pattern is valid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(transparent)]
-pub struct Chart(pub u64);
-
-impl Chart {
-    /// Projection from −ζ: w = 0 is level.
-    pub const UPRIGHT: Self = Self(0);
-    /// Projection from +ζ: w = 0 is upside down.
-    pub const INVERTED: Self = Self(1);
-
-    /// Returns the name of the chart, or `unknown` for other values.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::UPRIGHT => "upright",
-            Self::INVERTED => "inverted",
-            _ => "unknown",
+/// Declares a number with names for some of its values. Every bit pattern is valid; `otherwise` is
+/// the name of all other values.
+macro_rules! named_values {
+    (
+        $(#[doc = $doc:literal])+
+        $Type:ident($Number:ty) otherwise $otherwise:literal {
+            $($(#[doc = $description:literal])+ $name:ident = $number:literal $word:literal,)*
         }
+    ) => {
+        $(#[doc = $doc])+
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+        #[repr(transparent)]
+        pub struct $Type(pub $Number);
+
+        impl $Type {
+            $($(#[doc = $description])+ pub const $name: Self = Self($number);)*
+
+            /// Returns the name of the value.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$name => $word,)*
+                    _ => $otherwise,
+                }
+            }
+        }
+    };
+}
+
+named_values! {
+    /// Chart of a point w.
+    Chart(u64) otherwise "unknown" {
+        /// Projection from −ζ: w = 0 is level.
+        UPRIGHT = 0 "upright",
+        /// Projection from +ζ: w = 0 is upside down.
+        INVERTED = 1 "inverted",
     }
 }
 
-/// Zero direction of a course or heading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(transparent)]
-pub struct CourseReference(pub u64);
-
-impl CourseReference {
-    /// Arbitrary: the heading at the start, because gyro and accelerometer alone cannot observe
-    /// north.
-    pub const ARBITRARY: Self = Self(0);
-    /// Magnetic north.
-    pub const MAGNETIC: Self = Self(1);
-    /// True north.
-    pub const TRUE: Self = Self(2);
-
-    /// Returns the name of the reference; other values count as `arbitrary`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::MAGNETIC => "magnetic",
-            Self::TRUE => "true",
-            _ => "arbitrary",
-        }
+named_values! {
+    /// Zero direction of a course or heading.
+    CourseReference(u64) otherwise "arbitrary" {
+        /// Heading at the start. Gyro and accelerometer alone cannot observe north.
+        ARBITRARY = 0 "arbitrary",
+        /// Magnetic north.
+        MAGNETIC = 1 "magnetic",
+        /// True north.
+        TRUE = 2 "true",
     }
 }
 
-/// Operating state of a service. Other values mean that it is starting.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(transparent)]
-pub struct State(pub u32);
-
-impl State {
-    /// All topics are open and the service waits for input.
-    pub const READY: Self = Self(1);
-    /// The service processes input.
-    pub const RUNNING: Self = Self(2);
-    /// The source is exhausted.
-    pub const FINISHED: Self = Self(3);
-
-    /// Returns the name of the state.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::READY => "ready",
-            Self::RUNNING => "running",
-            Self::FINISHED => "finished",
-            _ => "starting",
-        }
+named_values! {
+    /// Operating state of a service. Other values mean that it is starting.
+    State(u32) otherwise "starting" {
+        /// All topics are open and the service waits for input.
+        READY = 1 "ready",
+        /// The service processes input.
+        RUNNING = 2 "running",
+        /// The source is exhausted.
+        FINISHED = 3 "finished",
     }
 }
 
@@ -508,69 +501,52 @@ payload! {
     }
 }
 
-/// Kind of a system event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(transparent)]
-pub struct EventKind(pub u32);
-
-macro_rules! event_kinds {
-    ($($(#[doc = $description:literal])+ $name:ident = $number:literal $word:literal,)*) => {
-        impl EventKind {
-            $($(#[doc = $description])+ pub const $name: Self = Self($number);)*
-
-            /// Returns the name of the kind, or `unknown` for other values.
-            pub fn name(self) -> &'static str {
-                match self {
-                    $(Self::$name => $word,)*
-                    _ => "unknown",
-                }
-            }
-        }
-    };
-}
-
-event_kinds! {
-    /// The first process of a service has started; `settings` are those of its stage. If no service
-    /// is given, the run has started; `settings` are its rate and its source (0 simulation, 1
-    /// recording, 2 sensors on the bus).
-    STARTED = 1 "started",
-    /// The run started with the sensor errors in `settings`, which an earlier run estimated.
-    WARM = 2 "warm",
-    /// Every service is running.
-    READY = 3 "ready",
-    /// A process has ended; `why` is the reason.
-    ENDED = 4 "ended",
-    /// A service was restarted and resumes at `adopted_tick`.
-    RESTARTED = 5 "restarted",
-    /// A service will not be restarted.
-    GIVEN_UP = 6 "given-up",
-    /// A client or a promotion rule (`[[watch]]`) requests a stage for a slot.
-    SWAP_REQUESTED = 7 "swap-requested",
-    /// A client or a promotion rule (`[[watch]]`) requests a shadow stage in parallel with the
-    /// owner of a slot.
-    SHADOW_REQUESTED = 8 "shadow-requested",
-    /// A stage that is to take over has started. Its initial state is that of the slot before
-    /// `adopted_tick`.
-    CANDIDATE = 9 "candidate",
-    /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
-    /// owner.
-    OWNER = 10 "owner",
-    /// A request succeeded: the stage owns the slot from `tick` on.
-    SWAPPED = 11 "swapped",
-    /// A request was rejected without any change; `why` is the reason.
-    REFUSED = 12 "refused",
-    /// A request failed and the slot is unchanged; `why` is the reason.
-    ABORTED = 13 "aborted",
-    /// The attitudes of the `ticks` ticks that precede `tick` are missing.
-    LOST = 14 "lost",
-    /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote them.
-    NOT_RECORDED = 15 "not-recorded",
-    /// The files of the bus were removed, and a new bus has replaced it.
-    BUS_RENEWED = 16 "bus-renewed",
-    /// The system is shutting down and the source publishes no new ticks.
-    ENDING = 17 "ending",
-    /// The system has ended; `why` is the reason for an early end.
-    FINISHED = 18 "finished",
+named_values! {
+    /// Kind of a system event.
+    EventKind(u32) otherwise "unknown" {
+        /// The first process of a service has started; `settings` are those of its stage. If no
+        /// service is given, the run has started; `settings` are its rate and its source (0
+        /// simulation, 1 recording, 2 sensors on the bus).
+        STARTED = 1 "started",
+        /// The run started with the sensor errors in `settings`, which an earlier run estimated.
+        WARM = 2 "warm",
+        /// Every service is running.
+        READY = 3 "ready",
+        /// A process has ended; `why` is the reason.
+        ENDED = 4 "ended",
+        /// A service was restarted and resumes at `adopted_tick`.
+        RESTARTED = 5 "restarted",
+        /// A service will not be restarted.
+        GIVEN_UP = 6 "given-up",
+        /// A client or a promotion rule (`[[watch]]`) requests a stage for a slot.
+        SWAP_REQUESTED = 7 "swap-requested",
+        /// A client or a promotion rule (`[[watch]]`) requests a shadow stage in parallel with the
+        /// owner of a slot.
+        SHADOW_REQUESTED = 8 "shadow-requested",
+        /// A stage that is to take over has started. Its initial state is that of the slot before
+        /// `adopted_tick`.
+        CANDIDATE = 9 "candidate",
+        /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
+        /// owner.
+        OWNER = 10 "owner",
+        /// A request succeeded: the stage owns the slot from `tick` on.
+        SWAPPED = 11 "swapped",
+        /// A request was rejected without any change; `why` is the reason.
+        REFUSED = 12 "refused",
+        /// A request failed and the slot is unchanged; `why` is the reason.
+        ABORTED = 13 "aborted",
+        /// The attitudes of the `ticks` ticks that precede `tick` are missing.
+        LOST = 14 "lost",
+        /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote
+        /// them.
+        NOT_RECORDED = 15 "not-recorded",
+        /// The files of the bus were removed, and a new bus has replaced it.
+        BUS_RENEWED = 16 "bus-renewed",
+        /// The system is shutting down and the source publishes no new ticks.
+        ENDING = 17 "ending",
+        /// The system has ended; `why` is the reason for an early end.
+        FINISHED = 18 "finished",
+    }
 }
 
 payload! {

@@ -84,11 +84,6 @@ impl Schedule {
         self.end_tick
     }
 
-    /// Returns the number of owner changes in all slots.
-    pub fn change_count(&self) -> usize {
-        self.slots.values().map(|slot| slot.owner_changes.len()).sum()
-    }
-
     /// Returns the stage changes of a slot, or `None` if it kept its stage.
     pub(crate) fn slot(&self, slot: Slot) -> Option<&SlotSchedule> {
         self.slots.get(&slot).filter(|slot| !slot.owner_changes.is_empty())

@@ -3,6 +3,10 @@
 use std::{borrow::Cow, error::Error, ops::Range};
 
 use plotters::{
+    coord::{
+        ranged1d::{DefaultFormatting, KeyPointHint},
+        types::RangedCoordf64,
+    },
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
@@ -62,6 +66,8 @@ pub struct Curve {
     pub style: LineStyle,
     /// Points in drawing order.
     pub points: Vec<(f64, f64)>,
+    /// `true` to draw a dot at each point of a line.
+    pub has_markers: bool,
 }
 
 impl Axis {
@@ -79,6 +85,10 @@ impl Axis {
         self.to_scale(self.range.start)..self.to_scale(self.range.end)
     }
 
+    fn positions(&self) -> Positions {
+        Positions { range: self.ends().into(), is_log: self.is_log }
+    }
+
     fn tick_label(&self, position: f64) -> String {
         if !self.is_log {
             return format_number(&position);
@@ -90,10 +100,46 @@ impl Axis {
     }
 }
 
+/// Positions along an axis: values, or their decimal logarithms on a logarithmic scale.
+struct Positions {
+    range: RangedCoordf64,
+    is_log: bool,
+}
+
+impl Ranged for Positions {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, position: &f64, limit: (i32, i32)) -> i32 {
+        self.range.map(position, limit)
+    }
+
+    /// Returns the positions of the ticks. On a logarithmic scale the ticks are 1, 2 and 5 times
+    /// the powers of ten, or only the powers if there is no room for more.
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if !self.is_log {
+            return self.range.key_points(hint);
+        }
+        let Range { start, end } = self.range();
+        let decades = start.floor() as i32..=end.ceil() as i32;
+        let ticks = |digits: &[f64]| -> Vec<f64> {
+            let ticks =
+                decades.clone().flat_map(|decade| digits.iter().map(move |digit| f64::from(decade) + digit.log10()));
+            ticks.filter(|tick| (start..=end).contains(tick)).collect()
+        };
+        let all = ticks(&[1.0, 2.0, 5.0]);
+        if all.len() <= hint.max_num_points() { all } else { ticks(&[1.0]) }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.range()
+    }
+}
+
 impl Curve {
     /// Creates a curve from points.
     pub fn new(name: impl Into<String>, color: RGBColor, style: LineStyle, points: Vec<(f64, f64)>) -> Self {
-        Self { name: name.into(), color, style, points }
+        Self { name: name.into(), color, style, points, has_markers: false }
     }
 
     /// Creates a decimated curve over time, in which each bin keeps its smallest and largest value.
@@ -140,7 +186,7 @@ impl Draw for Chart {
         if !self.title.is_empty() {
             builder.caption(&self.title, title_style(area, &self.title)?);
         }
-        let mut chart = builder.build_cartesian_2d(self.x.ends(), self.y.ends())?;
+        let mut chart = builder.build_cartesian_2d(self.x.positions(), self.y.positions())?;
         chart
             .configure_mesh()
             .x_desc(self.x.label.as_ref())
@@ -158,7 +204,7 @@ impl Draw for Chart {
             .draw()?;
         let width = f64::from(chart.plotting_area().dim_in_pixel().0.max(1));
         let (from, unit) = (self.x.ends().start, (self.x.ends().end - self.x.ends().start) / width);
-        for Curve { color, style, points, .. } in &self.curves {
+        for Curve { color, style, points, has_markers, .. } in &self.curves {
             let points: Vec<_> = points.iter().map(|(x, y)| (self.x.to_scale(*x), self.y.to_scale(*y))).collect();
             if *style == LineStyle::Dots {
                 chart.draw_series(points.iter().map(|point| Circle::new(*point, 1, color.mix(0.55).filled())))?;
@@ -174,6 +220,8 @@ impl Draw for Chart {
             } else {
                 chart.draw_series(runs.map(|run| PathElement::new(run.to_vec(), stroke)))?;
             }
+            let markers = points.iter().filter(|_| *has_markers);
+            chart.draw_series(markers.map(|point| Circle::new(*point, 3, color.filled())))?;
         }
         if self.has_legend { self.draw_legend(area) } else { Ok(()) }
     }

@@ -8,7 +8,8 @@
 pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<Vec<(f64, f64)>> {
     let period = on + off;
     let period_bounds = |x: f64| {
-        let start = from + ((x - from) / period).floor() * period;
+        // The end of a period belongs to the next one, even if it was rounded down.
+        let start = from + ((x - from) / period + 1e-9).floor() * period;
         (start + on, start + period)
     };
     let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
@@ -62,5 +63,8 @@ mod tests {
         assert_eq!(dashes(&noise, 0.0, 7.0, 3.0).len(), 100);
         let steep = [(1e9, 0.0), (1e9, 5.0), (1e9 + 1e-7, 0.0)];
         assert!(dashes(&steep, 0.0, 1e-9, 1e-9).len() < 1000);
+        let long = dashes(&[(0.1, 0.0), (100.1, 0.0)], 0.1, 0.7, 0.3);
+        let drawn: f64 = long.iter().map(|piece| piece[1].0 - piece[0].0).sum();
+        assert!(long.len() == 100 && (drawn - 70.0).abs() < 1e-6, "{} dashes, {drawn}", long.len());
     }
 }

@@ -3,7 +3,7 @@
 use crate::{
     GRAVITY_M_S2, Vector3,
     point::Point,
-    scalars::Scalars,
+    scalars::scalars,
     stage::{Validate, attitude_validation_error},
     state::Attitude,
 };
@@ -41,14 +41,7 @@ impl Validate for Inclination {
     }
 }
 
-impl Scalars for Inclination {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { up, force_m_s2, norm_m_s2, trust } = self;
-        up.visit(visit);
-        force_m_s2.visit(visit);
-        [norm_m_s2, trust].into_iter().for_each(visit);
-    }
-}
+scalars!(Inclination: up, force_m_s2, norm_m_s2, trust);
 
 /// Returns the trust: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g or more. A
 /// force that was not used has trust 0.

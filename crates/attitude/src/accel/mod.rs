@@ -9,36 +9,44 @@
 //!
 //! | stage | method |
 //! | --- | --- |
-//! | [`projector`](projector::Projector) | projects the direction of the force |
-//! | [`inclinometer-matrix`] | pitch and roll by arctangents, then the point of these angles |
+//! | `projector` | projects the direction of the force — Matveev 2025, (27), (28) |
+//! | `inclinometer-matrix` | pitch and roll by arctangents, then the point of these angles |
 //! | `inclinometer-quaternion` | quaternion of pitch and roll, then the point of its up vector |
 //!
 //! All three yield the same point at different computational cost.
-//!
-//! [`inclinometer-matrix`]: inclinometer::Inclinometer
 
 mod inclination;
-pub mod inclinometer;
-pub mod projector;
+mod inclinometer;
 
 pub(crate) use inclination::MAX_PLAUSIBLE_FORCE_M_S2;
 pub use inclination::{Inclination, MIN_FORCE_M_S2};
-pub use projector::Projector;
 
 use crate::{
     Vector3,
     point::Point,
-    stage::{RestoreError, Stage},
+    scalars::visit_fields,
+    stage::{RestoreError, Stage, attitude_validation_error},
+    state::Attitude,
 };
-use inclinometer::Inclinometer;
+use {
+    inclination::{finite_or_zero, trust},
+    inclinometer::{point_by_matrix, point_by_quaternion},
+};
 
-/// Accelerometer stage.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Accelerometer {
-    /// `projector`
-    Projector(Projector),
-    /// `inclinometer-matrix`, `inclinometer-quaternion`
-    Inclinometer(Inclinometer),
+/// Computation of the point from the force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Method {
+    #[default]
+    Projection,
+    Matrix,
+    Quaternion,
+}
+
+/// Accelerometer stage. The default is `projector`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Accelerometer {
+    method: Method,
+    up: Point,
 }
 
 impl Accelerometer {
@@ -47,22 +55,14 @@ impl Accelerometer {
 
     /// Creates the stage with the given name, or returns `None` for an unknown name.
     pub fn from_name(name: &str) -> Option<Self> {
-        match name {
-            "projector" => Some(Self::Projector(Projector::default())),
-            "inclinometer-matrix" => Some(Self::Inclinometer(Inclinometer::matrix())),
-            "inclinometer-quaternion" => Some(Self::Inclinometer(Inclinometer::quaternion())),
-            _ => None,
-        }
+        let method = match name {
+            "projector" => Method::Projection,
+            "inclinometer-matrix" => Method::Matrix,
+            "inclinometer-quaternion" => Method::Quaternion,
+            _ => return None,
+        };
+        Some(Self { method, up: Point::default() })
     }
-}
-
-macro_rules! each {
-    ($accelerometer:expr, $stage:ident => $do:expr) => {
-        match $accelerometer {
-            Accelerometer::Projector($stage) => $do,
-            Accelerometer::Inclinometer($stage) => $do,
-        }
-    };
 }
 
 impl Stage for Accelerometer {
@@ -72,26 +72,43 @@ impl Stage for Accelerometer {
     type Common = Point;
 
     fn name(&self) -> &'static str {
-        each!(self, stage => stage.name())
+        match self.method {
+            Method::Projection => "projector",
+            Method::Matrix => "inclinometer-matrix",
+            Method::Quaternion => "inclinometer-quaternion",
+        }
     }
 
+    #[inline]
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        each!(self, stage => stage.step(force_m_s2))
+        let force_m_s2 = finite_or_zero(force_m_s2);
+        let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
+        let is_usable = (MIN_FORCE_M_S2..f64::MAX).contains(&norm_m_s2);
+        let point = match self.method {
+            _ if !is_usable => None,
+            Method::Projection => Some(Point::from_direction_and_norm(force_m_s2, norm_m_s2)),
+            Method::Matrix => point_by_matrix(force_m_s2),
+            Method::Quaternion => Some(point_by_quaternion(force_m_s2)),
+        };
+        self.up = point.unwrap_or(self.up);
+        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, point.is_some()) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        each!(self, stage => stage.visit_state(visit));
+        visit_fields!(self, visit: up; without method);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        each!(self, stage => stage.validation_error())
+        attitude_validation_error(Attitude::from_up(self.up))
     }
 
     fn common(&self) -> Point {
-        each!(self, stage => stage.common())
+        self.up
     }
 
     fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
-        each!(self, stage => stage.adopt(up))
+        Attitude::from_up(*up).validate()?;
+        self.up = *up;
+        Ok(())
     }
 }

@@ -6,8 +6,8 @@ use super::{
     reading::{CourseReading, LastReading},
 };
 use crate::{
-    parameters::{Parameter, ParameterError, Parameters, settings},
-    scalars::Scalars,
+    parameters::{parameters_of, settings},
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
 };
 
@@ -36,13 +36,7 @@ impl Stage for AnglesCourse {
         "angles"
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        AnglesSettings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
+    parameters_of!(AnglesSettings in settings);
 
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
@@ -52,7 +46,7 @@ impl Stage for AnglesCourse {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.continuity.visit(visit);
+        visit_fields!(self, visit: continuity; without settings);
     }
 
     fn validation_error(&self) -> Option<&'static str> {

@@ -7,7 +7,7 @@ use super::{
     reading::{CourseEstimate, CourseReading, LastReading},
     reference::CourseReference,
 };
-use crate::{Quaternion, angles::Angles, scalars::Scalars, stage::RestoreError};
+use crate::{Quaternion, angles::Angles, scalars::scalars, stage::RestoreError};
 
 /// |pitch| above which yaw and roll cannot be separated, rad (89°).
 pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
@@ -87,12 +87,4 @@ impl Continuity {
     }
 }
 
-impl Scalars for Continuity {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.quaternion.visit(visit);
-        self.course.course_rad.visit(visit);
-        self.course.reference.visit(visit);
-        self.course.sd_rad.visit(visit);
-        self.has_reading.visit(visit);
-    }
-}
+scalars!(Continuity: quaternion, course, has_reading);

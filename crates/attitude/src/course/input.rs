@@ -1,7 +1,7 @@
 //! Input of a course stage.
 
 use super::reference::CourseReference;
-use crate::{gnss::Fix, scalars::Scalars, state::Attitude};
+use crate::{gnss::Fix, scalars::scalars, state::Attitude};
 
 /// Input of the course slot at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -18,13 +18,4 @@ pub struct CourseInput {
     pub dt_s: f64,
 }
 
-impl Scalars for CourseInput {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { attitude, reference, heading_sd_rad, fix, dt_s } = self;
-        attitude.visit(visit);
-        reference.visit(visit);
-        heading_sd_rad.visit(visit);
-        fix.visit(visit);
-        dt_s.visit(visit);
-    }
-}
+scalars!(CourseInput: attitude, reference, heading_sd_rad, fix, dt_s);

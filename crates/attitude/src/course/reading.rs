@@ -6,7 +6,7 @@ use super::reference::CourseReference;
 use crate::{
     Quaternion,
     angles::Angles,
-    scalars::Scalars,
+    scalars::scalars,
     stage::{RestoreError, UNIT_NORM_SQUARED_TOLERANCE, Validate},
 };
 
@@ -81,36 +81,13 @@ impl LastReading {
     }
 }
 
-impl Scalars for CourseReading {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { angles, course_rad, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned } =
-            self;
-        let Angles { yaw_rad, pitch_rad, roll_rad } = angles;
-        [yaw_rad, pitch_rad, roll_rad, course_rad].into_iter().for_each(|number| number.visit(visit));
-        reference.visit(visit);
-        [course_sd_rad, declination_rad].into_iter().for_each(|number| number.visit(visit));
-        quaternion.visit(visit);
-        near_gimbal.visit(visit);
-        aligned.visit(visit);
-    }
-}
+scalars!(CourseReading:
+    angles, course_rad, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned
+);
 
-impl Scalars for CourseEstimate {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { course_rad, reference, sd_rad } = self;
-        course_rad.visit(visit);
-        reference.visit(visit);
-        sd_rad.visit(visit);
-    }
-}
+scalars!(CourseEstimate: course_rad, reference, sd_rad);
 
-impl Scalars for LastReading {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { quaternion, course } = self;
-        quaternion.visit(visit);
-        course.visit(visit);
-    }
-}
+scalars!(LastReading: quaternion, course);
 
 fn quaternion_validation_error(quaternion: Quaternion<f64>) -> Option<&'static str> {
     let unit = libm::fabs(quaternion.norm_squared() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;

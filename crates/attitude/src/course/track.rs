@@ -26,8 +26,8 @@ use super::{
 };
 use crate::{
     gnss::{Fix, MAX_SPEED_M_S},
-    parameters::{Parameter, ParameterError, Parameters, settings},
-    scalars::Scalars,
+    parameters::{parameters_of, settings},
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
     state::wrapped_rad,
 };
@@ -160,13 +160,7 @@ impl Stage for TrackCourse {
         "track"
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        TrackSettings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
+    parameters_of!(TrackSettings in settings);
 
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
@@ -201,16 +195,10 @@ impl Stage for TrackCourse {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.continuity.visit(visit);
-        self.gyroscopic_rad.visit(visit);
-        self.reference.visit(visit);
-        self.has_previous.visit(visit);
-        self.offset_rad.visit(visit);
-        self.is_known.visit(visit);
-        self.turn_rate_rad_s.visit(visit);
-        self.since_track_s.visit(visit);
-        self.drift_sd_rad.visit(visit);
-        self.track_sd_rad.visit(visit);
+        visit_fields!(self, visit:
+            continuity, gyroscopic_rad, reference, has_previous, offset_rad, is_known, turn_rate_rad_s, since_track_s,
+            drift_sd_rad, track_sd_rad; without settings
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use crate::scalars::Scalars;
+use crate::scalars::scalars;
 
 /// Standard deviation assumed for the gyro bias by a stage that does not estimate the bias, rad/s.
 /// It is typical of a calibrated consumer MEMS gyro.
@@ -63,9 +63,4 @@ impl AngleUncertainty {
     }
 }
 
-impl Scalars for AngleUncertainty {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.sd_rad.visit(visit);
-        self.innovation2_rad2.visit(visit);
-    }
-}
+scalars!(AngleUncertainty: sd_rad, innovation2_rad2);

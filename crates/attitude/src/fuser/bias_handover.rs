@@ -14,7 +14,7 @@ use super::{
 use crate::{
     Vector3,
     accel::{Inclination, MAX_PLAUSIBLE_FORCE_M_S2},
-    scalars::Scalars,
+    scalars::scalars,
     stage::bias_validation_error,
 };
 
@@ -77,23 +77,23 @@ impl HandedOverBias {
 
     /// Returns the bias and the standard deviation of each component, rad/s. The standard deviation
     /// is infinite if the bias is unknown.
-    pub(super) fn bias(&self) -> (Vector3<f64>, f64) {
+    fn bias(&self) -> (Vector3<f64>, f64) {
         let sd_rad_s = libm::hypot(self.sd_rad_s, BIAS_WALK_RAD_S * libm::sqrt(self.age_s));
         (self.bias_rad_s, if self.known { sd_rad_s } else { f64::INFINITY })
     }
 
-    /// Returns the stored bias or the stage's own, whichever has the smaller standard deviation.
-    pub(super) fn more_certain(&self, own_rad_s: Vector3<f64>, own_sd_rad_s: f64) -> (Vector3<f64>, f64) {
-        let (bias_rad_s, sd_rad_s) = self.bias();
-        if own_sd_rad_s <= sd_rad_s { (own_rad_s, own_sd_rad_s) } else { (bias_rad_s, sd_rad_s) }
+    /// Returns the stored sensor errors as an estimate with an unknown attitude.
+    pub(super) fn sensor_errors(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.bias();
+        let Self { gyro_scale, hard_iron, .. } = *self;
+        Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, ..Estimate::UNKNOWN }
     }
 
-    pub(super) fn gyro_scale(&self) -> GyroScale {
-        self.gyro_scale
-    }
-
-    pub(super) fn hard_iron(&self) -> HardIron {
-        self.hard_iron
+    /// Returns the stored sensor errors, with the stage's own bias if that has the smaller standard
+    /// deviation.
+    pub(super) fn sensor_errors_or(&self, bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64) -> Estimate {
+        let stored = self.sensor_errors();
+        if bias_sd_rad_s <= stored.bias_sd_rad_s { Estimate { bias_rad_s, bias_sd_rad_s, ..stored } } else { stored }
     }
 
     /// Returns why the state is invalid, or `None` if it is valid.
@@ -108,16 +108,4 @@ impl HandedOverBias {
     }
 }
 
-impl Scalars for HandedOverBias {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.bias_rad_s.visit(visit);
-        self.sd_rad_s.visit(visit);
-        self.age_s.visit(visit);
-        self.known.visit(visit);
-        self.gyro_scale.visit(visit);
-        self.hard_iron.visit(visit);
-        self.is_moving.visit(visit);
-        self.rest.visit(visit);
-        self.since_update_s.visit(visit);
-    }
-}
+scalars!(HandedOverBias: bias_rad_s, sd_rad_s, age_s, known, gyro_scale, hard_iron, is_moving, rest, since_update_s);

@@ -12,7 +12,7 @@ use super::{
     fused::Corrections,
     low_pass::low_pass_gain,
 };
-use crate::{Vector3, course::CourseReference, scalars::Scalars, state::Attitude};
+use crate::{Vector3, course::CourseReference, scalars::scalars, state::Attitude};
 
 /// State of the heading correction.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,10 +82,4 @@ impl Compass {
     }
 }
 
-impl Scalars for Compass {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.magnetic.visit(visit);
-        self.since_field_s.visit(visit);
-        self.uncertainty.visit(visit);
-    }
-}
+scalars!(Compass: magnetic, since_field_s, uncertainty);

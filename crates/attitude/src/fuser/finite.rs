@@ -10,6 +10,24 @@
 use super::input::FuserInput;
 use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation};
 
+/// Implements what is the same in every fuser stage: the types of the slot, and `step`.
+///
+/// `step` passes the input without its invalid parts to `Self::fuse`.
+macro_rules! fuser_step {
+    () => {
+        type Input = $crate::fuser::FuserInput;
+        type Output = $crate::fuser::Fused;
+        type Common = $crate::fuser::Estimate;
+
+        // Inlined like `step` of the slot.
+        #[inline(always)]
+        fn step(&mut self, input: &$crate::fuser::FuserInput) -> $crate::fuser::Fused {
+            self.fuse(input.sanitized(&mut None))
+        }
+    };
+}
+pub(in crate::fuser) use fuser_step;
+
 impl FuserInput {
     /// Returns the input itself if all its numbers are finite, else a copy in `storage` without the
     /// invalid parts.

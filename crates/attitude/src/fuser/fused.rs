@@ -4,7 +4,7 @@ use crate::{
     Complex, Vector3,
     accel::Inclination,
     course::CourseReference,
-    scalars::Scalars,
+    scalars::scalars,
     stage::{Validate, attitude_validation_error},
     state::{Attitude, arg},
 };
@@ -60,33 +60,11 @@ pub struct Corrections {
     pub aligned: bool,
 }
 
-impl Scalars for Fused {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self {
-            attitude,
-            rate_rad_s,
-            bias_rad_s,
-            innovation_rad,
-            inclination_sd_rad,
-            heading_sd_rad,
-            reference,
-            corrections,
-        } = self;
-        attitude.visit(visit);
-        rate_rad_s.visit(visit);
-        bias_rad_s.visit(visit);
-        [innovation_rad, inclination_sd_rad, heading_sd_rad].into_iter().for_each(|number| number.visit(visit));
-        reference.visit(visit);
-        corrections.visit(visit);
-    }
-}
+scalars!(Fused:
+    attitude, rate_rad_s, bias_rad_s, innovation_rad, inclination_sd_rad, heading_sd_rad, reference, corrections
+);
 
-impl Scalars for Corrections {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { tilt, bias, magnetic, velocity, disturbed, rest, aligned } = self;
-        [tilt, bias, magnetic, velocity, disturbed, rest, aligned].into_iter().for_each(|used| used.visit(visit));
-    }
-}
+scalars!(Corrections: tilt, bias, magnetic, velocity, disturbed, rest, aligned);
 
 /// Returns the angle between the up vectors of accelerometer and attitude, rad.
 pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {

@@ -1,6 +1,6 @@
 //! Input of a fuser.
 
-use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, scalars::Scalars};
+use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, scalars::scalars};
 
 /// Input of a fuser at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,14 +19,4 @@ pub struct FuserInput {
     pub rate_credible: bool,
 }
 
-impl Scalars for FuserInput {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { motion, inclination, field_ut, fix, rest_credible, rate_credible } = self;
-        motion.visit(visit);
-        inclination.visit(visit);
-        field_ut.visit(visit);
-        fix.visit(visit);
-        rest_credible.visit(visit);
-        rate_credible.visit(visit);
-    }
-}
+scalars!(FuserInput: motion, inclination, field_ut, fix, rest_credible, rate_credible);

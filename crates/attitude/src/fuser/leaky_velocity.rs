@@ -5,7 +5,7 @@
 //! proportional to V. If V is not handed over, the new loop mistakes the braking at the end of a
 //! movement for a tilt.
 
-use crate::{Complex, scalars::Scalars};
+use crate::{Complex, scalars::scalars};
 
 /// Largest velocity that is accepted, m/s. A loop with a larger velocity has lost its level.
 const MAX_VELOCITY_M_S: f64 = 100.0;
@@ -76,10 +76,5 @@ impl Default for LeakyVelocity {
     }
 }
 
-/// An infinite standard deviation, which means "unknown", is visited unchanged.
-impl Scalars for LeakyVelocity {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.velocity_m_s.visit(visit);
-        self.sd_m_s.visit(visit);
-    }
-}
+// An infinite standard deviation, which means "unknown", is visited unchanged.
+scalars!(LeakyVelocity: velocity_m_s, sd_m_s);

@@ -33,6 +33,7 @@ mod compass;
 mod estimate;
 mod field;
 mod finite;
+mod first_order;
 mod fused;
 mod gyro_scale;
 mod hard_iron;

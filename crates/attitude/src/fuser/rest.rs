@@ -4,7 +4,7 @@
 //! the vertical, slower than 2 °/s and without other motion, looks like rest, and its rate is
 //! mistaken for a bias. This affects the heading, but not the tilt.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Time constant of the means that samples are compared with, s.
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
@@ -105,13 +105,4 @@ impl RestDetector {
     }
 }
 
-impl Scalars for RestDetector {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.rate_mean_rad_s.visit(visit);
-        self.force_mean_m_s2.visit(visit);
-        self.rotation_rad.visit(visit);
-        self.moved.visit(visit);
-        self.quiet_s.visit(visit);
-        self.bias_rad_s.visit(visit);
-    }
-}
+scalars!(RestDetector: rate_mean_rad_s, force_mean_m_s2, rotation_rad, moved, quiet_s, bias_rad_s);

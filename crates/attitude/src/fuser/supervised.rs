@@ -238,10 +238,10 @@ mod tests {
     use super::*;
     use crate::{
         GRAVITY_M_S2,
-        fuser::Fuser,
+        fuser::{Corrections, Estimate, Fuser, finite::fuser_step},
         gyro::{Gyro, RateKind, RateSample},
         point::Point,
-        stage::Stage,
+        stage::{RestoreError, Stage},
     };
 
     const INTERVAL_NS: i64 = 10_000_000;
@@ -388,5 +388,158 @@ mod tests {
             assert!(!body.step(STILL, fault).is_aligned);
             assert!(body.step(STILL, |_| {}).is_aligned);
         }
+    }
+
+    /// Stage that records its input. Its output is aligned, and invalid for `invalid_steps` steps.
+    #[derive(Debug, Clone, Default)]
+    struct Probe {
+        input: FuserInput,
+        invalid_steps: u32,
+        is_aligned: bool,
+        realignments: u32,
+    }
+
+    impl Probe {
+        fn fuse(&mut self, input: &FuserInput) -> Fused {
+            self.input = *input;
+            let is_invalid = self.invalid_steps > 0;
+            self.invalid_steps = self.invalid_steps.saturating_sub(1);
+            let corrections = Corrections { aligned: self.is_aligned, ..Corrections::default() };
+            Fused { innovation_rad: if is_invalid { f64::NAN } else { 0.0 }, corrections, ..Fused::default() }
+        }
+    }
+
+    impl FuserStage for Probe {
+        fn realign(&mut self) {
+            self.realignments += 1;
+        }
+    }
+
+    impl Stage for Probe {
+        fuser_step!();
+
+        fn name(&self) -> &'static str {
+            "probe"
+        }
+
+        fn visit_state(&mut self, _: &mut dyn FnMut(&mut f64)) {}
+
+        fn common(&self) -> Estimate {
+            Estimate::UNKNOWN
+        }
+
+        fn adopt(&mut self, _: &Estimate) -> Result<(), RestoreError> {
+            Ok(())
+        }
+    }
+
+    /// Returns a level tick at rest, the one after `previous`.
+    fn tick_after(previous: &SensorTick) -> SensorTick {
+        let force_m_s2 = Vector3::new(0.0, 0.0, GRAVITY_M_S2);
+        let inclination = Inclination { force_m_s2, norm_m_s2: GRAVITY_M_S2, trust: 1.0, ..Inclination::default() };
+        SensorTick {
+            t_start_ns: previous.t_end_ns,
+            t_end_ns: previous.t_end_ns + INTERVAL_NS,
+            motion: Some(Motion { dt_s: 0.01, ..Motion::default() }),
+            force_m_s2: Some(force_m_s2),
+            inclination: Some(inclination),
+            ..SensorTick::default()
+        }
+    }
+
+    #[test]
+    fn faults_determine_credibility_of_rate_and_rest() {
+        type Case = (fn(&mut SensorTick), (bool, bool));
+        let cases: [Case; 8] = [
+            (|_| {}, (true, true)),
+            (|tick| tick.rate_faults.is_invalid = true, (false, false)),
+            (|tick| tick.rate_faults.is_stuck = true, (false, false)),
+            (|tick| tick.rate_faults.is_clipped = true, (false, true)),
+            (|tick| tick.motion = None, (false, true)),
+            (|tick| tick.force_faults.is_invalid = true, (true, false)),
+            (|tick| tick.force_faults.is_stuck = true, (true, false)),
+            (|tick| tick.force_faults.is_small = true, (true, true)),
+        ];
+        for (at, (edit, expected)) in cases.into_iter().enumerate() {
+            let mut fuser = SupervisedFuser::new(Probe::default());
+            let mut tick = tick_after(&SensorTick::default());
+            edit(&mut tick);
+            fuser.step(&tick).unwrap();
+            let FuserInput { rate_credible, rest_credible, .. } = fuser.stage().input;
+            assert_eq!((rate_credible, rest_credible), expected, "case {at}");
+        }
+    }
+
+    #[test]
+    fn reset_counter_counts_every_jump_after_the_alignment() {
+        let mut fuser = SupervisedFuser::new(Probe::default());
+        let mut tick = SensorTick::default();
+        let mut step = |fuser: &mut SupervisedFuser<Probe>, is_sensor_stage_reset| {
+            tick = SensorTick { is_sensor_stage_reset, ..tick_after(&tick) };
+            let SupervisedFused { is_aligned, is_reset, reset_counter, .. } = fuser.step(&tick).unwrap();
+            (is_aligned, is_reset, reset_counter)
+        };
+        assert_eq!(step(&mut fuser, true), (false, false, 0));
+        fuser.stage_mut().is_aligned = true;
+        assert_eq!(step(&mut fuser, true), (true, false, 0));
+        assert_eq!(step(&mut fuser, false), (true, false, 1));
+        fuser.stage_mut().is_aligned = false;
+        assert_eq!(step(&mut fuser, false), (true, false, 1));
+        assert_eq!(step(&mut fuser, true), (true, false, 2));
+        fuser.stage_mut().invalid_steps = 1;
+        assert_eq!(step(&mut fuser, false), (true, true, 3));
+    }
+
+    #[test]
+    fn stage_fails_after_two_invalid_outputs() {
+        let mut fuser = SupervisedFuser::new(Probe { invalid_steps: 2, ..Probe::default() });
+        let tick = tick_after(&SensorTick::default());
+        assert!(fuser.step(&tick).is_none() && fuser.failure().is_some());
+        assert!(fuser.step(&tick_after(&tick)).is_none());
+    }
+
+    #[test]
+    fn force_that_changes_after_a_rotation_is_used_again() {
+        let mut fuser = SupervisedFuser::new(Probe::default());
+        let mut tick = SensorTick::default();
+        let mut is_used = |rate_rad_s, force_m_s2, are_stuck: [bool; 2]| {
+            let [is_rate_stuck, is_force_stuck] = are_stuck;
+            tick = tick_after(&tick);
+            tick.motion = tick.motion.map(|motion| Motion { rate_rad_s, ..motion });
+            tick.force_m_s2 = Some(force_m_s2);
+            (tick.rate_faults.is_stuck, tick.force_faults.is_stuck) = (is_rate_stuck, is_force_stuck);
+            fuser.step(&tick).unwrap();
+            fuser.stage().input.inclination.is_some()
+        };
+        let (rotating, level) = (Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.0, GRAVITY_M_S2));
+        assert!(!is_used(rotating, level, [false, true]));
+        assert!(is_used(rotating, level, [true, true]), "a stuck gyro does not show a rotation");
+        assert!(!is_used(STILL, level, [false, true]));
+        assert!(is_used(STILL, level * 1.01, [false, true]), "the force has changed");
+    }
+
+    #[test]
+    fn one_long_interval_is_a_rate_outage() {
+        for (interval_ns, realigns) in [(190_000_000, 0), (210_000_000, 1)] {
+            let mut fuser = SupervisedFuser::new(Probe::default());
+            let mut tick = tick_after(&SensorTick::default());
+            tick.t_end_ns = tick.t_start_ns + interval_ns;
+            let up = Point::from_direction(Vector3::new(1.0, 0.0, 1.0)).unwrap();
+            tick.inclination = tick.inclination.map(|inclination| Inclination { up, ..inclination });
+            fuser.step(&tick).unwrap();
+            assert_eq!(fuser.stage().realignments, realigns, "{interval_ns} ns");
+        }
+    }
+
+    #[test]
+    fn state_with_a_number_that_is_not_finite_is_invalid() {
+        assert_eq!(SupervisedState::default().validation_error(), None);
+        let not_finite = Attitude { z_rad: f64::NAN, ..Attitude::default() };
+        let states = [
+            SupervisedState { attitude: not_finite, ..SupervisedState::default() },
+            SupervisedState { previous_motion: Some((not_finite, 0)), ..SupervisedState::default() },
+            SupervisedState { rate_outage_s: f64::INFINITY, ..SupervisedState::default() },
+        ];
+        assert!(states.iter().all(|state| state.validation_error().is_some()));
     }
 }

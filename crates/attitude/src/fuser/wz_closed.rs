@@ -5,167 +5,83 @@
 //! magnetic field in the same way, or follows the gyro if there is no field.
 
 use super::{
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
-    bias_handover::HandedOverBias,
-    compass::Compass,
     estimate::Estimate,
+    finite::fuser_step,
+    first_order::{FirstOrder, MAX_POINT_MODULUS, Settings},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    leaky_velocity::LeakyVelocity,
-    low_pass::low_pass_gain,
 };
 use crate::{
-    Vector3,
-    parameters::{Parameter, ParameterError, Parameters, settings},
+    parameters::parameters_of,
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
-/// Largest modulus of the accelerometer's point in a chart; it corresponds to a tilt of 168.6°. The
-/// limit keeps sums of points finite.
-pub(super) const MAX_POINT_MODULUS: f64 = 10.0;
-
-settings! {
-    /// Settings of the stage `wz-closed`.
-    pub struct Settings {
-        /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
-        /// accelerometer.
-        time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// Time constant of the blend from gyro heading to magnetic heading.
-        heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
-    }
-}
-
 /// Fuser stage `wz-closed`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct WzClosed {
-    settings: Settings,
     attitude: Attitude,
-    started: bool,
-    tilt_uncertainty: AngleUncertainty,
-    compass: Compass,
-    handed_over: HandedOverBias,
-}
-
-impl Default for WzClosed {
-    fn default() -> Self {
-        Self {
-            settings: Settings::default(),
-            attitude: Attitude::default(),
-            started: false,
-            tilt_uncertainty: AngleUncertainty::UNKNOWN,
-            compass: Compass::default(),
-            handed_over: HandedOverBias::default(),
-        }
-    }
+    common: FirstOrder,
 }
 
 impl WzClosed {
     pub(super) fn realign(&mut self) {
-        self.started = false;
+        self.common.started = false;
+    }
+
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        if let Some(motion) = &input.motion {
+            self.attitude = self.attitude.rotated(motion.rotation).attitude;
+        }
+        let dt_s = self.common.advance(input);
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            if self.common.started {
+                innovation = innovation_rad(inclination, self.attitude);
+                let gain = self.common.tilt_gain(dt_s);
+                let Point { w, chart } = self.attitude.up;
+                self.attitude.up.w += (inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w) * gain;
+                self.attitude = self.attitude.normalised();
+                self.common.record_correction(innovation, gain, dt_s, &mut corrections);
+            } else {
+                self.attitude = self.attitude.realigned(inclination.up).attitude;
+                self.common.record_alignment(&mut corrections);
+            }
+        }
+        if let Some(z_rad) = self.common.heading_correction_rad(self.attitude, input, &mut corrections) {
+            self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + z_rad);
+        }
+        self.common.fused(self.attitude, input, innovation, corrections)
     }
 }
 
 impl Stage for WzClosed {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
+    fuser_step!();
 
     fn name(&self) -> &'static str {
         "wz-closed"
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
-        let mut corrections = Corrections::default();
-        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
-        if let Some(motion) = &input.motion {
-            self.attitude = self.attitude.rotated(motion.rotation).attitude;
-        }
-        self.tilt_uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
-        self.compass.drift(dt_s);
-        self.handed_over.observe(input);
-        let mut innovation = 0.0;
-        if let Some(inclination) = &input.inclination {
-            if self.started {
-                innovation = innovation_rad(inclination, self.attitude);
-                let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
-                let Point { w, chart } = self.attitude.up;
-                self.attitude.up.w += (inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w) * gain;
-                self.attitude = self.attitude.normalised();
-                self.tilt_uncertainty.record_correction(innovation, gain, dt_s);
-                corrections.tilt = true;
-            } else {
-                self.attitude = self.attitude.realigned(inclination.up).attitude;
-                (self.started, self.tilt_uncertainty) = (true, AngleUncertainty::INITIAL);
-                corrections.aligned = true;
-            }
-        }
-        if let (true, Some(field_ut)) = (self.started, input.field_ut) {
-            let time_constant_s = self.settings.heading_time_constant_s;
-            let z_rad = self.compass.correction_rad(self.attitude, field_ut, time_constant_s, &mut corrections);
-            self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + z_rad);
-        }
-        Fused {
-            attitude: self.attitude,
-            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
-            bias_rad_s: Vector3::zeros(),
-            innovation_rad: innovation,
-            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
-            heading_sd_rad: self.compass.sd_rad(),
-            reference: self.compass.reference(),
-            corrections,
-        }
-    }
+    parameters_of!(Settings in common.settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.attitude.visit(visit);
-        self.started.visit(visit);
-        self.tilt_uncertainty.visit(visit);
-        self.compass.visit(visit);
-        self.handed_over.visit(visit);
+        visit_fields!(self, visit: attitude, common);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        attitude_validation_error(self.attitude)
-            .or_else(|| self.tilt_uncertainty.validation_error())
-            .or_else(|| self.compass.validation_error())
-            .or_else(|| self.handed_over.validation_error())
+        attitude_validation_error(self.attitude).or_else(|| self.common.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
-        Estimate {
-            attitude: self.attitude,
-            reference: self.compass.reference(),
-            bias_rad_s,
-            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
-            heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.handed_over.gyro_scale(),
-            hard_iron: self.handed_over.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
-        }
+        self.common.estimate(self.attitude)
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
-        self.attitude = common.attitude;
-        self.started = true;
-        self.tilt_uncertainty = AngleUncertainty::from_sd(common.inclination_sd_rad);
-        self.compass = Compass::new(common.reference, common.heading_sd_rad);
-        self.handed_over = HandedOverBias::from_estimate(common);
+        *self = Self { attitude: common.attitude, common: self.common.continued_from(common) };
         Ok(())
     }
 }

@@ -6,41 +6,25 @@
 //! grows with time. The published method is kept for comparison.
 
 use super::{
-    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
-    bias_handover::HandedOverBias,
-    compass::Compass,
     estimate::Estimate,
+    finite::fuser_step,
+    first_order::{FirstOrder, MAX_POINT_MODULUS, Settings},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    leaky_velocity::LeakyVelocity,
-    low_pass::low_pass_gain,
-    wz_closed::MAX_POINT_MODULUS,
 };
 use crate::{
-    Complex, Vector3,
+    Complex,
     gyro::Motion,
-    parameters::{Parameter, ParameterError, Parameters, settings},
+    parameters::parameters_of,
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
-settings! {
-    /// Settings of the stage `wz-open`.
-    pub struct Settings {
-        /// Tilt time constant T. Faster motion is taken from the gyro, slower from the
-        /// accelerometer.
-        time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// Time constant of the blend from gyro heading to magnetic heading.
-        heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
-    }
-}
-
 /// Fuser stage `wz-open`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct WzOpen {
-    settings: Settings,
     /// Last attitude of the gyro slot.
     gyro_attitude: Attitude,
     /// Offset e of the fused point from the gyro's point, in the gyro's chart.
@@ -50,31 +34,12 @@ pub struct WzOpen {
     /// Set if `gyro_attitude` was adopted from another stage instead of received from the gyro
     /// slot.
     adopted: bool,
-    started: bool,
-    tilt_uncertainty: AngleUncertainty,
-    compass: Compass,
-    handed_over: HandedOverBias,
-}
-
-impl Default for WzOpen {
-    fn default() -> Self {
-        Self {
-            settings: Settings::default(),
-            gyro_attitude: Attitude::default(),
-            w_offset: Complex::new(0.0, 0.0),
-            z_offset_rad: 0.0,
-            adopted: false,
-            started: false,
-            tilt_uncertainty: AngleUncertainty::UNKNOWN,
-            compass: Compass::default(),
-            handed_over: HandedOverBias::default(),
-        }
-    }
+    common: FirstOrder,
 }
 
 impl WzOpen {
     pub(super) fn realign(&mut self) {
-        self.started = false;
+        self.common.started = false;
     }
 
     fn fused_attitude(&self) -> Attitude {
@@ -111,78 +76,45 @@ impl WzOpen {
         let rotation = fused.quaternion() * self.fused_attitude().quaternion().conjugate();
         self.z_offset_rad = wrapped_rad(self.z_offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
     }
+
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        if let Some(motion) = &input.motion {
+            self.follow_gyro(motion);
+        }
+        let dt_s = self.common.advance(input);
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            let Point { w, chart } = self.gyro_attitude.up;
+            let offset = inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w;
+            if self.common.started {
+                let gain = self.common.tilt_gain(dt_s);
+                self.w_offset += (offset - self.w_offset) * gain;
+                innovation = innovation_rad(inclination, self.fused_attitude());
+                self.common.record_correction(innovation, gain, dt_s, &mut corrections);
+            } else {
+                self.w_offset = offset;
+                self.common.record_alignment(&mut corrections);
+            }
+        }
+        if let Some(z_rad) = self.common.heading_correction_rad(self.fused_attitude(), input, &mut corrections) {
+            self.z_offset_rad = wrapped_rad(self.z_offset_rad + z_rad);
+        }
+        self.common.fused(self.fused_attitude(), input, innovation, corrections)
+    }
 }
 
 impl Stage for WzOpen {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
+    fuser_step!();
 
     fn name(&self) -> &'static str {
         "wz-open"
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
-        let mut corrections = Corrections::default();
-        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
-        if let Some(motion) = &input.motion {
-            self.follow_gyro(motion);
-        }
-        self.tilt_uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
-        self.compass.drift(dt_s);
-        self.handed_over.observe(input);
-        let mut innovation = 0.0;
-        if let Some(inclination) = &input.inclination {
-            let Point { w, chart } = self.gyro_attitude.up;
-            let offset = inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w;
-            if self.started {
-                let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
-                self.w_offset += (offset - self.w_offset) * gain;
-                innovation = innovation_rad(inclination, self.fused_attitude());
-                self.tilt_uncertainty.record_correction(innovation, gain, dt_s);
-                corrections.tilt = true;
-            } else {
-                self.w_offset = offset;
-                (self.started, self.tilt_uncertainty) = (true, AngleUncertainty::INITIAL);
-                corrections.aligned = true;
-            }
-        }
-        if let (true, Some(field_ut)) = (self.started, input.field_ut) {
-            let time_constant_s = self.settings.heading_time_constant_s;
-            let z_rad = self.compass.correction_rad(self.fused_attitude(), field_ut, time_constant_s, &mut corrections);
-            self.z_offset_rad = wrapped_rad(self.z_offset_rad + z_rad);
-        }
-        Fused {
-            attitude: self.fused_attitude(),
-            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
-            bias_rad_s: Vector3::zeros(),
-            innovation_rad: innovation,
-            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
-            heading_sd_rad: self.compass.sd_rad(),
-            reference: self.compass.reference(),
-            corrections,
-        }
-    }
+    parameters_of!(Settings in common.settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.gyro_attitude.visit(visit);
-        self.w_offset.visit(visit);
-        self.z_offset_rad.visit(visit);
-        self.adopted.visit(visit);
-        self.started.visit(visit);
-        self.tilt_uncertainty.visit(visit);
-        self.compass.visit(visit);
-        self.handed_over.visit(visit);
+        visit_fields!(self, visit: gyro_attitude, w_offset, z_offset_rad, adopted, common);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -191,36 +123,23 @@ impl Stage for WzOpen {
             self.w_offset.norm_sqr() > 4.0 * MAX_POINT_MODULUS * MAX_POINT_MODULUS || self.z_offset_rad.abs() > 4.0;
         attitude_validation_error(self.gyro_attitude)
             .or(out_of_range.then_some("an offset out of range between the fused attitude and the gyro's"))
-            .or_else(|| self.tilt_uncertainty.validation_error())
-            .or_else(|| self.compass.validation_error())
-            .or_else(|| self.handed_over.validation_error())
+            .or_else(|| self.common.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
-        Estimate {
-            attitude: self.fused_attitude(),
-            reference: self.compass.reference(),
-            bias_rad_s,
-            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
-            heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.handed_over.gyro_scale(),
-            hard_iron: self.handed_over.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
-        }
+        self.common.estimate(self.fused_attitude())
     }
 
     /// Adopts the attitude of another stage. This attitude differs from that of the gyro slot, so
     /// the offset between them is computed at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
-        self.gyro_attitude = common.attitude;
-        (self.w_offset, self.z_offset_rad) = (Complex::new(0.0, 0.0), 0.0);
-        (self.adopted, self.started) = (true, true);
-        self.tilt_uncertainty = AngleUncertainty::from_sd(common.inclination_sd_rad);
-        self.compass = Compass::new(common.reference, common.heading_sd_rad);
-        self.handed_over = HandedOverBias::from_estimate(common);
+        *self = Self {
+            gyro_attitude: common.attitude,
+            adopted: true,
+            common: self.common.continued_from(common),
+            ..Self::default()
+        };
         Ok(())
     }
 }

@@ -26,7 +26,7 @@
 //! the frequency of the coning.
 
 use super::motion::{RateKind, RateSample};
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Maximum ratio of the longer to the shorter of two successive intervals. Above it, the trend of
 /// the rate over both intervals is not used.
@@ -105,10 +105,4 @@ impl Coning {
     }
 }
 
-impl Scalars for Coning {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.rates_rad_s.iter_mut().for_each(|rate| rate.visit(visit));
-        self.interval_s.visit(visit);
-        self.started.visit(visit);
-    }
-}
+scalars!(Coning: rates_rad_s, interval_s, started);

@@ -3,7 +3,7 @@
 use crate::{
     Vector3,
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::{Scalars, scalars},
     stage::{UNIT_NORM_SQUARED_TOLERANCE, Validate, attitude_validation_error},
     state::Attitude,
 };
@@ -71,12 +71,4 @@ impl Scalars for RateSample {
     }
 }
 
-impl Scalars for Motion {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { attitude, rotation, rate_rad_s, dt_s } = self;
-        attitude.visit(visit);
-        rotation.visit(visit);
-        rate_rad_s.visit(visit);
-        dt_s.visit(visit);
-    }
-}
+scalars!(Motion: attitude, rotation, rate_rad_s, dt_s);

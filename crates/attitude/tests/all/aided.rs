@@ -2,7 +2,7 @@
 //! operation without a receiver, parameters.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
@@ -25,14 +25,14 @@ fn aided(settings: &[(&str, f64)]) -> Fuser {
 #[derive(Clone)]
 struct FrontEnd {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     kind: RateKind,
     previous_s: Option<f64>,
 }
 
 impl FrontEnd {
     fn new(kind: RateKind) -> Self {
-        let (gyro, accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+        let (gyro, accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
         Self { gyro, accel, kind, previous_s: None }
     }
 
@@ -292,7 +292,7 @@ fn realign_keeps_heading_and_bias() {
     fly(&scenario, &mut fuser, |_, _, _| ());
     let before = fuser.common();
     fuser.realign();
-    let inclination = Projector::default().step(&Vector3::new(0.0, 0.0, GRAVITY_M_S2));
+    let inclination = Accelerometer::default().step(&Vector3::new(0.0, 0.0, GRAVITY_M_S2));
     let out = fuser.step(&FuserInput { inclination: Some(inclination), ..FuserInput::default() });
     assert!(out.corrections.aligned && out.attitude.up.w.norm_sqr() < 1e-20);
     assert_eq!(fuser.common().bias_rad_s, before.bias_rad_s);
@@ -337,7 +337,7 @@ prop_compose! {
             let rotation_vector = (rate_rad_s * dt_s).map(|x| x.clamp(-1e3, 1e3));
             Motion { attitude: Attitude::default(), rotation: Rotation::from_rotation_vector(rotation_vector), rate_rad_s, dt_s }
         });
-        let inclination = force.map(|force| Projector::default().step(&force));
+        let inclination = force.map(|force| Accelerometer::default().step(&force));
         let fix = fix.map(|(velocity_m_s, sd_m_s, age_s, latitude_rad)| Fix { velocity_m_s, sd_m_s, age_s, latitude_rad });
         FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible: true }
     }

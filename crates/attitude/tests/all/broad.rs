@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use attitude::{
     Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
@@ -45,7 +45,7 @@ fn wz_inclination_on_broad_is_within_limit() {
     let mut rmses_deg = Vec::new();
     for trial in trials() {
         let mut gyro = Gyro::from_name("mobius").unwrap();
-        let (mut accel, mut fuser) = (Projector::default(), Fuser::from_name("wz").unwrap());
+        let (mut accel, mut fuser) = (Accelerometer::default(), Fuser::from_name("wz").unwrap());
         let (mut sum, mut count, mut sd2) = (0.0, 0.0, 0.0);
         for (tick, row) in Reader::open(&trial).unwrap().enumerate() {
             let row = row.unwrap();

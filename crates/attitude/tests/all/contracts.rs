@@ -2,7 +2,7 @@
 //! records, and continuation of an adopted estimate.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     angles::Angles,
     course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
@@ -25,7 +25,7 @@ fn ideal_input(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> Fuser
     let rotation = Rotation::from_rotation_vector(rate_rad_s * dt_s);
     FuserInput {
         motion: Some(Motion { attitude, rotation, rate_rad_s, dt_s }),
-        inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
+        inclination: Some(Accelerometer::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
         field_ut: Some(attitude.matrix() * FIELD_UT),
         rest_credible: true,
         rate_credible: true,
@@ -40,7 +40,8 @@ fn angle_deg(one: Attitude, other: Attitude) -> f64 {
 
 /// Returns the fuser inputs of scenario S3, with the field at every third tick.
 fn s3() -> Vec<FuserInput> {
-    let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius-coning").unwrap(), Projector::default(), 0.0);
+    let (mut gyro, mut accel, mut before_s) =
+        (Gyro::from_name("mobius-coning").unwrap(), Accelerometer::default(), 0.0);
     let scenario = Scenario::parse("s3").unwrap();
     let input = |(index, (t_s, reading)): (usize, (f64, scenario::Reading))| {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
@@ -288,7 +289,7 @@ proptest! {
                     open = open.rotated(rotation).attitude;
                     Motion { attitude: open, rotation, rate_rad_s, dt_s: *dt_s }
                 });
-                let inclination = force.map(|force| Projector::default().step(&force)).filter(|inclination| inclination.trust > 0.0);
+                let inclination = force.map(|force| Accelerometer::default().step(&force)).filter(|inclination| inclination.trust > 0.0);
                 let input = FuserInput {
                     motion,
                     inclination,

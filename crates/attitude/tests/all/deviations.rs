@@ -9,7 +9,7 @@
 //! Failure: without the recordings, the tests that need them are skipped with a message.
 use attitude::{
     Quaternion,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, RateSample},
@@ -188,7 +188,7 @@ fn assert_consistent_in(fuser: &str, name: &str, settings: &[(&str, f64)], seeds
 fn simulated(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) -> [[f64; 2]; 2] {
     let run = |seed: u64| {
         let scenario = Scenario::parse(name).unwrap().with_seed(seed);
-        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
         let (mut fuser, mut errors, mut before_s) =
             (Fuser::from_name(fuser).unwrap(), NormalisedErrors::default(), None);
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());

@@ -1,7 +1,7 @@
 //! Heading of `wz` in simulated magnetic fields: estimated errors, convergence and faults.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     angles::Angles,
     course::CourseReference,
     fuser::{Fused, FuserInput, wz::Wz},
@@ -84,7 +84,7 @@ impl World {
         });
         FuserInput {
             motion: Some(Motion { attitude: now, rotation, rate_rad_s, dt_s }),
-            inclination: Some(Projector::default().step(&force_m_s2)),
+            inclination: Some(Accelerometer::default().step(&force_m_s2)),
             field_ut,
             rest_credible: true,
             rate_credible: true,

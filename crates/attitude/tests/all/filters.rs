@@ -2,7 +2,7 @@
 use crate::common::{Rmse, broad, mean};
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Estimate, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
@@ -34,7 +34,7 @@ fn exact_estimate(attitude: Attitude) -> Estimate {
 /// Returns the RMS of the angle between estimate and truth over scenario S3, degrees.
 fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
-        (fuser_with(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
+        (fuser_with(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let scenario = Scenario::parse("s3").unwrap().with_seed(seed);
     // The paper starts from the true attitude. With gains as low as these, the error of a start
     // from one noisy sample would dominate.

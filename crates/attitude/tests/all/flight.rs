@@ -6,7 +6,7 @@ use std::{io::Read, path::PathBuf};
 use crate::common::ResultCache;
 use attitude::{
     Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
     gyro::{Gyro, RateKind, RateSample},
@@ -22,7 +22,7 @@ const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
 }
 
@@ -30,7 +30,7 @@ impl Chain {
     fn new(name: &str, settings: &[(&str, f64)]) -> Self {
         let mut fuser = Fuser::from_name(name).unwrap();
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
-        Self { gyro: Gyro::from_name("mobius").unwrap(), accel: Projector::default(), fuser }
+        Self { gyro: Gyro::from_name("mobius").unwrap(), accel: Accelerometer::default(), fuser }
     }
 
     fn step(&mut self, sample: &RateSample, force_m_s2: Vector3<f64>, fix: Option<Fix>) -> Fused {

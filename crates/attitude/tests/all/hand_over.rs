@@ -40,7 +40,7 @@ use std::ops::Add;
 use crate::common::{DT_S, Row, broad};
 use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, LeakyVelocity},
     gnss::Fix,
@@ -156,7 +156,7 @@ struct SoloRun {
 
 impl Trial {
     fn new(rows: &[Row], magnetic: bool) -> Self {
-        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
         let input = |(index, row): (usize, &Row)| {
             let dt_s = if index == 0 { 0.0 } else { DT_S };
             FuserInput {
@@ -282,7 +282,7 @@ fn attitudes() -> impl Iterator<Item = Attitude> {
 fn estimate_after_rest(name: &str, estimate: &Estimate, interval_s: f64, seconds: f64) -> Estimate {
     let mut fuser = Fuser::from_name(name).unwrap();
     fuser.adopt(estimate).unwrap();
-    let inclination = Projector::default().step(&(estimate.attitude.up.direction() * GRAVITY_M_S2));
+    let inclination = Accelerometer::default().step(&(estimate.attitude.up.direction() * GRAVITY_M_S2));
     for _ in 0..(seconds / interval_s) as u32 {
         fuser.step(&FuserInput {
             motion: Some(Motion { attitude: estimate.attitude, dt_s: interval_s, ..Motion::default() }),
@@ -361,7 +361,7 @@ fn every_fuser_hands_over_gyro_bias_found_at_rest() {
 
 #[test]
 fn smooth_ride_is_not_detected_as_rest() {
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let mut input = |fix: Option<f64>| FuserInput {
         motion: Some(gyro.step(&RateSample { rate_rad_s: [0.0, 0.0, 0.01].into(), dt_s: 0.01, kind: RateKind::Mean })),
         inclination: Some(accel.step(&[0.0, 0.0, 9.81].into())),

@@ -3,7 +3,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use attitude::{
     Complex, Matrix3, Quaternion, Vector3,
-    accel::{Accelerometer, Projector},
+    accel::Accelerometer,
     angles::Angles,
     kinematics,
     point::{Chart, Point},
@@ -181,7 +181,7 @@ proptest! {
     #[test]
     fn projector_finds_up_vector(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
         let attitude = Attitude::from_quaternion(q);
-        let inclination = Projector::default().step(&(attitude.up.direction() * norm_m_s2));
+        let inclination = Accelerometer::default().step(&(attitude.up.direction() * norm_m_s2));
         prop_assert!(modulus(inclination.up.w) <= 1.0 + 1e-12);
         prop_assert!((inclination.up.direction() - attitude.up.direction()).amax() < 1e-14);
         prop_assert!((inclination.norm_m_s2 - norm_m_s2).abs() < 1e-12);
@@ -190,7 +190,7 @@ proptest! {
     #[test]
     fn inclinometers_match_projector(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
         let force_m_s2 = Attitude::from_quaternion(q).up.direction() * norm_m_s2;
-        let projected = Projector::default().step(&force_m_s2);
+        let projected = Accelerometer::default().step(&force_m_s2);
         for name in ["inclinometer-matrix", "inclinometer-quaternion"] {
             let measured = Accelerometer::from_name(name).unwrap().step(&force_m_s2);
             prop_assert!((measured.up.direction() - projected.up.direction()).amax() < 1e-12, "{name}: {:?}", measured.up);

@@ -2,7 +2,7 @@
 //! over a day.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     angles::Angles,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
@@ -17,7 +17,7 @@ const RATE_HZ: f64 = 100.0;
 #[derive(Clone)]
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
     started: bool,
 }
@@ -25,7 +25,7 @@ struct Chain {
 impl Chain {
     fn new(fuser: &str) -> Self {
         let gyro = Gyro::from_name("mobius").unwrap();
-        Self { gyro, accel: Projector::default(), fuser: Fuser::from_name(fuser).unwrap(), started: false }
+        Self { gyro, accel: Accelerometer::default(), fuser: Fuser::from_name(fuser).unwrap(), started: false }
     }
 
     fn step(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> Fused {

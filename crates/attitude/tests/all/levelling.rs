@@ -6,7 +6,7 @@
 use crate::common::ResultCache;
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::{Course, CourseInput, CourseReading, CourseReference},
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
@@ -21,7 +21,7 @@ use scenario::{Motion, Scenario, SensorErrors};
 #[derive(Clone)]
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
     course: Course,
 }
@@ -30,7 +30,7 @@ impl Chain {
     fn new(fuser: &str, course: &str) -> Self {
         Self {
             gyro: Gyro::from_name("mobius").unwrap(),
-            accel: Projector::default(),
+            accel: Accelerometer::default(),
             fuser: Fuser::from_name(fuser).unwrap(),
             course: Course::from_name(course).unwrap(),
         }

@@ -1,7 +1,7 @@
 //! Tests of the fuser `multiple-model`: choice between its two stages, and its heading reference.
 use attitude::{
     Complex, GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
@@ -23,7 +23,7 @@ fn from_name(name: &str) -> Fuser {
 }
 
 fn inputs(trial: &[Row], magnetic: bool) -> Vec<FuserInput> {
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let input = |(index, row): (usize, &Row)| {
         let dt_s = if index == 0 { 0.0 } else { DT_S };
         FuserInput {
@@ -57,7 +57,7 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let mut fuser = from_name("multiple-model");
     let (mut outputs, mut last) = (Vec::new(), Attitude::default());
     let flight = scenario.readings().take_while(|(t_s, _)| *t_s < until_s);
@@ -185,7 +185,7 @@ fn leaky_velocity_is_handed_over_in_heading_frame() {
 fn leaky_velocity_after_push(direction_rad: f64, roll_rad: f64) -> Complex<f64> {
     let (sin, cos) = direction_rad.sin_cos();
     let (mut fuser, mut gyro, mut accel) =
-        (from_name("multiple-model"), Gyro::from_name("mobius").unwrap(), Projector::default());
+        (from_name("multiple-model"), Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let (mut current_roll_rad, mut speed_m_s) = (roll_rad - 0.3, 0.0);
     let mut drive = |duration_s: f64, roll_rad_s: f64, acceleration_m_s2: f64, has_fixes: bool| {
         let mut reference = CourseReference::Arbitrary;

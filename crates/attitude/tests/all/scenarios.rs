@@ -2,7 +2,7 @@
 //! steady spin, snapshots.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     kinematics,
@@ -16,7 +16,7 @@ use scenario::{Motion, SensorErrors, Sensors};
 #[derive(Clone)]
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
     ticks: u64,
 }
@@ -25,7 +25,7 @@ impl Chain {
     fn new(gyro: &str, fuser: &str) -> Self {
         Self {
             gyro: Gyro::from_name(gyro).unwrap(),
-            accel: Projector::default(),
+            accel: Accelerometer::default(),
             fuser: Fuser::from_name(fuser).unwrap(),
             ticks: 0,
         }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
@@ -90,7 +90,7 @@ fn recorded(path: &Path, mut fixes: Option<FixReader>) -> Vec<Sample> {
 /// Runs a fuser and passes time (s), motion and output of each tick to `observe`.
 fn run(name: &str, samples: &[Sample], magnetic: bool, mut observe: impl FnMut(f64, &Motion, &Fused)) {
     let (mut gyro, mut accel, mut fuser) =
-        (Gyro::from_name("mobius").unwrap(), Projector::default(), Fuser::from_name(name).unwrap());
+        (Gyro::from_name("mobius").unwrap(), Accelerometer::default(), Fuser::from_name(name).unwrap());
     let mut before_s = samples[0].t_s;
     for sample in samples {
         let (rate_rad_s, dt_s) = (sample.rate_rad_s, sample.t_s - before_s);

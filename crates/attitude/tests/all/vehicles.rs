@@ -2,7 +2,7 @@
 //! the errors of VQF.
 use attitude::{
     GRAVITY_M_S2, Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
@@ -51,7 +51,7 @@ fn vehicle_manoeuvres_cause_no_unannounced_jump() {
     for Manoeuvre { name, interval_s: [from_s, to_s], forward_m_s2, left_m_s2, yaw_rate_rad_s } in MANOEUVRES {
         let mut noise = Sensors::new(Motion::S1, SensorErrors { accel_noise_m_s2: 0.05, ..SensorErrors::default() }, 1);
         let mut gyro = Gyro::from_name("mobius").unwrap();
-        let (mut accel, mut fuser) = (Projector::default(), Fuser::from_name("wz").unwrap());
+        let (mut accel, mut fuser) = (Accelerometer::default(), Fuser::from_name("wz").unwrap());
         let mut vqf = VQF::new(DT_S, None, None, None);
         let (mut wz_deg, mut vqf_deg, mut previous) = (0.0_f64, 0.0_f64, Attitude::default());
         for tick in 0..16_000 {

@@ -1,7 +1,7 @@
 //! Starts in motion with sensor errors that are known from an earlier run.
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     angles::Angles,
     course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
@@ -32,7 +32,7 @@ const GYRO_SCALE: GyroScale =
 /// Returns the outputs over the first 2 s of scenario S1, which has no rest, and the fuser at the
 /// end.
 fn run_in_motion(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
-    let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Projector::default(), 0.0);
+    let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default(), 0.0);
     let scenario = Scenario::parse("s1").unwrap();
     let step = |(t_s, reading): (f64, scenario::Reading)| {
         let (rate_rad_s, dt_s, kind) = (reading.rate_rad_s, t_s - before_s, scenario.rate_kind);
@@ -154,7 +154,7 @@ fn wz_with_known_hard_iron_finds_north_immediately() {
             attitude = attitude.rotated(rotation).attitude;
             let out = fuser.step(&FuserInput {
                 motion: Some(Motion { attitude, rotation, rate_rad_s, dt_s }),
-                inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
+                inclination: Some(Accelerometer::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
                 field_ut: Some(attitude.matrix() * ambient_ut + HARD_IRON_UT),
                 rest_credible: true,
                 rate_credible: true,

@@ -14,9 +14,6 @@ use std::{
 
 use super::{Channel, Clock, IioError, Layout, Vector};
 
-/// Folder that contains the IIO device folders on a running system.
-pub const ROOT: &str = "/sys/bus/iio/devices";
-
 /// Maximum number of bytes read from a file.
 const MAX_FILE_BYTES: u64 = 4096;
 /// Maximum number of folder entries that are examined.

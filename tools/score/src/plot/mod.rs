@@ -23,6 +23,7 @@
 
 pub(crate) mod curve;
 mod options;
+pub(crate) mod panel;
 mod record;
 mod sphere;
 
@@ -32,14 +33,15 @@ use std::{
 };
 
 use figures::{
-    Axis, Chart, Draw, Stack,
+    Chart, Draw, Stack,
     style::{AMBER, LineStyle, REFERENCE, SKY, series_style},
 };
 use launch::Launch;
+use plotters::style::RGBColor;
 
 use crate::{ScoreError, table::Sweep};
-use curve::Curve;
 pub use options::PlotOptions;
+use panel::{Series, sweep_chart, time_chart};
 pub(crate) use record::PlotRecord;
 use record::{Curves, Quantity, Source};
 use sphere::Sphere;
@@ -51,9 +53,6 @@ const PANEL_HEIGHT: u32 = 300;
 /// Height of the panel in a figure with a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
-/// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
-/// curve is interrupted there.
-const WRAP_DEG: f64 = 180.0;
 
 /// A figure over time. Each panel is given by the label of its vertical axis and its quantity.
 struct Figure {
@@ -123,12 +122,7 @@ const FIGURES: [Figure; 7] = [
 ];
 
 /// Curves of one source, with their name and line style.
-struct Series<'a> {
-    name: &'a str,
-    color: plotters::style::RGBColor,
-    style: LineStyle,
-    curves: &'a Curves,
-}
+type SourceSeries<'a> = (&'a str, (RGBColor, LineStyle), &'a Curves);
 
 /// Draws the figures and writes them to files.
 pub(crate) struct Plotter<'a> {
@@ -153,13 +147,13 @@ impl<'a> Plotter<'a> {
         let title = format!("{trial}, {}", chain_label(launch));
         for figure in &FIGURES {
             let series = figure.sources.iter().map(|source| {
-                let (color, style) = match source {
+                let style = match source {
                     Source::Accel => (SKY, LineStyle::Thin),
                     Source::Gyro => (AMBER, LineStyle::Dashed(12, 4)),
                     Source::Fused => series_style(0),
                     Source::Reference => REFERENCE,
                 };
-                Series { name: source.name(), color, style, curves: record.source_curves(*source) }
+                (source.name(), style, record.source_curves(*source))
             });
             self.draw_figure(base_path, &title, figure, &series.collect::<Vec<_>>())?;
         }
@@ -177,14 +171,11 @@ impl<'a> Plotter<'a> {
         records: &[&PlotRecord],
     ) -> Result<(), ScoreError> {
         let fused = launches.iter().zip(records).enumerate().map(|(at, (launch, record))| {
-            let (color, style) = series_style(at);
-            Series { name: &launch.fuser.stage, color, style, curves: record.source_curves(Source::Fused) }
+            (launch.fuser.stage.as_str(), series_style(at), record.source_curves(Source::Fused))
         });
-        let (color, style) = REFERENCE;
-        let reference = records.first().map(|record| {
-            let curves = record.source_curves(Source::Reference);
-            Series { name: Source::Reference.name(), color, style, curves }
-        });
+        let reference = records
+            .first()
+            .map(|record| (Source::Reference.name(), REFERENCE, record.source_curves(Source::Reference)));
         let series: Vec<_> = fused.chain(reference).collect();
         let compared = FIGURES.iter().filter(|figure| figure.sources.contains(&Source::Reference));
         compared.into_iter().try_for_each(|figure| self.draw_figure(base_path, trial, figure, &series))
@@ -193,26 +184,10 @@ impl<'a> Plotter<'a> {
     /// Draws the error over the range of each evaluated setting.
     pub(crate) fn draw_sweeps(&self, sweeps: &[Sweep]) -> Result<(), ScoreError> {
         for same_setting in sweeps.chunk_by(|a, b| a.setting == b.setting) {
-            let Some(first) = same_setting.first() else { continue };
-            let values = || same_setting.iter().flat_map(|sweep| &sweep.curve).map(|point| point.value);
-            let (from, to) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-            let unit = if first.unit.is_empty() { String::new() } else { format!(", {}", first.unit) };
-            let x = Axis {
-                is_log: crate::tune::is_log_range(from, to),
-                ..Axis::new(format!("{}{unit}", first.setting), from..to)
-            };
-            let curves = same_setting.iter().enumerate().map(|(at, sweep)| {
-                let (color, style) = series_style(at);
-                let points = sweep.curve.iter().map(|point| (point.value, point.error_deg)).collect();
-                figures::Curve::new(&sweep.fuser, color, style, points)
-            });
-            let curves: Vec<_> = curves.collect();
-            let errors = || curves.iter().flat_map(|curve| &curve.points).map(|point| point.1);
-            let max = errors().fold(0.0, f64::max);
-            let y = Axis::new(format!("{} error, °", first.objective), 0.0..1.05 * max.max(1e-9));
-            let chart = Chart { title: String::new(), x, y, curves, has_legend: true };
+            let styled: Vec<_> = same_setting.iter().enumerate().map(|(at, sweep)| (sweep, series_style(at))).collect();
+            let (Some(first), Some(chart)) = (same_setting.first(), sweep_chart(&styled)) else { continue };
             let title = format!("{}: mean error of the trials", first.setting);
-            let stack = Stack { title, charts: vec![chart] };
+            let stack = Stack { title, charts: vec![Chart { has_legend: true, ..chart }] };
             let name = format!("{}.{}", SWEEP_PREFIX, first.setting);
             self.write(&self.plots.folder.join(&name), "", (WIDTH, SINGLE_PANEL_HEIGHT), &stack)?;
         }
@@ -224,11 +199,15 @@ impl<'a> Plotter<'a> {
         base_path: &Path,
         title: &str,
         figure: &Figure,
-        series: &[Series<'_>],
+        sources: &[SourceSeries<'_>],
     ) -> Result<(), ScoreError> {
         let to_chart = |(label, quantity): &(&'static str, Quantity)| {
-            let drawn = series.iter().map(|series| (series, series.curves.curve(*quantity)));
-            panel_chart(label, self.plots.from_s, &drawn.filter(|(_, curve)| !curve.is_empty()).collect::<Vec<_>>())
+            let series = sources.iter().map(|(name, style, curves)| Series {
+                name,
+                style: *style,
+                curve: curves.curve(*quantity),
+            });
+            panel_chart(label, self.plots.from_s, &series.filter(|series| !series.curve.is_empty()).collect::<Vec<_>>())
         };
         let charts: Vec<_> = figure.panels.iter().filter_map(to_chart).collect();
         if charts.is_empty() {
@@ -267,21 +246,12 @@ fn chain_label(launch: &Launch) -> String {
 }
 
 /// Returns a chart of the curves over time with some margin; `None` if there are no curves.
-fn panel_chart(label: &'static str, from_s: f64, curves: &[(&Series<'_>, &Curve)]) -> Option<Chart> {
-    let ranges = || curves.iter().filter_map(|(_, curve)| curve.range());
+fn panel_chart(label: &'static str, from_s: f64, series: &[Series<'_>]) -> Option<Chart> {
+    let ranges = || series.iter().filter_map(|series| series.curve.range());
     let min = ranges().map(|range| range.0).reduce(f64::min)?;
     let max = ranges().map(|range| range.1).reduce(f64::max)?;
     let margin = (0.05 * (max - min)).max(1e-3);
-    let end_s = curves.iter().map(|(_, curve)| curve.end_s()).fold(from_s + 1e-3, f64::max);
-    let drawn = curves.iter().map(|(Series { name, color, style, .. }, curve)| {
-        let with_gap = |line: &[(f64, f64)]| line.iter().copied().chain([(f64::NAN, f64::NAN)]).collect::<Vec<_>>();
-        figures::Curve::new(*name, *color, *style, curve.segments(WRAP_DEG).flat_map(with_gap).collect())
-    });
-    Some(Chart {
-        title: String::new(),
-        x: Axis::new("time, s", from_s..end_s),
-        y: Axis::new(label, min - margin..max + margin),
-        curves: drawn.collect(),
-        has_legend: curves.len() > 1,
-    })
+    let end_s = series.iter().map(|series| series.curve.end_s()).fold(from_s + 1e-3, f64::max);
+    let chart = time_chart(label, from_s..end_s, min - margin..max + margin, series);
+    Some(Chart { has_legend: series.len() > 1, ..chart })
 }

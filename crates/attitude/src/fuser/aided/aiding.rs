@@ -1,6 +1,6 @@
 //! State of the satellite receiver: its last velocity, and the time since then.
 
-use crate::scalars::Scalars;
+use crate::scalars::scalars;
 
 /// Upper limit of the time since the last fix, s. Longer times make no difference.
 const MAX_ELAPSED_S: f64 = 1e4;
@@ -50,19 +50,6 @@ impl Aiding {
     }
 }
 
-impl Scalars for Aiding {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.has_velocity.visit(visit);
-        self.has_latitude.visit(visit);
-        [
-            &mut self.since_fix_s,
-            &mut self.since_assumed_s,
-            &mut self.speed_m_s,
-            &mut self.crab_rad,
-            &mut self.track_duration_s,
-            &mut self.latitude_rad,
-        ]
-        .into_iter()
-        .for_each(|number| number.visit(visit));
-    }
-}
+scalars!(Aiding:
+    has_velocity, has_latitude, since_fix_s, since_assumed_s, speed_m_s, crab_rad, track_duration_s, latitude_rad
+);

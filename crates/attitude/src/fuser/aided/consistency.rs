@@ -14,7 +14,7 @@
 //!
 //! The filter's own deviations are not scaled, because its gains must follow from the settings.
 
-use crate::scalars::Scalars;
+use crate::scalars::scalars;
 
 /// Averaging time of the normalised innovations squared, s.
 const MEMORY_S: f64 = 60.0;
@@ -82,11 +82,7 @@ impl Consistency {
     }
 }
 
-impl Scalars for Consistency {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.mean.visit(visit);
-    }
-}
+scalars!(Consistency: mean);
 
 #[cfg(test)]
 mod tests {

@@ -15,38 +15,17 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
+        finite::fuser_step,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
-        leaky_velocity::LeakyVelocity,
     },
     parameters::{Parameter, ParameterError, Parameters},
-    scalars::Scalars,
+    scalars::{Scalars, visit_fields},
     stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
 };
 
-impl Stage for Aided {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "aided"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        let mut settings = self.settings;
-        settings.set(name, value)?;
-        *self = Self::new(settings);
-        Ok(())
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+impl Aided {
+    pub(in crate::fuser) fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let (false, Some(inclination)) = (self.started, &input.inclination) {
@@ -85,6 +64,25 @@ impl Stage for Aided {
             corrections,
         }
     }
+}
+
+impl Stage for Aided {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "aided"
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        let mut settings = self.settings;
+        settings.set(name, value)?;
+        *self = Self::new(settings);
+        Ok(())
+    }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.attitude.visit(visit);
@@ -100,24 +98,11 @@ impl Stage for Aided {
             (false, false) => CourseReference::Arbitrary,
         };
         self.course_known.visit(visit);
-        for vector in [
-            &mut self.velocity_m_s,
-            &mut self.antenna_velocity_m_s,
-            &mut self.gyro_bias_rad_s,
-            &mut self.accel_bias_m_s2,
-        ] {
-            vector.visit(visit);
-        }
-        self.latency_s.visit(visit);
-        self.covariance.visit(visit);
-        self.velocity_history.visit(visit);
-        self.sums.visit(visit);
-        self.turn_rate_rad_s.visit(visit);
-        self.aiding.visit(visit);
-        self.consistency.visit(visit);
-        self.standstill.visit(visit);
-        self.handed_over.visit(visit);
-        self.since_field_s.visit(visit);
+        visit_fields!(self, visit:
+            velocity_m_s, antenna_velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2, latency_s, covariance,
+            velocity_history, sums, turn_rate_rad_s, aiding, consistency, standstill, handed_over, since_field_s;
+            without settings, attitude, pending_rad, started, reference, course_known
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -137,18 +122,12 @@ impl Stage for Aided {
 
     fn common(&self) -> Estimate {
         let bias_variance = (GYRO..GYRO + 3).map(|axis| self.covariance.variance(axis)).fold(0.0, f64::max);
-        let (bias_rad_s, bias_sd_rad_s) =
-            self.handed_over.more_certain(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
         Estimate {
             attitude: self.attitude,
             reference: self.reference,
-            bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.handed_over.gyro_scale(),
-            hard_iron: self.handed_over.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.handed_over.sensor_errors_or(self.gyro_bias_rad_s, libm::sqrt(bias_variance))
         }
     }
 

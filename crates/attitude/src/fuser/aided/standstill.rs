@@ -1,7 +1,7 @@
 //! Standstill detector: gyro and accelerometer stay close to their means, and the receiver, if
 //! present, reports a speed near zero.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Time constant of the means and of the mean squared deviations, s.
 const MEAN_TIME_CONSTANT_S: f64 = 1.0;
@@ -84,13 +84,4 @@ impl StandstillDetector {
     }
 }
 
-impl Scalars for StandstillDetector {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.rate_rad_s.visit(visit);
-        self.force_m_s2.visit(visit);
-        self.started.visit(visit);
-        [&mut self.rate_variance, &mut self.force_variance, &mut self.still_s, &mut self.since_report_s]
-            .into_iter()
-            .for_each(|number| number.visit(visit));
-    }
-}
+scalars!(StandstillDetector: rate_rad_s, force_m_s2, started, rate_variance, force_variance, still_s, since_report_s);

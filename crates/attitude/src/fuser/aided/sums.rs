@@ -1,6 +1,6 @@
 //! Sums over one propagation interval of the covariance.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Averaging time of the accelerometer noise, s.
 const NOISE_MEMORY_S: f64 = 5.0;
@@ -46,13 +46,4 @@ impl IntervalSums {
     }
 }
 
-impl Scalars for IntervalSums {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.duration_s.visit(visit);
-        self.force_outage_s.visit(visit);
-        self.force_m_s.visit(visit);
-        self.rate2_rad2_s.visit(visit);
-        self.last_force_m_s2.visit(visit);
-        self.force_noise_m2_s3.visit(visit);
-    }
-}
+scalars!(IntervalSums: duration_s, force_outage_s, force_m_s, rate2_rad2_s, last_force_m_s2, force_noise_m2_s3);

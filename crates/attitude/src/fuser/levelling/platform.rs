@@ -13,7 +13,7 @@ use crate::{
         low_pass::{averaging_gain, low_pass_gain},
     },
     gyro::Motion,
-    scalars::Scalars,
+    scalars::scalars,
     stage::attitude_validation_error,
     state::Attitude,
 };
@@ -151,14 +151,4 @@ impl Platform {
     }
 }
 
-impl Scalars for Platform {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { attitude, started, since_force_s, low_pass_m_s2, averaging_deficit_s, lag_rad } = self;
-        attitude.visit(visit);
-        started.visit(visit);
-        since_force_s.visit(visit);
-        low_pass_m_s2.visit(visit);
-        averaging_deficit_s.visit(visit);
-        lag_rad.visit(visit);
-    }
-}
+scalars!(Platform: attitude, started, since_force_s, low_pass_m_s2, averaging_deficit_s, lag_rad);

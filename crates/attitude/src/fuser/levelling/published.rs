@@ -11,12 +11,12 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
+        finite::fuser_step,
         fused::{Corrections, Fused},
         input::FuserInput,
-        leaky_velocity::LeakyVelocity,
     },
-    parameters::{Parameter, ParameterError, Parameters, settings},
-    scalars::Scalars,
+    parameters::{parameters_of, settings},
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
 };
 use core::f64::consts::PI;
@@ -64,28 +64,8 @@ impl Levelling {
             Law::Autonomous { time_constant_s: self.settings.autonomous_time_constant_s }
         }
     }
-}
 
-impl Stage for Levelling {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "levelling"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        LevellingSettings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
@@ -118,11 +98,19 @@ impl Stage for Levelling {
             corrections,
         }
     }
+}
+
+impl Stage for Levelling {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "levelling"
+    }
+
+    parameters_of!(LevellingSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.platform.visit(visit);
-        self.speed.visit(visit);
-        self.bias_handover.visit(visit);
+        visit_fields!(self, visit: platform, speed, bias_handover; without settings);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -133,17 +121,10 @@ impl Stage for Levelling {
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.bias();
         Estimate {
             attitude: self.platform.attitude,
-            reference: CourseReference::Arbitrary,
-            bias_rad_s,
             inclination_sd_rad: self.platform.inclination_sd_rad(),
-            heading_sd_rad: PI,
-            bias_sd_rad_s,
-            gyro_scale: self.bias_handover.gyro_scale(),
-            hard_iron: self.bias_handover.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.bias_handover.sensor_errors()
         }
     }
 

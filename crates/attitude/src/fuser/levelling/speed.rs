@@ -1,6 +1,6 @@
 //! Speed over ground of the last fix, and its derivative.
 
-use crate::{gnss::Fix, scalars::Scalars};
+use crate::{gnss::Fix, scalars::scalars};
 
 /// Ground speed.
 ///
@@ -63,10 +63,4 @@ impl GroundSpeed {
     }
 }
 
-impl Scalars for GroundSpeed {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { speed_m_s, speed_rate_m_s2, rate_remaining_s, since_fix_s, has_fix } = self;
-        [speed_m_s, speed_rate_m_s2, rate_remaining_s, since_fix_s].into_iter().for_each(|number| number.visit(visit));
-        has_fix.visit(visit);
-    }
-}
+scalars!(GroundSpeed: speed_m_s, speed_rate_m_s2, rate_remaining_s, since_fix_s, has_fix);

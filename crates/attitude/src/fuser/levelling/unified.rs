@@ -33,13 +33,13 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
+        finite::fuser_step,
         fused::{Corrections, Fused},
         input::FuserInput,
-        leaky_velocity::LeakyVelocity,
     },
     gnss::Fix,
-    parameters::{Parameter, ParameterError, Parameters, settings},
-    scalars::Scalars,
+    parameters::{parameters_of, settings},
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
 };
@@ -162,28 +162,8 @@ impl LevellingUnified {
     fn reference(&self) -> CourseReference {
         if self.course_known { CourseReference::True } else { CourseReference::Arbitrary }
     }
-}
 
-impl Stage for LevellingUnified {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "levelling-unified"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        UnifiedSettings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
@@ -232,17 +212,22 @@ impl Stage for LevellingUnified {
             corrections,
         }
     }
+}
+
+impl Stage for LevellingUnified {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "levelling-unified"
+    }
+
+    parameters_of!(UnifiedSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.aided.visit(visit);
-        self.autonomous.visit(visit);
-        self.speed.visit(visit);
-        self.is_aided.visit(visit);
-        self.offset_rad.visit(visit);
-        self.course_known.visit(visit);
-        self.since_track_s.visit(visit);
-        self.drift_sd_rad.visit(visit);
-        self.bias_handover.visit(visit);
+        visit_fields!(self, visit:
+            aided, autonomous, speed, is_aided, offset_rad, course_known, since_track_s, drift_sd_rad, bias_handover;
+            without settings
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -257,17 +242,12 @@ impl Stage for LevellingUnified {
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.bias();
         Estimate {
             attitude: self.attitude(),
             reference: self.reference(),
-            bias_rad_s,
             inclination_sd_rad: self.selected().inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.bias_handover.gyro_scale(),
-            hard_iron: self.bias_handover.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.bias_handover.sensor_errors()
         }
     }
 

@@ -28,9 +28,9 @@ use super::{
     bias_handover::HandedOverBias,
     estimate::Estimate,
     field::{field_direction, heading_correction_rad},
+    finite::fuser_step,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    leaky_velocity::LeakyVelocity,
 };
 use crate::{
     Quaternion, Vector3,
@@ -38,7 +38,7 @@ use crate::{
     gyro::Motion,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
     state::Attitude,
 };
@@ -170,37 +170,8 @@ impl Madgwick {
     fn reference(&self) -> CourseReference {
         if self.magnetic { CourseReference::Magnetic } else { CourseReference::Arbitrary }
     }
-}
 
-impl Stage for Madgwick {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        match self.descent {
-            Descent::Original(_) => "madgwick",
-            Descent::Improved(_) => "madgwick-improved",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        match self.descent {
-            Descent::Original(_) => OriginalSettings::TABLE,
-            Descent::Improved(_) => ImprovedSettings::TABLE,
-        }
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        match &mut self.descent {
-            Descent::Original(settings) => settings.set(name, value),
-            Descent::Improved(settings) => settings.set(name, value),
-        }
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         self.bias_handover.observe(input);
         let field = input.field_ut.and_then(field_direction);
@@ -249,15 +220,36 @@ impl Stage for Madgwick {
             corrections,
         }
     }
+}
+
+impl Stage for Madgwick {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        match self.descent {
+            Descent::Original(_) => "madgwick",
+            Descent::Improved(_) => "madgwick-improved",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        match self.descent {
+            Descent::Original(_) => OriginalSettings::TABLE,
+            Descent::Improved(_) => ImprovedSettings::TABLE,
+        }
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        match &mut self.descent {
+            Descent::Original(settings) => settings.set(name, value),
+            Descent::Improved(settings) => settings.set(name, value),
+        }
+    }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.quaternion.visit(visit);
-        self.levelled.visit(visit);
-        self.magnetic.visit(visit);
-        self.since_field_s.visit(visit);
-        self.tilt.visit(visit);
-        self.heading.visit(visit);
-        self.bias_handover.visit(visit);
+        visit_fields!(self, visit:
+            quaternion, levelled, magnetic, since_field_s, tilt, heading, bias_handover; without descent
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -272,17 +264,12 @@ impl Stage for Madgwick {
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.bias();
         Estimate {
             attitude: Attitude::from_quaternion(self.quaternion),
             reference: self.reference(),
-            bias_rad_s,
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.bias_handover.gyro_scale(),
-            hard_iron: self.bias_handover.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.bias_handover.sensor_errors()
         }
     }
 

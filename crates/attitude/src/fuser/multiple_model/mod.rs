@@ -28,6 +28,7 @@ mod turn_detector;
 use super::{
     aided::{self, Aided},
     estimate::Estimate,
+    finite::fuser_step,
     fused::{Corrections, Fused},
     input::FuserInput,
     wz::{self, Wz},
@@ -35,7 +36,7 @@ use super::{
 use crate::{
     course::CourseReference,
     parameters::{Parameter, ParameterError, Parameters},
-    scalars::Scalars,
+    scalars::{Scalars, visit_fields},
     stage::{RestoreError, Stage},
 };
 use {transition::Transition, turn_detector::TurnDetector};
@@ -138,40 +139,9 @@ impl MultipleModel {
         };
         ModelSelection { level: if has_ground_motion { Model::Aided } else { Model::Wz }, heading }
     }
-}
 
-impl Stage for MultipleModel {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "multiple-model"
-    }
-
-    fn parts(&self) -> &'static [&'static str] {
-        &["wz", "aided"]
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        if PARAMETERS.iter().all(|parameter| parameter.name != name) {
-            return Err(ParameterError::Unknown { known: PARAMETERS });
-        }
-        match (self.wz.set(name, value), self.aided.set(name, value)) {
-            (Err(ParameterError::Unknown { .. }), aided) => aided,
-            (wz, Err(ParameterError::Unknown { .. })) => wz,
-            (wz, aided) => wz.and(aided),
-        }
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
-        let (wz, aided) = (self.wz.step(input), self.aided.step(input));
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
+        let (wz, aided) = (self.wz.fuse(input), self.aided.fuse(input));
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         let has_velocity = aided.corrections.velocity && aided.reference == CourseReference::True;
         if self.turns.update(input, aided.bias_rad_s) || has_velocity {
@@ -205,14 +175,38 @@ impl Stage for MultipleModel {
             ..level
         }
     }
+}
+
+impl Stage for MultipleModel {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "multiple-model"
+    }
+
+    fn parts(&self) -> &'static [&'static str] {
+        &["wz", "aided"]
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        if PARAMETERS.iter().all(|parameter| parameter.name != name) {
+            return Err(ParameterError::Unknown { known: PARAMETERS });
+        }
+        match (self.wz.set(name, value), self.aided.set(name, value)) {
+            (Err(ParameterError::Unknown { .. }), aided) => aided,
+            (wz, Err(ParameterError::Unknown { .. })) => wz,
+            (wz, aided) => wz.and(aided),
+        }
+    }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.wz.visit_state(visit);
         self.aided.visit_state(visit);
-        self.turns.visit(visit);
-        self.since_ground_motion_s.visit(visit);
-        self.selection.visit(visit);
-        self.transition.visit(visit);
+        visit_fields!(self, visit: turns, since_ground_motion_s, selection, transition; without wz, aided);
     }
 
     fn validation_error(&self) -> Option<&'static str> {

@@ -12,7 +12,7 @@
 use crate::{
     Complex, Quaternion,
     fuser::leaky_velocity::LeakyVelocity,
-    scalars::Scalars,
+    scalars::scalars,
     state::{Attitude, wrapped_rad},
 };
 
@@ -88,12 +88,7 @@ impl Transition {
     }
 }
 
-impl Scalars for Transition {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.heading_rad.visit(visit);
-        self.tilt_rad.visit(visit);
-    }
-}
+scalars!(Transition: heading_rad, tilt_rad);
 
 /// Returns the fraction of a remaining angle to remove in a tick. `remaining2_rad2` is the square
 /// of the angle, rad².

@@ -25,7 +25,7 @@
 //! without a motion, or with an implausible rate, is ignored. In the first minute a turn with a
 //! bank below 22° is not detected, because the scale of the accelerometer is not known yet.
 
-use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::Scalars};
+use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::scalars};
 
 /// Averaging time of force and rate, s.
 const AVERAGING_S: f64 = 3.0;
@@ -141,14 +141,7 @@ impl ForceLine {
     }
 }
 
-impl Scalars for ForceLine {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { intercept, slope_s2, intercept_variance, covariance_s2, slope_variance_s4, noise_variance } = self;
-        [intercept, slope_s2, intercept_variance, covariance_s2, slope_variance_s4, noise_variance]
-            .into_iter()
-            .for_each(visit);
-    }
-}
+scalars!(ForceLine: intercept, slope_s2, intercept_variance, covariance_s2, slope_variance_s4, noise_variance);
 
 /// Detector of coordinated turns.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -235,14 +228,7 @@ impl TurnDetector {
     }
 }
 
-impl Scalars for TurnDetector {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.force_m_s2.visit(visit);
-        let Self { averaged_s, rate_rad_s, since_update_s, turn_s, .. } = self;
-        [averaged_s, rate_rad_s, since_update_s, turn_s].into_iter().for_each(&mut *visit);
-        self.line.visit(visit);
-    }
-}
+scalars!(TurnDetector: force_m_s2, averaged_s, rate_rad_s, since_update_s, turn_s, line);
 
 #[cfg(test)]
 mod tests {

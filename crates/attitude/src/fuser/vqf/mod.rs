@@ -22,13 +22,14 @@ use super::{
     angle_uncertainty::AngleUncertainty,
     estimate::Estimate,
     field::field_direction,
+    finite::fuser_step,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
 };
 use crate::{
     Vector3,
     course::CourseReference,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, bias_validation_error},
 };
 use {filter::clamped, vqf_state::visit_state};
@@ -37,20 +38,8 @@ impl Vqf {
     pub(super) fn realign(&mut self) {
         self.levelled = false;
     }
-}
 
-impl Stage for Vqf {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "vqf"
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let mut innovation = 0.0;
         if let Some(motion) = &input.motion {
@@ -93,18 +82,21 @@ impl Stage for Vqf {
             corrections,
         }
     }
+}
+
+impl Stage for Vqf {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "vqf"
+    }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let previous_means = (self.motion_period.mean_s, self.field_period.mean_s);
-        self.motion_period.visit(visit);
-        self.field_period.visit(visit);
-        self.levelled.visit(visit);
-        self.magnetic.visit(visit);
-        self.tilt.visit(visit);
-        self.heading.visit(visit);
-        self.velocity_sd_m_s.visit(visit);
-        self.gyro_scale.visit(visit);
-        self.hard_iron.visit(visit);
+        visit_fields!(self, visit:
+            motion_period, field_period, levelled, magnetic, tilt, heading, velocity_sd_m_s, gyro_scale, hard_iron;
+            without filter
+        );
         visit_state(self.filter.state_mut(), visit);
         if previous_means != (self.motion_period.mean_s, self.field_period.mean_s) && self.timing_error().is_none() {
             self.rebuild();

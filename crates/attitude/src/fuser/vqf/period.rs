@@ -1,6 +1,6 @@
 //! Sampling time of an input, estimated from its first intervals.
 
-use crate::scalars::Scalars;
+use crate::scalars::scalars;
 
 /// Number of intervals that are averaged.
 const MAX_INTERVALS: f64 = 16.0;
@@ -45,10 +45,4 @@ impl SamplingPeriod {
     }
 }
 
-impl Scalars for SamplingPeriod {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.mean_s.visit(visit);
-        self.intervals.visit(visit);
-        self.since_s.visit(visit);
-    }
-}
+scalars!(SamplingPeriod: mean_s, intervals, since_s);

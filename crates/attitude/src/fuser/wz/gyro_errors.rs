@@ -34,7 +34,7 @@ use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     fuser::{estimate::Estimate, gyro_scale::GyroScale, rest::BIAS_SD_AT_REST_RAD_S},
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::{Scalars, visit_fields},
     stage::bias_validation_error,
     state::BodyAxes,
 };
@@ -759,24 +759,11 @@ impl Scalars for GyroErrorFilter {
                 self.covariance[(j, i)] = self.covariance[(i, j)];
             }
         }
-        for sensitivity in &mut self.loop_sensitivity {
-            sensitivity.tilt.visit(visit);
-            sensitivity.velocity.visit(visit);
-        }
-        self.tilt_sensitivity.iter_mut().for_each(&mut *visit);
-        self.drift.iter_mut().for_each(|drift| drift.visit(visit));
-        self.outage_s.visit(visit);
-        self.force_dt_m_s.visit(visit);
-        self.norm_dt_m_s.visit(visit);
-        self.since_update_s.visit(visit);
-        self.tilt_sd_rad.visit(visit);
-        self.horizontal_bias_sd_rad_s.visit(visit);
-        self.max_bias_sd_rad_s.visit(visit);
-        self.force_noise.visit(visit);
-        self.velocity_noise.visit(visit);
-        self.is_initial_level.visit(visit);
-        self.from_one_sample.visit(visit);
-        self.tilt_fault.visit(visit);
-        self.initial_velocity.visit(visit);
+        visit_fields!(self, visit:
+            loop_sensitivity, tilt_sensitivity, drift, outage_s, force_dt_m_s, norm_dt_m_s, since_update_s,
+            tilt_sd_rad, horizontal_bias_sd_rad_s, max_bias_sd_rad_s, force_noise, velocity_noise, is_initial_level,
+            from_one_sample, tilt_fault, initial_velocity;
+            without bias_rad_s, scale, tilt_rad, velocity_s, tilt_velocity_s, covariance
+        );
     }
 }

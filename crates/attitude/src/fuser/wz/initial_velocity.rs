@@ -7,7 +7,7 @@
 //! the correction.
 
 use super::level::{LoopError, LoopResponse};
-use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
+use crate::{Complex, GRAVITY_M_S2, scalars::scalars};
 
 /// Standard deviation of the loop's tilt error during a movement, rad (1°).
 const LOOP_TILT_SD_RAD: f64 = 0.017_453_293;
@@ -63,9 +63,4 @@ impl InitialVelocityEstimator {
     }
 }
 
-impl Scalars for InitialVelocityEstimator {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.sensitivity.iter_mut().for_each(&mut *visit);
-        self.variance_s2.visit(visit);
-    }
-}
+scalars!(InitialVelocityEstimator: sensitivity, variance_s2);

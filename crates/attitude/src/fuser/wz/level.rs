@@ -12,7 +12,7 @@ use crate::{
     fuser::leaky_velocity::LeakyVelocity,
     point::Point,
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::scalars,
     stage::attitude_validation_error,
     state::{Attitude, AttitudeUpdate, BodyAxes},
 };
@@ -232,14 +232,6 @@ impl Level {
     }
 }
 
-impl Scalars for Level {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.attitude.visit(visit);
-        self.azimuth.visit(visit);
-        self.velocity_m_s.visit(visit);
-        self.last_velocity_m_s.visit(visit);
-        self.pending_rad.visit(visit);
-        self.started.visit(visit);
-        self.time_constant.visit(visit);
-    }
-}
+scalars!(LoopError: tilt, velocity);
+
+scalars!(Level: attitude, azimuth, velocity_m_s, last_velocity_m_s, pending_rad, started, time_constant);

@@ -43,6 +43,7 @@ use core::f64::consts::PI;
 
 use super::{
     estimate::Estimate,
+    finite::fuser_step,
     fused::{Corrections, Fused},
     input::FuserInput,
     rest::RestDetector,
@@ -51,9 +52,9 @@ use super::{
 use crate::{
     Complex, Vector3,
     accel::MAX_PLAUSIBLE_FORCE_M_S2,
-    parameters::{Parameter, ParameterError, Parameters},
+    parameters::{Parameter, Parameters, parameters_of},
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage},
 };
 pub(super) use settings::SHARED_WITH_AIDED;
@@ -182,29 +183,9 @@ impl Wz {
         self.level.adapt(rate_rad_s.norm_squared(), self.gyro_errors.horizontal_bias_sd_rad_s(), interval_s);
         self.level.apply_correction(error)
     }
-}
-
-impl Stage for Wz {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "wz"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        Self::PARAMETERS
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
 
     #[inline(always)]
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    pub(in crate::fuser) fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let (rotation, rate_rad_s, dt_s) = match &input.motion {
             Some(motion) => (motion.rotation, motion.rate_rad_s, motion.dt_s),
@@ -278,15 +259,21 @@ impl Stage for Wz {
             corrections,
         }
     }
+}
+
+impl Stage for Wz {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "wz"
+    }
+
+    parameters_of!(Settings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.level.visit(visit);
-        self.gyro_errors.visit(visit);
-        self.wide_bias.visit(visit);
-        self.rest.visit(visit);
-        self.heading.visit(visit);
-        self.last_interval_s.visit(visit);
-        self.gyro_outage_s.visit(visit);
+        visit_fields!(self, visit:
+            level, gyro_errors, wide_bias, rest, heading, last_interval_s, gyro_outage_s; without settings
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {

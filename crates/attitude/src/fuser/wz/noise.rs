@@ -7,7 +7,7 @@
 //!
 //! Time: the intervals of the updates.
 
-use crate::{Complex, scalars::Scalars};
+use crate::{Complex, scalars::scalars};
 
 /// Averaging time of the innovations' mean square, s.
 pub(super) const MEMORY_S: f64 = 5.0;
@@ -68,11 +68,4 @@ impl InnovationNoise {
     }
 }
 
-impl Scalars for InnovationNoise {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.mean_square.visit(visit);
-        self.mean_lag_product.visit(visit);
-        self.last_innovation.visit(visit);
-        self.memory_s.visit(visit);
-    }
-}
+scalars!(InnovationNoise: mean_square, mean_lag_product, last_innovation, memory_s);

@@ -6,7 +6,7 @@
 //! turn, at any speed. Innovations are therefore summed while they keep their direction. Once their
 //! sum amounts to a considerable velocity, the norm of the force decides.
 
-use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
+use crate::{Complex, GRAVITY_M_S2, scalars::scalars};
 
 /// Velocity change at which the norm of the force is examined, m/s.
 const DECISION_VELOCITY_M_S: f64 = 8.0;
@@ -76,14 +76,7 @@ impl TiltFaultMonitor {
     }
 }
 
-impl Scalars for TiltFaultMonitor {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.innovation_sum_s.visit(visit);
-        self.force_sum_s.visit(visit);
-        self.excess_sum_s.visit(visit);
-        self.duration_s.visit(visit);
-    }
-}
+scalars!(TiltFaultMonitor: innovation_sum_s, force_sum_s, excess_sum_s, duration_s);
 
 #[cfg(test)]
 mod tests {

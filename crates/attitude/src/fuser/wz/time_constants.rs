@@ -18,7 +18,7 @@
 //! case, hardly affects S.
 
 use super::T1_S;
-use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
+use crate::{Complex, GRAVITY_M_S2, scalars::scalars};
 
 /// Smallest time constant of the tilt, s.
 const MIN_T2_S: f64 = 3.0;
@@ -137,13 +137,7 @@ fn optimal_s(density: f64, walk2: f64, bias_variance: f64) -> f64 {
     t_s
 }
 
-impl Scalars for TiltTimeConstant {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.reference_tilt_rad.visit(visit);
-        let Self { t2_s, tilt_variance_rad2, rate_variance_rad2_s2, memory_s, age_s, .. } = self;
-        [t2_s, tilt_variance_rad2, rate_variance_rad2_s2, memory_s, age_s].into_iter().for_each(visit);
-    }
-}
+scalars!(TiltTimeConstant: reference_tilt_rad, t2_s, tilt_variance_rad2, rate_variance_rad2_s2, memory_s, age_s);
 
 #[cfg(test)]
 mod tests {

@@ -21,7 +21,7 @@ use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
     settings::Settings,
 };
-use crate::{Complex, scalars::Scalars};
+use crate::{Complex, scalars::scalars};
 
 /// Standard deviation of the bias in the second filter, rad/s. Data sheets of consumer MEMS gyros
 /// allow a bias of 10 °/s, which is 3.5 standard deviations.
@@ -127,13 +127,4 @@ impl WideBiasFilter {
     }
 }
 
-impl Scalars for WideBiasFilter {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.filter.visit(visit);
-        self.running.visit(visit);
-        self.is_bias_known.visit(visit);
-        self.age_s.visit(visit);
-        self.apart_s.visit(visit);
-        self.suspected_rad_s.visit(visit);
-    }
-}
+scalars!(WideBiasFilter: filter, running, is_bias_known, age_s, apart_s, suspected_rad_s);

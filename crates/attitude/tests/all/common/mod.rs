@@ -11,7 +11,7 @@ use std::{
 
 use attitude::{
     Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
@@ -91,7 +91,7 @@ pub(crate) struct Rmse {
 
 /// Returns the errors of `fuser` over `trial`, with the magnetometer if `magnetic`.
 pub(crate) fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for (index, row) in trial.iter().enumerate() {
         let dt_s = if index == 0 { 0.0 } else { DT_S };

@@ -2,7 +2,7 @@
 
 use attitude::{
     Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
@@ -135,7 +135,7 @@ pub(crate) fn errors(
 /// Chain of default stages that compute the fused attitude from sensor readings.
 pub(crate) struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
     started: bool,
 }
@@ -145,7 +145,7 @@ impl Chain {
     pub(crate) fn new() -> Self {
         Self {
             gyro: Gyro::from_name("mobius").unwrap(),
-            accel: Projector::default(),
+            accel: Accelerometer::default(),
             fuser: Fuser::from_name("wz").unwrap(),
             started: false,
         }

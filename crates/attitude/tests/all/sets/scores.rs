@@ -3,7 +3,7 @@
 
 use attitude::{
     Quaternion, Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
@@ -23,7 +23,7 @@ const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Chain of the default gyro and accel stages and a fuser.
 struct Chain {
     gyro: Gyro,
-    accel: Projector,
+    accel: Accelerometer,
     fuser: Fuser,
     last_t_ns: Option<i64>,
 }
@@ -32,7 +32,7 @@ impl Chain {
     fn new(stage: &str) -> Self {
         Self {
             gyro: Gyro::from_name("mobius").unwrap(),
-            accel: Projector::default(),
+            accel: Accelerometer::default(),
             fuser: Fuser::from_name(stage).unwrap(),
             last_t_ns: None,
         }

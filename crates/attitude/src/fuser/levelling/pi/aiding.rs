@@ -4,7 +4,7 @@ use super::{
     delay_matching::{DelayMatchedIntegral, MAX_AGE_S},
     settings::PiSettings,
 };
-use crate::{Complex, gnss::Fix, scalars::Scalars};
+use crate::{Complex, gnss::Fix, scalars::scalars};
 
 /// Speed below which the direction of a velocity, and thus the azimuth, is irrelevant, m/s.
 const SLOW_SPEED_M_S: f64 = 0.7;
@@ -123,12 +123,4 @@ impl Aiding {
     }
 }
 
-impl Scalars for Aiding {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.matched.visit(visit);
-        self.velocity_m_s.visit(visit);
-        self.is_increment_complete.visit(visit);
-        self.since_fix_s.visit(visit);
-        self.has_fix.visit(visit);
-    }
-}
+scalars!(Aiding: matched, velocity_m_s, is_increment_complete, since_fix_s, has_fix);

@@ -5,7 +5,7 @@
 //! latency and smoothing then have no effect. A lost force sample does no harm, because each
 //! increment stores the time that it spans.
 
-use crate::{Complex, scalars::Scalars};
+use crate::{Complex, scalars::scalars};
 
 /// Number of recent increments that are stored.
 const SLOTS: usize = 33;
@@ -98,14 +98,8 @@ impl DelayMatchedIntegral {
     }
 }
 
-impl Scalars for DelayMatchedIntegral {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        for increment in self.recent.iter_mut().chain([&mut self.since_fix]) {
-            increment.velocity_m_s.visit(visit);
-            increment.span_s.visit(visit);
-        }
-    }
-}
+scalars!(Increment: velocity_m_s, span_s);
+scalars!(DelayMatchedIntegral: recent, since_fix);
 
 #[cfg(test)]
 mod tests {

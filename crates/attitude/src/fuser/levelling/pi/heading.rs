@@ -9,7 +9,7 @@
 //! azimuth, the track corrects it at half the rate.
 
 use super::settings::PiSettings;
-use crate::{Complex, fuser::low_pass::low_pass_gain, scalars::Scalars, state::arg};
+use crate::{Complex, fuser::low_pass::low_pass_gain, scalars::scalars, state::arg};
 use core::f64::consts::PI;
 
 /// Acceleration above which its direction can be determined despite the velocity noise, m/s².
@@ -132,10 +132,4 @@ impl Heading {
     }
 }
 
-impl Scalars for Heading {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.known.visit(visit);
-        self.drift_sd_rad.visit(visit);
-        self.turning_s.visit(visit);
-    }
-}
+scalars!(Heading: known, drift_sd_rad, turning_s);

@@ -35,15 +35,15 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
+        finite::fuser_step,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
-        leaky_velocity::LeakyVelocity,
         low_pass::low_pass_gain,
     },
     gnss::Fix,
-    parameters::{Parameter, ParameterError, Parameters},
+    parameters::parameters_of,
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::visit_fields,
     stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
 };
 use {
@@ -106,28 +106,8 @@ impl LevellingPi {
     fn usable_fix<'a>(&self, fix: Option<&'a Fix>) -> Option<&'a Fix> {
         plausible_fix(fix).filter(|fix| fix.sd_m_s.is_none_or(|sd| sd <= self.settings.velocity_sd_max_m_s))
     }
-}
 
-impl Stage for LevellingPi {
-    type Input = FuserInput;
-    type Output = Fused;
-    type Common = Estimate;
-
-    fn name(&self) -> &'static str {
-        "levelling-pi"
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PiSettings::TABLE
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.settings.set(name, value)
-    }
-
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut storage = None;
-        let input = input.sanitized(&mut storage);
+    fn fuse(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let measured_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
@@ -174,22 +154,22 @@ impl Stage for LevellingPi {
             corrections,
         }
     }
+}
+
+impl Stage for LevellingPi {
+    fuser_step!();
+
+    fn name(&self) -> &'static str {
+        "levelling-pi"
+    }
+
+    parameters_of!(PiSettings in settings);
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.attitude.visit(visit);
-        self.started.visit(visit);
-        self.since_force_s.visit(visit);
-        self.bias_rad_s.visit(visit);
-        self.bias_variance_rad2_s2.visit(visit);
-        self.turn_rate_rad_s.visit(visit);
-        self.aiding.visit(visit);
-        self.heading.visit(visit);
-        self.pending_rad.visit(visit);
-        self.low_pass_m_s2.visit(visit);
-        self.averaging_deficit_s.visit(visit);
-        self.lag_rad.visit(visit);
-        self.standstill.visit(visit);
-        self.bias_handover.visit(visit);
+        visit_fields!(self, visit:
+            attitude, started, since_force_s, bias_rad_s, bias_variance_rad2_s2, turn_rate_rad_s, aiding, heading,
+            pending_rad, low_pass_m_s2, averaging_deficit_s, lag_rad, standstill, bias_handover; without settings
+        );
     }
 
     fn validation_error(&self) -> Option<&'static str> {
@@ -206,18 +186,12 @@ impl Stage for LevellingPi {
     fn common(&self) -> Estimate {
         // The initial standard deviation is an assumption, not an estimate.
         let own_sd_rad_s = Some(self.bias_sd_rad_s()).filter(|sd_rad_s| *sd_rad_s < UNKNOWN_BIAS_SD_RAD_S);
-        let (bias_rad_s, bias_sd_rad_s) =
-            self.bias_handover.more_certain(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY));
         Estimate {
             attitude: self.attitude,
             reference: self.reference(),
-            bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s,
-            gyro_scale: self.bias_handover.gyro_scale(),
-            hard_iron: self.bias_handover.hard_iron(),
-            leaky_velocity: LeakyVelocity::UNKNOWN,
+            ..self.bias_handover.sensor_errors_or(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY))
         }
     }
 

@@ -3,7 +3,7 @@
 //! The rate is compared with its own mean, so that a bias does not hide the standstill. A very
 //! smooth steady turn slower than 1 °/s is mistaken for a bias.
 
-use crate::{Vector3, fuser::rest::MAX_SPEED_AT_REST_M_S, scalars::Scalars};
+use crate::{Vector3, fuser::rest::MAX_SPEED_AT_REST_M_S, scalars::scalars};
 
 /// Time constant of the means and of the variances about them, s.
 const AVERAGING_S: f64 = 2.0;
@@ -75,13 +75,6 @@ impl StandstillDetector {
     }
 }
 
-impl Scalars for StandstillDetector {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.rate_mean_rad_s.visit(visit);
-        self.rate_square_rad2_s2.visit(visit);
-        self.force_mean_m_s2.visit(visit);
-        self.force_square_m2_s4.visit(visit);
-        self.started.visit(visit);
-        self.quiet_s.visit(visit);
-    }
-}
+scalars!(StandstillDetector:
+    rate_mean_rad_s, rate_square_rad2_s2, force_mean_m_s2, force_square_m2_s4, started, quiet_s
+);

@@ -6,7 +6,7 @@
 //! samples. The attitude is rotated back to that time, which gives R' (body axes to reference
 //! axes). Each interval yields the means of R'm, of R' and of Ω = R'ω, where ω is the rate.
 
-use crate::{Complex, Vector3, rotation::Rotation, scalars::Scalars, state::BodyAxes};
+use crate::{Complex, Vector3, rotation::Rotation, scalars::scalars, state::BodyAxes};
 
 use super::{input::HeadingInput, vibration::VibrationDetector};
 
@@ -204,31 +204,11 @@ impl FieldAverager {
     }
 }
 
-impl Scalars for FieldAverager {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.field_sum_ut.visit(visit);
-        self.age_sum_s.visit(visit);
-        self.samples.visit(visit);
-        self.rotation_rad.visit(visit);
-        self.window_s.visit(visit);
-        self.last_rate_rad_s.visit(visit);
-        self.vibration.visit(visit);
-        let IntervalMeans {
-            duration_s,
-            gyro_outage_s,
-            windows,
-            vertical_rotation_rad,
-            field_ut,
-            axes,
-            rate_rad_s,
-            rate_rms_rad_s,
-            acceleration_rms_m_s2,
-            at_rest: _,
-            is_vibrating: _,
-            scale_variance: _,
-        } = &mut self.sums;
-        let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(vertical_rotation_rad);
-        vectors.for_each(&mut *visit);
-        [duration_s, gyro_outage_s, windows, rate_rms_rad_s, acceleration_rms_m_s2].into_iter().for_each(&mut *visit);
-    }
-}
+scalars!(IntervalMeans:
+    field_ut, axes, rate_rad_s, vertical_rotation_rad, duration_s, gyro_outage_s, windows, rate_rms_rad_s,
+    acceleration_rms_m_s2;
+    without at_rest, is_vibrating, scale_variance
+);
+scalars!(FieldAverager:
+    field_sum_ut, age_sum_s, samples, rotation_rad, window_s, last_rate_rad_s, vibration, sums
+);

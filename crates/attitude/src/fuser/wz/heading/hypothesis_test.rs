@@ -22,7 +22,7 @@ use super::{
     field_averager::IntervalMeans,
     filter::{B, BETA, E, FieldFilter, Propagation, TAU},
 };
-use crate::{fuser::wz::settings::Settings, scalars::Scalars};
+use crate::{fuser::wz::settings::Settings, scalars::scalars};
 
 /// Standard deviation added to b or e of a challenger (B or E), µT. It corresponds to a magnet a
 /// few centimetres away, or to a loudspeaker in the same room.
@@ -243,30 +243,7 @@ impl HypothesisTest {
     }
 }
 
-impl Scalars for HypothesisTest {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.for_each_filter(|filter| filter.visit(visit));
-        let Self {
-            lead_over_main,
-            lead_over_environment,
-            challenger_rejected_s,
-            challenge_age_s,
-            challenge_turn_rad,
-            accepted_s,
-            rejected_s,
-            ..
-        } = self;
-        [
-            lead_over_main,
-            lead_over_environment,
-            challenger_rejected_s,
-            challenge_age_s,
-            challenge_turn_rad,
-            accepted_s,
-            rejected_s,
-        ]
-        .into_iter()
-        .for_each(&mut *visit);
-        self.direction_invalidated.visit(visit);
-    }
-}
+scalars!(HypothesisTest:
+    main, body, environment, lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s,
+    challenge_turn_rad, accepted_s, rejected_s, direction_invalidated
+);

@@ -54,7 +54,7 @@ use crate::{
         hard_iron::HardIron,
         wz::{correction_smoothing, gyro_errors::ASSUMED_UNOBSERVED_RATE_RAD_S, settings::Settings},
     },
-    scalars::Scalars,
+    scalars::scalars,
     state::{Attitude, wrapped_rad},
 };
 use {
@@ -369,17 +369,7 @@ impl Heading {
     }
 }
 
-impl Scalars for Heading {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.field_averager.visit(visit);
-        self.hypothesis_test.visit(visit);
-        self.rest_site.visit(visit);
-        let Self { was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true, .. } =
-            self;
-        [was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true]
-            .into_iter()
-            .for_each(|flag| flag.visit(visit));
-        let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        [settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
-    }
-}
+scalars!(Heading:
+    field_averager, hypothesis_test, rest_site, was_at_rest, started, heading_known, has_rested, disturbed,
+    adopted_magnetic, adopted_true, settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s
+);

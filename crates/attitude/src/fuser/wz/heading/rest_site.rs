@@ -14,7 +14,7 @@
 //! the gyro heading. The field p at the previous site is part of the filter's state. This module
 //! decides whether that field is observed again.
 
-use crate::{Vector3, scalars::Scalars};
+use crate::{Vector3, scalars::scalars};
 
 /// Number of intervals at rest before the decision.
 const MIN_INTERVALS: f64 = 10.0;
@@ -111,12 +111,5 @@ impl SiteSignature {
     }
 }
 
-impl Scalars for RestSite {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        for SiteSignature { horizontal_ut, vertical_ut, up, intervals } in [&mut self.last, &mut self.current] {
-            [horizontal_ut, vertical_ut, intervals].into_iter().for_each(&mut *visit);
-            up.visit(visit);
-        }
-        self.decided.visit(visit);
-    }
-}
+scalars!(SiteSignature: horizontal_ut, vertical_ut, intervals, up);
+scalars!(RestSite: last, current, decided);

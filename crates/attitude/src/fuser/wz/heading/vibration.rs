@@ -1,6 +1,6 @@
 //! Vibration detector: changes of the force from sample to sample, beyond a steady trend.
 
-use crate::scalars::Scalars;
+use crate::scalars::scalars;
 
 /// Vibration threshold, m/s²: RMS of the second difference of the force's norm above which a body
 /// counts as vibrating.
@@ -41,10 +41,4 @@ impl VibrationDetector {
     }
 }
 
-impl Scalars for VibrationDetector {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.last_norms_m_s2.iter_mut().for_each(&mut *visit);
-        self.square_m2_s4.visit(visit);
-        self.samples.visit(visit);
-    }
-}
+scalars!(VibrationDetector: last_norms_m_s2, square_m2_s4, samples);

@@ -6,22 +6,31 @@
 //!
 //! Failure: an error if the file cannot be written.
 
-mod chart;
+use std::{fmt::Write, io, path::Path};
 
-use std::{fmt::Write, path::Path};
-
+use figures::{
+    Chart,
+    style::{LineStyle, REFERENCE, series_style},
+};
 use launch::{Calibration, Ingest, Launch};
+use plotters::style::RGBColor;
 
 use crate::{
     ScoreError,
-    overlay::{AngleCurves, ErrorCurves, Overlay},
+    overlay::{ErrorCurves, Overlay},
+    plot::panel::{Series, sweep_chart, time_chart},
     recommendation::ranking_error,
     table::{ErrorsDeg, Scores, StageScore, Sweep},
-    tune::is_log_range,
 };
-use chart::{Chart, Line, escape, stage_class};
 
-/// Style sheet, with the colours of Okabe and Ito 2008. The reference has the colour of the text.
+/// Width and height of a chart, pixels.
+const CHART_SIZE: (u32, u32) = (960, 230);
+/// Percentage of points at both ends that the range of the vertical axis ignores.
+const OUTLIER_PERCENT: f64 = 0.5;
+/// Declaration of the SVG namespace, which HTML does not need.
+const SVG_NAMESPACE: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
+/// Style sheet. It replaces white, black and the near-black of the reference in the charts by the
+/// colours of the page.
 const CSS: &str = "\
 :root{color-scheme:light dark;--back:#fff;--text:#1a1a1a;--grid:#8884}\
 @media (prefers-color-scheme:dark){:root{--back:#141414;--text:#e8e8e8}}\
@@ -29,11 +38,9 @@ body{background:var(--back);color:var(--text);font:15px/1.5 system-ui,sans-serif
 h1{font-size:1.5em}h2{font-size:1.25em;margin-top:2em}h3{font-size:1em;margin:1.2em 0 0}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}th,td{padding:.2em .8em;text-align:right;border-bottom:1px solid var(--grid)}\
 th:first-child,td:first-child,.words td{text-align:left}pre,code{font:13px/1.5 ui-monospace,monospace;white-space:pre-wrap;overflow-wrap:anywhere}\
-circle{fill:var(--back)}svg{width:100%;height:auto}svg text{font-size:13px;fill:var(--text)}.grid{stroke:var(--grid)}polyline,svg .key{fill:none;stroke-width:1.5}\
-.advice{border-left:4px solid #0072B2;padding-left:1em}.note{opacity:.8;margin:0}.legend svg{width:40px;height:10px;margin:0 .4em 0 1em}\
-.reference{stroke:var(--text);stroke-width:1;stroke-dasharray:7 4}.stage0{stroke:#0072B2}.stage1{stroke:#CC79A7;stroke-dasharray:9 2}\
-.stage2{stroke:#009E73;stroke-dasharray:5 2}.stage3{stroke:#E69F00;stroke-dasharray:9 2 2 2}.stage4{stroke:#56B4E9;stroke-dasharray:2 2}\
-.stage5{stroke:#D55E00;stroke-dasharray:12 3 2 3 2 3}";
+svg{width:100%;height:auto}figure{margin:0}svg text{fill:var(--text)}svg [fill=\"#FFFFFF\"]{fill:var(--back)}\
+svg [stroke=\"#000000\"],svg [stroke=\"#1A1A1A\"]{stroke:var(--text)}\
+.advice{border-left:4px solid #0072B2;padding-left:1em}.note{opacity:.8;margin:0}.legend svg{width:40px;height:10px;margin:0 .4em 0 1em}";
 
 /// Content of the report.
 pub(crate) struct HtmlReport<'a> {
@@ -53,22 +60,23 @@ impl HtmlReport<'_> {
     ///
     /// Returns an error if the file cannot be written.
     pub(crate) fn write(&self, path: &Path) -> Result<(), ScoreError> {
-        Ok(recording::write_atomic(path, &self.html())?)
+        let html = self.html().map_err(|cause| ScoreError::Write { path: path.into(), cause })?;
+        Ok(recording::write_atomic(path, &html)?)
     }
 
-    fn html(&self) -> String {
+    fn html(&self) -> io::Result<String> {
         let mut page = PageBuilder::default();
         self.add_summary(&mut page);
-        self.scores.swept.iter().chain(&self.scores.tuned).for_each(|sweep| self.add_sweep(&mut page, sweep));
-        self.overlays.iter().enumerate().for_each(|(index, overlay)| self.add_trial(&mut page, index, overlay));
+        self.scores.swept.iter().chain(&self.scores.tuned).try_for_each(|sweep| self.add_sweep(&mut page, sweep))?;
+        self.overlays.iter().enumerate().try_for_each(|(index, overlay)| self.add_trial(&mut page, index, overlay))?;
         self.add_settings(&mut page);
-        format!(
+        Ok(format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\"/>\
              <meta name=\"viewport\" content=\"width=device-width\"/><title>Plumbline: score</title><style>{CSS}</style></head>\n\
              <body>{}</body></html>\n",
             page.text
-        )
+        ))
     }
 
     fn add_summary(&self, page: &mut PageBuilder) {
@@ -132,8 +140,8 @@ impl HtmlReport<'_> {
         page.push("</table>");
     }
 
-    fn add_sweep(&self, page: &mut PageBuilder, sweep: &Sweep) {
-        let Sweep { fuser, setting, unit, objective, before, best, curve, .. } = sweep;
+    fn add_sweep(&self, page: &mut PageBuilder, sweep: &Sweep) -> io::Result<()> {
+        let Sweep { fuser, setting, unit, objective, before, best, .. } = sweep;
         let unit_suffix = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         page.push(&format!(
             "\n<h2>{} of {}</h2><h3>{objective} error {:.3}° at the best value {}{unit_suffix}, {:.3}° at {}{unit_suffix} before</h3>",
@@ -144,29 +152,19 @@ impl HtmlReport<'_> {
             before.error_deg,
             before.value
         ));
-        let points: Vec<_> = curve.iter().map(|point| (point.value, point.error_deg)).collect();
-        let errors = || points.iter().map(|point| point.1);
-        let y_range = Some((errors().fold(f64::INFINITY, f64::min), errors().fold(f64::NEG_INFINITY, f64::max)));
-        let is_log_x = points.first().zip(points.last()).is_some_and(|(a, b)| is_log_range(a.0, b.0));
-        let x_range = points.first().zip(points.last()).map_or((0.0, 1.0), |(a, b)| (a.0, b.0));
         let stage = self.scores.stages.iter().position(|stage| stage.fuser == *fuser);
-        let line = Line { stage: stage.or(Some(0)), segments: vec![points], y_range, has_markers: true };
-        let x_label = format!("{setting}{}", if unit.is_empty() { String::new() } else { format!(", {unit}") });
-        let y_label = format!("{objective} error, °");
-        page.push_chart(&Chart {
-            y_label: &y_label,
-            x_label: &x_label,
-            x_range,
-            is_log_x,
-            starts_at_zero: false,
-            lines: vec![line],
-        });
+        let chart = sweep_chart(&[(sweep, series_style(stage.unwrap_or(0)))]);
+        chart.map_or(Ok(()), |chart| page.push_chart(&chart))
     }
 
-    fn add_trial(&self, page: &mut PageBuilder, index: usize, overlay: &Overlay) {
+    fn add_trial(&self, page: &mut PageBuilder, index: usize, overlay: &Overlay) -> io::Result<()> {
         page.push(&format!("\n<h2>{}</h2>", escape(&overlay.name)));
-        let x_range = (0.0, overlay.end_s());
+        let end_s = overlay.end_s().max(1e-3);
         page.push_legend(&self.scores.stages, overlay.has_reference());
+        let series = |curve, stage: Option<usize>| {
+            let name = stage.and_then(|at| self.scores.stages.get(at)).map_or("reference", |stage| &stage.fuser);
+            Series { name, style: stage.map_or(REFERENCE, series_style), curve }
+        };
         let (kind, rms_label, curves, first) = if overlay.has_reference() {
             ("error", "RMS over scored samples", &overlay.errors, 0)
         } else {
@@ -178,8 +176,8 @@ impl HtmlReport<'_> {
                 let trial = self.scores.stages.get(at).and_then(|stage| stage.trials.get(index));
                 which == 0 || !overlay.has_reference() || trial.is_some_and(|trial| trial.heading_is_known)
             };
-            let errors = [("inclination", 0), ("heading", 1), ("total", 2)];
-            for (name, which) in errors {
+            let errors = [("inclination", "inclination, °"), ("heading", "heading, °"), ("total", "total, °")];
+            for (which, (name, label)) in errors.into_iter().enumerate() {
                 let shown: Vec<_> =
                     curves.iter().enumerate().filter(|(at, _)| is_meaningful(at + first, which)).collect();
                 if shown.is_empty() {
@@ -192,34 +190,19 @@ impl HtmlReport<'_> {
                 };
                 let rms: Vec<_> = shown.iter().map(stage_rms).collect();
                 page.push(&format!("<h3>{name} {kind}, {rms_label}: {}</h3>", escape(&rms.join(", "))));
-                let line =
-                    |(at, curves): (usize, &ErrorCurves)| Line::from_curve(&curves.curves[which], Some(at + first));
-                let lines = shown.into_iter().map(line).collect();
-                let label = format!("{name}, °");
-                page.push_chart(&Chart {
-                    y_label: &label,
-                    x_label: "time, s",
-                    x_range,
-                    is_log_x: false,
-                    starts_at_zero: true,
-                    lines,
-                });
+                // The first stage is drawn last, above the others.
+                let shown = shown.iter().rev().map(|(at, curves)| series(&curves.curves[which], Some(at + first)));
+                page.push_time_chart(label, end_s, true, &shown.collect::<Vec<_>>())?;
             }
         }
         for (which, label) in ["roll, °", "pitch, °", "yaw, °"].into_iter().enumerate() {
-            let line = |angles: &AngleCurves, stage| Line::from_curve(&angles.0[which], stage);
-            let stages = overlay.stages.iter().enumerate().map(|(at, angles)| line(angles, Some(at)));
-            let lines = stages.chain([line(&overlay.reference, None)]).collect();
+            let stages = overlay.stages.iter().enumerate().rev();
+            let stages = stages.map(|(at, angles)| series(&angles.0[which], Some(at)));
+            let all: Vec<_> = stages.chain([series(&overlay.reference.0[which], None)]).collect();
             page.push(&format!("<h3>{}</h3>", label.trim_end_matches(", °")));
-            page.push_chart(&Chart {
-                y_label: label,
-                x_label: "time, s",
-                x_range,
-                is_log_x: false,
-                starts_at_zero: false,
-                lines,
-            });
+            page.push_time_chart(label, end_s, false, &all)?;
         }
+        Ok(())
     }
 
     fn add_settings(&self, page: &mut PageBuilder) {
@@ -271,7 +254,6 @@ impl HtmlReport<'_> {
 #[derive(Default)]
 struct PageBuilder {
     text: String,
-    charts: usize,
 }
 
 impl PageBuilder {
@@ -279,24 +261,48 @@ impl PageBuilder {
         self.text.push_str(text);
     }
 
-    fn push_chart(&mut self, chart: &Chart<'_>) {
-        self.charts += 1;
-        let (svg, clip_note) = chart.svg(self.charts);
-        self.push(&svg);
-        if let Some(note) = clip_note {
-            self.push(&format!("<p class=\"note\">{note}</p>"));
+    /// Adds a chart as an SVG element, labelled by its vertical axis.
+    fn push_chart(&mut self, chart: &Chart) -> io::Result<()> {
+        let svg = figures::svg(CHART_SIZE, chart).map_err(|cause| io::Error::other(cause.to_string()))?;
+        let svg = svg.replacen(SVG_NAMESPACE, "", 1);
+        self.push(&format!("<figure role=\"img\" aria-label=\"{}\">{svg}</figure>", escape(&chart.y.label)));
+        Ok(())
+    }
+
+    /// Adds a chart of curves from time 0 to `end_s`. The range of its vertical axis ignores
+    /// outliers. If a curve exceeds the axis, a note states the largest value.
+    fn push_time_chart(
+        &mut self,
+        label: &'static str,
+        end_s: f64,
+        starts_at_zero: bool,
+        series: &[Series<'_>],
+    ) -> io::Result<()> {
+        let ranges = || series.iter().filter_map(|series| series.curve.robust_range(OUTLIER_PERCENT));
+        let low = ranges().map(|range| range.0).reduce(f64::min);
+        let high = ranges().map(|range| range.1).reduce(f64::max);
+        let (Some(low), Some(high)) = (low, high) else { return Ok(()) };
+        let low = if starts_at_zero { 0.0 } else { low };
+        let margin = (0.08 * (high - low)).max(1e-6 * high.abs()).max(1e-9);
+        let y_range = if starts_at_zero { 0.0 } else { low - margin }..high + margin;
+        let end = y_range.end;
+        self.push_chart(&time_chart(label, 0.0..end_s, y_range, series))?;
+        let largest = series.iter().filter_map(|series| series.curve.range()).map(|range| range.1).reduce(f64::max);
+        if let Some(largest) = largest.filter(|largest| *largest > end) {
+            self.push(&format!("<p class=\"note\">axis ends at {end:.2}; the largest value is {largest:.2}</p>"));
         }
+        Ok(())
     }
 
     fn push_legend(&mut self, stages: &[StageScore], has_reference: bool) {
-        let stages = stages.iter().enumerate().map(|(at, stage)| (Some(at), stage.fuser.as_str()));
+        let stages = stages.iter().enumerate().map(|(at, stage)| (series_style(at), stage.fuser.as_str()));
         self.push("<p class=\"legend\">");
-        for (stage, name) in stages.chain(has_reference.then_some((None, "reference"))) {
-            let css_class = stage_class(stage);
+        for ((RGBColor(r, g, b), style), name) in stages.chain(has_reference.then_some((REFERENCE, "reference"))) {
+            let dashes = if let LineStyle::Dashed(on, off) = style { format!("{on} {off}") } else { "none".into() };
             // Writing to a `String` cannot fail.
             let _ = write!(
                 self.text,
-                "<svg viewBox=\"0 0 40 10\" role=\"presentation\"><line class=\"key {css_class}\" x1=\"0\" x2=\"40\" y1=\"5\" y2=\"5\"/></svg>{}",
+                "<svg viewBox=\"0 0 40 10\" role=\"presentation\"><line x1=\"0\" x2=\"40\" y1=\"5\" y2=\"5\" stroke=\"#{r:02X}{g:02X}{b:02X}\" stroke-width=\"2\" stroke-dasharray=\"{dashes}\"/></svg>{}",
                 escape(name)
             );
         }
@@ -304,6 +310,31 @@ impl PageBuilder {
     }
 }
 
+/// Escapes a text for HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
 fn format_deg(deg: Option<f64>) -> String {
     deg.map_or("–".into(), |deg| format!("{deg:.3}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::curve::Curve;
+
+    #[test]
+    fn spike_is_clipped_and_reported() {
+        let mut curve = Curve::with_bins(1000, 400);
+        for i in 0..1000 {
+            curve.push(f64::from(i), if i == 500 { 90.0 } else { 1.0 + f64::from(i % 7) });
+        }
+        curve.finish();
+        let mut page = PageBuilder::default();
+        let series = [Series { name: "wz", style: series_style(0), curve: &curve }];
+        page.push_time_chart("error, °", 1000.0, true, &series).unwrap();
+        assert!(page.text.ends_with("axis ends at 7.56; the largest value is 90.00</p>"), "{}", page.text);
+        assert!(page.text.contains(">\n6\n<") && !page.text.contains(">\n80\n<"), "{}", page.text);
+    }
 }
