@@ -88,9 +88,6 @@ pub(crate) mod top {
 pub(crate) mod station {
     pub(crate) use super::AbsentCommand as Station;
 
-    #[cfg(all(feature = "network", feature = "cockpit"))]
-    pub(crate) use crate::station_fleet as fleet;
-
     pub(crate) fn run(_: &Station) -> super::ExitCode {
         super::fail("plumb station", if cfg!(feature = "network") { "tui" } else { "network" })
     }
@@ -130,23 +127,17 @@ pub(crate) mod ros_sensor {
     }
 }
 
-#[cfg(all(feature = "cockpit", not(feature = "network")))]
-pub(crate) mod fleet {
-    use crate::view::{View, ViewError};
-
-    pub(crate) fn show(_: &View, _: Option<&str>) -> Result<super::ExitCode, ViewError> {
-        Err(super::remote::ERROR.into())
-    }
-}
-
 #[cfg(not(feature = "network"))]
 pub(crate) mod remote {
+    use std::path::Path;
+
     use control::{ServiceStatus, SwapReport};
+    use graph::Topic;
     use launch::StageConfig;
 
     pub(crate) use super::MissingFeature as RemoteError;
 
-    pub(super) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
+    pub(crate) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
 
     impl RemoteError {
         pub(crate) fn exit_code(&self) -> u8 {
@@ -154,35 +145,49 @@ pub(crate) mod remote {
         }
     }
 
-    /// Endpoint of a remote vehicle, accepted so that `--remote` is reported and not the endpoint.
-    #[derive(clap::Args, Clone)]
-    pub(crate) struct RemoteEndpoint {
-        #[arg(long, hide = true)]
-        connect: Vec<String>,
-        #[arg(long, hide = true)]
-        keys: Option<String>,
-    }
+    /// Endpoint of a remote vehicle, which cannot be opened.
+    pub(crate) struct RemoteEndpoint;
 
-    pub(crate) fn swap(_: &str, _: &RemoteEndpoint, _: &str, _: StageConfig) -> Result<SwapReport, RemoteError> {
-        Err(ERROR)
-    }
-
-    pub(crate) fn ps(_: &str, _: &RemoteEndpoint) -> Result<Vec<ServiceStatus>, RemoteError> {
-        Err(ERROR)
-    }
-
-    /// Remote vehicle, of which this build has none.
-    pub(crate) enum RemoteVehicle {}
-
-    /// Topic of a remote vehicle, of which this build has none.
-    pub(crate) enum RemoteTopic {}
-
-    impl RemoteVehicle {
-        pub(crate) fn find(_: &str, _: &RemoteEndpoint) -> Result<Self, crate::topics::ObserveError> {
-            Err(ERROR.into())
+    impl RemoteEndpoint {
+        pub(crate) fn new(_: &[String], _: Option<&Path>) -> Self {
+            Self
         }
 
-        pub(crate) fn subscribe(&self, _: graph::Topic) -> Result<RemoteTopic, crate::topics::ObserveError> {
+        pub(crate) fn open(&self) -> Result<Absent, RemoteError> {
+            Err(ERROR)
+        }
+    }
+
+    /// Link, vehicle or topic, of which this build has none.
+    pub(crate) enum Absent {}
+
+    pub(crate) use Absent as RemoteVehicle;
+    pub(crate) use Absent as RemoteTopic;
+
+    pub(crate) fn services(link: &Absent, _: &str) -> Result<Vec<ServiceStatus>, RemoteError> {
+        match *link {}
+    }
+
+    pub(crate) fn swap(
+        link: &Absent,
+        _: &RemoteEndpoint,
+        _: &str,
+        _: &str,
+        _: StageConfig,
+    ) -> Result<SwapReport, RemoteError> {
+        match *link {}
+    }
+
+    impl Absent {
+        pub(crate) fn find(link: Self, _: &str) -> Result<Self, RemoteError> {
+            match link {}
+        }
+
+        pub(crate) fn publishes(&self, _: Topic) -> bool {
+            match *self {}
+        }
+
+        pub(crate) fn subscribe(&self, _: Topic) -> Result<Self, RemoteError> {
             match *self {}
         }
 
@@ -193,14 +198,12 @@ pub(crate) mod remote {
         pub(crate) fn unreachable_message(&self) -> String {
             match *self {}
         }
-    }
 
-    /// Callback for delivery statistics and messages of a remote topic.
-    type OnDelivery<'a> = dyn FnMut(observe::flow::Delivery, Option<(&[u8], Option<launch::Output>)>) -> bool + 'a;
-
-    impl RemoteTopic {
         pub(crate) fn poll(&mut self, _: usize, _: &mut OnDelivery<'_>) {
             match *self {}
         }
     }
+
+    /// Callback for delivery statistics and messages of a remote topic.
+    type OnDelivery<'a> = dyn FnMut(observe::flow::Delivery, Option<(&[u8], Option<launch::Output>)>) -> bool + 'a;
 }

@@ -69,7 +69,9 @@ pub(crate) struct Shadow {
 pub(crate) fn swap(swap: Swap) -> ExitCode {
     let json = swap.system.json();
     if let Some((vehicle, endpoint)) = swap.system.remote() {
-        return match remote::swap(vehicle, endpoint, &swap.slot, swap.request(false).stage) {
+        let stage = swap.request(false).stage;
+        let answer = endpoint.open().and_then(|link| remote::swap(&link, &endpoint, vehicle, &swap.slot, stage));
+        return match answer {
             Ok(report) => print_report(&report, json),
             Err(error) => fail(&error, error.exit_code()),
         };
@@ -137,9 +139,10 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 /// Prints the status of each service.
 pub(crate) fn ps(system: SystemArgs) -> ExitCode {
     let result = match system.remote() {
-        Some((vehicle, endpoint)) => {
-            remote::ps(vehicle, endpoint).map_err(|error| (error.to_string(), error.exit_code()))
-        }
+        Some((vehicle, endpoint)) => endpoint
+            .open()
+            .and_then(|link| remote::services(&link, vehicle))
+            .map_err(|error| (error.to_string(), error.exit_code())),
         None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status)
             .map_err(|error| (error.to_string(), 1)),
     };

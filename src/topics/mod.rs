@@ -4,8 +4,6 @@
 
 mod error;
 pub(crate) mod frame;
-#[cfg(feature = "network")]
-pub(crate) mod remote;
 
 use std::{
     sync::{
@@ -22,12 +20,11 @@ use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
-#[cfg(not(feature = "network"))]
-use crate::remote::{RemoteTopic, RemoteVehicle};
-use crate::system::SystemArgs;
+use crate::{
+    remote::{RemoteTopic, RemoteVehicle},
+    system::SystemArgs,
+};
 pub(crate) use error::ObserveError;
-#[cfg(feature = "network")]
-use remote::{RemoteTopic, RemoteVehicle};
 
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
 /// messages than arrive in one interval.
@@ -55,7 +52,7 @@ impl TopicSource {
     /// Attaches to the selected system.
     pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, ObserveError> {
         Ok(match system.remote() {
-            Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(vehicle, endpoint)?),
+            Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(endpoint.open()?, vehicle)?),
             None => Self::Local(observer(&system.name(), observer_name)?),
         })
     }
@@ -78,10 +75,14 @@ impl TopicSource {
     /// Opens all topics that are available.
     pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, ObserveError> {
         let mut watched = Vec::new();
-        for topic in Topic::ALL {
+        let is_sent = |topic: &&Topic| match self {
+            Self::Local(_) => true,
+            Self::Remote(vehicle) => vehicle.publishes(**topic),
+        };
+        for topic in Topic::ALL.iter().filter(is_sent) {
             match self.open_known(*topic) {
                 Ok(topic) => watched.push(topic),
-                Err(ObserveError::Bus(BusError::TopicNotOpen { .. }) | ObserveError::NotSent { .. }) => {}
+                Err(ObserveError::Bus(BusError::TopicNotOpen { .. })) => {}
                 Err(error) => return Err(error),
             }
         }

@@ -19,15 +19,16 @@ use runtime::frames::attitude_from_frame;
 use wire::v1::VehicleLine;
 
 use crate::{
-    remote::{self, RemoteEndpoint},
-    topics::remote::{RemoteTopic, RemoteVehicle},
+    endpoint::RemoteEndpoint,
+    requests,
+    vehicle::{RemoteTopic, RemoteVehicle},
 };
 
 /// Interval between two attempts to find a vehicle.
 const TRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Topics of a remote vehicle as a source of the cockpit.
-pub(super) struct RemoteSource {
+pub(crate) struct RemoteSource {
     name: String,
     link: Link,
     found: Option<Found>,
@@ -40,7 +41,7 @@ type Found = (RemoteVehicle, Vec<(Topic, RemoteTopic)>);
 
 impl RemoteSource {
     /// Creates the source for a vehicle, which may not be reachable yet.
-    pub(super) fn new(name: &str, link: Link) -> Self {
+    pub(crate) fn new(name: &str, link: Link) -> Self {
         let state = SourceState::Connecting(format!("connecting to vehicle {name:?}"));
         Self { name: name.into(), link, found: None, tried_at: None, state }
     }
@@ -59,7 +60,7 @@ impl RemoteSource {
         if self.tried_at.is_some_and(|tried_at| tried_at.elapsed() < TRY_INTERVAL) {
             return;
         }
-        match RemoteVehicle::find_over(self.link.clone(), &self.name) {
+        match RemoteVehicle::find(self.link.clone(), &self.name) {
             Ok(vehicle) => {
                 // Topics that the vehicle does not publish are not shown.
                 let remote_topic = |topic| Some((topic, vehicle.subscribe(topic).ok()?));
@@ -105,14 +106,14 @@ fn to_native_frame(topic: Topic, bytes: &[u8], reported: Option<Output>) -> Opti
 }
 
 /// Summaries of all reachable vehicles, updated once a second.
-pub(super) type VehicleLines = Arc<Mutex<Vec<VehicleLine>>>;
+pub(crate) type VehicleLines = Arc<Mutex<Vec<VehicleLine>>>;
 
 /// Command target that sends requests to a remote vehicle.
-pub(super) struct RemoteCommandTarget {
-    pub(super) name: String,
-    pub(super) link: Link,
-    pub(super) endpoint: RemoteEndpoint,
-    pub(super) lines: VehicleLines,
+pub(crate) struct RemoteCommandTarget {
+    pub(crate) name: String,
+    pub(crate) link: Link,
+    pub(crate) endpoint: RemoteEndpoint,
+    pub(crate) lines: VehicleLines,
 }
 
 impl CommandTarget for RemoteCommandTarget {
@@ -129,7 +130,7 @@ impl CommandTarget for RemoteCommandTarget {
     }
 
     fn services(&self) -> Result<Vec<ServiceStatus>, String> {
-        remote::services(&self.link, &self.name).map_err(|error| error.to_string())
+        requests::services(&self.link, &self.name).map_err(|error| error.to_string())
     }
 
     fn vehicles(&self) -> Vec<VehicleLine> {
@@ -145,8 +146,7 @@ impl CommandTarget for RemoteCommandTarget {
             return Err("a shadow cannot be started remotely; run `plumb shadow` on the vehicle".into());
         }
         let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
-        remote::swap_over(&self.link, &self.name, &self.endpoint, &request.slot, stage)
-            .map_err(|error| error.to_string())
+        requests::swap(&self.link, &self.endpoint, &self.name, &request.slot, stage).map_err(|error| error.to_string())
     }
 
     fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
