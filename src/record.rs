@@ -1,8 +1,6 @@
-//! `plumb record`: records a running system to a file. Also the recorder of `plumb up --record`.
+//! `plumb record`: records a running system to a file.
 
 use std::{
-    fs,
-    os::unix::fs::DirBuilderExt,
     path::{Path, PathBuf},
     process::ExitCode,
     thread,
@@ -13,9 +11,8 @@ use bus::{BusError, Observer, Tap};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
-use graph::{Service, Topic};
+use graph::Topic;
 use runtime::ServiceConfig;
-use supervisor::{RecordingReport, Report, UpError};
 
 use crate::{
     duration::duration_s,
@@ -205,79 +202,6 @@ fn reattach(name: &str, supervisor: u32, topics: &[Topic], stop: &mut StopCondit
 
 fn is_alive(pid: u32) -> bool {
     Path::new(&format!("/proc/{pid}")).exists()
-}
-
-/// Recorder of `plumb up --record`, which records a system from its first tick.
-pub(crate) struct FlightRecorder {
-    folder: PathBuf,
-    launch_file: Option<PathBuf>,
-    /// Source from the command line, which overrides that of the launch file.
-    source: Option<String>,
-    /// Receiver from the command line, which overrides that of the launch file.
-    receiver: Option<String>,
-    recorder: Option<Recorder>,
-}
-
-impl FlightRecorder {
-    /// Creates a recorder that writes one file per start to `folder`.
-    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>, receiver: Option<&str>) -> Self {
-        let (launch_file, source) = (launch_file.map(Path::to_owned), source.map(str::to_owned));
-        Self { folder: folder.to_owned(), launch_file, source, receiver: receiver.map(str::to_owned), recorder: None }
-    }
-}
-
-impl supervisor::Recorder for FlightRecorder {
-    fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError> {
-        let to_up_error = |error: FlightError| UpError::Recorder(error.to_string());
-        let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
-        created.map_err(|cause| to_up_error(FlightError::Create { path: self.folder.clone(), cause }))?;
-        let path = flight::unused_path(&self.folder, &config.launch.name).map_err(to_up_error)?;
-        let mode = if config.launch.tick_source() != Service::Ingest {
-            // The ticks come from another host and need not begin with the first one.
-            RecordingMode::FromAnyTick
-        } else if config.is_lockstep() {
-            RecordingMode::Lockstep
-        } else {
-            RecordingMode::FromFirstTick
-        };
-        let header = FlightHeader {
-            launch_file: self.launch_file.clone(),
-            launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
-                match (self.source.as_deref(), self.receiver.as_deref()) {
-                    (None, None) => Some(text),
-                    (source, receiver) => launch::with_overrides(&text, source, receiver),
-                }
-            }),
-            ..FlightHeader::new(env!("CARGO_PKG_VERSION"), config)
-        };
-        self.recorder = Some(Recorder::create(&path, &header, Topic::ALL, mode).map_err(to_up_error)?);
-        supervisor::announce(format_args!("recording to {}", path.display()));
-        Ok(())
-    }
-
-    fn record(&mut self, topic: Topic, message: &[u8]) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.record(topic, message));
-    }
-
-    fn on_overflow(&mut self, topic: Topic) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.record_overflow(topic));
-    }
-
-    fn end_round(&mut self) {
-        self.recorder.iter_mut().for_each(Recorder::poll);
-    }
-
-    fn failure(&self) -> Option<String> {
-        self.recorder.as_ref()?.failure().map(str::to_owned)
-    }
-
-    fn finish(&mut self, report: &Report) -> RecordingReport {
-        let Some(recorder) = self.recorder.take() else { return RecordingReport::default() };
-        let end_reason = report.error.as_deref().unwrap_or("ended normally");
-        let RecordingSummary { file, messages, missed, bytes, error, .. } =
-            recorder.finish(end_reason, Some(report.to_json()));
-        RecordingReport { file, messages, missed, bytes, error }
-    }
 }
 
 fn parse_topic(name: &str) -> Result<Topic, String> {

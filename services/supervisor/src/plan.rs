@@ -44,6 +44,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Columns of the output file after time and quaternion.
     pub columns: Vec<Column>,
+    /// Folder for the recording of the run; `None` for no recording.
+    pub record: Option<PathBuf>,
     /// `true` to ignore the state kept from an earlier run.
     pub cold: bool,
     /// `true` to publish the raw readings of the source, so that the recorded flight can be
@@ -217,11 +219,7 @@ pub(crate) fn validate(launch: &Launch, slot: Slot) -> Result<(), String> {
 
 /// Returns the text of the given launch file, else of `launch.toml` in the current folder, else of
 /// the built-in launch file.
-///
-/// # Errors
-///
-/// Returns an error if the file cannot be read.
-pub fn launch_text(path: Option<&Path>) -> io::Result<String> {
+pub(crate) fn launch_text(path: Option<&Path>) -> io::Result<String> {
     match path {
         Some(path) => fs::read_to_string(path),
         None if Path::new(LAUNCH_FILE).exists() => fs::read_to_string(LAUNCH_FILE),

@@ -4,11 +4,10 @@
 //! lockstep each round is complete, because the source receives credit only after the round.
 
 use bus::{Bus, BusError, Subscriber};
+use flight::Recorder;
 use graph::Topic;
 use messages::Message;
 use runtime::ServiceConfig;
-
-use crate::recorder::Recorder;
 
 pub(super) struct RecordedTopics(Vec<Box<dyn DrainTopic>>);
 
@@ -19,14 +18,14 @@ impl RecordedTopics {
     }
 
     /// Passes the messages received to the recorder and ends the round.
-    pub(super) fn poll(&self, recorder: &mut dyn Recorder) {
+    pub(super) fn poll(&self, recorder: &mut Recorder) {
         self.0.iter().for_each(|topic| topic.drain(recorder));
-        recorder.end_round();
+        recorder.poll();
     }
 }
 
 trait DrainTopic {
-    fn drain(&self, recorder: &mut dyn Recorder);
+    fn drain(&self, recorder: &mut Recorder);
 }
 
 struct TopicReader<M: Message> {
@@ -41,7 +40,7 @@ fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<B
 }
 
 impl<M: Message> DrainTopic for TopicReader<M> {
-    fn drain(&self, recorder: &mut dyn Recorder) {
+    fn drain(&self, recorder: &mut Recorder) {
         let mut count = 0;
         let result = self.subscriber.drain(2 * self.buffer, |message| {
             count += 1;
@@ -49,7 +48,7 @@ impl<M: Message> DrainTopic for TopicReader<M> {
         });
         // A failed read affects only the recording.
         if count >= self.buffer || result.is_err() {
-            recorder.on_overflow(self.topic);
+            recorder.record_overflow(self.topic);
         }
     }
 }
