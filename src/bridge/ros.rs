@@ -15,10 +15,7 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::{
-    print_counts,
-    sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz},
-};
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, print_counts, rate_hz};
 use crate::system::EndpointArgs;
 
 /// Largest ROS 2 domain id.

@@ -9,9 +9,8 @@ use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
 use super::{
-    print_counts,
     ros::MAX_DOMAIN,
-    sender::{BridgeArgs, BridgeError},
+    sender::{BridgeArgs, BridgeError, print_counts},
 };
 use crate::{system::EndpointArgs, topics::StopCondition};
 

@@ -2,7 +2,9 @@
 
 use std::{
     collections::VecDeque,
-    fmt, thread,
+    fmt,
+    process::ExitCode,
+    thread,
     time::{Duration, Instant},
 };
 
@@ -19,7 +21,9 @@ use swap::ReorderBuffer;
 
 use crate::{
     duration::duration_s,
+    failure::fail,
     remote::RemoteError,
+    stdout::print,
     system::LocalSystemArgs,
     topics::{POLL_INTERVAL, StopCondition, observer},
 };
@@ -64,6 +68,16 @@ impl BridgeError {
             Self::Remote(error) => error.exit_code(),
             _ => 1,
         }
+    }
+}
+
+/// Prints the counts or the error.
+pub(super) fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
+    match counts {
+        // Serialising numbers cannot fail.
+        Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
+        Ok(counts) => print(&counts),
+        Err(error) => fail(&error, error.exit_code()),
     }
 }
 

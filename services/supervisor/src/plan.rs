@@ -11,7 +11,7 @@ use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
-use crate::{Flight, error::UpError, warm};
+use crate::{Flight, error::UpError, warm::state_file_path};
 
 /// Name of the default launch file.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -151,7 +151,7 @@ impl Plan {
             has_reference: has_reference && config.launch.gateway.import.is_none(),
             recording: request.replay.clone(),
             out: out_file(request, &config.launch),
-            state_file: warm::state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
+            state_file: state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
             cold: request.cold,
             config,
         })
