@@ -7,7 +7,7 @@ use std::{
 };
 
 use cockpit::{
-    local_system::TOPICS,
+    local_system::observed_topics,
     source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
@@ -64,7 +64,7 @@ impl RemoteSource {
             Ok(vehicle) => {
                 // Topics that the vehicle does not publish are not shown.
                 let remote_topic = |topic| Some((topic, vehicle.subscribe(topic).ok()?));
-                let remote_topics = TOPICS.into_iter().filter_map(remote_topic).collect();
+                let remote_topics = observed_topics().filter_map(remote_topic).collect();
                 self.found = Some((vehicle, remote_topics));
                 self.state = SourceState::Live;
             }
