@@ -48,50 +48,50 @@ fn fail(what: &'static str, feature: &'static str) -> ExitCode {
     crate::failure::fail(&MissingFeature { what, feature }, 2)
 }
 
+/// Declares the stand-in of a service.
+#[cfg(not(all(feature = "network", feature = "cockpit")))]
+macro_rules! absent_service {
+    ($module:ident, $feature:literal) => {
+        pub(crate) mod $module {
+            use super::MissingFeature;
+
+            pub(crate) fn run() -> Result<(), MissingFeature> {
+                Err(MissingFeature { what: stringify!($module), feature: $feature })
+            }
+        }
+    };
+}
+
+/// Declares the stand-in of a command. `$argument` is the type of the parameter of `run`.
+#[cfg(not(all(feature = "network", feature = "cockpit", feature = "tui")))]
+macro_rules! absent_command {
+    ($module:ident, $Command:ident, $argument:ty, $what:literal, $feature:expr) => {
+        pub(crate) mod $module {
+            pub(crate) use super::AbsentCommand as $Command;
+
+            pub(crate) fn run(_: $argument) -> super::ExitCode {
+                super::fail($what, $feature)
+            }
+        }
+    };
+}
+
 #[cfg(not(feature = "network"))]
-pub(crate) mod gateway {
-    use super::MissingFeature;
-
-    pub(crate) fn run() -> Result<(), MissingFeature> {
-        Err(MissingFeature { what: "gateway", feature: "network" })
-    }
-}
-
+absent_service!(gateway, "network");
 #[cfg(not(feature = "cockpit"))]
-pub(crate) mod cockpit {
-    use super::MissingFeature;
-
-    pub(crate) fn run() -> Result<(), MissingFeature> {
-        Err(MissingFeature { what: "cockpit", feature: "cockpit" })
-    }
-}
-
+absent_service!(cockpit, "cockpit");
 #[cfg(not(feature = "cockpit"))]
-pub(crate) mod view {
-    pub(crate) use super::AbsentCommand as View;
-
-    pub(crate) fn run(_: &View) -> super::ExitCode {
-        super::fail("plumb view", "cockpit")
-    }
-}
-
+absent_command!(view, View, &View, "plumb view", "cockpit");
 #[cfg(not(feature = "tui"))]
-pub(crate) mod top {
-    pub(crate) use super::AbsentCommand as TopCommand;
-
-    pub(crate) fn run(_: TopCommand) -> super::ExitCode {
-        super::fail("plumb top", "tui")
-    }
-}
-
-#[cfg(not(all(feature = "network", feature = "tui")))]
-pub(crate) mod station {
-    pub(crate) use super::AbsentCommand as Station;
-
-    pub(crate) fn run(_: &Station) -> super::ExitCode {
-        super::fail("plumb station", if cfg!(feature = "network") { "tui" } else { "network" })
-    }
-}
+absent_command!(top, TopCommand, TopCommand, "plumb top", "tui");
+#[cfg(not(feature = "network"))]
+absent_command!(station, Station, &Station, "plumb station", "network");
+#[cfg(all(feature = "network", not(feature = "tui")))]
+absent_command!(station, Station, &Station, "plumb station", "tui");
+#[cfg(not(feature = "network"))]
+absent_command!(ros, Ros, &Ros, "plumb bridge ros", "network");
+#[cfg(not(feature = "network"))]
+absent_command!(ros_sensor, RosSensor, &RosSensor, "plumb bridge ros-sensor", "network");
 
 #[cfg(not(feature = "network"))]
 pub(crate) mod keys {
@@ -106,24 +106,6 @@ pub(crate) mod keys {
 
     pub(crate) fn run(_: Command) -> super::ExitCode {
         super::fail("plumb keys", "network")
-    }
-}
-
-#[cfg(not(feature = "network"))]
-pub(crate) mod ros {
-    pub(crate) use super::AbsentCommand as Ros;
-
-    pub(crate) fn run(_: &Ros) -> super::ExitCode {
-        super::fail("plumb bridge ros", "network")
-    }
-}
-
-#[cfg(not(feature = "network"))]
-pub(crate) mod ros_sensor {
-    pub(crate) use super::AbsentCommand as RosSensor;
-
-    pub(crate) fn run(_: &RosSensor) -> super::ExitCode {
-        super::fail("plumb bridge ros-sensor", "network")
     }
 }
 
