@@ -154,16 +154,9 @@ impl StatusMonitor {
         let (description, statuses) = reply.filter(|_| state == SourceState::Live).unwrap_or_default();
         let supervisor = description.supervisor_pid.map(|pid| ServiceStatus {
             service: "supervisor".into(),
-            stage: None,
             state: "running".into(),
             pid: Some(pid),
-            restarts: 0,
-            incarnation: 0,
-            epoch: 0,
-            ticks: 0,
-            lost: 0,
-            address: None,
-            diagnostics: Vec::new(),
+            ..ServiceStatus::default()
         });
         let statuses: Vec<_> = statuses.into_iter().chain(supervisor).collect();
         let is_local = description.supervisor_pid.is_some();

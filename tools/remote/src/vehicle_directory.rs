@@ -10,10 +10,9 @@ use std::{
 
 use cockpit::{
     hub::Hub,
-    source::{CommandTarget, Source, SourceState, SystemDescription},
+    source::CommandTarget,
     vehicles::{VehicleDirectory, VehicleView},
 };
-use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
 use link::Link;
 use runtime::frames::attitude_from_frame;
@@ -78,29 +77,22 @@ impl RemoteDirectory {
         Ok(Self { link, endpoint, default_vehicle, lines, views: Arc::default() })
     }
 
-    fn target(&self, name: &str) -> Arc<dyn CommandTarget> {
-        let (name, link, endpoint, lines) =
-            (name.to_owned(), self.link.clone(), self.endpoint.clone(), self.lines.clone());
-        Arc::new(RemoteCommandTarget { name, link, endpoint, lines })
-    }
-
     /// Opens the view of a vehicle, or an empty view if no vehicle is named.
     fn open_view(&self, name: Option<&str>) -> VehicleView {
         let hub = Arc::new(Hub::default());
-        let target: Arc<dyn CommandTarget> = match name {
-            Some(name) => self.target(name),
-            None => Arc::new(NoTarget(self.lines.clone())),
-        };
+        let target: Arc<dyn CommandTarget> = Arc::new(RemoteCommandTarget {
+            name: name.map(str::to_owned),
+            link: self.link.clone(),
+            endpoint: self.endpoint.clone(),
+            lines: self.lines.clone(),
+        });
         let system = name.unwrap_or_default().to_owned();
         let view = VehicleView { system, hub: hub.clone(), target: Some(target.clone()) };
-        let mut source: Box<dyn Source + Send> = match name {
-            Some(name) => Box::new(RemoteSource::new(name, self.link.clone())),
-            None => Box::new(NoSource),
-        };
+        let mut source = RemoteSource::new(name, self.link.clone());
         let (views, name) = (self.views.clone(), name.unwrap_or_default().to_owned());
         thread::spawn(move || {
             let shown = hub.clone();
-            let Ok(()) = cockpit::publish_source(&mut *source, target, &shown, &mut |_| {
+            let Ok(()) = cockpit::publish_source(&mut source, target, &shown, &mut |_| {
                 Ok::<_, Infallible>(is_in_use(&views, &name, &hub))
             });
         });
@@ -194,47 +186,5 @@ fn line(name: &str, vehicle: &Vehicle, services: Option<&Services>) -> VehicleLi
         lost_ticks: status("course").map(|status| status.lost),
         stage: status("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
         services: vehicle.services.iter().cloned().collect(),
-    }
-}
-
-/// Source used while no vehicle is selected.
-struct NoSource;
-
-impl Source for NoSource {
-    fn poll(&mut self, _take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
-        SourceState::Unselected
-    }
-
-    fn has_every_tick(&self) -> bool {
-        false
-    }
-}
-
-/// Command target used while no vehicle is selected. It only lists the reachable vehicles.
-struct NoTarget(VehicleLines);
-
-impl CommandTarget for NoTarget {
-    fn description(&self) -> Result<SystemDescription, String> {
-        Ok(SystemDescription::default())
-    }
-
-    fn services(&self) -> Result<Vec<ServiceStatus>, String> {
-        Ok(Vec::new())
-    }
-
-    fn vehicles(&self) -> Vec<VehicleLine> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn takes_commands(&self) -> bool {
-        false
-    }
-
-    fn swap(&self, _request: SwapRequest) -> Result<SwapReport, String> {
-        Err("no vehicle is selected".into())
-    }
-
-    fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
-        Err("no vehicle is selected".into())
     }
 }
