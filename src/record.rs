@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{BusError, Observer, Tap};
+use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
@@ -19,7 +19,7 @@ use crate::{
     failure::{fail, fail_after_result},
     stdout::print,
     system::LocalSystemArgs,
-    topics::{ObserveError, POLL_INTERVAL, StopCondition, observer},
+    topics::{LateTopic, ObserveError, POLL_INTERVAL, StopCondition, observer},
 };
 
 /// Timeout for reattaching after the supervisor has renewed the system's bus.
@@ -134,43 +134,22 @@ fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> 
 /// Interval between checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Open topics of a running system. The taps must be dropped before the observer.
+/// Topics of a running system. The taps must be dropped before the observer.
 struct TopicTaps {
-    taps: Vec<(Topic, Tap)>,
+    taps: Vec<(Topic, LateTopic)>,
     observer: Observer,
-    topics: Vec<Topic>,
-    checked_at: Instant,
 }
 
 impl TopicTaps {
     fn attach(observer: Observer, topics: &[Topic]) -> Result<Self, BusError> {
-        let mut taps = Self { taps: Vec::new(), observer, topics: topics.to_vec(), checked_at: Instant::now() };
-        taps.open()?;
-        Ok(taps)
-    }
-
-    /// Opens the topics that have become available.
-    fn open(&mut self) -> Result<(), BusError> {
-        self.checked_at = Instant::now();
-        for topic in &self.topics {
-            if self.taps.iter().any(|(open, _)| open == topic) {
-                continue;
-            }
-            match self.observer.tap(*topic) {
-                Ok(tap) => self.taps.push((*topic, tap)),
-                Err(BusError::TopicNotOpen { .. }) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
+        let mut taps: Vec<_> = topics.iter().map(|topic| (*topic, LateTopic::new(*topic))).collect();
+        taps.iter_mut().try_for_each(|(_, late)| late.tap(&observer).map(drop))?;
+        Ok(Self { taps, observer })
     }
 
     fn drain_into(&mut self, recorder: &mut Recorder) {
-        // Some topics, such as those of a driver, become available later, so opening is retried.
-        if self.checked_at.elapsed() >= LIVENESS_INTERVAL {
-            let _ = self.open();
-        }
-        for (topic, tap) in &self.taps {
+        for (topic, late) in &mut self.taps {
+            let Ok(Some(tap)) = late.tap(&self.observer) else { continue };
             let read = tap.drain(&mut |message| recorder.record(*topic, message));
             if read.unwrap_or(true) {
                 recorder.record_overflow(*topic);
