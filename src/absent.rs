@@ -48,53 +48,50 @@ fn fail(what: &'static str, feature: &'static str) -> ExitCode {
     crate::failure::fail(&MissingFeature { what, feature }, 2)
 }
 
+/// Declares the stand-in of a service.
+#[cfg(not(all(feature = "network", feature = "cockpit")))]
+macro_rules! absent_service {
+    ($module:ident, $feature:literal) => {
+        pub(crate) mod $module {
+            use super::MissingFeature;
+
+            pub(crate) fn run() -> Result<(), MissingFeature> {
+                Err(MissingFeature { what: stringify!($module), feature: $feature })
+            }
+        }
+    };
+}
+
+/// Declares the stand-in of a command. `$argument` is the type of the parameter of `run`.
+#[cfg(not(all(feature = "network", feature = "cockpit", feature = "tui")))]
+macro_rules! absent_command {
+    ($module:ident, $Command:ident, $argument:ty, $what:literal, $feature:expr) => {
+        pub(crate) mod $module {
+            pub(crate) use super::AbsentCommand as $Command;
+
+            pub(crate) fn run(_: $argument) -> super::ExitCode {
+                super::fail($what, $feature)
+            }
+        }
+    };
+}
+
 #[cfg(not(feature = "network"))]
-pub(crate) mod gateway {
-    use super::MissingFeature;
-
-    pub(crate) fn run() -> Result<(), MissingFeature> {
-        Err(MissingFeature { what: "gateway", feature: "network" })
-    }
-}
-
+absent_service!(gateway, "network");
 #[cfg(not(feature = "cockpit"))]
-pub(crate) mod cockpit {
-    use super::MissingFeature;
-
-    pub(crate) fn run() -> Result<(), MissingFeature> {
-        Err(MissingFeature { what: "cockpit", feature: "cockpit" })
-    }
-}
-
+absent_service!(cockpit, "cockpit");
 #[cfg(not(feature = "cockpit"))]
-pub(crate) mod view {
-    pub(crate) use super::AbsentCommand as View;
-
-    pub(crate) fn run(_: &View) -> super::ExitCode {
-        super::fail("plumb view", "cockpit")
-    }
-}
-
+absent_command!(view, View, &View, "plumb view", "cockpit");
 #[cfg(not(feature = "tui"))]
-pub(crate) mod top {
-    pub(crate) use super::AbsentCommand as TopCommand;
-
-    pub(crate) fn run(_: TopCommand) -> super::ExitCode {
-        super::fail("plumb top", "tui")
-    }
-}
-
-#[cfg(not(all(feature = "network", feature = "tui")))]
-pub(crate) mod station {
-    pub(crate) use super::AbsentCommand as Station;
-
-    #[cfg(all(feature = "network", feature = "cockpit"))]
-    pub(crate) use crate::station_fleet as fleet;
-
-    pub(crate) fn run(_: &Station) -> super::ExitCode {
-        super::fail("plumb station", if cfg!(feature = "network") { "tui" } else { "network" })
-    }
-}
+absent_command!(top, TopCommand, TopCommand, "plumb top", "tui");
+#[cfg(not(feature = "network"))]
+absent_command!(station, Station, &Station, "plumb station", "network");
+#[cfg(all(feature = "network", not(feature = "tui")))]
+absent_command!(station, Station, &Station, "plumb station", "tui");
+#[cfg(not(feature = "network"))]
+absent_command!(ros, Ros, &Ros, "plumb bridge ros", "network");
+#[cfg(not(feature = "network"))]
+absent_command!(ros_sensor, RosSensor, &RosSensor, "plumb bridge ros-sensor", "network");
 
 #[cfg(not(feature = "network"))]
 pub(crate) mod keys {
@@ -113,40 +110,16 @@ pub(crate) mod keys {
 }
 
 #[cfg(not(feature = "network"))]
-pub(crate) mod ros {
-    pub(crate) use super::AbsentCommand as Ros;
-
-    pub(crate) fn run(_: &Ros) -> super::ExitCode {
-        super::fail("plumb bridge ros", "network")
-    }
-}
-
-#[cfg(not(feature = "network"))]
-pub(crate) mod ros_sensor {
-    pub(crate) use super::AbsentCommand as RosSensor;
-
-    pub(crate) fn run(_: &RosSensor) -> super::ExitCode {
-        super::fail("plumb bridge ros-sensor", "network")
-    }
-}
-
-#[cfg(all(feature = "cockpit", not(feature = "network")))]
-pub(crate) mod fleet {
-    use crate::view::{View, ViewError};
-
-    pub(crate) fn show(_: &View, _: Option<&str>) -> Result<super::ExitCode, ViewError> {
-        Err(super::remote::ERROR.into())
-    }
-}
-
-#[cfg(not(feature = "network"))]
 pub(crate) mod remote {
+    use std::path::Path;
+
     use control::{ServiceStatus, SwapReport};
+    use graph::Topic;
     use launch::StageConfig;
 
     pub(crate) use super::MissingFeature as RemoteError;
 
-    pub(super) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
+    pub(crate) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
 
     impl RemoteError {
         pub(crate) fn exit_code(&self) -> u8 {
@@ -154,36 +127,49 @@ pub(crate) mod remote {
         }
     }
 
-    /// Endpoint of a remote vehicle. The options are accepted so that the error concerns
-    /// `--remote`.
-    #[derive(clap::Args, Clone)]
-    pub(crate) struct RemoteEndpoint {
-        #[arg(long, hide = true)]
-        connect: Vec<String>,
-        #[arg(long, hide = true)]
-        keys: Option<String>,
-    }
+    /// Endpoint of a remote vehicle, which cannot be opened.
+    pub(crate) struct RemoteEndpoint;
 
-    pub(crate) fn swap(_: &str, _: &RemoteEndpoint, _: &str, _: StageConfig) -> Result<SwapReport, RemoteError> {
-        Err(ERROR)
-    }
-
-    pub(crate) fn ps(_: &str, _: &RemoteEndpoint) -> Result<Vec<ServiceStatus>, RemoteError> {
-        Err(ERROR)
-    }
-
-    /// Remote vehicle. The type has no values, because this build lacks network support.
-    pub(crate) enum RemoteVehicle {}
-
-    /// Topic of a remote vehicle. The type has no values, because this build lacks network support.
-    pub(crate) enum RemoteTopic {}
-
-    impl RemoteVehicle {
-        pub(crate) fn find(_: &str, _: &RemoteEndpoint) -> Result<Self, crate::topics::ObserveError> {
-            Err(ERROR.into())
+    impl RemoteEndpoint {
+        pub(crate) fn new(_: &[String], _: Option<&Path>) -> Self {
+            Self
         }
 
-        pub(crate) fn subscribe(&self, _: graph::Topic) -> Result<RemoteTopic, crate::topics::ObserveError> {
+        pub(crate) fn open(&self) -> Result<Absent, RemoteError> {
+            Err(ERROR)
+        }
+    }
+
+    /// Link, vehicle or topic, of which this build has none.
+    pub(crate) enum Absent {}
+
+    pub(crate) use Absent as RemoteVehicle;
+    pub(crate) use Absent as RemoteTopic;
+
+    pub(crate) fn services(link: &Absent, _: &str) -> Result<Vec<ServiceStatus>, RemoteError> {
+        match *link {}
+    }
+
+    pub(crate) fn swap(
+        link: &Absent,
+        _: &RemoteEndpoint,
+        _: &str,
+        _: &str,
+        _: StageConfig,
+    ) -> Result<SwapReport, RemoteError> {
+        match *link {}
+    }
+
+    impl Absent {
+        pub(crate) fn find(link: Self, _: &str) -> Result<Self, RemoteError> {
+            match link {}
+        }
+
+        pub(crate) fn publishes(&self, _: Topic) -> bool {
+            match *self {}
+        }
+
+        pub(crate) fn subscribe(&self, _: Topic) -> Result<Self, RemoteError> {
             match *self {}
         }
 
@@ -194,14 +180,12 @@ pub(crate) mod remote {
         pub(crate) fn unreachable_message(&self) -> String {
             match *self {}
         }
-    }
 
-    /// Callback for delivery statistics and messages of a remote topic.
-    type OnDelivery<'a> = dyn FnMut(observe::flow::Delivery, Option<(&[u8], Option<launch::Output>)>) -> bool + 'a;
-
-    impl RemoteTopic {
         pub(crate) fn poll(&mut self, _: usize, _: &mut OnDelivery<'_>) {
             match *self {}
         }
     }
+
+    /// Callback for delivery statistics and messages of a remote topic.
+    type OnDelivery<'a> = dyn FnMut(observe::flow::Delivery, Option<(&[u8], Option<launch::Output>)>) -> bool + 'a;
 }

@@ -14,17 +14,11 @@ mod info;
 mod keys;
 mod paper;
 mod record;
-#[cfg(feature = "network")]
-mod remote;
 mod replay;
 mod score;
 mod stage;
 #[cfg(all(feature = "network", feature = "tui"))]
 mod station;
-#[cfg(all(feature = "network", feature = "cockpit", not(feature = "tui")))]
-#[allow(dead_code, reason = "the cockpit uses only a part of it")]
-#[path = "station/fleet.rs"]
-mod station_fleet;
 mod stdout;
 mod swap;
 mod system;
@@ -48,6 +42,9 @@ use absent::{cockpit, view};
 use absent::{gateway, keys, remote};
 use clap::{CommandFactory, Parser, Subcommand};
 use launch::{Launch, Service};
+
+#[cfg(feature = "network")]
+use ::remote;
 
 use failure::{fail, print_error_object};
 

@@ -1,29 +1,25 @@
-//! `plumb record`: records a running system to a file. `plumb up --record` uses the recorder of
-//! this module.
+//! `plumb record`: records a running system to a file.
 
 use std::{
-    fs,
-    os::unix::fs::DirBuilderExt,
     path::{Path, PathBuf},
     process::ExitCode,
     thread,
     time::{Duration, Instant},
 };
 
-use bus::{BusError, Observer, Tap};
+use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
-use graph::{Service, Topic};
+use graph::Topic;
 use runtime::ServiceConfig;
-use supervisor::{RecordingReport, Report, UpError};
 
 use crate::{
     duration::duration_s,
     failure::{fail, fail_after_result},
     stdout::print,
     system::LocalSystemArgs,
-    topics::{ObserveError, POLL_INTERVAL, StopCondition, observer},
+    topics::{LateTopic, ObserveError, POLL_INTERVAL, StopCondition, observer},
 };
 
 /// Timeout for reattaching after the supervisor has renewed the system's bus.
@@ -138,43 +134,22 @@ fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> 
 /// Interval between checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Open topics of a running system. The taps must be dropped before the observer.
+/// Topics of a running system. The taps must be dropped before the observer.
 struct TopicTaps {
-    taps: Vec<(Topic, Tap)>,
+    taps: Vec<(Topic, LateTopic)>,
     observer: Observer,
-    topics: Vec<Topic>,
-    checked_at: Instant,
 }
 
 impl TopicTaps {
     fn attach(observer: Observer, topics: &[Topic]) -> Result<Self, BusError> {
-        let mut taps = Self { taps: Vec::new(), observer, topics: topics.to_vec(), checked_at: Instant::now() };
-        taps.open()?;
-        Ok(taps)
-    }
-
-    /// Opens the topics that have become available.
-    fn open(&mut self) -> Result<(), BusError> {
-        self.checked_at = Instant::now();
-        for topic in &self.topics {
-            if self.taps.iter().any(|(open, _)| open == topic) {
-                continue;
-            }
-            match self.observer.tap(*topic) {
-                Ok(tap) => self.taps.push((*topic, tap)),
-                Err(BusError::TopicNotOpen { .. }) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
+        let mut taps: Vec<_> = topics.iter().map(|topic| (*topic, LateTopic::new(*topic))).collect();
+        taps.iter_mut().try_for_each(|(_, late)| late.tap(&observer).map(drop))?;
+        Ok(Self { taps, observer })
     }
 
     fn drain_into(&mut self, recorder: &mut Recorder) {
-        // Some topics, such as those of a driver, become available later, so opening is retried.
-        if self.checked_at.elapsed() >= LIVENESS_INTERVAL {
-            let _ = self.open();
-        }
-        for (topic, tap) in &self.taps {
+        for (topic, late) in &mut self.taps {
+            let Ok(Some(tap)) = late.tap(&self.observer) else { continue };
             let read = tap.drain(&mut |message| recorder.record(*topic, message));
             if read.unwrap_or(true) {
                 recorder.record_overflow(*topic);
@@ -206,79 +181,6 @@ fn reattach(name: &str, supervisor: u32, topics: &[Topic], stop: &mut StopCondit
 
 fn is_alive(pid: u32) -> bool {
     Path::new(&format!("/proc/{pid}")).exists()
-}
-
-/// Recorder of `plumb up --record`, which records a system from its first tick.
-pub(crate) struct FlightRecorder {
-    folder: PathBuf,
-    launch_file: Option<PathBuf>,
-    /// Source from the command line, which overrides that of the launch file.
-    source: Option<String>,
-    /// Receiver from the command line, which overrides that of the launch file.
-    receiver: Option<String>,
-    recorder: Option<Recorder>,
-}
-
-impl FlightRecorder {
-    /// Creates a recorder that writes one file per start to `folder`.
-    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>, receiver: Option<&str>) -> Self {
-        let (launch_file, source) = (launch_file.map(Path::to_owned), source.map(str::to_owned));
-        Self { folder: folder.to_owned(), launch_file, source, receiver: receiver.map(str::to_owned), recorder: None }
-    }
-}
-
-impl supervisor::Recorder for FlightRecorder {
-    fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError> {
-        let to_up_error = |error: FlightError| UpError::Recorder(error.to_string());
-        let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
-        created.map_err(|cause| to_up_error(FlightError::Create { path: self.folder.clone(), cause }))?;
-        let path = flight::unused_path(&self.folder, &config.launch.name).map_err(to_up_error)?;
-        let mode = if config.launch.tick_source() != Service::Ingest {
-            // The ticks come from another host and need not begin with tick 0.
-            RecordingMode::FromAnyTick
-        } else if config.is_lockstep() {
-            RecordingMode::Lockstep
-        } else {
-            RecordingMode::FromFirstTick
-        };
-        let header = FlightHeader {
-            launch_file: self.launch_file.clone(),
-            launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
-                match (self.source.as_deref(), self.receiver.as_deref()) {
-                    (None, None) => Some(text),
-                    (source, receiver) => launch::with_overrides(&text, source, receiver),
-                }
-            }),
-            ..FlightHeader::new(env!("CARGO_PKG_VERSION"), config)
-        };
-        self.recorder = Some(Recorder::create(&path, &header, Topic::ALL, mode).map_err(to_up_error)?);
-        supervisor::announce(format_args!("recording to {}", path.display()));
-        Ok(())
-    }
-
-    fn record(&mut self, topic: Topic, message: &[u8]) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.record(topic, message));
-    }
-
-    fn on_overflow(&mut self, topic: Topic) {
-        self.recorder.iter_mut().for_each(|recorder| recorder.record_overflow(topic));
-    }
-
-    fn end_round(&mut self) {
-        self.recorder.iter_mut().for_each(Recorder::poll);
-    }
-
-    fn failure(&self) -> Option<String> {
-        self.recorder.as_ref()?.failure().map(str::to_owned)
-    }
-
-    fn finish(&mut self, report: &Report) -> RecordingReport {
-        let Some(recorder) = self.recorder.take() else { return RecordingReport::default() };
-        let end_reason = report.error.as_deref().unwrap_or("ended normally");
-        let RecordingSummary { file, messages, missed, bytes, error, .. } =
-            recorder.finish(end_reason, Some(report.to_json()));
-        RecordingReport { file, messages, missed, bytes, error }
-    }
 }
 
 fn parse_topic(name: &str) -> Result<Topic, String> {

@@ -8,8 +8,8 @@ use messages::{Flags, FusedState, SystemEvent, TakenReading};
 use supervisor::{Flight, Report, Request, UpError};
 
 /// Replays a flight. A replay has no bus, so it cannot be recorded.
-pub(crate) fn replay_flight(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, Box<UpError>> {
-    if is_recorded {
+pub(crate) fn replay_flight(request: &Request, path: &Path) -> Result<Report, Box<UpError>> {
+    if request.record.is_some() {
         return Err(UpError::NoBus.into());
     }
     let flight_error = |error: FlightError| UpError::Flight(error.to_string());

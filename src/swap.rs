@@ -3,14 +3,10 @@
 use std::{
     ops::ControlFlow,
     process::ExitCode,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
     time::{Duration, Instant},
 };
 
-use bus::{BusError, Tap};
+use bus::BusError;
 use clap::Args;
 use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::Topic;
@@ -22,7 +18,7 @@ use crate::{
     remote,
     stdout::{self, print},
     system::SystemArgs,
-    topics::observer,
+    topics::{LateTopic, StopCondition, duration, observer},
 };
 
 /// Interval between two printed differences of a shadow.
@@ -61,15 +57,17 @@ pub(crate) struct Shadow {
     #[command(flatten)]
     swap: Swap,
     /// Duration, s [default: until Ctrl-C or a swap to the same stage]
-    #[arg(long = "for", value_name = "SECONDS")]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "SECONDS", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 /// Swaps the stage of a slot.
 pub(crate) fn swap(swap: Swap) -> ExitCode {
     let json = swap.system.json();
     if let Some((vehicle, endpoint)) = swap.system.remote() {
-        return match remote::swap(vehicle, endpoint, &swap.slot, swap.request(false).stage) {
+        let stage = swap.request(false).stage;
+        let answer = endpoint.open().and_then(|link| remote::swap(&link, &endpoint, vehicle, &swap.slot, stage));
+        return match answer {
             Ok(report) => print_report(&report, json),
             Err(error) => fail(&error, error.exit_code()),
         };
@@ -82,7 +80,7 @@ pub(crate) fn swap(swap: Swap) -> ExitCode {
 
 /// Runs a stage in shadow and prints its difference from the active stage.
 pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
-    let Shadow { swap, duration_s } = shadow;
+    let Shadow { swap, duration } = shadow;
     if swap.system.remote().is_some() {
         return fail(
             &"--remote is not supported for a shadow; run `plumb shadow` on the vehicle, or use `plumb swap --remote`",
@@ -93,22 +91,13 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     let Some(service) = Service::from_name(&swap.slot) else {
         return fail(&format_args!("unknown slot `{}`: expected gyro, accel, fuser or course", swap.slot), 2);
     };
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        if let Err(cause) = signal_hook::flag::register(signal, stop.clone()) {
-            return fail(&format_args!("cannot catch signals: {cause}"), 1);
-        }
-    }
+    let mut stop = StopCondition::new(|| true, duration);
     let request = ControlRequest::Swap(swap.request(true));
     let reply = std::thread::spawn({
         let name = name.clone();
         move || send_request::<SwapReport>(&name, &request)
     });
-    let printed = print_differences(&name, service, json, &|started: Instant| {
-        stop.load(Ordering::SeqCst)
-            || reply.is_finished()
-            || duration_s.is_some_and(|limit_s| started.elapsed().as_secs_f64() > limit_s)
-    });
+    let printed = print_differences(&name, service, json, &mut || stop.is_met() || reply.is_finished());
     let outcome = match printed {
         Ok(outcome) => outcome,
         Err(error) => return fail(&error, 1),
@@ -137,9 +126,10 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 /// Prints the status of each service.
 pub(crate) fn ps(system: SystemArgs) -> ExitCode {
     let result = match system.remote() {
-        Some((vehicle, endpoint)) => {
-            remote::ps(vehicle, endpoint).map_err(|error| (error.to_string(), error.exit_code()))
-        }
+        Some((vehicle, endpoint)) => endpoint
+            .open()
+            .and_then(|link| remote::services(&link, vehicle))
+            .map_err(|error| (error.to_string(), error.exit_code())),
         None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status)
             .map_err(|error| (error.to_string(), 1)),
     };
@@ -171,25 +161,20 @@ fn print_differences(
     name: &str,
     service: Service,
     json: bool,
-    stop: &dyn Fn(Instant) -> bool,
+    stop: &mut dyn FnMut() -> bool,
 ) -> Result<ControlFlow<ExitCode>, BusError> {
     let observer = observer(name, "shadow")?;
-    let (mut differences, mut outcome) = (None, ControlFlow::Continue(()));
-    let (started, mut shown_at) = (Instant::now(), Instant::now());
-    while outcome.is_continue() && !stop(started) {
+    // The topic does not exist until the first candidate starts.
+    let (mut differences, mut outcome) = (LateTopic::new(Topic::Difference), ControlFlow::Continue(()));
+    let mut shown_at = Instant::now();
+    while outcome.is_continue() && !stop() {
         std::thread::sleep(Duration::from_millis(20));
         let mut newest = None;
-        match &differences {
-            Some(tap) => drop(Tap::drain(tap, &mut |bytes| {
+        if let Some(tap) = differences.tap(&observer)? {
+            tap.drain(&mut |bytes| {
                 let difference = bytemuck::try_pod_read_unaligned(bytes).ok();
                 newest = difference.filter(|it: &Difference| it.service == service as u32).or(newest);
-            })?),
-            // The topic does not exist until the first candidate starts, so opening it is retried.
-            None => match observer.tap(Topic::Difference) {
-                Ok(tap) => differences = Some(tap),
-                Err(BusError::TopicNotOpen { .. }) => {}
-                Err(error) => return Err(error),
-            },
+            })?;
         }
         if let Some(difference) = newest.filter(|_| shown_at.elapsed() > SHOW_INTERVAL) {
             shown_at = Instant::now();

@@ -1,6 +1,6 @@
 //! Command-line arguments that select a system: one on this machine, or a remote vehicle.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use launch::Launch;
@@ -27,7 +27,24 @@ pub(crate) struct SystemArgs {
     #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
     remote: Option<String>,
     #[command(flatten)]
-    endpoint: RemoteEndpoint,
+    endpoint: EndpointArgs,
+}
+
+/// Selection of the endpoint of remote vehicles.
+#[derive(Args)]
+pub(crate) struct EndpointArgs {
+    /// Gateway or router endpoint, repeatable [default: tcp/127.0.0.1:7447]
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
+    /// Folder of `plumb keys` with the certificate for quic/ endpoints
+    #[arg(long, value_name = "FOLDER")]
+    keys: Option<PathBuf>,
+}
+
+impl EndpointArgs {
+    pub(crate) fn endpoint(&self) -> RemoteEndpoint {
+        RemoteEndpoint::new(&self.connect, self.keys.as_deref())
+    }
 }
 
 impl SystemArgs {
@@ -40,8 +57,8 @@ impl SystemArgs {
     }
 
     /// Returns the name and endpoint of the remote vehicle, if selected.
-    pub(crate) fn remote(&self) -> Option<(&str, &RemoteEndpoint)> {
-        Some((self.remote.as_deref()?, &self.endpoint))
+    pub(crate) fn remote(&self) -> Option<(&str, RemoteEndpoint)> {
+        Some((self.remote.as_deref()?, self.endpoint.endpoint()))
     }
 }
 

@@ -5,14 +5,13 @@ use std::{path::PathBuf, process::ExitCode};
 use clap::Args;
 use pipeline::Column;
 use runtime::Pace;
-use supervisor::{Recorder, Report, Request};
+use supervisor::{Report, Request};
 
 use crate::{
     absent::absent_services,
     duration::duration_s,
     failure::fail_after_result,
     import::{ReadOptions, ReadableFile},
-    record::FlightRecorder,
     replay,
     stdout::print,
 };
@@ -92,10 +91,8 @@ pub(crate) fn run(up: Up) -> ExitCode {
     } = up;
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
-    let mut recorder =
-        record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
     // A recorded flight can be replayed only from its readings, so recording always includes them.
-    let readings = readings || recorder.is_some();
+    let readings = readings || record.is_some();
     let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
     let columns = columns.fold(Vec::new(), |mut all, column| {
         if !all.contains(&column) {
@@ -116,11 +113,12 @@ pub(crate) fn run(up: Up) -> ExitCode {
         in_process,
         out,
         columns,
+        record,
         cold,
         publish_readings: readings,
         absent_services: absent_services(),
     };
-    let report = report(request, &reading, recorder.as_mut());
+    let report = report(request, &reading);
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -130,14 +128,12 @@ pub(crate) fn run(up: Up) -> ExitCode {
 
 /// Replays a flight, or runs the system. If the source is a foreign recording, it is imported
 /// first.
-fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut FlightRecorder>) -> Report {
+fn report(mut request: Request, reading: &ReadOptions) -> Report {
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
     }
     let result = match request.replay.clone() {
-        Some(path) if flight::is_flight(&path) => {
-            replay::replay_flight(&request, &path, recorder.is_some()).map_err(|error| *error)
-        }
+        Some(path) if flight::is_flight(&path) => replay::replay_flight(&request, &path).map_err(|error| *error),
         replay => {
             // An imported recording is a temporary file that is removed on drop, so it is kept
             // until the end of the run.
@@ -146,7 +142,7 @@ fn report(mut request: Request, reading: &ReadOptions, recorder: Option<&mut Fli
                 Err(error) => return Report::from_error(&error, error.exit_code()),
             };
             request.imported = readable.as_ref().map(|readable| readable.path.clone());
-            supervisor::up(&request, recorder.map(|recorder| recorder as &mut dyn Recorder))
+            supervisor::up(&request)
         }
     };
     match result {

@@ -7,15 +7,13 @@ mod ros;
 mod ros_sensor;
 mod sender;
 
-use std::{fmt, process::ExitCode};
+use std::process::ExitCode;
 
 use clap::Subcommand;
-use serde::Serialize;
 
 #[cfg(not(feature = "network"))]
 use crate::absent::{ros, ros_sensor};
-use crate::{failure::fail, stdout::print};
-use sender::BridgeError;
+use sender::print_counts;
 
 #[derive(Subcommand)]
 pub(crate) enum Bridge {
@@ -32,15 +30,5 @@ pub(crate) fn run(bridge: &Bridge) -> ExitCode {
         Bridge::Mavlink(mavlink) => print_counts(mavlink.run(), mavlink.args.system.json),
         Bridge::Ros(ros) => ros::run(ros),
         Bridge::RosSensor(sensor) => ros_sensor::run(sensor),
-    }
-}
-
-/// Prints the counts or the error.
-fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
-    match counts {
-        // Serialising numbers cannot fail.
-        Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
-        Ok(counts) => print(&counts),
-        Err(error) => fail(&error, error.exit_code()),
     }
 }

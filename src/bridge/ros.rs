@@ -15,11 +15,8 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::{
-    print_counts,
-    sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz},
-};
-use crate::remote::RemoteEndpoint;
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, print_counts, rate_hz};
+use crate::system::EndpointArgs;
 
 /// Largest ROS 2 domain id.
 pub(super) const MAX_DOMAIN: i64 = 232;
@@ -37,7 +34,7 @@ pub(crate) struct Ros {
     #[command(flatten)]
     args: BridgeArgs,
     #[command(flatten)]
-    endpoint: RemoteEndpoint,
+    endpoint: EndpointArgs,
     /// ROS_DOMAIN_ID, 0 to 232
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=MAX_DOMAIN))]
     domain: u8,
@@ -59,7 +56,7 @@ pub(super) fn run(ros: &Ros) -> ExitCode {
 impl Ros {
     fn run(&self) -> Result<SendCounts, BridgeError> {
         let observer = self.args.attach()?;
-        let link = self.endpoint.open_as_client()?;
+        let link = self.endpoint.endpoint().open_as_client()?;
         let mut publisher = RosPublisher::open(self, &link)?;
         let result = self.args.forward(&observer, true, &mut publisher);
         let counts = publisher.counts;

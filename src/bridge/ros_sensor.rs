@@ -9,11 +9,10 @@ use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
 use super::{
-    print_counts,
     ros::MAX_DOMAIN,
-    sender::{BridgeArgs, BridgeError},
+    sender::{BridgeArgs, BridgeError, print_counts},
 };
-use crate::{remote::RemoteEndpoint, topics::StopCondition};
+use crate::{system::EndpointArgs, topics::StopCondition};
 
 /// Longest wait for a message before the stop condition is checked.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(100);
@@ -30,7 +29,7 @@ pub(crate) struct RosSensor {
     #[command(flatten)]
     args: BridgeArgs,
     #[command(flatten)]
-    endpoint: RemoteEndpoint,
+    endpoint: EndpointArgs,
     /// ROS_DOMAIN_ID, 0 to 232
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=MAX_DOMAIN))]
     domain: u8,
@@ -65,7 +64,7 @@ impl RosSensor {
         let observer = self.args.attach()?;
         // Fails immediately if the system does not receive its readings from the bus.
         let mut sensor = Sensor::open(&self.args.system.name())?;
-        let link = self.endpoint.open_as_client()?;
+        let link = self.endpoint.endpoint().open_as_client()?;
         let node = Node::new(self.domain, &link.identity().0);
         let imu = link.subscribe(&node.topic_key_any_hash(&self.topic, MessageType::Imu))?;
         let mag = self

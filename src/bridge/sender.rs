@@ -1,13 +1,9 @@
 //! Forwarding of attitudes in another protocol: arguments, loop and counts.
 
-use std::{
-    collections::VecDeque,
-    fmt, thread,
-    time::{Duration, Instant},
-};
+use std::{collections::VecDeque, fmt, process::ExitCode, thread, time::Duration};
 
 use bridges::{datagrams::DatagramError, validity::WithholdReason};
-use bus::{BusError, Observer, Tap};
+use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
@@ -19,13 +15,12 @@ use swap::ReorderBuffer;
 
 use crate::{
     duration::duration_s,
+    failure::fail,
     remote::RemoteError,
+    stdout::print,
     system::LocalSystemArgs,
-    topics::{POLL_INTERVAL, StopCondition, observer},
+    topics::{LateTopic, POLL_INTERVAL, StopCondition, observer},
 };
-
-/// Interval between two attempts to open a topic.
-pub(super) const OPEN_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Maximum number of samples kept until the attitudes of their ticks arrive.
 pub(super) const MAX_SAMPLES: usize = 16_384;
@@ -64,6 +59,16 @@ impl BridgeError {
             Self::Remote(error) => error.exit_code(),
             _ => 1,
         }
+    }
+}
+
+/// Prints the counts or the error.
+pub(super) fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
+    match counts {
+        // Serialising numbers cannot fail.
+        Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
+        Ok(counts) => print(&counts),
+        Err(error) => fail(&error, error.exit_code()),
     }
 }
 
@@ -151,31 +156,6 @@ impl BridgeArgs {
             thread::sleep(POLL_INTERVAL);
         }
         Ok(())
-    }
-}
-
-/// Topic that may become available later.
-pub(super) struct LateTopic {
-    pub(super) topic: Topic,
-    pub(super) tap: Option<Tap>,
-    pub(super) tried_at: Option<Instant>,
-}
-
-impl LateTopic {
-    pub(super) fn new(topic: Topic) -> Self {
-        Self { topic, tap: None, tried_at: None }
-    }
-
-    pub(super) fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
-        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
-            self.tried_at = Some(Instant::now());
-            self.tap = match observer.tap(self.topic) {
-                Ok(tap) => Some(tap),
-                Err(BusError::TopicNotOpen { .. }) => None,
-                Err(error) => return Err(error),
-            };
-        }
-        Ok(self.tap.as_ref())
     }
 }
 

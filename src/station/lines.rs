@@ -2,8 +2,7 @@
 
 use attitude::frames::Frame;
 use messages::AttitudeOutput;
-
-use super::fleet::Vehicles;
+use remote::fleet::Vehicles;
 use wire::delivery::DeliveryTracker;
 
 /// Returns a table of the vehicles, and the details of one of them.

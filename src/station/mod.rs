@@ -1,8 +1,6 @@
 //! `plumb station`: monitors remote vehicles and verifies that all their messages arrive.
 
-pub(crate) mod fleet;
 mod lines;
-mod monitor;
 mod view;
 
 use std::{
@@ -10,7 +8,6 @@ use std::{
     ops::ControlFlow,
     path::PathBuf,
     process::ExitCode,
-    sync::{Arc, atomic::AtomicBool},
     time::{Duration, Instant},
 };
 
@@ -18,11 +15,14 @@ use clap::Args;
 use dashboard::Screen;
 use link::Link;
 use observe::tables::{CsvTables, TableError};
-use wire::keys;
+use remote::fleet::{self, FleetMonitor, Vehicles};
 
-use crate::{failure::fail, remote::RemoteEndpoint, stdout};
-use fleet::Vehicles;
-use monitor::VehicleMonitor;
+use crate::{
+    failure::fail,
+    stdout,
+    system::EndpointArgs,
+    topics::{StopCondition, duration},
+};
 
 /// Interval between two printed tables.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
@@ -36,13 +36,13 @@ Examples:
   plumb station --csv tables --seconds 60")]
 pub(crate) struct Station {
     #[command(flatten)]
-    endpoint: RemoteEndpoint,
+    endpoint: EndpointArgs,
     /// Vehicle to show in detail [default: the first]
     #[arg(long)]
     vehicle: Option<String>,
     /// Time before stopping, s [default: until q or Ctrl-C]
-    #[arg(long, value_name = "SECONDS")]
-    seconds: Option<f64>,
+    #[arg(long, value_name = "SECONDS", value_parser = duration)]
+    seconds: Option<Duration>,
     /// Folder for a table VEHICLE/TOPIC.csv of each topic
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
@@ -56,51 +56,38 @@ pub(crate) struct Station {
 
 /// Monitors vehicles until the time limit is reached, the user quits or a signal arrives.
 pub(crate) fn run(station: &Station) -> ExitCode {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        if let Err(cause) = signal_hook::flag::register(signal, stop.clone()) {
-            return fail(&format_args!("cannot catch signals: {cause}"), 1);
-        }
-    }
-    let link = match station.endpoint.open() {
+    let link = match station.endpoint.endpoint().open() {
         Ok(link) => link,
         Err(error) => return fail(&error, error.exit_code()),
     };
-    match monitor_vehicles(station, &link, stop) {
+    match monitor_vehicles(station, &link) {
         Ok((vehicles, _)) if station.json => stdout::print(&fleet::to_json(&vehicles)),
         Ok((_, printed)) => printed.break_value().unwrap_or(ExitCode::SUCCESS),
         Err(error) => fail(&error, 1),
     }
 }
 
-fn monitor_vehicles(
-    station: &Station,
-    link: &Link,
-    stop: Arc<AtomicBool>,
-) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
-    let mut monitor = VehicleMonitor {
-        messages: link.subscribe(&keys::key("*", "*"))?,
-        liveliness: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
-        tables: station.csv.as_deref().map(CsvTables::new),
-        vehicles: Vehicles::new(),
-        stop,
-        started: Instant::now(),
-        seconds: station.seconds,
-    };
+fn monitor_vehicles(station: &Station, link: &Link) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
+    let mut monitor = FleetMonitor::open(link, &["*"], station.csv.as_deref().map(CsvTables::new))?;
+    let mut stop = StopCondition::new(|| true, station.seconds);
     let printed = if !station.json && !station.lines && Screen::is_available() {
-        view::show(&mut monitor, station.vehicle.as_deref())?;
+        view::show(&mut monitor, &mut stop, station.vehicle.as_deref())?;
         ControlFlow::Continue(())
     } else {
-        print_tables(&mut monitor, station)?
+        print_tables(&mut monitor, &mut stop, station)?
     };
-    monitor.tables.map_or(Ok(()), CsvTables::finish)?;
+    let vehicles = monitor.finish()?;
     link.close();
-    Ok((monitor.vehicles, printed))
+    Ok((vehicles, printed))
 }
 
-fn print_tables(monitor: &mut VehicleMonitor, station: &Station) -> Result<ControlFlow<ExitCode>, TableError> {
+fn print_tables(
+    monitor: &mut FleetMonitor,
+    stop: &mut StopCondition<'_>,
+    station: &Station,
+) -> Result<ControlFlow<ExitCode>, TableError> {
     let (mut printed, mut shown_at) = (ControlFlow::Continue(()), Instant::now());
-    while printed.is_continue() && !monitor.is_finished() {
+    while printed.is_continue() && !stop.is_met() {
         monitor.poll()?;
         if shown_at.elapsed() > SHOW_INTERVAL && !station.json {
             shown_at = Instant::now();

@@ -10,11 +10,10 @@ use dashboard::{Attitude, DataState, Figures, Key, Panel, Row, RowStyle, Screen,
 use messages::{AttitudeOutput, Message};
 use observe::hops::LatencyUs;
 
-use super::{
-    fleet::{Vehicle, Vehicles},
-    monitor::VehicleMonitor,
-};
+use remote::fleet::{FleetMonitor, Vehicle, Vehicles};
 use wire::delivery::DeliveryTracker;
+
+use crate::topics::StopCondition;
 
 /// Interval between two frames.
 const FRAME_INTERVAL: Duration = Duration::from_millis(100);
@@ -40,12 +39,16 @@ struct VehicleStats {
 }
 
 /// Draws the vehicles until the user quits or the time limit is reached.
-pub(super) fn show(monitor: &mut VehicleMonitor, vehicle: Option<&str>) -> Result<(), Box<dyn Error>> {
+pub(super) fn show(
+    monitor: &mut FleetMonitor,
+    stop: &mut StopCondition<'_>,
+    vehicle: Option<&str>,
+) -> Result<(), Box<dyn Error>> {
     let mut view = View { selected: vehicle.map(str::to_owned), ..View::default() };
     let mut screen = Screen::open()?;
     let mut drawn_at = Instant::now();
     let mut stepped_at = Instant::now();
-    while !monitor.is_finished() {
+    while !stop.is_met() {
         match screen.poll_key()? {
             Some(Key::Quit) => break,
             Some(Key::Previous) => view.select(&monitor.vehicles, |at| at.saturating_sub(1)),

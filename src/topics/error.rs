@@ -17,18 +17,6 @@ pub(crate) enum ObserveError {
     /// The topic name is unknown.
     #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
     NoTopic { topic: String },
-    /// The vehicle did not reply.
-    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
-    #[error(
-        "vehicle {vehicle:?} did not reply within {limit_s:.0} s; list reachable vehicles with `plumb station` and the same --connect"
-    )]
-    NoVehicle { vehicle: String, limit_s: f64 },
-    /// The vehicle does not publish this topic.
-    #[cfg_attr(not(feature = "network"), allow(dead_code, reason = "there are no remote vehicles"))]
-    #[error(
-        "vehicle {vehicle:?} does not publish `{topic}`, only {sent}; add the topic to [gateway.rates] of its launch file"
-    )]
-    NotSent { vehicle: String, topic: String, sent: String },
 }
 
 impl ObserveError {
@@ -37,11 +25,11 @@ impl ObserveError {
         match self {
             Self::NoTopic { .. } => 2,
             Self::Remote(error) => error.exit_code(),
-            _ => 1,
+            Self::Bus(_) => 1,
         }
     }
 }
 
-pub(super) fn names(topics: &[Topic]) -> String {
+fn names(topics: &[Topic]) -> String {
     topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
 }

@@ -4,8 +4,6 @@
 
 mod error;
 pub(crate) mod frame;
-#[cfg(feature = "network")]
-pub(crate) mod remote;
 
 use std::{
     sync::{
@@ -22,12 +20,11 @@ use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
-#[cfg(not(feature = "network"))]
-use crate::remote::{RemoteTopic, RemoteVehicle};
-use crate::system::SystemArgs;
+use crate::{
+    remote::{RemoteTopic, RemoteVehicle},
+    system::SystemArgs,
+};
 pub(crate) use error::ObserveError;
-#[cfg(feature = "network")]
-use remote::{RemoteTopic, RemoteVehicle};
 
 /// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
 /// messages than arrive in one interval.
@@ -35,12 +32,41 @@ pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval between two checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 
+/// Interval between two attempts to open a topic.
+const OPEN_INTERVAL: Duration = Duration::from_millis(200);
+
 /// Callback for a message and, if known, the frame of its attitude. Returns `false` to stop.
 pub(crate) type OnMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> bool + 'a;
 
 /// Attaches an observer to a system.
 pub(crate) fn observer(system: &str, observer_name: &str) -> Result<Observer, BusError> {
     Observer::attach(&SystemName::new(system)?, observer_name)
+}
+
+/// Topic of a system on this machine that may become available later.
+pub(crate) struct LateTopic {
+    topic: Topic,
+    tap: Option<Tap>,
+    tried_at: Option<Instant>,
+}
+
+impl LateTopic {
+    pub(crate) fn new(topic: Topic) -> Self {
+        Self { topic, tap: None, tried_at: None }
+    }
+
+    /// Returns the open topic. Tries to open it if an attempt is due.
+    pub(crate) fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
+        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
+            self.tried_at = Some(Instant::now());
+            self.tap = match observer.tap(self.topic) {
+                Ok(tap) => Some(tap),
+                Err(BusError::TopicNotOpen { .. }) => None,
+                Err(error) => return Err(error),
+            };
+        }
+        Ok(self.tap.as_ref())
+    }
 }
 
 /// Source of observed topics.
@@ -55,7 +81,7 @@ impl TopicSource {
     /// Attaches to the selected system.
     pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, ObserveError> {
         Ok(match system.remote() {
-            Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(vehicle, endpoint)?),
+            Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(endpoint.open()?, vehicle)?),
             None => Self::Local(observer(&system.name(), observer_name)?),
         })
     }
@@ -78,10 +104,14 @@ impl TopicSource {
     /// Opens all topics that are available.
     pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, ObserveError> {
         let mut watched = Vec::new();
-        for topic in Topic::ALL {
+        let is_sent = |topic: &&Topic| match self {
+            Self::Local(_) => true,
+            Self::Remote(vehicle) => vehicle.publishes(**topic),
+        };
+        for topic in Topic::ALL.iter().filter(is_sent) {
             match self.open_known(*topic) {
                 Ok(topic) => watched.push(topic),
-                Err(ObserveError::Bus(BusError::TopicNotOpen { .. }) | ObserveError::NotSent { .. }) => {}
+                Err(ObserveError::Bus(BusError::TopicNotOpen { .. })) => {}
                 Err(error) => return Err(error),
             }
         }

@@ -1,10 +1,5 @@
 //! `plumb view`: shows a system, remote vehicles or a recorded flight in a browser.
 
-#[cfg(feature = "network")]
-mod fleet;
-#[cfg(feature = "network")]
-mod remote;
-
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
@@ -26,12 +21,11 @@ use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
 use launch::{Cockpit, CockpitTls, Service};
 
-#[cfg(not(feature = "network"))]
-use crate::absent::fleet;
 use crate::{
     failure::fail,
-    remote::{RemoteEndpoint, RemoteError},
+    remote::RemoteError,
     stdout::print,
+    system::EndpointArgs,
     topics::{StopCondition, duration},
 };
 
@@ -56,7 +50,7 @@ pub(crate) struct View {
     #[arg(long, value_name = "VEHICLE", num_args = 0..=1, conflicts_with = "name")]
     remote: Option<Option<String>>,
     #[command(flatten)]
-    endpoint: RemoteEndpoint,
+    endpoint: EndpointArgs,
     /// Local address, or the next free port [default: 127.0.0.1:8088]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     listen: Option<SocketAddr>,
@@ -97,7 +91,7 @@ pub(crate) enum ViewError {
 pub(crate) fn run(view: &View) -> ExitCode {
     let result = match (&view.file, &view.remote) {
         (Some(file), _) => show_flight(view, file),
-        (None, Some(vehicle)) => fleet::show(view, vehicle.as_deref()),
+        (None, Some(vehicle)) => show_vehicles(view, vehicle.as_deref()),
         (None, None) => show_system(view),
     };
     match result {
@@ -136,6 +130,27 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let Ok(()) =
         cockpit::publish_source(&mut source, target, &hub, &mut |_| Ok::<_, std::convert::Infallible>(!stop.is_met()));
     Ok(printed)
+}
+
+/// Shows remote vehicles, beginning with `vehicle` if given.
+#[cfg(feature = "network")]
+fn show_vehicles(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
+    let tokens = Tokens::load()?;
+    let endpoint = view.endpoint.endpoint();
+    let link = endpoint.open()?;
+    let directory = remote::RemoteDirectory::start(link.clone(), endpoint, vehicle)?;
+    let server = view.bind()?;
+    let url = server.address(Some(view.role_token(&tokens)));
+    server.start(site(directory, Some(tokens), None))?;
+    let printed = print(&url);
+    wait_until_stopped(view);
+    link.close();
+    Ok(printed)
+}
+
+#[cfg(not(feature = "network"))]
+fn show_vehicles(_: &View, _: Option<&str>) -> Result<ExitCode, ViewError> {
+    Err(crate::remote::ERROR.into())
 }
 
 /// Shows a recorded flight.

@@ -15,15 +15,15 @@
 //! | `client` | the client side |
 //! | `request` | requests and their replies |
 //! | `server` | the supervisor's side |
-//! | `swap_answer` | conversion of swap reports to messages beyond the board, feature `wire` |
+//! | `proto` | conversion of replies to messages beyond the board, feature `wire` |
 
 #![forbid(unsafe_code)]
 
 mod client;
+#[cfg(feature = "wire")]
+mod proto;
 mod request;
 mod server;
-#[cfg(feature = "wire")]
-pub mod swap_answer;
 #[cfg(test)]
 mod tests;
 

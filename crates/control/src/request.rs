@@ -140,7 +140,7 @@ impl fmt::Display for SwapReport {
 }
 
 /// Status of a service.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ServiceStatus {
     /// Service name.
     pub service: String,

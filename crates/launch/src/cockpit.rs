@@ -6,7 +6,8 @@ use std::{
 };
 
 use crate::{
-    keys::{Key, keys},
+    description::Key,
+    keys::keys,
     kind::{By, File, Optional, Table, Texts},
     problem::Problem,
     toml_reader::Section,

@@ -1,8 +1,16 @@
 //! Description of all sections and keys, for documentation.
 
-use toml::de::DeTable;
-
-use crate::{Launch, toml_reader};
+/// Name and documentation of a key.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Key {
+    pub(crate) name: &'static str,
+    /// Meaning, in whole sentences.
+    pub(crate) doc: &'static str,
+    /// Unit, empty for a dimensionless value.
+    pub(crate) unit: &'static str,
+    /// Example in TOML for a key that is not set by default, or an empty string.
+    pub(crate) example: &'static str,
+}
 
 /// Description of a section of the launch file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,14 +52,10 @@ pub struct KeyDescription {
     pub conditions: Vec<String>,
 }
 
-/// Returns the description of every section, in the order of the declarations.
-pub fn describe() -> Vec<SectionDescription> {
-    toml_reader::describe(&DeTable::new(), |section| Launch::default().read_all(section))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Launch, describe};
 
     /// Returns the text of a section: its header, `condition` and `lines`.
     fn section(section: &SectionDescription, condition: &str, lines: &str) -> String {

@@ -6,8 +6,9 @@ use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Launch, Slot,
-    keys::{Key, read},
+    Slot,
+    description::Key,
+    keys::read,
     kind::{Texts, one_of},
     problem::Problem,
     toml_reader::Section,
@@ -40,13 +41,6 @@ impl ExternalStage {
         let mut command = Command::new(self.executable());
         command.args(self.command.iter().skip(1)).current_dir(&self.folder);
         command
-    }
-}
-
-impl Launch {
-    /// Returns the external stage configured for a slot, or `None` if the slot has a built-in one.
-    pub fn external_stage(&self, slot: Slot) -> Option<&ExternalStage> {
-        self.stages.get(&self.stage(slot).stage).filter(|stage| stage.slot == slot)
     }
 }
 
@@ -137,6 +131,7 @@ fn require(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, key: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Launch;
 
     const COMPLETE: &str = "[stages.my-fuser]\nslot = \"fuser\"\ncommand = [\"python3\", \"my_fuser.py\"]\n";
 

@@ -5,7 +5,8 @@ use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
 
 use crate::{
-    keys::{Key, Kind, Named, choices, keys},
+    description::Key,
+    keys::{Kind, Named, choices, keys},
     kind::{By, NATURAL, Tables, Vector, choice},
     problem::Problem,
     toml_reader::Section,

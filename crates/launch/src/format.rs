@@ -4,7 +4,8 @@ use mapping::{FORCE, Mapping, MappingError, RATE};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    keys::{Key, Kind, Named, choices, keys, read},
+    description::Key,
+    keys::{Kind, Named, choices, keys, read},
     kind::{one_of, text},
     problem::{Problem, nearest},
     toml_reader::Section,

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 use toml::de::DeValue;
 
 use crate::{
+    description::Key,
     endpoint::{self, MAX_ENDPOINTS},
-    keys::{Key, keys},
+    keys::keys,
     kind::{By, File, Optional, SYSTEM_NAME, Table, Texts},
     split,
     toml_reader::{Section, Values},

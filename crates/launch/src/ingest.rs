@@ -6,12 +6,13 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
+    description::Key,
     fault::{self, Fault},
-    keys::{Key, Kind, choices, keys},
+    keys::{Kind, choices, keys},
     kind::{By, File, FileOr, Flag, Inline, NATURAL, Table, choice, one_of},
-    live_sources::{LiveSources, RATE_RANGE_HZ, require_port},
+    live_sources::{LiveSources, Port, PortSource, RATE_RANGE_HZ, Stream},
     problem::Problem,
-    sensors::{self, Calibrations, IDENTITY},
+    sensors::{self, Calibrations, GyroSamples, IDENTITY},
     toml_reader::Section,
 };
 
@@ -116,7 +117,7 @@ impl Sim {
     pub fn gyro_samples(&self) -> GyroSamples {
         match Scenario::parse(&self.scenario).map(|scenario| scenario.rate_kind) {
             Ok(RateKind::Mean) => GyroSamples::Means,
-            _ => GyroSamples::Instants,
+            Ok(RateKind::Instant) | Err(_) => GyroSamples::Instants,
         }
     }
 }
@@ -199,24 +200,82 @@ choices! {
     }
 }
 
-choices! {
-    /// Kind of rate sample, in relation to its sampling interval.
-    #[derive(Eq)]
-    #[serde(rename_all = "lowercase")]
-    pub enum GyroSamples {
-        /// Mean over the interval.
-        Means = "means",
-        /// Value at the end of the interval.
-        Instants = "instants",
+impl Source {
+    /// Returns `true` if the service `drivers` reads this source.
+    pub const fn needs_drivers(self) -> bool {
+        matches!(self, Self::Stdin | Self::Udp | Self::Tcp | Self::Serial | Self::Mavlink | Self::Iio)
+    }
+
+    /// Returns `true` if the source is finite and another process can read it again from the start.
+    pub const fn is_repeatable(self) -> bool {
+        matches!(self, Self::Sim | Self::Replay)
+    }
+
+    /// Returns `true` if the source waits for its slowest subscriber, so that no reading is lost at
+    /// any speed.
+    pub const fn is_blocking(self) -> bool {
+        matches!(self, Self::Replay | Self::Stdin)
     }
 }
 
-impl GyroSamples {
-    /// Returns the corresponding [`RateKind`] for the stages.
-    pub fn rate_kind(self) -> RateKind {
-        match self {
-            Self::Means => RateKind::Mean,
-            Self::Instants => RateKind::Instant,
+impl Ingest {
+    /// Returns the stream settings of the source, or `None` if the source has no stream.
+    pub fn stream(&self) -> Option<&Stream> {
+        match self.source {
+            Source::Iio => Some(&self.live.iio.stream),
+            _ => self.port_source().map(|ported| &ported.stream),
         }
+    }
+
+    /// Returns the port of the source, or `None` if the source has no port or the port is not set.
+    pub fn port(&self) -> Option<&Port> {
+        self.port_source()?
+            .port
+            .as_ref()
+            .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
+    }
+
+    /// Returns the sample rate declared for the source, Hz, or `None` for a recording, which
+    /// contains its own rate.
+    pub fn declared_rate_hz(&self) -> Option<f64> {
+        match self.source {
+            Source::Sim => Some(self.sim.rate_hz),
+            Source::Replay => None,
+            Source::Bus => Some(self.bus.rate_hz),
+            _ => self.stream().map(|stream| stream.rate_hz),
+        }
+    }
+
+    fn port_source(&self) -> Option<&PortSource> {
+        match self.source {
+            Source::Stdin => Some(&self.live.stdin),
+            Source::Udp => Some(&self.live.udp),
+            Source::Tcp => Some(&self.live.tcp),
+            Source::Serial => Some(&self.live.serial),
+            Source::Mavlink => Some(&self.live.mavlink),
+            Source::Sim | Source::Replay | Source::Bus | Source::Iio => None,
+        }
+    }
+}
+
+/// Reports a problem if the port or device of the source is missing.
+fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
+    let remedy = match ingest.source {
+        Source::Serial => r#"port = "/dev/ttyUSB0" in [ingest.serial]"#,
+        Source::Tcp => r#"connect = "192.168.1.7:5555" in [ingest.tcp]"#,
+        Source::Iio => r#"device = "bmi160" in [ingest.iio]; `cat /sys/bus/iio/devices/*/name` lists the devices"#,
+        _ => "",
+    };
+    let is_missing = match ingest.source {
+        Source::Serial | Source::Tcp => ingest.port().is_none(),
+        Source::Iio => ingest.live.iio.device.is_empty(),
+        _ => false,
+    };
+    if is_missing && section.problem_count() == 0 {
+        let span = section.span("source").unwrap_or_default();
+        section.report(Problem {
+            help: Some(format!("set {remedy}")),
+            ..Problem::new(span, "ingest.source: the port or device of the source is not set", "nothing to read")
+        });
     }
 }

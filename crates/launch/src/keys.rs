@@ -7,19 +7,7 @@
 //! The struct, its `Default`, the reader with its checks, the comments of `launch.toml` and the
 //! reference chapter are generated from these rows.
 
-use crate::toml_reader::Section;
-
-/// Name and documentation of a key.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Key {
-    pub(crate) name: &'static str,
-    /// Meaning, in whole sentences.
-    pub(crate) doc: &'static str,
-    /// Unit, empty for a dimensionless value.
-    pub(crate) unit: &'static str,
-    /// Example in TOML for a key that is not set by default, or an empty string.
-    pub(crate) example: &'static str,
-}
+use crate::{description::Key, toml_reader::Section};
 
 /// Values that are allowed for a key, and their conversion to `T`.
 pub(crate) trait Kind<T> {
@@ -27,10 +15,10 @@ pub(crate) trait Kind<T> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut T);
 }
 
-/// Evaluates to the [`Key`] of a row.
+/// Evaluates to the [`Key`](crate::description::Key) of a row.
 macro_rules! key {
     ($($doc:literal)+, $name:expr $(, unit $unit:literal)? $(, example $example:literal)?) => {
-        $crate::keys::Key {
+        $crate::description::Key {
             name: $name,
             doc: concat!($($doc, "\n"),+),
             unit: concat!("" $(, $unit)?),

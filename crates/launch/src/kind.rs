@@ -8,7 +8,8 @@ use std::{
 use toml::{Spanned, de::DeValue, value::Datetime};
 
 use crate::{
-    keys::{Key, Kind, Named},
+    description::Key,
+    keys::{Kind, Named},
     toml_reader::{Section, Values, int, resolve, words},
 };
 

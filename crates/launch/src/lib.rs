@@ -17,7 +17,7 @@
 //! | `live_sources` | sources that send in real time |
 //! | `format` | byte formats of ports |
 //! | `source_uri` | a source in one line |
-//! | `sensors` | calibration and mounting of the sensors |
+//! | `sensors` | kind of rate sample, calibration and mounting of the sensors |
 //! | `north` | north reference of the course |
 //! | `output` | reference frame of published attitudes |
 //! | `gateway` | connections to other hosts, and the topics sent |
@@ -59,20 +59,20 @@ mod toml_reader;
 pub use graph::{Service, Slot, StageConfig};
 
 pub use cockpit::{Cockpit, CockpitTls};
-pub use description::{KeyDescription, SectionDescription, describe};
+pub use description::{KeyDescription, SectionDescription};
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
-pub use ingest::{BusSource, Gnss, GyroSamples, Ingest, Limits, Replay, Sim, Source};
+pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
 pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
 pub use problem::{LaunchError, Problems, nearest, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
-pub use schema::MAX_TOPIC_MESSAGES;
-pub use sensors::{Calibration, Calibrations};
+pub use schema::{MAX_TOPIC_MESSAGES, describe};
+pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;

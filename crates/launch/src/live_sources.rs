@@ -5,11 +5,11 @@ use std::{fmt, ops::RangeInclusive, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    GyroSamples, Ingest, Launch, Service, Source,
+    description::Key,
     format::{Autopilot, Format, ReceiverFormat, stream_format},
-    keys::{Key, Kind, choices, keys, read},
+    keys::{Kind, choices, keys, read},
     kind::{By, Inline, Table, Text, choice, text},
-    problem::Problem,
+    sensors::GyroSamples,
     toml_reader::Section,
 };
 
@@ -253,100 +253,6 @@ impl Port {
             "serial" if !address.is_empty() => Some(Self::Serial { path: address.into(), baud: DEFAULT_BAUD }),
             _ => None,
         }
-    }
-}
-
-impl Source {
-    /// Returns `true` if the service `drivers` reads this source.
-    pub const fn needs_drivers(self) -> bool {
-        matches!(self, Self::Stdin | Self::Udp | Self::Tcp | Self::Serial | Self::Mavlink | Self::Iio)
-    }
-
-    /// Returns `true` if the source is finite and another process can read it again from the start.
-    pub const fn is_repeatable(self) -> bool {
-        matches!(self, Self::Sim | Self::Replay)
-    }
-
-    /// Returns `true` if the source waits for its slowest subscriber, so that no reading is lost at
-    /// any speed.
-    pub const fn is_blocking(self) -> bool {
-        matches!(self, Self::Replay | Self::Stdin)
-    }
-}
-
-impl Ingest {
-    /// Returns the stream settings of the source, or `None` if the source has no stream.
-    pub fn stream(&self) -> Option<&Stream> {
-        match self.source {
-            Source::Iio => Some(&self.live.iio.stream),
-            _ => self.port_source().map(|ported| &ported.stream),
-        }
-    }
-
-    /// Returns the port of the source, or `None` if the source has no port or the port is not set.
-    pub fn port(&self) -> Option<&Port> {
-        self.port_source()?
-            .port
-            .as_ref()
-            .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
-    }
-
-    /// Returns the sample rate declared for the source, Hz, or `None` for a recording, which
-    /// contains its own rate.
-    pub fn declared_rate_hz(&self) -> Option<f64> {
-        match self.source {
-            Source::Sim => Some(self.sim.rate_hz),
-            Source::Replay => None,
-            Source::Bus => Some(self.bus.rate_hz),
-            _ => self.stream().map(|stream| stream.rate_hz),
-        }
-    }
-
-    fn port_source(&self) -> Option<&PortSource> {
-        match self.source {
-            Source::Stdin => Some(&self.live.stdin),
-            Source::Udp => Some(&self.live.udp),
-            Source::Tcp => Some(&self.live.tcp),
-            Source::Serial => Some(&self.live.serial),
-            Source::Mavlink => Some(&self.live.mavlink),
-            Source::Sim | Source::Replay | Source::Bus | Source::Iio => None,
-        }
-    }
-}
-
-impl Launch {
-    /// Adds or removes the service `drivers`, depending on whether the source or a receiver needs
-    /// it.
-    pub(crate) fn add_drivers(&mut self) {
-        self.services.retain(|service| *service != Service::Drivers);
-        let Ingest { source, live, .. } = &self.ingest;
-        // Simulations and recordings have their own time and their own fixes.
-        let has_receiver = live.receiver.port.is_some() && !source.is_repeatable();
-        if (source.needs_drivers() || has_receiver) && self.services.contains(&Service::Ingest) {
-            self.services.push(Service::Drivers);
-        }
-    }
-}
-
-/// Reports a problem if the port or device of the source is missing.
-pub(crate) fn require_port(section: &mut Section<'_, '_>, ingest: &Ingest) {
-    let remedy = match ingest.source {
-        Source::Serial => r#"port = "/dev/ttyUSB0" in [ingest.serial]"#,
-        Source::Tcp => r#"connect = "192.168.1.7:5555" in [ingest.tcp]"#,
-        Source::Iio => r#"device = "bmi160" in [ingest.iio]; `cat /sys/bus/iio/devices/*/name` lists the devices"#,
-        _ => "",
-    };
-    let is_missing = match ingest.source {
-        Source::Serial | Source::Tcp => ingest.port().is_none(),
-        Source::Iio => ingest.live.iio.device.is_empty(),
-        _ => false,
-    };
-    if is_missing && section.problem_count() == 0 {
-        let span = section.span("source").unwrap_or_default();
-        section.report(Problem {
-            help: Some(format!("set {remedy}")),
-            ..Problem::new(span, "ingest.source: the port or device of the source is not set", "nothing to read")
-        });
     }
 }
 

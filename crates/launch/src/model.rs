@@ -6,15 +6,18 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
     cockpit::Cockpit,
+    description::Key,
     external_stage::{self, ExternalStage},
     gateway::Gateway,
     ingest::Ingest,
-    keys::{choices, keys},
-    kind::{By, FileOr, Flag, NATURAL, SYSTEM_NAME, Table, choice},
+    keys::{Kind, choices, keys},
+    kind::{By, FileOr, Flag, NATURAL, SYSTEM_NAME, Table, choice, many_of},
     north::NorthReference,
     output::Output,
+    problem::Problem,
     promotion_rule::{PROMOTION_RULES, PromotionRule},
-    schema, slot_stage,
+    slot_stage::{self, UnknownStage, default_stage},
+    toml_reader::Section,
 };
 
 keys! {
@@ -24,7 +27,7 @@ keys! {
         name: String = "plumbline".into(), SYSTEM_NAME;
         /// Services in the order in which they are started: every service of the data path once,
         /// and optionally the gateway and the cockpit.
-        services: Vec<Service> = Service::LISTED.into(), By(schema::services);
+        services: Vec<Service> = Service::LISTED.into(), By(services);
         /// Time span of messages that every topic holds before it overwrites the oldest message.
         buffer_s: f64 = 2.0, 0.1..=60.0, unit "s";
         /// Lead of one input at which a join gives up a missing message of another input. It must
@@ -55,16 +58,16 @@ keys! {
         /// Automatic promotion of a shadow stage. Each slot has at most one rule.
         watch: Vec<PromotionRule> = Vec::new(), PROMOTION_RULES;
         /// Stage of the gyro slot, see docs/reference/stages.md.
-        gyro: StageConfig = StageConfig::new("mobius"), Table(slot_stage::read_keys);
+        gyro: StageConfig = StageConfig::new(default_stage(Slot::Gyro)), Table(slot_stage::read_keys);
         /// Stage of the accel slot.
-        accel: StageConfig = StageConfig::new("projector"), Table(slot_stage::read_keys);
+        accel: StageConfig = StageConfig::new(default_stage(Slot::Accel)), Table(slot_stage::read_keys);
         /// Stage of the fuser slot. Parameters in `set`: hard_iron_sd_ut for an uncalibrated
         /// magnetometer; antenna_forward_m, antenna_right_m and antenna_up_m for the position of
         /// the receiver's antenna from the sensors.
-        fuser: StageConfig = StageConfig::new("multiple-model"), Table(slot_stage::read_keys);
+        fuser: StageConfig = StageConfig::new(default_stage(Slot::Fuser)), Table(slot_stage::read_keys);
         /// Stage of the course slot, and the north reference of the course. The
         /// parameter declination_deg in `set` corrects a magnetic course by a fixed angle.
-        course: StageConfig = StageConfig::new("angles"), Table(slot_stage::read_keys);
+        course: StageConfig = StageConfig::new(default_stage(Slot::Course)), Table(slot_stage::read_keys);
         /// North reference of the course.
         north as "course": NorthReference = NorthReference::default(), Table(NorthReference::read_keys);
     }
@@ -135,6 +138,52 @@ impl Launch {
             Slot::Accel => &mut self.accel,
             Slot::Fuser => &mut self.fuser,
             Slot::Course => &mut self.course,
+        }
+    }
+
+    /// Returns the external stage configured for a slot, or `None` if the slot has a built-in one.
+    pub fn external_stage(&self, slot: Slot) -> Option<&ExternalStage> {
+        self.stages.get(&self.stage(slot).stage).filter(|stage| stage.slot == slot)
+    }
+
+    /// Returns the names of the slot's stages: first built-in, then external ones.
+    pub fn stage_names(&self, slot: Slot) -> Vec<&str> {
+        slot_stage::stage_names(slot, &self.stages)
+    }
+
+    /// Checks that the slot has a stage of this name, built-in or external.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error with the slot's stages if the name is unknown or belongs to another slot.
+    pub fn validate_stage(&self, slot: Slot, stage: &str) -> Result<(), UnknownStage> {
+        slot_stage::validate(slot, stage, &self.stages)
+    }
+
+    /// Adds or removes the service `drivers`, depending on whether the source or a receiver needs
+    /// it.
+    pub(crate) fn add_drivers(&mut self) {
+        self.services.retain(|service| *service != Service::Drivers);
+        let Ingest { source, live, .. } = &self.ingest;
+        // Simulations and recordings have their own time and their own fixes.
+        let has_receiver = live.receiver.port.is_some() && !source.is_repeatable();
+        if (source.needs_drivers() || has_receiver) && self.services.contains(&Service::Ingest) {
+            self.services.push(Service::Drivers);
+        }
+    }
+}
+
+/// Reads `services`, and reports repeated ones.
+fn services(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<Service>) {
+    many_of(Service::LISTED.map(|service| (service.name(), service))).read(section, key, out);
+    let listed = section.elements(key.name);
+    for (index, (name, span)) in listed.iter().enumerate() {
+        let is_known = Service::LISTED.iter().any(|service| service.name() == *name);
+        if let Some((_, first)) = listed[..index].iter().find(|(earlier, _)| earlier == name && is_known) {
+            section.report(Problem {
+                context: Some((first.clone(), "first listed here".into())),
+                ..Problem::new(span.clone(), format!("services: \"{name}\" is listed twice"), "listed again")
+            });
         }
     }
 }

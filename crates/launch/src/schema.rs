@@ -2,8 +2,7 @@
 
 use crate::{
     Launch, LaunchError, Problems, Service,
-    keys::{Key, Kind},
-    kind::many_of,
+    description::SectionDescription,
     problem::{Problem, quoted},
     split,
     toml_reader::{self, Section},
@@ -82,19 +81,9 @@ impl Launch {
     }
 }
 
-/// Reads `services`, and reports repeated ones.
-pub(crate) fn services(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<Service>) {
-    many_of(Service::LISTED.map(|service| (service.name(), service))).read(section, key, out);
-    let listed = section.elements(key.name);
-    for (index, (name, span)) in listed.iter().enumerate() {
-        let is_known = Service::LISTED.iter().any(|service| service.name() == *name);
-        if let Some((_, first)) = listed[..index].iter().find(|(earlier, _)| earlier == name && is_known) {
-            section.report(Problem {
-                context: Some((first.clone(), "first listed here".into())),
-                ..Problem::new(span.clone(), format!("services: \"{name}\" is listed twice"), "listed again")
-            });
-        }
-    }
+/// Returns the description of every section, in the order of the declarations.
+pub fn describe() -> Vec<SectionDescription> {
+    toml_reader::describe(&DeTable::new(), |section| Launch::default().read_all(section))
 }
 
 /// Reports missing services of the data path in a system on one host.

@@ -1,14 +1,16 @@
-//! Calibration and mounting of the sensors: `[ingest.calibration.*]` and `[ingest.mounting]`.
+//! Kind of rate sample, calibration and mounting of the sensors: `[ingest.calibration.*]` and
+//! `[ingest.mounting]`.
 
 use attitude::{
     Matrix3, Quaternion, Vector3,
     angles::Angles,
     calibration::{self, CalibrationError, Mounting},
+    gyro::RateKind,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    keys::keys,
+    keys::{choices, keys},
     kind::{Matrix, Optional, Table, Vector, text},
     problem::{Problem, nearest},
     toml_reader::Section,
@@ -16,6 +18,28 @@ use crate::{
 
 /// Identity matrix.
 pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+choices! {
+    /// Kind of rate sample, in relation to its sampling interval.
+    #[derive(Eq)]
+    #[serde(rename_all = "lowercase")]
+    pub enum GyroSamples {
+        /// Mean over the interval.
+        Means = "means",
+        /// Value at the end of the interval.
+        Instants = "instants",
+    }
+}
+
+impl GyroSamples {
+    /// Returns the corresponding [`RateKind`] for the stages.
+    pub fn rate_kind(self) -> RateKind {
+        match self {
+            Self::Means => RateKind::Mean,
+            Self::Instants => RateKind::Instant,
+        }
+    }
+}
 
 keys! {
     /// Calibrations of the sensors.

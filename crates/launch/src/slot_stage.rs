@@ -15,8 +15,9 @@ use attitude::{
 use toml::de::DeValue;
 
 use crate::{
-    ExternalStage, Launch, Slot, StageConfig,
-    keys::{Key, Kind, read},
+    ExternalStage, Slot, StageConfig,
+    description::Key,
+    keys::{Kind, read},
     kind::{By, one_of},
     problem::nearest,
     toml_reader::{Section, Values},
@@ -33,26 +34,24 @@ pub(crate) fn read_keys(config: &mut StageConfig, section: &mut Section<'_, '_>)
     });
 }
 
-impl Launch {
-    /// Checks that the slot has a stage of this name, built-in or external.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error with the slot's stages if the name is unknown or belongs to another slot.
-    pub fn validate_stage(&self, slot: Slot, stage: &str) -> Result<(), UnknownStage> {
-        let stages = stages(slot, &self.stages);
-        if stages.contains(&stage) {
-            return Ok(());
-        }
-        let accepts = |other: &Slot| self::stages(*other, &self.stages).contains(&stage);
-        Err(UnknownStage {
-            slot,
-            stage: stage.into(),
-            other_slot: Slot::ALL.into_iter().find(accepts),
-            nearest: nearest(stage, &stages).map(str::to_owned),
-            stages: stages.join(", "),
-        })
+/// Checks that the slot has a stage of this name, built-in or external.
+pub(crate) fn validate(
+    slot: Slot,
+    stage: &str,
+    external: &BTreeMap<String, ExternalStage>,
+) -> Result<(), UnknownStage> {
+    let stages = stage_names(slot, external);
+    if stages.contains(&stage) {
+        return Ok(());
     }
+    let accepts = |other: &Slot| stage_names(*other, external).contains(&stage);
+    Err(UnknownStage {
+        slot,
+        stage: stage.into(),
+        other_slot: Slot::ALL.into_iter().find(accepts),
+        nearest: nearest(stage, &stages).map(str::to_owned),
+        stages: stages.join(", "),
+    })
 }
 
 /// The slot has no stage of this name.
@@ -81,6 +80,16 @@ impl fmt::Display for UnknownStage {
 
 impl std::error::Error for UnknownStage {}
 
+/// Returns the default stage of a slot.
+pub(crate) const fn default_stage(slot: Slot) -> &'static str {
+    match slot {
+        Slot::Gyro => "mobius",
+        Slot::Accel => "projector",
+        Slot::Fuser => "multiple-model",
+        Slot::Course => "angles",
+    }
+}
+
 /// Reads the key `stage` of a slot's section or of a promotion rule.
 fn stage_name(section: &mut Section<'_, '_>, key: Key, out: &mut String) {
     let names = allowed_stages(section, slot(section)).into_iter().map(|name| (name, name.to_owned()));
@@ -94,8 +103,7 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     }
     let slot = slot(section);
     let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
-    let launch = Launch::default();
-    let parameters = parameters(slot, chosen.unwrap_or(&launch.stage(slot).stage));
+    let parameters = parameters(slot, chosen.unwrap_or(default_stage(slot)));
     section.section(key, |section| {
         let Some(parameters) = parameters else {
             return section.numbers(|name, value| {
@@ -131,13 +139,6 @@ fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Slot) -> Vec<&'t str> {
     built_in_stages(slot).iter().copied().chain(own).collect()
 }
 
-impl Launch {
-    /// Returns the names of the slot's stages: first built-in, then external ones.
-    pub fn stage_names(&self, slot: Slot) -> Vec<&str> {
-        stages(slot, &self.stages)
-    }
-}
-
 /// Returns the names of the slot's built-in stages.
 fn built_in_stages(slot: Slot) -> &'static [&'static str] {
     match slot {
@@ -148,7 +149,8 @@ fn built_in_stages(slot: Slot) -> &'static [&'static str] {
     }
 }
 
-fn stages(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
+/// Returns the names of the slot's stages: first built-in, then external ones.
+pub(crate) fn stage_names(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
     built_in_stages(slot).iter().copied().chain(external_names).collect()
 }
@@ -165,6 +167,7 @@ fn parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Launch;
 
     #[test]
     fn unknown_stage_is_rejected_with_the_slots_stages() {

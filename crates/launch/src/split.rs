@@ -5,7 +5,8 @@ use graph::{Presence, Service, Topic};
 
 use crate::{
     Launch,
-    keys::{Key, Kind},
+    description::Key,
+    keys::Kind,
     kind::many_of,
     problem::{Problem, quoted},
     toml_reader::Section,

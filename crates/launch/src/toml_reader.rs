@@ -4,8 +4,7 @@
 //! instead of reading values.
 
 use crate::{
-    description::{KeyDescription, SectionDescription},
-    keys::Key,
+    description::{Key, KeyDescription, SectionDescription},
     problem::Problem,
 };
 use std::{

@@ -1,13 +1,17 @@
 //! Binds each payload type to its topic in the table of [`graph`] and dispatches from topic to
 //! type.
 
+use graph::Topic;
+
+use crate::payloads::*;
+
 /// Implements [`Message`](crate::Message) for each payload of `$table`. Payloads of topics with
 /// ticks start with a `header` field and also implement [`Ticked`](crate::Ticked).
 macro_rules! bind_payloads {
     ({ $table:path } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
         $publisher:ident => [$($reader:ident),*];)*
     ) => {
-        $($crate::binding::bind_payload! { <$table>::$topic.entry(), $payload, $presence $(($flag))? })*
+        $(bind_payload! { <$table>::$topic.entry(), $payload, $presence $(($flag))? })*
     };
 }
 
@@ -29,7 +33,7 @@ macro_rules! bind_payload {
         }
     };
     ($entry:expr, $payload:ident, every_tick) => {
-        $crate::binding::bind_payload! { $entry, $payload, flagged(NONE) }
+        bind_payload! { $entry, $payload, flagged(NONE) }
     };
     ($entry:expr, $payload:ident, flagged($flag:ident)) => {
         impl $crate::Message for $payload {
@@ -105,7 +109,7 @@ macro_rules! dispatch_arm {
     }};
 }
 
-pub(crate) use {bind_payload, bind_payloads};
+graph::topics!(bind_payloads { Topic });
 
 #[cfg(test)]
 mod tests {
@@ -159,7 +163,7 @@ mod tests {
 
     use extended::{BrakeState, PressureSample, graph::Topic};
 
-    added_lines!(crate::binding::bind_payloads { Topic });
+    added_lines!(bind_payloads { Topic });
 
     fn type_summary(topic: Topic) -> (&'static str, usize, Option<Flags>) {
         added_lines!(extended_table { crate::dispatch_arms { extended (topic) T ((T::TYPE, size_of::<T>(), Some(T::FLAG))) M ((M::TYPE, size_of::<M>(), None)) } })

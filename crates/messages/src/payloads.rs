@@ -1,10 +1,7 @@
 //! Payload types, in the order of the data flow.
 
-use graph::Topic;
-
 use crate::{
     Flags, Layout,
-    binding::bind_payloads,
     layout::{layout_struct, payload},
 };
 
@@ -667,8 +664,6 @@ fn padded_text(bytes: &[u8]) -> &str {
     let len = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     std::str::from_utf8(&bytes[..len]).unwrap_or_default()
 }
-
-graph::topics!(bind_payloads { Topic });
 
 const _: () = {
     assert!(size_of::<Header>() == 64);

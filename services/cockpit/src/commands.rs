@@ -10,7 +10,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use control::{SwapRequest, swap_answer::to_answer};
+use control::SwapRequest;
 use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
 use wire::{
@@ -153,7 +153,7 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
         timeout_ms: (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS),
     };
     let reply = match target.swap(request) {
-        Ok(report) => to_answer(command.request_id, report),
+        Ok(report) => report.into_answer(command.request_id),
         Err(reason) => rejection(command, reason),
     };
     if shadow {

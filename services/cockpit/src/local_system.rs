@@ -1,7 +1,10 @@
 //! A system on this machine, read through a bus observer and controlled through the supervisor's
 //! control socket.
 
-use std::time::{Duration, Instant};
+use std::{
+    cmp::Reverse,
+    time::{Duration, Instant},
+};
 
 use bus::{Observer, SystemName, Tap};
 use calibrate::{Kind, Prior};
@@ -16,22 +19,26 @@ use crate::{
     source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 
-/// Topics to observe. For each slot of the data path, the output is listed before the inputs.
-pub const TOPICS: [Topic; 11] = [
-    Topic::Attitude,
-    Topic::Fused,
-    Topic::Accel,
-    Topic::Gyro,
-    Topic::Mag,
-    Topic::Imu,
-    Topic::Gnss,
-    Topic::Reference,
-    Topic::Difference,
-    Topic::Health,
-    Topic::Event,
-];
 /// Interval between attempts to attach to a system or to topics that do not exist yet.
 const RETRY_INTERVAL: Duration = Duration::from_millis(300);
+
+/// Returns the topics to observe, in reverse order of the data path, so that the output of each
+/// slot comes before its inputs.
+pub fn observed_topics() -> impl Iterator<Item = Topic> {
+    Topic::ALL.iter().copied().rev().filter(|topic| is_observed(*topic))
+}
+
+/// Returns `true` for a topic that is shown, which is neither unchecked readings nor an exchange
+/// between services.
+fn is_observed(topic: Topic) -> bool {
+    match topic {
+        Topic::Imu | Topic::Mag | Topic::Gnss | Topic::Reference => true,
+        Topic::Gyro | Topic::Accel | Topic::Fused | Topic::Attitude => true,
+        Topic::Difference | Topic::Health | Topic::Event => true,
+        Topic::Sensor | Topic::Receiver | Topic::Reading => false,
+        Topic::Credit | Topic::Checkpoint | Topic::Control => false,
+    }
+}
 
 /// Source that reads the bus of a system on this machine.
 #[derive(Debug)]
@@ -40,7 +47,7 @@ pub struct LocalSystem {
     attachment: Option<Attachment>,
     last_attempt: Option<Instant>,
     state: SourceState,
-    /// Topic to read in addition to [`TOPICS`].
+    /// Topic to read in addition to the observed ones.
     extra_topic: Option<Topic>,
 }
 
@@ -74,7 +81,7 @@ impl LocalSystem {
         if self.attachment.is_none() {
             match SystemName::new(&self.system).and_then(|name| Observer::attach(&name, "cockpit")) {
                 Ok(observer) => {
-                    let missing = TOPICS.into_iter().chain(self.extra_topic).collect();
+                    let missing = observed_topics().chain(self.extra_topic).collect();
                     self.attachment = Some(Attachment { taps: Vec::new(), missing, observer });
                 }
                 Err(error) => {
@@ -94,7 +101,7 @@ impl LocalSystem {
                 }
                 Err(_) => true,
             });
-            taps.sort_by_key(|(topic, _)| TOPICS.iter().position(|listed| listed == topic));
+            taps.sort_by_key(|(topic, _)| Reverse(*topic));
             self.state = SourceState::Live;
         }
     }
@@ -120,8 +127,8 @@ impl Source for LocalSystem {
     fn set_readings_topic(&mut self, topic: Option<Topic>) {
         self.extra_topic = topic;
         if let Some(Attachment { taps, missing, .. }) = &mut self.attachment {
-            taps.retain(|(tapped, _)| TOPICS.contains(tapped));
-            missing.retain(|missing| TOPICS.contains(missing));
+            taps.retain(|(tapped, _)| is_observed(*tapped));
+            missing.retain(|missing| is_observed(*missing));
             missing.extend(topic);
         }
     }

@@ -21,7 +21,7 @@ use observe::{
     process::{ProcessMonitor, ProcessUsage},
 };
 use runtime::clock::monotonic_ns;
-use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
+use wire::v1::{LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
 
 use crate::source::{CommandTarget, SourceState, SystemDescription};
 
@@ -154,16 +154,9 @@ impl StatusMonitor {
         let (description, statuses) = reply.filter(|_| state == SourceState::Live).unwrap_or_default();
         let supervisor = description.supervisor_pid.map(|pid| ServiceStatus {
             service: "supervisor".into(),
-            stage: None,
             state: "running".into(),
             pid: Some(pid),
-            restarts: 0,
-            incarnation: 0,
-            epoch: 0,
-            ticks: 0,
-            lost: 0,
-            address: None,
-            diagnostics: Vec::new(),
+            ..ServiceStatus::default()
         });
         let statuses: Vec<_> = statuses.into_iter().chain(supervisor).collect();
         let is_local = description.supervisor_pid.is_some();
@@ -186,7 +179,9 @@ impl StatusMonitor {
                     .map(latency),
                 cpu_percent: usage.and_then(|usage| usage.cpu_percent),
                 resident_mib: usage.map(|cost| cost.resident_mib),
-                status: Some(to_proto(status)),
+                // The address of the cockpit contains the operator's token and must not reach the
+                // viewers.
+                status: Some(ServiceStatus { address: None, ..status }.into()),
             }
         });
         let services = services.collect();
@@ -268,27 +263,6 @@ fn rate_hz(previous: Option<Header>, now: Option<Header>) -> Option<f64> {
 
 fn latency(latency: observe::hops::LatencyUs) -> LatencyUs {
     LatencyUs { p50: latency.p50, p99: latency.p99, max: latency.max }
-}
-
-fn to_proto(status: ServiceStatus) -> v1::ServiceStatus {
-    let ServiceStatus {
-        service,
-        stage,
-        state,
-        pid,
-        restarts,
-        incarnation,
-        epoch,
-        ticks,
-        lost,
-        address: _,
-        diagnostics: troubles,
-    } = status;
-    let trouble = |control::Diagnostic { kind, found, remedy }| v1::Trouble { kind, found, remedy };
-    let troubles = troubles.into_iter().map(trouble).collect();
-    // The address of the cockpit contains the operator's token and must not reach the viewers.
-    let (at, stage, pid) = (String::new(), stage.unwrap_or_default(), pid.unwrap_or_default());
-    v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
 }
 
 #[cfg(test)]

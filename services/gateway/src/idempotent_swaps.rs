@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use control::{SwapReport, swap_answer::to_answer};
+use control::SwapReport;
 use launch::StageConfig;
 use runtime::clock::monotonic_ns;
 use wire::v1::{SwapAnswer, SwapRequest, swap_answer};
@@ -121,7 +121,7 @@ impl IdempotentSwaps {
 
     fn execute(&self, request: SwapRequest) {
         let reply = match (self.client)(to_supervisor(&request)) {
-            Ok(report) => to_answer(request.request_id.clone(), report),
+            Ok(report) => report.into_answer(request.request_id.clone()),
             Err(cause) => rejected(&request, cause),
         };
         let mut state = locked(&self.state);

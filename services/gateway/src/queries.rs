@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use control::ControlRequest;
+use control::{ControlRequest, ServiceStatus};
 use link::{IncomingQuery, Link, LinkError, QueryHandler};
 use runtime::clock::monotonic_ns;
 use wire::{
     command::ControlMessage,
     keys, schema,
-    v1::{ServiceStatus, Services, SwapAnswer, SwapRequest, Trouble},
+    v1::{Services, SwapAnswer, SwapRequest},
 };
 
 use crate::{locked::locked, network_publisher::LastMessages, shared::Shared, worker_pool::WorkerPool};
@@ -48,9 +48,9 @@ fn answer_read(query: &IncomingQuery, shared: &Shared, last: &LastMessages) {
     }
     let key = keys::key(vehicle, keys::SERVICES);
     if query.matches_key(&key) {
-        match control::send_request::<Vec<control::ServiceStatus>>(system, &ControlRequest::Status) {
+        match control::send_request::<Vec<ServiceStatus>>(system, &ControlRequest::Status) {
             Ok(statuses) => {
-                let services = statuses.into_iter().map(to_wire).collect();
+                let services = statuses.into_iter().map(Into::into).collect();
                 let services = Services { t_now_ns: monotonic_ns(), services };
                 query.reply(&key, &format!("plumbline.v1.{}", Services::NAME), services.to_bytes());
             }
@@ -75,25 +75,4 @@ fn answer_swap(query: &IncomingQuery, shared: &Shared) {
             query.reject(&error.to_string());
         }
     }
-}
-
-fn to_wire(status: control::ServiceStatus) -> ServiceStatus {
-    let control::ServiceStatus {
-        service,
-        stage,
-        state,
-        pid,
-        restarts,
-        incarnation,
-        epoch,
-        ticks,
-        lost,
-        address,
-        diagnostics,
-    } = status;
-    let (stage, at) = (stage.unwrap_or_default(), address.unwrap_or_default());
-    let trouble = |control::Diagnostic { kind, found, remedy }| Trouble { kind, found, remedy };
-    let troubles = diagnostics.into_iter().map(trouble).collect();
-    let pid = pid.unwrap_or_default();
-    ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
 }

@@ -4,6 +4,7 @@ use std::{io, path::PathBuf};
 
 use bus::BusError;
 use control::ControlError;
+use flight::FlightError;
 use launch::LaunchError;
 use pipeline::CollectorError;
 use readings::{flight_replay::FlightReplayError, source::SourceError};
@@ -88,8 +89,8 @@ pub enum UpError {
     #[error("cannot record the flight: --in-process has no bus to record; omit --in-process or --record")]
     NoBus,
     /// The recording could not be started.
-    #[error("{0}")]
-    Recorder(String),
+    #[error(transparent)]
+    Recorder(#[from] FlightError),
     /// A system call failed.
     #[error("{action}: {cause}")]
     System {

@@ -22,9 +22,9 @@ use runtime::{
 use crate::{
     Plan, Report,
     error::UpError,
-    flight::{Flight, TakenReadings},
     input::InputChecker,
     processes::own_cpu_s,
+    replayed_flight::{Flight, TakenReadings},
     report::{RunTotals, ServiceReport},
     terminal::announce,
     view::View,

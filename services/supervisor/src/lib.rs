@@ -11,9 +11,9 @@
 //! | [`plan`] | the validated configuration of a run |
 //! | [`system`] | services as processes on the bus, driven by the decisions of `supervision` |
 //! | [`in_process`] | all slots in this process, without the bus |
-//! | [`flight`] | replay of a recorded flight |
+//! | [`replayed_flight`] | replay of a recorded flight |
 //! | [`report`] | report of a run, as JSON and as text |
-//! | [`recorder`] | interface of the flight recorder |
+//! | `recorder` | recording of a run |
 //! | `processes` | start, termination and reaping of processes |
 //! | `warm` | state kept across restarts of the whole system |
 //! | `reaper` | removal of what killed services leave on the bus |
@@ -21,14 +21,14 @@
 //! | `view` | progress display on the terminal |
 //! | `notify` | notifications to the service manager |
 mod error;
-pub mod flight;
 pub mod in_process;
 mod input;
 mod notify;
 pub mod plan;
 mod processes;
 mod reaper;
-pub mod recorder;
+mod recorder;
+pub mod replayed_flight;
 pub mod report;
 mod scheduling;
 pub mod system;
@@ -41,21 +41,20 @@ use std::sync::{Arc, atomic::AtomicBool};
 use runtime::RuntimeError;
 
 pub use error::UpError;
-pub use flight::Flight;
 pub use plan::{Plan, Request};
-pub use recorder::Recorder;
+pub use replayed_flight::Flight;
 pub use report::{RecordingReport, Report};
 pub use terminal::announce;
 
-/// Runs a system to completion and records it with `recorder`, if given.
+/// Runs a system to completion.
 ///
 /// An error after the start is part of the report.
 ///
 /// # Errors
 ///
 /// Returns an error if the system could not be started.
-pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
-    if request.in_process && recorder.is_some() {
+pub fn up(request: &Request) -> Result<Report, UpError> {
+    if request.in_process && request.record.is_some() {
         return Err(UpError::NoBus);
     }
     // Signals received after this point end the run with a report.
@@ -72,7 +71,7 @@ pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Repo
     if request.in_process {
         in_process::run(&plan, &stop_requested)
     } else {
-        system::run(&plan, stop_requested, recorder)
+        system::run(&plan, request, stop_requested)
     }
 }
 

@@ -11,7 +11,7 @@ use pipeline::{AttitudeFile, Column, is_same_file};
 use runtime::{Pace, ServiceConfig};
 use time::OffsetDateTime;
 
-use crate::{Flight, error::UpError, warm};
+use crate::{Flight, error::UpError, warm::state_file_path};
 
 /// Name of the default launch file.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -44,6 +44,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Columns of the output file after time and quaternion.
     pub columns: Vec<Column>,
+    /// Folder for the recording of the run; `None` for no recording.
+    pub record: Option<PathBuf>,
     /// `true` to ignore the state kept from an earlier run.
     pub cold: bool,
     /// `true` to publish the raw readings of the source, so that the recorded flight can be
@@ -149,7 +151,7 @@ impl Plan {
             has_reference: has_reference && config.launch.gateway.import.is_none(),
             recording: request.replay.clone(),
             out: out_file(request, &config.launch),
-            state_file: warm::state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
+            state_file: state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
             cold: request.cold,
             config,
         })
@@ -217,11 +219,7 @@ pub(crate) fn validate(launch: &Launch, slot: Slot) -> Result<(), String> {
 
 /// Returns the text of the given launch file, else of `launch.toml` in the current folder, else of
 /// the built-in launch file.
-///
-/// # Errors
-///
-/// Returns an error if the file cannot be read.
-pub fn launch_text(path: Option<&Path>) -> io::Result<String> {
+pub(crate) fn launch_text(path: Option<&Path>) -> io::Result<String> {
     match path {
         Some(path) => fs::read_to_string(path),
         None if Path::new(LAUNCH_FILE).exists() => fs::read_to_string(LAUNCH_FILE),

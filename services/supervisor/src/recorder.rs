@@ -1,36 +1,50 @@
-//! Interface for recorders of all published messages.
-//!
-//! - Input: the messages of every topic, from the first tick on.
-//! - Output: defined by the recorder.
-//! - Failure: a failed recorder reports its failure. The system keeps running.
+//! Recording of a run from its first tick.
 
+use std::{fs, os::unix::fs::DirBuilderExt, path::Path};
+
+use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
 use graph::Topic;
+use launch::Service;
 use runtime::ServiceConfig;
 
 use crate::{
-    error::UpError,
+    plan::{Request, launch_text},
     report::{RecordingReport, Report},
+    terminal::announce,
 };
 
-/// Recorder of all published messages.
-///
-/// The methods must not block for long. In lockstep the source may wait for them.
-pub trait Recorder {
-    /// Starts the recording. Called before any service starts.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error if the recording cannot be created.
-    fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError>;
-    /// Records a message of a topic.
-    fn record(&mut self, topic: Topic, message: &[u8]);
-    /// Handles an overflow: the buffer of a topic was full before it was read, so messages may be
-    /// missing.
-    fn on_overflow(&mut self, topic: Topic);
-    /// Ends a round of messages. Called several times per second.
-    fn end_round(&mut self);
-    /// Returns the reason why the recording has failed, or `None` if it has not failed.
-    fn failure(&self) -> Option<String>;
-    /// Finishes the recording with the report of the run.
-    fn finish(&mut self, report: &Report) -> RecordingReport;
+/// Creates the recording of a run as a new file in `folder`.
+pub(crate) fn create(folder: &Path, request: &Request, config: &ServiceConfig) -> Result<Recorder, FlightError> {
+    let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
+    created.map_err(|cause| FlightError::Create { path: folder.to_owned(), cause })?;
+    let path = flight::unused_path(folder, &config.launch.name)?;
+    let mode = if config.launch.tick_source() != Service::Ingest {
+        // The ticks come from another host and need not begin with the first one.
+        RecordingMode::FromAnyTick
+    } else if config.is_lockstep() {
+        RecordingMode::Lockstep
+    } else {
+        RecordingMode::FromFirstTick
+    };
+    let header = FlightHeader {
+        launch_file: request.launch.clone(),
+        launch: launch_text(request.launch.as_deref()).ok().and_then(|text| {
+            match (request.source.as_deref(), request.receiver.as_deref()) {
+                (None, None) => Some(text),
+                (source, receiver) => launch::with_overrides(&text, source, receiver),
+            }
+        }),
+        ..FlightHeader::new(env!("CARGO_PKG_VERSION"), config)
+    };
+    let recorder = Recorder::create(&path, &header, Topic::ALL, mode)?;
+    announce(format_args!("recording to {}", path.display()));
+    Ok(recorder)
+}
+
+/// Finishes the recording with the report of the run.
+pub(crate) fn finish(recorder: Recorder, report: &Report) -> RecordingReport {
+    let end_reason = report.error.as_deref().unwrap_or("ended normally");
+    let RecordingSummary { file, messages, missed, bytes, error, .. } =
+        recorder.finish(end_reason, Some(report.to_json()));
+    RecordingReport { file, messages, missed, bytes, error }
 }

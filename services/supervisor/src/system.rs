@@ -5,6 +5,7 @@ mod connection;
 mod recorded_topics;
 
 use std::{
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -14,6 +15,7 @@ use std::{
 
 use bus::{Claim, SharedMemory, SystemName};
 use control::RecordStatus;
+use flight::Recorder;
 use launch::Service;
 use messages::{Credit, EventKind, SystemEvent};
 use pipeline::{AttitudeFile, Collector};
@@ -22,13 +24,13 @@ use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, Reply, Spawn, Supervision};
 
 use crate::{
-    Plan, Report,
+    Plan, Report, Request,
     error::UpError,
-    flight::start_event,
     input::InputChecker,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
-    recorder::Recorder,
+    recorder,
+    replayed_flight::start_event,
     report::{RunTotals, ServiceReport},
     scheduling::{self, SchedulingClass},
     view::View,
@@ -41,29 +43,25 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval between two checks for removed bus files while no process exits.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Runs the plan as processes and records it, if a recorder is given.
+/// Runs the plan of `request` as processes and records it, if requested.
 ///
 /// # Errors
 ///
 /// Returns an error if the system could not be started. Later failures are part of the report.
-pub fn run(
-    plan: &Plan,
-    stop_requested: Arc<AtomicBool>,
-    recorder: Option<&mut dyn Recorder>,
-) -> Result<Report, UpError> {
+pub fn run(plan: &Plan, request: &Request, stop_requested: Arc<AtomicBool>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_ref())?;
-    let mut system = System::start(plan, stop_requested, recorder)?;
+    let mut system = System::start(plan, request, stop_requested)?;
     let failure = system.run(&mut collector).err();
     let mut report = system.report(collector, failure);
     if let Some(recorder) = system.finish() {
-        report.set_recording(recorder.finish(&report));
+        report.set_recording(recorder::finish(recorder, &report));
     }
     Ok(report)
 }
 
 /// Running system. The fields are dropped in this order: processes, bus, and finally the system
 /// name.
-struct System<'r> {
+struct System {
     processes: Processes,
     /// Connection to the bus; `None` if a new bus could not be created.
     connection: Option<BusConnection>,
@@ -80,7 +78,7 @@ struct System<'r> {
     checker: InputChecker,
     /// Number of published events.
     event_count: u64,
-    recorder: Option<&'r mut dyn Recorder>,
+    recorder: Option<Recorder>,
     /// Set once the failure of the recording has been announced.
     recording_failure_announced: bool,
     last_file_check: Instant,
@@ -96,12 +94,8 @@ struct CpuUsage {
     cpu_s_per_s: Option<f64>,
 }
 
-impl<'r> System<'r> {
-    fn start(
-        plan: &Plan,
-        stop_requested: Arc<AtomicBool>,
-        mut recorder: Option<&'r mut dyn Recorder>,
-    ) -> Result<Self, UpError> {
+impl System {
+    fn start(plan: &Plan, request: &Request, stop_requested: Arc<AtomicBool>) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
         let system_name = SystemName::new(&plan.config.launch.name)?;
         SharedMemory::check(system_name.name(), plan.config.shared_memory_bytes())?;
@@ -110,15 +104,14 @@ impl<'r> System<'r> {
         // could interrupt the wait for a topic that a service is still creating.
         let optional_inputs = OptionalInputs {
             fused: plan.out.as_ref().is_some_and(AttitudeFile::needs_fused),
-            every_topic: recorder.is_some(),
+            every_topic: request.record.is_some(),
             input: true,
         };
         let connection = BusConnection::open(&system_name, &plan.config, 0, optional_inputs)?;
         let view = View::new(plan)?;
         let (warm, prior) = WarmStart::load(plan)?;
-        if let Some(recorder) = &mut recorder {
-            recorder.start(&plan.config)?;
-        }
+        let record = |folder: &PathBuf| recorder::create(folder, request, &plan.config);
+        let recorder = request.record.as_ref().map(record).transpose()?;
         scheduling::set_supervisor_slice();
         let mut system = Self {
             processes: Processes::default(),
@@ -180,7 +173,7 @@ impl<'r> System<'r> {
         // The recorder reads before the source receives new credit. In lockstep, no message of a
         // round can therefore be overwritten before it is recorded.
         if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
-            topics.poll(&mut **recorder);
+            topics.poll(recorder);
         }
         events.push(Event::Output(output_progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
@@ -210,7 +203,7 @@ impl<'r> System<'r> {
     /// Returns the reason why the recording failed. `None` if it has not failed or nothing is
     /// recorded.
     fn recording_failure(&self) -> Option<String> {
-        self.recorder.as_ref().and_then(|recorder| recorder.failure())
+        self.recorder.as_ref()?.failure().map(str::to_owned)
     }
 
     /// Checks whether files of the bus were removed: periodically, and whenever a process has
@@ -395,7 +388,7 @@ impl<'r> System<'r> {
             // as lost.
             connection.finish(&mut collector);
             if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
-                topics.poll(&mut **recorder);
+                topics.poll(recorder);
             }
         }
         let ingest = self.connection.as_ref().filter(|_| self.supervision.launch().tick_source() == Service::Ingest);
@@ -424,7 +417,7 @@ impl<'r> System<'r> {
     }
 
     /// Terminates the remaining processes and returns the recorder.
-    fn finish(mut self) -> Option<&'r mut dyn Recorder> {
+    fn finish(mut self) -> Option<Recorder> {
         self.processes.terminate_all();
         let lines = self.warm.finish(self.supervision.newest_checkpoint(Service::Fuser));
         self.view.announce(lines);

@@ -118,7 +118,7 @@ fn run_undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, C
         out: Some(out.clone()),
         ..Request::default()
     };
-    let report = supervisor::up(&request, None)?;
+    let report = supervisor::up(&request)?;
     report.error.map_or(Ok(()), |error| Err(CampaignError::IncompleteUndisturbedRun(error)))?;
     std::fs::read(out).map_err(io_error("reading the result"))
 }

@@ -6,24 +6,17 @@
 use ratatui::{
     Frame,
     layout::{Constraint, Layout, Rect},
-    style::{Color, Modifier, Style},
+    style::{Modifier, Style},
     text::{Line, Span},
     widgets::{Block, Paragraph, Sparkline, SparklineBar, Wrap},
 };
 
-use crate::{Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend, horizon, trend::format_signed};
-
-/// Colour of the trend bars and of the horizon line. All colours are from Okabe and Ito 2008, as
-/// entries of the 256-colour palette.
-pub(crate) const BLUE: Color = Color::Indexed(32);
-/// Colour of the ground.
-pub(crate) const GROUND: Color = Color::Indexed(178);
-/// Colour of the state `live`.
-const GREEN: Color = Color::Indexed(36);
-/// Colour of faults.
-const VERMILION: Color = Color::Indexed(166);
-/// Colour of secondary text.
-pub(crate) const MUTED: Color = Color::Indexed(244);
+use crate::{
+    Attitude, DataState, Panel, Row, RowStyle, Snapshot, Trend,
+    colours::{BLUE, GREEN, MUTED, VERMILION},
+    horizon,
+    trend::format_signed,
+};
 
 /// Minimum size for the full view: columns, lines.
 const FULL_SIZE: (u16, u16) = (80, 24);

@@ -14,7 +14,7 @@ use ratatui::{
     widgets::canvas::{Canvas, Context, Painter, Shape},
 };
 
-use crate::drawing::{BLUE, GROUND, MUTED};
+use crate::colours::{BLUE, GROUND, MUTED};
 
 /// Half the vertical field of view, rad.
 const HALF_FIELD_OF_VIEW_RAD: f64 = 0.7;

@@ -11,10 +11,11 @@
 //! | [`snapshot`] | data of one frame |
 //! | `orientation` | conversion of an attitude message for display |
 //! | [`trend`] | values of the last minute |
-//! | `drawing`, `horizon` | rendering |
+//! | `drawing`, `horizon`, `colours` | rendering |
 //! | [`screen`] | terminal and keys |
 #![forbid(unsafe_code)]
 
+mod colours;
 mod drawing;
 mod horizon;
 mod orientation;

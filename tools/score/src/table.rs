@@ -6,10 +6,7 @@ use attitude::metrics::AttitudeError;
 use launch::{Launch, Slot};
 use serde::Serialize;
 
-use crate::{
-    normalised::{NormalisedErrors, RatioHistograms},
-    text,
-};
+use crate::normalised::{NormalisedErrors, RatioHistograms};
 
 /// Scores of all chains.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -302,36 +299,6 @@ impl Scores {
     pub fn json(&self) -> String {
         // Serialisation of numbers, strings and lists cannot fail.
         serde_json::to_string(self).unwrap_or_default()
-    }
-}
-
-impl fmt::Display for Scores {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", text::errors(self))?;
-        if self.prints_all_errors {
-            write!(f, "\n\n{}\n\n{}", text::all_errors(self), text::normalised(self))?;
-        }
-        text::drifts(self).iter().try_for_each(|line| write!(f, "\n{line}"))?;
-        for StageDifference { trial, from, to, rms } in &self.differences {
-            let [total, heading, inclination] =
-                [rms.total, rms.heading, rms.inclination].map(|deg| text::number(deg, 3));
-            write!(
-                f,
-                "\n{trial}: {to} differs from {from} by total {total}°, heading {heading}°, inclination {inclination}° (RMS)"
-            )?;
-        }
-        for Sweep { fuser, setting, unit, objective, before, best, .. } in self.swept.iter().chain(&self.tuned) {
-            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-            write!(
-                f,
-                "\n{fuser}: best {setting} = {}{unit} with {objective} error {:.3}°; before: {}{unit} with {:.3}°",
-                best.value, best.error_deg, before.value, before.error_deg
-            )?;
-        }
-        match &self.recommendation {
-            Some(recommendation) => write!(f, "\n{}", recommendation.text),
-            None => Ok(()),
-        }
     }
 }
 

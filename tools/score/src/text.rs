@@ -4,9 +4,11 @@
 //!
 //! Output: lines of aligned columns. Unknown values are dashes; an arbitrary heading is `arb.`.
 
+use std::fmt;
+
 use crate::{
     normalised::RatioQuantiles,
-    table::{ERROR_COUNT, Errors, QUANTILES, Scores, Spread, StageScore, TrialScore},
+    table::{ERROR_COUNT, Errors, QUANTILES, Scores, Spread, StageDifference, StageScore, Sweep, TrialScore},
 };
 
 /// Number of text columns at the left of each table.
@@ -14,8 +16,37 @@ const TEXT_COLUMNS: usize = 2;
 /// Minimum width of a number column, characters.
 const MIN_NUMBER_WIDTH: usize = 9;
 
+impl fmt::Display for Scores {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", errors(self))?;
+        if self.prints_all_errors {
+            write!(f, "\n\n{}\n\n{}", all_errors(self), normalised(self))?;
+        }
+        drifts(self).iter().try_for_each(|line| write!(f, "\n{line}"))?;
+        for StageDifference { trial, from, to, rms } in &self.differences {
+            let [total, heading, inclination] = [rms.total, rms.heading, rms.inclination].map(|deg| number(deg, 3));
+            write!(
+                f,
+                "\n{trial}: {to} differs from {from} by total {total}°, heading {heading}°, inclination {inclination}° (RMS)"
+            )?;
+        }
+        for Sweep { fuser, setting, unit, objective, before, best, .. } in self.swept.iter().chain(&self.tuned) {
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            write!(
+                f,
+                "\n{fuser}: best {setting} = {}{unit} with {objective} error {:.3}°; before: {}{unit} with {:.3}°",
+                best.value, best.error_deg, before.value, before.error_deg
+            )?;
+        }
+        match &self.recommendation {
+            Some(recommendation) => write!(f, "\n{}", recommendation.text),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Returns the table of total, heading and inclination errors and the time per update.
-pub(crate) fn errors(scores: &Scores) -> String {
+fn errors(scores: &Scores) -> String {
     let head = ["RMSE, degrees", "fuser", "total", "heading", "inclination", "ns/update"];
     let line = |name: &str, fuser: &str, errors: &Errors, is_known: bool, ns: Option<f64>| {
         let attitude = errors.attitude;
@@ -38,7 +69,7 @@ pub(crate) fn errors(scores: &Scores) -> String {
 }
 
 /// Returns the table of angle, course and gyro bias errors, and of the heading drift.
-pub(crate) fn all_errors(scores: &Scores) -> String {
+fn all_errors(scores: &Scores) -> String {
     let head = [
         "RMSE and drift",
         "fuser",
@@ -71,7 +102,7 @@ pub(crate) fn all_errors(scores: &Scores) -> String {
 }
 
 /// Returns the table of normalised errors, each as a ratio to its ideal value.
-pub(crate) fn normalised(scores: &Scores) -> String {
+fn normalised(scores: &Scores) -> String {
     let head = [
         "error / reported SD / ideal",
         "fuser",
@@ -96,7 +127,7 @@ pub(crate) fn normalised(scores: &Scores) -> String {
 }
 
 /// Returns one line per chain with the drift of an arbitrary heading.
-pub(crate) fn drifts(scores: &Scores) -> Vec<String> {
+fn drifts(scores: &Scores) -> Vec<String> {
     let drift_line = |stage: &StageScore| {
         let (deg_min, end_deg) = stage.mean.drift_deg_min.zip(stage.mean.drift_end_deg)?;
         let known = stage.trials.iter().filter(|trial| trial.error.drift_end_deg.is_some());
@@ -120,7 +151,7 @@ pub(crate) fn drifts(scores: &Scores) -> Vec<String> {
 }
 
 /// Formats a number, or a dash for `None`.
-pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
+fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("—".into(), |value| format!("{value:.digits$}"))
 }
 

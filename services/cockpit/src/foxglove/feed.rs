@@ -13,7 +13,7 @@ use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use tokio::sync::broadcast;
 use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
-use crate::{foxglove::rate_limit::RateLimit, local_system::TOPICS, source::SourceState};
+use crate::{foxglove::rate_limit::RateLimit, local_system::observed_topics, source::SourceState};
 
 /// Maximum number of messages queued per client, enough for all messages of half a second. A client
 /// that falls further behind loses the oldest messages.
@@ -47,7 +47,7 @@ pub(crate) struct ChannelMessage {
 
 impl Default for Broadcaster {
     fn default() -> Self {
-        let channels = channels(&TOPICS);
+        let channels = channels(&observed_topics().collect::<Vec<_>>());
         let subscriber_counts = channels.iter().map(|_| AtomicUsize::new(0)).collect();
         let messages = broadcast::Sender::new(MAX_QUEUED_MESSAGES);
         Self { channels, messages, subscriber_counts, session: AtomicU64::new(now_ns()) }
@@ -118,7 +118,7 @@ struct TopicFeed {
 impl Feed {
     pub(crate) fn new(broadcaster: Arc<Broadcaster>) -> Self {
         let mut topic_feeds: Vec<_> = Topic::ALL.iter().map(|_| None).collect();
-        for topic in TOPICS {
+        for topic in observed_topics() {
             let channels = broadcaster.channels.iter().enumerate().filter(|(_, channel)| channel.topic == topic);
             let channels = channels.map(|(index, _)| index).collect();
             let (encoder, rate_limit) = (Encoder::new(topic), RateLimit::for_topic(topic));

@@ -3,14 +3,14 @@
 //! They are opened before any service starts and have the buffer sizes of the data path. In
 //! lockstep each round is complete, because the source receives credit only after the round.
 
-use bus::{Bus, BusError, Subscriber};
+use bus::{Bus, BusError};
+use flight::Recorder;
 use graph::Topic;
 use messages::Message;
 use runtime::ServiceConfig;
 
-use crate::recorder::Recorder;
-
-pub(super) struct RecordedTopics(Vec<Box<dyn DrainTopic>>);
+/// Topics, each as a function that passes the messages received to the recorder.
+pub(super) struct RecordedTopics(Vec<Box<dyn Fn(&mut Recorder)>>);
 
 impl RecordedTopics {
     pub(super) fn open(bus: &Bus, config: &ServiceConfig) -> Result<Self, BusError> {
@@ -19,37 +19,24 @@ impl RecordedTopics {
     }
 
     /// Passes the received messages to the recorder and marks the end of the round.
-    pub(super) fn poll(&self, recorder: &mut dyn Recorder) {
-        self.0.iter().for_each(|topic| topic.drain(recorder));
-        recorder.end_round();
+    pub(super) fn poll(&self, recorder: &mut Recorder) {
+        self.0.iter().for_each(|drain_into| drain_into(recorder));
+        recorder.poll();
     }
 }
 
-trait DrainTopic {
-    fn drain(&self, recorder: &mut dyn Recorder);
-}
-
-struct TopicReader<M: Message> {
-    topic: Topic,
-    subscriber: Subscriber<M>,
-    buffer: usize,
-}
-
-fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<Box<dyn DrainTopic>, BusError> {
+fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<Box<dyn Fn(&mut Recorder)>, BusError> {
     let buffer = config.buffer_size(M::TOPIC);
-    Ok(Box::new(TopicReader::<M> { topic, subscriber: bus.subscriber(buffer)?, buffer }))
-}
-
-impl<M: Message> DrainTopic for TopicReader<M> {
-    fn drain(&self, recorder: &mut dyn Recorder) {
+    let subscriber = bus.subscriber::<M>(buffer)?;
+    Ok(Box::new(move |recorder| {
         let mut count = 0;
-        let result = self.subscriber.drain(2 * self.buffer, |message| {
+        let result = subscriber.drain(2 * buffer, |message| {
             count += 1;
-            recorder.record(self.topic, bytemuck::bytes_of(&message));
+            recorder.record(topic, bytemuck::bytes_of(&message));
         });
         // A failed read is handled like an overflow, because it affects only the recording.
-        if count >= self.buffer || result.is_err() {
-            recorder.on_overflow(self.topic);
+        if count >= buffer || result.is_err() {
+            recorder.record_overflow(topic);
         }
-    }
+    }))
 }

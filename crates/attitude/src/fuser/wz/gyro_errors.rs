@@ -23,12 +23,12 @@
 use core::f64::consts::PI;
 
 use super::{
-    T1_S,
     initial_velocity::InitialVelocityEstimator,
     level::{LoopError, LoopResponse},
     noise::{self, InnovationNoise},
     settings::Settings,
     tilt_fault::TiltFaultMonitor,
+    time_constants::T1_S,
 };
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,

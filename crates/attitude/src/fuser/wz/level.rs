@@ -6,7 +6,10 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use super::{T1_S, correction_smoothing, time_constants::TiltTimeConstant};
+use super::{
+    correction_smoothing,
+    time_constants::{T1_S, TiltTimeConstant},
+};
 use crate::{
     Complex, GRAVITY_M_S2,
     fuser::leaky_velocity::LeakyVelocity,

@@ -66,8 +66,6 @@ use {
     wide_bias::WideBiasFilter,
 };
 
-/// Time constant T1 of the leaky velocity, s. The damping of the loop, ½√(T2/T1), is at least 0.5.
-const T1_S: f64 = 2.0;
 /// Longest interval over which one rate sample may be integrated, s. The motion of a body over a
 /// longer interval is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;

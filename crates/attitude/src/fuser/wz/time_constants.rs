@@ -17,9 +17,10 @@
 //! the variance S/(2 · [`REFERENCE_S`]). Fast shaking, which the levelling loop suppresses in any
 //! case, hardly affects S.
 
-use super::T1_S;
 use crate::{Complex, GRAVITY_M_S2, scalars::scalars};
 
+/// Time constant T1 of the leaky velocity, s. The damping of the loop, ½√(T2/T1), is at least 0.5.
+pub(super) const T1_S: f64 = 2.0;
 /// Smallest time constant of the tilt, s.
 const MIN_T2_S: f64 = 3.0;
 /// Time constant at the start, s.

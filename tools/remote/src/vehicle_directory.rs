@@ -3,7 +3,6 @@
 use std::{
     collections::BTreeMap,
     convert::Infallible,
-    process::ExitCode,
     sync::{Arc, Mutex, PoisonError},
     thread,
     time::{Duration, Instant},
@@ -11,13 +10,11 @@ use std::{
 
 use cockpit::{
     hub::Hub,
-    source::{CommandTarget, Source, SourceState, SystemDescription},
-    token::Tokens,
+    source::CommandTarget,
     vehicles::{VehicleDirectory, VehicleView},
 };
-use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use link::{Link, LinkError, MessageStream};
+use link::Link;
 use runtime::frames::attitude_from_frame;
 use wire::{
     Payload as _,
@@ -26,15 +23,11 @@ use wire::{
     v1::{Services, VehicleLine},
 };
 
-use super::{
-    View, ViewError,
-    remote::{RemoteCommandTarget, RemoteSource, VehicleLines},
-    site, wait_until_stopped,
-};
 use crate::{
-    remote::{RemoteEndpoint, RemoteError},
-    station::fleet::{self, Vehicle, Vehicles},
-    stdout::print,
+    endpoint::RemoteEndpoint,
+    error::RemoteError,
+    fleet::{FleetMonitor, Vehicle},
+    vehicle_source::{RemoteCommandTarget, RemoteSource, VehicleLines},
 };
 
 /// Interval between two updates of the summaries.
@@ -43,29 +36,13 @@ const LINES_INTERVAL: Duration = Duration::from_secs(1);
 const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
 /// Timeout of a service query.
 const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest wait for a message.
-const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of vehicles with an open view.
 const MAX_VIEWS: usize = 8;
 /// Time after which an unused view is closed. Prometheus typically polls once a minute.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(90);
 
-/// Shows remote vehicles, beginning with `vehicle` if given.
-pub(super) fn show(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
-    let tokens = Tokens::load()?;
-    let link = view.endpoint.open()?;
-    let fleet = Fleet::start(link.clone(), &view.endpoint, vehicle).map_err(RemoteError::from)?;
-    let server = view.bind()?;
-    let url = server.address(Some(view.role_token(&tokens)));
-    server.start(site(fleet, Some(tokens), None))?;
-    let printed = print(&url);
-    wait_until_stopped(view);
-    link.close();
-    Ok(printed)
-}
-
 /// Vehicles that are reachable over a link.
-pub(super) struct Fleet {
+pub struct RemoteDirectory {
     link: Link,
     endpoint: RemoteEndpoint,
     /// Vehicle shown if none is named.
@@ -81,54 +58,41 @@ struct OpenView {
     used_at: Instant,
 }
 
-impl Fleet {
-    /// Starts monitoring all vehicles that are reachable over the link.
-    pub(super) fn start(
-        link: Link,
-        endpoint: &RemoteEndpoint,
-        default_vehicle: Option<&str>,
-    ) -> Result<Self, LinkError> {
+impl RemoteDirectory {
+    /// Starts monitoring all vehicles that are reachable over `link`, which was opened at
+    /// `endpoint`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the link is closed.
+    pub fn start(link: Link, endpoint: RemoteEndpoint, default_vehicle: Option<&str>) -> Result<Self, RemoteError> {
         let lines = VehicleLines::default();
-        let messages = [Topic::Attitude.name(), keys::GATEWAY].map(|topic| link.subscribe(&keys::key("*", topic)));
-        let liveliness = link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?;
-        let [attitudes, reports] = messages;
-        let (streams, shared_lines, query_link) = ([attitudes?, reports?], lines.clone(), link.clone());
+        let monitor = FleetMonitor::open(&link, &[Topic::Attitude.name(), keys::GATEWAY], None)?;
+        let (shared_lines, query_link) = (lines.clone(), link.clone());
         let services = Arc::new(Mutex::new(BTreeMap::new()));
         let reports = services.clone();
         thread::spawn(move || poll_services(&query_link, &reports));
-        thread::spawn(move || receive_messages(&streams, &liveliness, &services, &shared_lines));
-        Ok(Self {
-            link,
-            endpoint: endpoint.clone(),
-            default_vehicle: default_vehicle.map(str::to_owned),
-            lines,
-            views: Arc::default(),
-        })
-    }
-
-    fn target(&self, name: &str) -> Arc<dyn CommandTarget> {
-        let (name, link, endpoint, lines) =
-            (name.to_owned(), self.link.clone(), self.endpoint.clone(), self.lines.clone());
-        Arc::new(RemoteCommandTarget { name, link, endpoint, lines })
+        thread::spawn(move || update_lines(monitor, &services, &shared_lines));
+        let default_vehicle = default_vehicle.map(str::to_owned);
+        Ok(Self { link, endpoint, default_vehicle, lines, views: Arc::default() })
     }
 
     /// Opens the view of a vehicle, or an empty view if no vehicle is named.
     fn open_view(&self, name: Option<&str>) -> VehicleView {
         let hub = Arc::new(Hub::default());
-        let target: Arc<dyn CommandTarget> = match name {
-            Some(name) => self.target(name),
-            None => Arc::new(NoTarget(self.lines.clone())),
-        };
+        let target: Arc<dyn CommandTarget> = Arc::new(RemoteCommandTarget {
+            name: name.map(str::to_owned),
+            link: self.link.clone(),
+            endpoint: self.endpoint.clone(),
+            lines: self.lines.clone(),
+        });
         let system = name.unwrap_or_default().to_owned();
         let view = VehicleView { system, hub: hub.clone(), target: Some(target.clone()) };
-        let mut source: Box<dyn Source + Send> = match name {
-            Some(name) => Box::new(RemoteSource::new(name, self.link.clone())),
-            None => Box::new(NoSource),
-        };
+        let mut source = RemoteSource::new(name, self.link.clone());
         let (views, name) = (self.views.clone(), name.unwrap_or_default().to_owned());
         thread::spawn(move || {
             let shown = hub.clone();
-            let Ok(()) = cockpit::publish_source(&mut *source, target, &shown, &mut |_| {
+            let Ok(()) = cockpit::publish_source(&mut source, target, &shown, &mut |_| {
                 Ok::<_, Infallible>(is_in_use(&views, &name, &hub))
             });
         });
@@ -150,7 +114,7 @@ fn is_in_use(views: &Mutex<BTreeMap<String, OpenView>>, name: &str, hub: &Hub) -
     in_use
 }
 
-impl VehicleDirectory for Fleet {
+impl VehicleDirectory for RemoteDirectory {
     fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
         let name = vehicle.or(self.default_vehicle.as_deref());
         if let Some(name) = name.filter(|name| !keys::is_vehicle_name(name)) {
@@ -197,34 +161,21 @@ fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
 }
 
 /// Updates the summaries of all vehicles while they are in use.
-fn receive_messages(
-    streams: &[MessageStream; 2],
-    liveliness: &MessageStream,
-    services: &ServiceReports,
-    shared_lines: &VehicleLines,
-) {
-    let (mut vehicles, mut before) = (Vehicles::new(), Instant::now());
+fn update_lines(mut monitor: FleetMonitor, services: &ServiceReports, shared_lines: &VehicleLines) {
+    let mut before = Instant::now();
     while Arc::strong_count(shared_lines) > 1 {
-        while let Some(token) = liveliness.next(Duration::ZERO) {
-            fleet::update_liveliness(&mut vehicles, &token);
-        }
-        for stream in streams {
-            if let Some(message) = stream.next(RECEIVE_TIMEOUT) {
-                // Recording a message fails only if a table cannot be written, and no tables are
-                // written here.
-                let _ = fleet::record_message(&mut vehicles, &message, None);
-            }
-        }
+        // Polling fails only if a table cannot be written, and no tables are written here.
+        let _ = monitor.poll();
         if before.elapsed() >= LINES_INTERVAL {
             before = Instant::now();
             let reports = services.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            let lines = vehicles.iter_mut().map(|(name, vehicle)| line(name, vehicle, reports.get(name)));
+            let lines = monitor.vehicles.iter().map(|(name, vehicle)| line(name, vehicle, reports.get(name)));
             *shared_lines.lock().unwrap_or_else(PoisonError::into_inner) = lines.collect();
         }
     }
 }
 
-fn line(name: &str, vehicle: &mut Vehicle, services: Option<&Services>) -> VehicleLine {
+fn line(name: &str, vehicle: &Vehicle, services: Option<&Services>) -> VehicleLine {
     let status = |slot: &str| services.and_then(|all| all.services.iter().find(|one| one.service == slot));
     VehicleLine {
         vehicle: name.into(),
@@ -235,47 +186,5 @@ fn line(name: &str, vehicle: &mut Vehicle, services: Option<&Services>) -> Vehic
         lost_ticks: status("course").map(|status| status.lost),
         stage: status("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
         services: vehicle.services.iter().cloned().collect(),
-    }
-}
-
-/// Source used while no vehicle is selected.
-struct NoSource;
-
-impl Source for NoSource {
-    fn poll(&mut self, _take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
-        SourceState::Unselected
-    }
-
-    fn has_every_tick(&self) -> bool {
-        false
-    }
-}
-
-/// Command target used while no vehicle is selected. It only lists the reachable vehicles.
-struct NoTarget(VehicleLines);
-
-impl CommandTarget for NoTarget {
-    fn description(&self) -> Result<SystemDescription, String> {
-        Ok(SystemDescription::default())
-    }
-
-    fn services(&self) -> Result<Vec<ServiceStatus>, String> {
-        Ok(Vec::new())
-    }
-
-    fn vehicles(&self) -> Vec<VehicleLine> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn takes_commands(&self) -> bool {
-        false
-    }
-
-    fn swap(&self, _request: SwapRequest) -> Result<SwapReport, String> {
-        Err("no vehicle is selected".into())
-    }
-
-    fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
-        Err("no vehicle is selected".into())
     }
 }

@@ -2,12 +2,12 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use attitude::frames::Frame;
 use graph::Topic;
-use link::RemoteMessage;
+use link::{Link, MessageStream, RemoteMessage};
 use messages::{AttitudeOutput, Message};
 use observe::{
     hops::LatencyHistogram,
@@ -22,27 +22,96 @@ use wire::{
     v1::{Envelope, GatewayReport},
 };
 
+use crate::error::RemoteError;
+
 /// Maximum number of vehicles that are tracked.
 const MAX_VEHICLES: usize = 256;
+/// Longest wait for a message.
+const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
+/// Maximum number of messages of a subscription that are received per poll, so that the caller is
+/// not starved.
+const MAX_MESSAGES: usize = 1000;
 
 /// State of a vehicle.
 #[derive(Default)]
-pub(crate) struct Vehicle {
-    pub(crate) services: BTreeSet<String>,
-    pub(crate) is_alive: bool,
-    pub(crate) trackers: BTreeMap<String, DeliveryTracker>,
-    pub(crate) attitude: Option<AttitudeOutput>,
+pub struct Vehicle {
+    /// Names of the running services.
+    pub services: BTreeSet<String>,
+    /// `true` while the gateway is reachable.
+    pub is_alive: bool,
+    /// Delivery statistics of each topic.
+    pub trackers: BTreeMap<String, DeliveryTracker>,
+    /// Newest attitude.
+    pub attitude: Option<AttitudeOutput>,
     /// Frame of the attitude.
-    pub(crate) frame: Frame,
+    pub frame: Frame,
     /// Arrival time of the newest attitude.
-    pub(crate) attitude_at: Option<Instant>,
+    pub attitude_at: Option<Instant>,
     /// End-to-end latencies of the attitudes since the latencies were last evaluated.
-    pub(crate) latencies: LatencyHistogram,
+    pub latencies: LatencyHistogram,
     decode_errors: DecodeErrorCounts,
 }
 
 /// Vehicles by name.
-pub(crate) type Vehicles = BTreeMap<String, Vehicle>;
+pub type Vehicles = BTreeMap<String, Vehicle>;
+
+/// Subscriptions to all reachable vehicles, and the state of the vehicles.
+pub struct FleetMonitor {
+    messages: Vec<MessageStream>,
+    liveliness: MessageStream,
+    tables: Option<CsvTables>,
+    /// Known vehicles.
+    pub vehicles: Vehicles,
+}
+
+impl FleetMonitor {
+    /// Subscribes to these topics of all vehicles; `*` stands for every topic. Messages are also
+    /// written to `tables` if given.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the link is closed.
+    pub fn open(link: &Link, topics: &[&str], tables: Option<CsvTables>) -> Result<Self, RemoteError> {
+        let messages = topics.iter().map(|topic| link.subscribe(&keys::key("*", topic)));
+        Ok(Self {
+            messages: messages.collect::<Result<_, _>>()?,
+            liveliness: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
+            tables,
+            vehicles: Vehicles::new(),
+        })
+    }
+
+    /// Processes received messages. Waits briefly if no message is available.
+    ///
+    /// # Errors
+    ///
+    /// Fails if a table cannot be written.
+    pub fn poll(&mut self) -> Result<(), TableError> {
+        let Self { messages, liveliness, tables, vehicles } = self;
+        while let Some(token) = liveliness.next(Duration::ZERO) {
+            update_liveliness(vehicles, &token);
+        }
+        for stream in messages {
+            let mut wait = RECEIVE_TIMEOUT;
+            for _ in 0..MAX_MESSAGES {
+                let Some(message) = stream.next(wait) else { break };
+                wait = Duration::ZERO;
+                record_message(vehicles, &message, tables.as_mut())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Completes the tables and returns the vehicles.
+    ///
+    /// # Errors
+    ///
+    /// Fails if a table cannot be written.
+    pub fn finish(self) -> Result<Vehicles, TableError> {
+        self.tables.map_or(Ok(()), CsvTables::finish)?;
+        Ok(self.vehicles)
+    }
+}
 
 /// Returns the named vehicle. Adds it if there is room, otherwise returns `None`.
 fn entry<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
@@ -50,7 +119,7 @@ fn entry<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> 
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
 }
 
-pub(crate) fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) {
+fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) {
     let Some((name, rest)) = keys::parse(&token.key) else { return };
     let Some(vehicle) = entry(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVELINESS).map(|service| service.trim_start_matches('/')) {
@@ -61,7 +130,7 @@ pub(crate) fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) 
     }
 }
 
-pub(crate) fn record_message(
+fn record_message(
     vehicles: &mut Vehicles,
     message: &RemoteMessage,
     tables: Option<&mut CsvTables>,
@@ -129,17 +198,18 @@ impl Vehicle {
     }
 
     /// Returns the number of messages received.
-    pub(crate) fn messages(&self) -> u64 {
+    pub fn messages(&self) -> u64 {
         self.trackers.values().map(|tracker| tracker.messages).sum()
     }
 
     /// Returns the number of messages lost in transit.
-    pub(crate) fn lost(&self) -> u64 {
+    pub fn lost(&self) -> u64 {
         self.trackers.values().map(|tracker| tracker.lost_messages).sum()
     }
 }
 
-pub(crate) fn to_json(vehicles: &Vehicles) -> Value {
+/// Returns the state of the vehicles as a JSON object.
+pub fn to_json(vehicles: &Vehicles) -> Value {
     let vehicle = |(name, vehicle): (&String, &Vehicle)| {
         let trackers: Vec<_> = vehicle.trackers.iter().map(|(topic, tracker)| topic_json(topic, tracker)).collect();
         let attitude = vehicle.attitude.map(|output| {

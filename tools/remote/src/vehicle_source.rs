@@ -7,7 +7,7 @@ use std::{
 };
 
 use cockpit::{
-    local_system::TOPICS,
+    local_system::observed_topics,
     source::{CommandTarget, Source, SourceState, SystemDescription},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
@@ -19,16 +19,18 @@ use runtime::frames::attitude_from_frame;
 use wire::v1::VehicleLine;
 
 use crate::{
-    remote::{self, RemoteEndpoint},
-    topics::remote::{RemoteTopic, RemoteVehicle},
+    endpoint::RemoteEndpoint,
+    requests,
+    vehicle::{RemoteTopic, RemoteVehicle},
 };
 
 /// Interval between two attempts to find a vehicle.
 const TRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Topics of a remote vehicle as a source of the cockpit.
-pub(super) struct RemoteSource {
-    name: String,
+pub(crate) struct RemoteSource {
+    /// Name of the vehicle; `None` while none is selected.
+    name: Option<String>,
     link: Link,
     found: Option<Found>,
     tried_at: Option<Instant>,
@@ -40,9 +42,10 @@ type Found = (RemoteVehicle, Vec<(Topic, RemoteTopic)>);
 
 impl RemoteSource {
     /// Creates the source for a vehicle, which may not be reachable yet.
-    pub(super) fn new(name: &str, link: Link) -> Self {
-        let state = SourceState::Connecting(format!("connecting to vehicle {name:?}"));
-        Self { name: name.into(), link, found: None, tried_at: None, state }
+    pub(crate) fn new(name: Option<&str>, link: Link) -> Self {
+        let connecting = |name| SourceState::Connecting(format!("connecting to vehicle {name:?}"));
+        let state = name.map_or(SourceState::Unselected, connecting);
+        Self { name: name.map(str::to_owned), link, found: None, tried_at: None, state }
     }
 
     /// Checks whether the vehicle is reachable and connects if necessary.
@@ -56,14 +59,15 @@ impl RemoteSource {
             }
             return;
         }
+        let Some(name) = &self.name else { return };
         if self.tried_at.is_some_and(|tried_at| tried_at.elapsed() < TRY_INTERVAL) {
             return;
         }
-        match RemoteVehicle::find_over(self.link.clone(), &self.name) {
+        match RemoteVehicle::find(self.link.clone(), name) {
             Ok(vehicle) => {
                 // Topics that the vehicle does not publish are not shown.
                 let remote_topic = |topic| Some((topic, vehicle.subscribe(topic).ok()?));
-                let remote_topics = TOPICS.into_iter().filter_map(remote_topic).collect();
+                let remote_topics = observed_topics().filter_map(remote_topic).collect();
                 self.found = Some((vehicle, remote_topics));
                 self.state = SourceState::Live;
             }
@@ -105,23 +109,25 @@ fn to_native_frame(topic: Topic, bytes: &[u8], reported: Option<Output>) -> Opti
 }
 
 /// Summaries of all reachable vehicles, updated once a second.
-pub(super) type VehicleLines = Arc<Mutex<Vec<VehicleLine>>>;
+pub(crate) type VehicleLines = Arc<Mutex<Vec<VehicleLine>>>;
 
-/// Command target that sends requests to a remote vehicle.
-pub(super) struct RemoteCommandTarget {
-    pub(super) name: String,
-    pub(super) link: Link,
-    pub(super) endpoint: RemoteEndpoint,
-    pub(super) lines: VehicleLines,
+/// Command target that lists the reachable vehicles and sends requests to the selected one.
+pub(crate) struct RemoteCommandTarget {
+    /// Name of the vehicle; `None` while none is selected.
+    pub(crate) name: Option<String>,
+    pub(crate) link: Link,
+    pub(crate) endpoint: RemoteEndpoint,
+    pub(crate) lines: VehicleLines,
 }
 
 impl CommandTarget for RemoteCommandTarget {
     fn description(&self) -> Result<SystemDescription, String> {
+        let Some(name) = &self.name else { return Ok(SystemDescription::default()) };
         let launch = Launch::default();
         let stages = |slot: Slot| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
         let slots = Slot::ALL.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
         Ok(SystemDescription {
-            system: self.name.clone(),
+            system: name.clone(),
             source: "over the network".into(),
             slots: slots.collect(),
             ..SystemDescription::default()
@@ -129,7 +135,8 @@ impl CommandTarget for RemoteCommandTarget {
     }
 
     fn services(&self) -> Result<Vec<ServiceStatus>, String> {
-        remote::services(&self.link, &self.name).map_err(|error| error.to_string())
+        let Some(name) = &self.name else { return Ok(Vec::new()) };
+        requests::services(&self.link, name).map_err(|error| error.to_string())
     }
 
     fn vehicles(&self) -> Vec<VehicleLine> {
@@ -137,16 +144,16 @@ impl CommandTarget for RemoteCommandTarget {
     }
 
     fn takes_commands(&self) -> bool {
-        self.endpoint.is_secured()
+        self.name.is_some() && self.endpoint.is_secured()
     }
 
     fn swap(&self, request: SwapRequest) -> Result<SwapReport, String> {
+        let name = self.name.as_deref().ok_or("no vehicle is selected")?;
         if request.shadow {
             return Err("a shadow cannot be started remotely; run `plumb shadow` on the vehicle".into());
         }
         let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
-        remote::swap_over(&self.link, &self.name, &self.endpoint, &request.slot, stage)
-            .map_err(|error| error.to_string())
+        requests::swap(&self.link, &self.endpoint, name, &request.slot, stage).map_err(|error| error.to_string())
     }
 
     fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {

@@ -17,8 +17,7 @@ use wire::{
     v1::{Envelope, GatewayReport},
 };
 
-use super::error::ObserveError;
-use crate::remote::{RemoteEndpoint, RemoteError};
+use crate::error::RemoteError;
 
 /// Timeout for finding a vehicle once connected. A gateway reports its topics once a second.
 const FIND_TIMEOUT: Duration = Duration::from_secs(5);
@@ -32,10 +31,10 @@ const MAX_BATCHES: usize = 4096;
 
 /// Callback for delivery statistics and, if present, a message with the frame that its publisher
 /// reported. Returns `false` to stop.
-pub(crate) type OnDelivery<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
+pub type OnDelivery<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
 
 /// Vehicle that was found on the network.
-pub(crate) struct RemoteVehicle {
+pub struct RemoteVehicle {
     name: String,
     link: Link,
     liveliness: MessageStream,
@@ -46,37 +45,44 @@ pub(crate) struct RemoteVehicle {
 }
 
 impl RemoteVehicle {
-    /// Connects to `endpoint` and finds the vehicle.
-    pub(super) fn find(name: &str, endpoint: &RemoteEndpoint) -> Result<Self, ObserveError> {
-        Self::find_over(endpoint.open()?, name)
-    }
-
     /// Finds the vehicle over an open link.
-    pub(crate) fn find_over(link: Link, name: &str) -> Result<Self, ObserveError> {
-        let liveliness = link.subscribe_liveliness(&keys::key(name, keys::LIVELINESS)).map_err(RemoteError::from)?;
+    ///
+    /// # Errors
+    ///
+    /// Fails if the vehicle does not reply before a timeout.
+    pub fn find(link: Link, name: &str) -> Result<Self, RemoteError> {
+        let liveliness = link.subscribe_liveliness(&keys::key(name, keys::LIVELINESS))?;
         let deadline = Instant::now() + FIND_TIMEOUT;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            let replies = link.query(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(QUERY_INTERVAL));
-            let replies = replies.map_err(RemoteError::from)?;
+            let replies = link.query(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(QUERY_INTERVAL))?;
             if let Some(report) = replies.iter().find_map(|(_, bytes)| GatewayReport::from_bytes(bytes).ok()) {
                 let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
                 return Ok(Self { name: name.into(), link, liveliness, topics, unreachable_since: Cell::new(None) });
             }
             if left.is_zero() {
-                return Err(ObserveError::NoVehicle { vehicle: name.into(), limit_s: FIND_TIMEOUT.as_secs_f64() });
+                return Err(RemoteError::NoVehicle { vehicle: name.into(), limit_s: FIND_TIMEOUT.as_secs_f64() });
             }
             thread::sleep(QUERY_INTERVAL);
         }
     }
 
+    /// Returns `true` if the vehicle publishes the topic.
+    pub fn publishes(&self, topic: Topic) -> bool {
+        self.topics.iter().any(|sent| sent == topic.name())
+    }
+
     /// Subscribes to a topic.
-    pub(crate) fn subscribe(&self, topic: Topic) -> Result<RemoteTopic, ObserveError> {
-        if !self.topics.iter().any(|sent| sent == topic.name()) {
+    ///
+    /// # Errors
+    ///
+    /// Fails if the vehicle does not publish the topic.
+    pub fn subscribe(&self, topic: Topic) -> Result<RemoteTopic, RemoteError> {
+        if !self.publishes(topic) {
             let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
-            return Err(ObserveError::NotSent { vehicle, topic: topic.name().into(), sent });
+            return Err(RemoteError::NotSent { vehicle, topic: topic.name().into(), sent });
         }
-        let stream = self.link.subscribe(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
+        let stream = self.link.subscribe(&keys::key(&self.name, topic.name()))?;
         Ok(RemoteTopic {
             topic,
             stream,
@@ -87,7 +93,7 @@ impl RemoteVehicle {
     }
 
     /// Returns `true` if the vehicle is alive or has been unreachable only briefly.
-    pub(crate) fn is_reachable(&self) -> bool {
+    pub fn is_reachable(&self) -> bool {
         while let Some(token) = self.liveliness.next(Duration::ZERO) {
             self.unreachable_since.set((!token.is_present).then(Instant::now));
         }
@@ -95,13 +101,13 @@ impl RemoteVehicle {
     }
 
     /// Returns the message printed when the vehicle is given up.
-    pub(crate) fn unreachable_message(&self) -> String {
+    pub fn unreachable_message(&self) -> String {
         format!("vehicle {:?} has been unreachable for {:.0} s", self.name, UNREACHABLE_TIMEOUT.as_secs_f64())
     }
 }
 
 /// Topic of a remote vehicle.
-pub(crate) struct RemoteTopic {
+pub struct RemoteTopic {
     topic: Topic,
     stream: MessageStream,
     tracker: DeliveryTracker,
@@ -114,7 +120,7 @@ impl RemoteTopic {
     ///
     /// Passes the delivery statistics and each message, with the frame that its publisher reported,
     /// to `on_delivery` until it returns `false`.
-    pub(crate) fn poll(&mut self, message_bytes: usize, on_delivery: &mut OnDelivery<'_>) {
+    pub fn poll(&mut self, message_bytes: usize, on_delivery: &mut OnDelivery<'_>) {
         for _ in 0..MAX_BATCHES {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
             let Ok((envelope, messages)) = wire::decode_topic_batch(self.topic, &arrival.bytes) else {

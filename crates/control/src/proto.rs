@@ -1,0 +1,135 @@
+//! Conversion of replies to and from their messages beyond the board.
+
+use swap::SwapOutcome;
+use wire::v1::{self, SwapAnswer, swap_answer::Outcome};
+
+use crate::{Diagnostic, ServiceStatus, SwapReport};
+
+impl SwapReport {
+    /// Converts the report to the answer to the request with this ID.
+    pub fn into_answer(self, request_id: String) -> SwapAnswer {
+        let Self { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = self;
+        let outcome = match outcome {
+            SwapOutcome::Committed => Outcome::Committed,
+            SwapOutcome::Refused => Outcome::Refused,
+            SwapOutcome::Aborted => Outcome::Aborted,
+        };
+        SwapAnswer {
+            request_id,
+            outcome: outcome.into(),
+            reason: reason.unwrap_or_default(),
+            slot,
+            from,
+            to,
+            commit_tick,
+            lost,
+            duplicated,
+            gap_s: gap_us * 1e-6,
+            jump_rad: jump_deg.to_radians(),
+        }
+    }
+}
+
+impl From<SwapAnswer> for SwapReport {
+    fn from(answer: SwapAnswer) -> Self {
+        let outcome = match answer.outcome() {
+            Outcome::Committed => SwapOutcome::Committed,
+            Outcome::Aborted => SwapOutcome::Aborted,
+            // An outcome that is unknown at the deadline also counts as refused. The reason
+            // explains it.
+            Outcome::Refused | Outcome::Unknown | Outcome::Unspecified => SwapOutcome::Refused,
+        };
+        let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;
+        Self {
+            slot,
+            from,
+            to,
+            commit_tick,
+            lost,
+            duplicated,
+            gap_us: gap_s * 1e6,
+            jump_deg: jump_rad.to_degrees(),
+            outcome,
+            reason: non_empty(reason),
+        }
+    }
+}
+
+impl From<ServiceStatus> for v1::ServiceStatus {
+    fn from(status: ServiceStatus) -> Self {
+        let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, .. } = status;
+        let trouble = |Diagnostic { kind, found, remedy }| v1::Trouble { kind, found, remedy };
+        let troubles = status.diagnostics.into_iter().map(trouble).collect();
+        let (stage, at) = (stage.unwrap_or_default(), status.address.unwrap_or_default());
+        let pid = pid.unwrap_or_default();
+        Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
+    }
+}
+
+impl From<v1::ServiceStatus> for ServiceStatus {
+    fn from(status: v1::ServiceStatus) -> Self {
+        let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } =
+            status;
+        let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };
+        let diagnostics = troubles.into_iter().map(diagnostic).collect();
+        let (stage, address) = (non_empty(stage), non_empty(at));
+        let pid = Some(pid).filter(|pid| *pid != 0);
+        Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address, diagnostics }
+    }
+}
+
+fn non_empty(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn report_survives_the_conversion() {
+        for (outcome, reason) in [
+            (SwapOutcome::Committed, None),
+            (SwapOutcome::Refused, Some("no such slot".to_owned())),
+            (SwapOutcome::Aborted, Some("too late".to_owned())),
+        ] {
+            let report = SwapReport {
+                slot: "fuser".into(),
+                from: "wz".into(),
+                to: "vqf".into(),
+                commit_tick: reason.is_none().then_some(1200),
+                lost: 3,
+                duplicated: 4,
+                gap_us: 1500.0,
+                jump_deg: 45.0,
+                outcome,
+                reason,
+            };
+            let answer = report.clone().into_answer("7".into());
+            assert_eq!((answer.request_id.as_str(), answer.gap_s), ("7", 0.0015));
+            assert_eq!(SwapReport::from(answer), report);
+        }
+    }
+
+    #[test]
+    fn service_status_survives_the_conversion() {
+        let diagnostic = Diagnostic { kind: "axes".into(), found: "z points down".into(), remedy: "turn it".into() };
+        let status = ServiceStatus {
+            service: "fuser".into(),
+            stage: Some("wz".into()),
+            state: "running".into(),
+            pid: Some(7),
+            restarts: 1,
+            incarnation: 2,
+            epoch: 3,
+            ticks: 4,
+            lost: 5,
+            address: Some("http://127.0.0.1:8088/".into()),
+            diagnostics: vec![diagnostic],
+        };
+        let empty = ServiceStatus { stage: None, pid: None, address: None, ..status.clone() };
+        for status in [status, empty] {
+            assert_eq!(ServiceStatus::from(v1::ServiceStatus::from(status.clone())), status);
+        }
+    }
+}
