@@ -104,7 +104,11 @@ class Attitude(NamedTuple):
         return self.tilted(self.horizontal(direction) / vertical if vertical > 1e-9 else 1e9 + 0j)
 
     def horizontal(self, body):
-        """Returns the horizontal part ξ + j η of a body vector in the level frame."""
+        """Returns the horizontal part ξ + j η of a body vector in the level frame.
+
+        The level frame is horizontal, but its heading is arbitrary. Multiply by e^(j z_rad) for
+        the part in earth axes, east + j north.
+        """
         x, y, z = body
         sign = -1.0 if self.up.inverted else 1.0
         w, plane = self.up.w, complex(x, sign * y)

@@ -9,7 +9,9 @@
 //! whatever the rate. With the mean force f̄ and the rate H' about it, a vehicle with the speed V
 //! reads
 //!
-//! f̄²/g² = (1 + s)² + (V/g)² H'².
+//! f̄²/g² = (1 + s)² + (V/g)² H'²,
+//!
+//! where the factor (1 + s)² of the second term is neglected.
 //!
 //! A Kalman filter estimates intercept and slope of this line. The body turns if the force exceeds
 //! the intercept by more than its uncertainty, and if the excess corresponds to a speed
