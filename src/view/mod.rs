@@ -160,7 +160,7 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
         return Err(ViewError::NotAFlight { path: path_text });
     }
     let Some(span) = reader::read_span(path)? else { return Err(ViewError::Empty { path: path_text }) };
-    let seconds = (span.t_last_ns - span.t_first_ns) as f64 * 1e-9;
+    let seconds = span.t_last_ns.abs_diff(span.t_first_ns) as f64 * 1e-9;
     let rate_hz = if seconds > 0.0 { (span.samples - 1) as f64 / seconds } else { 0.0 };
     let name = path.file_name().map_or(path_text, |name| name.to_string_lossy().into_owned());
     let mut builder = Recording::builder(&name, rate_hz, span.t_first_ns, span.t_last_ns);

@@ -17,13 +17,14 @@ use rustix::{
 };
 
 /// Keys of the JSON report, which are the same for every result.
-const REPORT: [&str; 11] = [
+const REPORT: [&str; 12] = [
     "cpu_s_per_s",
     "duplicated",
     "error",
     "error_deg",
     "latency_us",
     "lost",
+    "lost_readings",
     "not_recorded",
     "services",
     "ticks_in",

@@ -220,6 +220,12 @@ impl<M: Message> Subscriber<M> {
         Ok(())
     }
 
+    /// Returns the number of messages sent but not consumed. It includes messages that were
+    /// overwritten before they were received.
+    pub fn unconsumed(&self) -> u64 {
+        self.waker.unconsumed()
+    }
+
     /// Adds `count` to the number of messages consumed, which the publisher may wait for.
     pub fn add_consumed(&self, count: u64) {
         self.waker.add_consumed(count);

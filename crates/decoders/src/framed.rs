@@ -8,6 +8,8 @@
 //! Failure: if no frame starts at a byte, that byte is skipped and the search continues at the next
 //! one. A valid frame inside or after an invalid one is therefore still found.
 
+use std::time::Duration;
+
 use crate::{Counts, Decoder, Measurement};
 
 /// Frame format of a device.
@@ -17,6 +19,9 @@ pub trait Format: Send {
     /// Must return [`ParseOutcome::Incomplete`] only if `bytes` is shorter than the longest
     /// possible frame.
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome;
+
+    /// Sets the arrival time of the bytes that follow.
+    fn set_time(&mut self, _now: Duration) {}
 
     /// Notifies the format that `bytes` bytes were skipped between two frames.
     fn on_skipped(&mut self, _bytes: usize) {}
@@ -29,6 +34,9 @@ pub enum ParseOutcome {
     Incomplete,
     /// The bytes start with a complete frame of the given length.
     Frame(usize),
+    /// The bytes start with a complete frame of the given length, with a measurement of another
+    /// sender than the one that is decoded.
+    Foreign(usize),
     /// The given number of leading bytes belongs to no frame.
     Skip(usize),
     /// The bytes start like a frame, but its checksum, length or content is invalid. One byte is
@@ -73,6 +81,11 @@ impl<F: Format> Decoder for Framed<F> {
                     self.counts.frames += 1;
                     length
                 }
+                ParseOutcome::Foreign(length) => {
+                    self.counts.frames += 1;
+                    self.counts.foreign += 1;
+                    length
+                }
                 ParseOutcome::Skip(length) => {
                     self.skip(length);
                     length
@@ -93,6 +106,10 @@ impl<F: Format> Decoder for Framed<F> {
         }
         buffer.drain(..position);
         self.buffer = buffer;
+    }
+
+    fn set_time(&mut self, now: Duration) {
+        self.format.set_time(now);
     }
 
     fn counts(&self) -> Counts {

@@ -5,7 +5,8 @@
 //! Output: measurements in SI units and sensor axes, with the device's timestamp if the format has
 //! one.
 //!
-//! Time: not used. The caller knows when the bytes arrived.
+//! Time: supplied by the caller with [`Decoder::set_time`]. A decoder of several senders uses it to
+//! notice that one of them is silent.
 //!
 //! Failure: bytes that belong to no valid frame are skipped and counted. Decoding resumes at the
 //! next valid frame. No input causes an error or a panic.
@@ -24,6 +25,7 @@
 //! | [`ubx`] | u-blox: NAV-PVT |
 //! | [`nmea`] | NMEA 0183: RMC, VTG |
 //! | [`iio`] | Linux industrial I/O: records of a character device |
+//! | [`sender_choice`] | choice of one sender among several |
 #![forbid(unsafe_code)]
 
 pub mod framed;
@@ -32,11 +34,15 @@ pub mod lines;
 pub mod mavlink;
 pub mod nmea;
 pub mod rvc;
+pub mod sender_choice;
 pub mod ubx;
 pub mod witmotion;
 pub mod xsens;
 
+use std::time::Duration;
+
 pub use framed::{Format, Framed};
+pub use sender_choice::{SENDER_TIMEOUT, SenderChoice};
 
 /// Standard deviation assumed for a velocity if its vertical component is not reported and is
 /// therefore set to 0, m/s.
@@ -50,6 +56,9 @@ pub trait Decoder: Send {
     ///
     /// An incomplete frame is kept for the next call, up to the maximum frame size of the format.
     fn push(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>);
+
+    /// Sets the arrival time of the bytes that follow, since any fixed instant.
+    fn set_time(&mut self, _now: Duration) {}
 
     /// Returns the totals since the decoder was created.
     fn counts(&self) -> Counts;
@@ -131,6 +140,8 @@ pub struct Counts {
     pub rejected: u64,
     /// Bytes that belong to no valid frame.
     pub skipped_bytes: u64,
+    /// Valid frames with a measurement that was not used because of its sender.
+    pub foreign: u64,
 }
 
 impl std::ops::Add for Counts {
@@ -141,6 +152,7 @@ impl std::ops::Add for Counts {
             frames: self.frames + other.frames,
             rejected: self.rejected + other.rejected,
             skipped_bytes: self.skipped_bytes + other.skipped_bytes,
+            foreign: self.foreign + other.foreign,
         }
     }
 }

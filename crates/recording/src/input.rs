@@ -6,9 +6,11 @@
 //!
 //! Failure: a corrupt stream, or a line longer than [`MAX_LINE_BYTES`].
 
-use crate::error::{ParseError, Position};
+use crate::{
+    error::{ParseError, Position},
+    gzip::GzipReader,
+};
 use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator};
-use flate2::read::MultiGzDecoder;
 use std::{
     fs::File,
     io::{self, Read},
@@ -39,7 +41,7 @@ impl Lines {
         // therefore needs a newline as well.
         let final_newline = &b"\n"[..];
         let inner: Box<dyn Read + Send> = if is_gzip {
-            Box::new(MultiGzDecoder::new(bytes).chain(final_newline))
+            Box::new(GzipReader::new(bytes).chain(final_newline))
         } else {
             Box::new(bytes.chain(final_newline))
         };

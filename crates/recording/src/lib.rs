@@ -19,6 +19,7 @@ mod atomic_file;
 mod columns;
 mod error;
 pub mod gnss;
+mod gzip;
 mod input;
 mod reader;
 mod reference;
@@ -29,6 +30,7 @@ mod writer;
 
 pub use atomic_file::{temporary_path, write_atomic};
 pub use error::{ParseError, Position, RecordingError};
+pub use gzip::GzipReader;
 pub use reader::{Reader, Reference, Row};
 pub use reference::{MAX_GAP_NS, References};
 pub use survey::{Survey, survey};

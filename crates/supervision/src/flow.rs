@@ -209,6 +209,15 @@ impl Supervision {
         self.table.entry(self.config.launch.tick_source()).health().map_or(0, |health| health.refused)
     }
 
+    /// Returns the number of datagrams and readings that were lost before ingest numbered them.
+    pub fn lost_readings(&self) -> u64 {
+        let lost = |service| self.table.entry(service).health().map_or(0, |health| health.lost);
+        match self.config.launch.tick_source() {
+            Service::Ingest => lost(Service::Ingest) + lost(Service::Drivers),
+            _ => 0,
+        }
+    }
+
     /// Returns `true` if the source waits for credit, either in lockstep or because it imports
     /// ticks.
     ///

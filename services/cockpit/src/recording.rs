@@ -93,8 +93,12 @@ impl RecordingBuilder {
         self.recording
     }
 
+    /// Closes the snapshots that end at or before `t_ns`. The number of snapshots bounds the loop,
+    /// because the end of a snapshot saturates at the largest time.
     fn close_snapshots_until(&mut self, t_ns: i64) {
-        while self.snapshot_end_ns() <= t_ns {
+        let span_ns = u64::try_from(i128::from(t_ns) - i128::from(self.recording.t_first_ns)).unwrap_or(0);
+        let count = (span_ns / self.interval_ns.unsigned_abs()).min(MAX_SNAPSHOTS) as usize;
+        while self.recording.snapshots.len() < count {
             self.close_snapshot();
         }
     }
@@ -137,6 +141,18 @@ mod tests {
         let middle = Picture::from_bytes(&recording.snapshots[MAX_SNAPSHOTS as usize / 2]).unwrap();
         let t_ns = middle.attitude.map_or(0, |attitude| attitude.header.unwrap_or_default().t_end_ns);
         assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_SNAPSHOTS as i64 + 1_000_000_000 || t_ns == 0);
+    }
+
+    #[test]
+    fn extreme_times_yield_a_bounded_number_of_snapshots() {
+        for (t_first_ns, t_last_ns) in [(0, i64::MAX), (i64::MIN, i64::MAX), (i64::MAX, i64::MAX), (i64::MIN, 0)] {
+            let mut builder = Recording::builder("extreme", 100.0, t_first_ns, t_last_ns);
+            for t_ns in [t_first_ns, 0, t_last_ns, i64::MIN, i64::MAX] {
+                builder.push(t_ns, Topic::Attitude, bytemuck::bytes_of(&attitude_at(t_ns)));
+            }
+            let count = builder.finish().snapshots.len() as u64;
+            assert!((1..=MAX_SNAPSHOTS + 1).contains(&count), "{count}");
+        }
     }
 
     #[test]

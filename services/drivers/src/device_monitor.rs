@@ -1,5 +1,6 @@
 //! Detects device problems: unavailable or silent device, wrong format, no measurements, corrupted
-//! data, second sender, unsteady clock.
+//! data, second sender, foreign systems, dropped datagrams, rate above the declared one, unsteady
+//! clock.
 //!
 //! Input: one report per second.
 //!
@@ -25,6 +26,12 @@ const NO_MEASUREMENT: &str = "no-measurement";
 const CORRUPTED: &str = "corrupted";
 /// Problem kind: a second sender sends datagrams to the same port.
 const SECOND_SENDER: &str = "second-sender";
+/// Problem kind: measurements arrive, but only of systems or components that are not decoded.
+const FOREIGN_SYSTEM: &str = "foreign-system";
+/// Problem kind: the kernel dropped datagrams before they were read.
+const DROPPED: &str = "dropped";
+/// Problem kind: measurements arrive faster than declared.
+const RATE: &str = "rate";
 /// Problem kind: the device's clock often jumps, steps back or stands still.
 const CLOCK: &str = "clock";
 
@@ -42,6 +49,9 @@ const MIN_MESSAGES: u64 = 100;
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
+/// Multiple of the declared rate above which the rate of the measurements is reported as a problem.
+/// The clock fit allows the same deviation.
+const MAX_RATE_RATIO: f64 = 1.5;
 /// Number of clock steps within the window at which a problem is reported. A device that merely
 /// restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
@@ -51,13 +61,15 @@ const MIN_CLOCK_STEPS: u64 = 5;
 pub(crate) struct DeviceMonitor {
     /// Prefix of the problem kinds, to distinguish two devices.
     kind_prefix: &'static str,
+    /// Declared rate of the measurements, Hz; `None` if they may arrive at any rate.
+    declared_hz: Option<f64>,
     reports: VecDeque<(DeviceReport, u64)>,
     silent_s: usize,
 }
 
 impl DeviceMonitor {
-    pub(crate) fn new(kind_prefix: &'static str) -> Self {
-        Self { kind_prefix, ..Self::default() }
+    pub(crate) fn new(kind_prefix: &'static str, declared_hz: Option<f64>) -> Self {
+        Self { kind_prefix, declared_hz, ..Self::default() }
     }
 
     /// Records the report of one second and returns the current problems.
@@ -101,7 +113,19 @@ impl DeviceMonitor {
             );
             return diagnostics;
         }
-        if last.measurements == 0 && counts.frames >= MIN_MESSAGES {
+        let recent = self.reports.len().saturating_sub(SILENCE_S + 1);
+        let recent = self.reports.get(recent).map_or(first, |(report, _)| report);
+        let foreign = counts.foreign - recent.counts.foreign;
+        if foreign > 0 && last.measurements == recent.measurements {
+            add(
+                FOREIGN_SYSTEM,
+                format!(
+                    "{port}: no measurement of the selected system for {SILENCE_S} s, but {foreign} {format} messages of other systems or components, {} in total",
+                    counts.foreign
+                ),
+                "set system to the number of the autopilot, or to 0 for the first that sends".into(),
+            );
+        } else if last.measurements == 0 && counts.frames >= MIN_MESSAGES {
             add(
                 NO_MEASUREMENT,
                 format!("{port}: received {} {format} messages, but none with a required measurement", counts.frames),
@@ -130,6 +154,30 @@ impl DeviceMonitor {
                 SECOND_SENDER,
                 format!("{port}: ignored {} datagrams from another sender", last.foreign_datagrams),
                 "send them to another port; only the first sender is read".into(),
+            );
+        }
+        let dropped = last.dropped_datagrams - first.dropped_datagrams;
+        if dropped > 0 {
+            add(
+                DROPPED,
+                format!(
+                    "{port}: in {WINDOW_S} s {dropped} datagrams were lost because the socket's buffer was full, {} in total",
+                    last.dropped_datagrams
+                ),
+                "reduce the rate of the senders, and let only the sensor send to the port".into(),
+            );
+        }
+        let seconds = self.reports.len() as f64 - 1.0;
+        let rate_hz = (last.measurements - first.measurements) as f64 / seconds;
+        if let Some(declared_hz) = self.declared_hz
+            && seconds >= SILENCE_S as f64
+            && rate_hz > MAX_RATE_RATIO * declared_hz
+        {
+            add(
+                RATE,
+                format!("{port}: {rate_hz:.0} measurements/s arrive, rate_hz declares {declared_hz:.0}"),
+                "set rate_hz to the rate of the sensor: buffers follow from it, and measurements without room are lost"
+                    .into(),
             );
         }
         if clock_steps.saturating_sub(*first_steps) >= MIN_CLOCK_STEPS {
@@ -169,7 +217,7 @@ mod tests {
 
     /// Returns the kinds of the problems that are present after `seconds` reports, one per second.
     fn kinds_after(seconds: u64, report_at: impl Fn(u64) -> (DeviceReport, u64)) -> Vec<String> {
-        let mut monitor = DeviceMonitor::new("");
+        let mut monitor = DeviceMonitor::new("", Some(100.0));
         let mut diagnostics = Vec::new();
         for second in 1..=seconds {
             let (report, steps) = report_at(second);
@@ -179,7 +227,7 @@ mod tests {
     }
 
     fn good(second: u64) -> DeviceReport {
-        let counts = Counts { frames: 100 * second, rejected: 0, skipped_bytes: 0 };
+        let counts = Counts { frames: 100 * second, ..Counts::default() };
         DeviceReport {
             format: "witmotion",
             bytes: 3300 * second,
@@ -204,7 +252,7 @@ mod tests {
     fn each_problem_has_its_kind() {
         let unavailable = DeviceFailure { cause: "no such file".into(), remedy: "plug it in" };
         type Each<'a> = &'a dyn Fn(u64) -> (DeviceReport, u64);
-        let cases: [(&str, Each<'_>); 7] = [
+        let cases: [(&str, Each<'_>); 10] = [
             (UNAVAILABLE, &|_| (DeviceReport { failure: Some(unavailable.clone()), ..DeviceReport::default() }, 0)),
             (SILENT, &|_| (good(1), 0)),
             (FORMAT, &|second| (DeviceReport { bytes: 3300 * second, ..DeviceReport::default() }, 0)),
@@ -213,11 +261,28 @@ mod tests {
                 (DeviceReport { counts: Counts { rejected: 5 * second, ..good(second).counts }, ..good(second) }, 0)
             }),
             (SECOND_SENDER, &|second| (DeviceReport { foreign_datagrams: second, ..good(second) }, 0)),
+            (FOREIGN_SYSTEM, &|second| {
+                let counts = Counts { foreign: 50 * second, ..good(second).counts };
+                (DeviceReport { counts, measurements: 0, ..good(second) }, 0)
+            }),
+            (DROPPED, &|second| (DeviceReport { dropped_datagrams: second, ..good(second) }, 0)),
+            (RATE, &|second| (DeviceReport { measurements: 10_000 * second, ..good(second) }, 0)),
             (CLOCK, &|second| (good(second), 50 * second)),
         ];
         for (kind, each) in cases {
             assert_eq!(kinds_after(8, each), [kind]);
         }
+    }
+
+    #[test]
+    fn foreign_systems_matter_only_without_measurements() {
+        let shared = |second: u64| DeviceReport {
+            counts: Counts { foreign: 50 * second, ..good(second).counts },
+            measurements: 100 * second.min(10),
+            ..good(second)
+        };
+        assert_eq!(kinds_after(10, |second| (shared(second), 0)), [""; 0]);
+        assert_eq!(kinds_after(13, |second| (shared(second), 0)), [FOREIGN_SYSTEM], "3 s after the last one");
     }
 
     #[test]

@@ -131,6 +131,7 @@ impl Input for IioInput {
             counts: self.previous_counts + self.open.as_ref().map_or(Counts::default(), OpenDevice::counts),
             measurements: self.measurements,
             foreign_datagrams: 0,
+            dropped_datagrams: 0,
         }
     }
 }

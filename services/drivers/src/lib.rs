@@ -21,9 +21,11 @@
 //! | `iio` | Linux industrial I/O device |
 //! | `receiver` | additional satellite receiver |
 //! | `port` | open ports: standard input, datagrams, TCP connection, serial port |
+//! | `drop_counter` | datagrams that the kernel dropped |
 //! | `reconnecting_port` | port that is reopened after a failure |
 //! | `format` | selection of the decoder for a format |
 //! | `protobuf` | length-delimited protobuf messages |
+//! | `sender_decoders` | choice of one sender of datagrams, with the decoder of each |
 //! | `stream_preamble` | header of a text stream, kept for a process that resumes in mid-stream |
 //! | `reading_publisher` | publication of measurements as readings and fixes, with timestamps |
 //! | `device_monitor` | detection of device problems |
@@ -32,6 +34,7 @@
 
 mod device_monitor;
 mod diagnostics_publisher;
+mod drop_counter;
 mod error;
 mod format;
 mod iio;
@@ -41,6 +44,7 @@ mod protobuf;
 mod reading_publisher;
 mod receiver;
 mod reconnecting_port;
+mod sender_decoders;
 mod stream;
 mod stream_preamble;
 
@@ -82,7 +86,10 @@ pub fn run() -> Result<(), DriversError> {
     let mut source = source(&ingest, &context)?;
     let receiver = Receiver::start(&ingest.live.receiver)?;
     let mut diagnostics = DiagnosticsPublisher::start(context.config.launch.name.clone())?;
-    let (mut source_monitor, mut receiver_monitor) = (DeviceMonitor::new(""), DeviceMonitor::new("receiver-"));
+    // A source in lockstep is read at the speed of ingest, so its rate is not checked.
+    let declared_hz = ingest.stream().filter(|_| !context.config.is_lockstep()).map(|stream| stream.rate_hz);
+    let mut source_monitor = DeviceMonitor::new("", declared_hz);
+    let mut receiver_monitor = DeviceMonitor::new("receiver-", None);
     let mut next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
     let mut measurements = Vec::new();
     let mut state = State::READY;
@@ -98,7 +105,8 @@ pub fn run() -> Result<(), DriversError> {
         }
         context.publish_health(state, |health| {
             health.ticks = publisher.sent();
-            health.refused = report.map_or(0, |report| report.counts.rejected);
+            let report = report.unwrap_or_default();
+            (health.refused, health.lost) = (report.counts.rejected, report.dropped_datagrams);
             health.clock_offset_ns = clock.offset_ns;
             health.clock_jitter_ns = clock.jitter_ns as u64;
             health.clock_steps = clock_steps;
@@ -121,13 +129,13 @@ pub fn run() -> Result<(), DriversError> {
             Some(ReadOutcome::NoData) => {}
             None => measurements.extend(receiver.iter().find_map(|receiver| receiver.next_fix(READ_TIMEOUT))),
         }
-        measurements
-            .extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.next_fix(Duration::ZERO))));
+        measurements.extend(receiver.iter().flat_map(Receiver::queued_fixes));
         let arrival_ns = monotonic_ns().cast_signed();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
     }
     let sent = publisher.sent();
-    Ok(context.publish_final_health(|health| health.ticks = sent)?)
+    let dropped = source.map_or(0, |source| source.report().dropped_datagrams);
+    Ok(context.publish_final_health(|health| (health.ticks, health.lost) = (sent, dropped))?)
 }
 
 /// Returns the device of the source, or `None` if another program publishes the readings.

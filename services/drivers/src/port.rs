@@ -5,7 +5,7 @@ use std::{
     io::{self, ErrorKind, Read},
     net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket},
     path::Path,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use launch::Port;
@@ -17,17 +17,17 @@ use rustix::{
     termios::{ControlModes, OptionalActions, QueueSelector, ioctl_tiocexcl, tcflush, tcgetattr, tcsetattr},
 };
 
+use crate::drop_counter::DropCounter;
+
 /// Time limit for a TCP connection attempt.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Duration of silence after which a different datagram sender is accepted.
-const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Open port.
 pub(crate) enum OpenPort {
     /// Standard input of the supervisor. It is passed to this process as its standard output,
     /// because the standard input of this process carries the configuration.
     Stdin,
-    /// Datagrams of one sender.
+    /// Datagrams of any sender.
     Udp(DatagramPort),
     /// TCP connection.
     Tcp(TcpStream),
@@ -35,19 +35,22 @@ pub(crate) enum OpenPort {
     Serial(File),
 }
 
-/// Datagram socket that accepts the first sender and counts the datagrams of other senders.
+/// Datagram socket, with the number of datagrams that were dropped because its buffer was full.
 pub(crate) struct DatagramPort {
     socket: UdpSocket,
-    /// Accepted sender and the time of its last datagram.
-    sender_seen: Option<(SocketAddr, Instant)>,
-    foreign_datagrams: u64,
+    drops: DropCounter,
 }
 
 /// Result of reading a port.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum PortRead {
-    /// The given number of bytes was read.
-    Bytes(usize),
+    /// Bytes were read.
+    Bytes {
+        /// Number of bytes.
+        count: usize,
+        /// Sender of a datagram.
+        sender: Option<SocketAddr>,
+    },
     /// No bytes arrived before the timeout.
     NoData,
     /// The input has ended.
@@ -61,7 +64,7 @@ impl OpenPort {
             Port::Udp(address) => {
                 let socket = UdpSocket::bind(address)?;
                 socket.set_nonblocking(true)?;
-                Ok(Self::Udp(DatagramPort { socket, sender_seen: None, foreign_datagrams: 0 }))
+                Ok(Self::Udp(DatagramPort { drops: DropCounter::new(&socket)?, socket }))
             }
             Port::Tcp(address) => connect(address).map(Self::Tcp),
             Port::Serial { path, baud } => open_serial(path, *baud).map(Self::Serial),
@@ -82,43 +85,30 @@ impl OpenPort {
         match result {
             None => Ok(PortRead::NoData),
             Some(Ok(0)) => Ok(PortRead::End),
-            Some(result) => no_data_if_interrupted(result),
+            Some(result) => no_data_if_interrupted(result.map(|count| (count, None))),
         }
     }
 
-    /// Returns the number of ignored datagrams from other senders.
-    pub(crate) fn foreign_datagrams(&self) -> u64 {
-        if let Self::Udp(datagrams) = self { datagrams.foreign_datagrams } else { 0 }
+    /// Returns the number of datagrams that the kernel dropped since the port was opened.
+    pub(crate) fn dropped_datagrams(&self) -> u64 {
+        if let Self::Udp(datagrams) = self { datagrams.drops.total() } else { 0 }
     }
 }
 
 impl DatagramPort {
     fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<PortRead> {
+        self.drops.update();
         if !is_readable(&self.socket, timeout)? {
             return Ok(PortRead::NoData);
         }
-        let (count, sender) = match self.socket.recv_from(bytes) {
-            Ok(received) => received,
-            Err(error) => return no_data_if_interrupted(Err(error)),
-        };
-        let now = Instant::now();
-        match self.sender_seen {
-            Some((current, at)) if current != sender && now - at < SENDER_TIMEOUT => {
-                self.foreign_datagrams += 1;
-                Ok(PortRead::NoData)
-            }
-            _ => {
-                self.sender_seen = Some((sender, now));
-                Ok(PortRead::Bytes(count))
-            }
-        }
+        no_data_if_interrupted(self.socket.recv_from(bytes).map(|(count, sender)| (count, Some(sender))))
     }
 }
 
 /// Converts the result of a read. An interrupted read and one that would block count as no data.
-fn no_data_if_interrupted(result: io::Result<usize>) -> io::Result<PortRead> {
+fn no_data_if_interrupted(result: io::Result<(usize, Option<SocketAddr>)>) -> io::Result<PortRead> {
     match result {
-        Ok(count) => Ok(PortRead::Bytes(count)),
+        Ok((count, sender)) => Ok(PortRead::Bytes { count, sender }),
         Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::WouldBlock) => Ok(PortRead::NoData),
         Err(error) => Err(error),
     }

@@ -110,10 +110,10 @@ impl ReadingPublisher {
                 Outgoing::Reading(_) if room == 0 => break,
                 Outgoing::Reading(reading) => {
                     if let Some(sensor) = &self.sensor {
-                        // The reading is counted before it is sent, because ingest may consume it
-                        // immediately.
-                        sensor.add_sent(1);
+                        // The reading is counted after it is sent, so that ingest finds every
+                        // counted reading in the topic unless it was overwritten.
                         sensor.send(reading)?;
+                        sensor.add_sent(1);
                     }
                     (room, self.sent) = (room - 1, self.sent + 1);
                 }

@@ -59,6 +59,12 @@ impl Receiver {
         }
     }
 
+    /// Returns the queued fixes. Their number is limited, because the thread may add further ones
+    /// at any rate.
+    pub(crate) fn queued_fixes(&self) -> impl Iterator<Item = Measurement> {
+        self.fixes.try_iter().take(MAX_QUEUED_FIXES)
+    }
+
     pub(crate) fn report(&self) -> DeviceReport {
         self.report.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

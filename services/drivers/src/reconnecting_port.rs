@@ -1,7 +1,9 @@
 //! Port that is reopened after a failure.
 
 use std::{
-    io, thread,
+    io,
+    net::SocketAddr,
+    thread,
     time::{Duration, Instant},
 };
 
@@ -29,7 +31,8 @@ pub(crate) struct ReconnectingPort {
     is_resumed: bool,
     /// Start position of the next bytes, if the port has been opened since the last read.
     pending_start: Option<StreamStart>,
-    foreign_datagrams: u64,
+    /// Datagrams dropped on ports that are closed now.
+    dropped_datagrams: u64,
 }
 
 /// Reason why a device is unavailable.
@@ -59,6 +62,8 @@ pub(crate) enum Received<'a> {
         /// Position at which the stream starts; set only for the first bytes after the port was
         /// opened.
         start: Option<StreamStart>,
+        /// Sender of a datagram.
+        sender: Option<SocketAddr>,
     },
     /// No bytes arrived before the timeout.
     NoData,
@@ -77,7 +82,7 @@ impl ReconnectingPort {
             failure: None,
             is_resumed,
             pending_start: None,
-            foreign_datagrams: 0,
+            dropped_datagrams: 0,
         }
     }
 
@@ -90,9 +95,9 @@ impl ReconnectingPort {
         self.failure.as_ref()
     }
 
-    /// Returns the number of ignored datagrams from other senders.
-    pub(crate) fn foreign_datagrams(&self) -> u64 {
-        self.foreign_datagrams + self.open.as_ref().map_or(0, OpenPort::foreign_datagrams)
+    /// Returns the number of datagrams that the kernel dropped.
+    pub(crate) fn dropped_datagrams(&self) -> u64 {
+        self.dropped_datagrams + self.open.as_ref().map_or(0, OpenPort::dropped_datagrams)
     }
 
     /// Reads the available bytes, waiting at most `timeout`. A closed port is reopened once its
@@ -119,10 +124,10 @@ impl ReconnectingPort {
         }
         let Some(open) = &mut self.open else { return Received::NoData };
         match open.read(&mut self.bytes, timeout) {
-            Ok(PortRead::Bytes(count)) => {
+            Ok(PortRead::Bytes { count, sender }) => {
                 self.pause = MIN_RETRY_PAUSE;
                 let bytes = self.bytes.get(..count).unwrap_or_default();
-                Received::Bytes { bytes, start: self.pending_start.take() }
+                Received::Bytes { bytes, start: self.pending_start.take(), sender }
             }
             Ok(PortRead::NoData) => Received::NoData,
             Ok(PortRead::End) if self.port == Port::Stdin => Received::End,
@@ -138,7 +143,7 @@ impl ReconnectingPort {
     }
 
     fn mark_failed(&mut self, error: &io::Error) {
-        self.foreign_datagrams = self.foreign_datagrams();
+        self.dropped_datagrams = self.dropped_datagrams();
         self.open = None;
         self.next_attempt = Instant::now() + self.pause;
         self.pause = (self.pause * 2).min(MAX_RETRY_PAUSE);

@@ -12,9 +12,9 @@ use runtime::{
 const WORD_BYTES: usize = size_of::<u64>();
 /// Maximum length of the preamble, bytes. It may fill all words of a checkpoint except the first,
 /// which holds the length.
-const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
+pub(crate) const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
 
-/// Lines received up to the first reading.
+/// Lines received up to the first reading of the current sender.
 pub(crate) struct StreamPreamble {
     text: Vec<u8>,
     is_complete: bool,
@@ -53,6 +53,12 @@ impl StreamPreamble {
         self.text.truncate(complete_bytes);
         self.is_complete = true;
         self.checkpoints.send(&to_checkpoint(&self.text, self.incarnation))
+    }
+
+    /// Discards the preamble, because the bytes that follow are of another sender.
+    pub(crate) fn restart(&mut self) {
+        self.text.clear();
+        self.is_complete = false;
     }
 }
 

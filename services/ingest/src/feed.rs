@@ -14,6 +14,7 @@ pub(crate) struct BusFeed {
     /// Health of the drivers; `None` if user programs publish the readings.
     drivers: Option<Subscriber<Health>>,
     has_ended: bool,
+    overwritten: u64,
 }
 
 impl BusFeed {
@@ -34,7 +35,7 @@ impl BusFeed {
             sensor.mark_all_consumed();
         }
         let drivers = has_drivers.then(|| bus.subscriber(CONTROL_BUFFER)).transpose()?;
-        Ok(Self { sensor, receiver, drivers, has_ended: false })
+        Ok(Self { sensor, receiver, drivers, has_ended: false, overwritten: 0 })
     }
 
     /// Returns `true` if the drivers have finished, so that no further readings will be published.
@@ -50,14 +51,24 @@ impl BusFeed {
 
     /// Passes at most `limit` queued readings to `handle`, oldest first. The first one carries the
     /// newest fix.
-    pub(crate) fn drain(&self, limit: usize, mut handle: impl FnMut(Reading)) -> Result<(), BusError> {
-        let (mut fix, mut count) = (None, 0);
+    pub(crate) fn drain(&mut self, limit: usize, mut handle: impl FnMut(Reading)) -> Result<(), BusError> {
+        let (mut fix, mut count, unconsumed) = (None, 0, self.sensor.unconsumed());
         self.receiver.drain(limit, |reading| fix = Some(receiver_fix(reading)))?;
         self.sensor.drain(limit, |reading| {
             count += 1;
             handle(Reading { fix: fix.take(), ..reading.into() });
         })?;
         self.sensor.add_consumed(count);
+        if count < limit as u64 {
+            // The topic is empty, so readings sent before the drain and not received are lost.
+            self.overwritten = self.overwritten.max(unconsumed.saturating_sub(count));
+        }
         Ok(())
+    }
+
+    /// Returns the number of readings of the drivers that were overwritten before they were
+    /// received.
+    pub(crate) fn overwritten(&self) -> u64 {
+        self.overwritten
     }
 }

@@ -192,6 +192,8 @@ struct Ingest {
     /// Publication ends before this tick. `None` until a stop has been requested.
     end_tick: Option<u64>,
     published_ticks: u64,
+    /// Readings that were overwritten before they were received.
+    lost_readings: u64,
     flags: Flags,
 }
 
@@ -228,6 +230,7 @@ impl Ingest {
             allowed_ticks: 0,
             end_tick: None,
             published_ticks: resume_tick,
+            lost_readings: 0,
             flags: Flags::NONE,
         })
     }
@@ -281,6 +284,7 @@ impl Ingest {
                 }
             })?;
             published?;
+            self.lost_readings = feed.overwritten();
             self.imu.wake();
             if has_ended && handled == 0 {
                 break;
@@ -393,8 +397,12 @@ impl Ingest {
 
     /// Returns a function that writes the current counts into a health message.
     fn counts(&self) -> impl FnOnce(&mut Health) + use<> {
-        let (ticks, rejected, flags) = (self.published_ticks, self.conditioner.rejected(), self.flags);
-        move |health| (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, rejected, flags)
+        let (ticks, lost, flags) = (self.published_ticks, self.lost_readings, self.flags);
+        let rejected = self.conditioner.rejected();
+        move |health| {
+            (health.ticks, health.next_tick, health.flags) = (ticks, ticks, flags);
+            (health.lost, health.refused) = (lost, rejected);
+        }
     }
 
     fn max_ticks(&self) -> u64 {

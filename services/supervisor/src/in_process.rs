@@ -125,6 +125,7 @@ fn run_samples(
         ticks_in: samples.ticks(),
         ticks_out: None,
         rejected: samples.rejected(),
+        lost_readings: 0,
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
         services: Service::PATH
             .map(|service| ServiceReport { name: service.name(), pid: Some(std::process::id()), restarts: 0 })

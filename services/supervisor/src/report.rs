@@ -19,6 +19,8 @@ pub struct Report {
     pub ticks_out: u64,
     /// Number of ticks without an attitude.
     pub lost: u64,
+    /// Number of datagrams and readings that were lost before ingest numbered them.
+    pub lost_readings: u64,
     /// Number of ticks with an attitude that is missing from the figures of this report and from
     /// the output file.
     ///
@@ -97,6 +99,8 @@ pub struct RunTotals {
     pub ticks_out: Option<u64>,
     /// Number of readings rejected at the source.
     pub rejected: u64,
+    /// Number of datagrams and readings that were lost before ingest numbered them.
+    pub lost_readings: u64,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
     /// Services of the system.
@@ -125,6 +129,7 @@ impl Report {
             ticks_in,
             ticks_out,
             lost,
+            lost_readings: totals.lost_readings,
             not_recorded,
             duplicated: collector.duplicated(),
             latency_us: LatencyUs::from_collector(&collector),
@@ -188,12 +193,15 @@ impl fmt::Display for LatencyUs {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks_in, ticks_out, lost, duplicated, rejected, .. } = self;
+        let Self { ticks_in, ticks_out, lost, lost_readings, duplicated, rejected, .. } = self;
         let rejected = pluralize(*rejected, "reading");
         writeln!(
             f,
             "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {rejected} rejected"
         )?;
+        if *lost_readings > 0 {
+            writeln!(f, "input    {} lost before a tick", pluralize(*lost_readings, "reading"))?;
+        }
         writeln!(f, "latency  {}", self.latency_us)?;
         writeln!(f, "cpu      {:.3} s per s", self.cpu_s_per_s)?;
         match self.error_deg {

@@ -405,6 +405,7 @@ impl System {
             ticks_in: self.supervision.ticks_in().max(published),
             ticks_out: self.supervision.local_next_tick(),
             rejected: self.supervision.rejected(),
+            lost_readings: self.supervision.lost_readings(),
             cpu_s_per_s,
             services: services.collect(),
         };

@@ -17,8 +17,8 @@ use std::{
     rc::Rc,
 };
 
-use flate2::read::MultiGzDecoder;
 use mapping::text::{fields, time_ns};
+use recording::GzipReader;
 
 use crate::{
     ImportError,
@@ -200,7 +200,7 @@ impl Lines {
         let file = CountingReader::new(File::open(path).map_err(failed)?, read_bytes);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
         let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
-            Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(file)))
+            Box::new(BufReader::with_capacity(BUFFER_BYTES, GzipReader::new(file)))
         } else {
             Box::new(file)
         };

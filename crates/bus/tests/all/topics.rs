@@ -98,6 +98,21 @@ fn slow_subscriber_loses_oldest_messages_only() {
 }
 
 #[test]
+fn overwritten_messages_stay_unconsumed() {
+    let Pair { here, there, .. } = &pair();
+    let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    let sent = BUFFER as u64 + 5;
+    send(&publisher, 0..sent);
+    publisher.add_sent(sent);
+    assert_eq!(subscriber.unconsumed(), sent);
+    let mut received = 0;
+    subscriber.drain(2 * BUFFER, |_| received += 1).unwrap();
+    subscriber.add_consumed(received);
+    assert_eq!((received, subscriber.unconsumed()), (BUFFER as u64, 5));
+}
+
+#[test]
 fn late_subscriber_starts_with_next_message() {
     let Pair { here, there, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();

@@ -9,8 +9,9 @@
 //! | GLOBAL_POSITION_INT | velocity estimated by the autopilot, only if selected |
 //! | others | counted |
 //!
-//! Only one kind of IMU message is decoded: the selected one, or the first that arrives. Only one
-//! system is decoded: the selected one, or the first that sends a usable message.
+//! Only one system, one component and one kind of IMU message are decoded. What is not selected is
+//! chosen: the first sender of rate and force, until it has been silent for
+//! [`crate::SENDER_TIMEOUT`]. Measurements of other systems and components are counted as foreign.
 //!
 //! Axes: vectors of the IMU are converted from (forward, right, down) to (right, forward, up), and
 //! velocities from (north, east, down) to (east, north, up). No mounting is needed, because the
@@ -29,11 +30,11 @@
 
 pub mod frame;
 
-use std::ops::RangeInclusive;
+use std::{ops::RangeInclusive, time::Duration};
 
 use self::frame::{STX_V1, STX_V2, checksum, crc_extra};
 use crate::{
-    ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, Value,
+    ASSUMED_VERTICAL_SD_M_S, DeviceTime, Measurement, Position, SenderChoice, Value,
     framed::{Format, ParseOutcome},
 };
 
@@ -68,20 +69,28 @@ const MIN_UNIX_TIME_US: u64 = 1_000_000_000_000_000;
 /// Speed or course value that means "unknown".
 const UNKNOWN: u16 = u16::MAX;
 
-/// MAVLink format, with the selected system and IMU message.
+/// MAVLink format, with the chosen system, component and IMU message.
 #[derive(Debug, Clone, Default)]
 pub struct Mavlink {
     settings: MavlinkSettings,
-    system: Option<u8>,
-    imu: Option<ImuMessage>,
+    choice: SenderChoice<ImuSender>,
+    now: Duration,
+}
+
+/// Sender of an IMU message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct ImuSender {
+    system: u8,
+    component: u8,
+    message: ImuMessage,
 }
 
 /// Selection of system and messages. Unset parts are selected automatically.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MavlinkSettings {
-    /// System to decode; `None` selects the first one that sends a usable message.
+    /// System to decode; `None` chooses the first one that sends rate and force.
     pub system_id: Option<u8>,
-    /// Message to take rate and force from; `None` selects whichever arrives first.
+    /// Message to take rate and force from; `None` chooses whichever arrives first.
     pub imu: Option<ImuMessage>,
     /// Message to take the velocity from.
     pub fix: FixMessage,
@@ -136,51 +145,48 @@ impl RawScale {
 impl Mavlink {
     /// Creates a format with these settings.
     pub fn new(settings: MavlinkSettings) -> Self {
-        Self { settings, system: settings.system_id, imu: settings.imu }
+        Self { settings, ..Self::default() }
     }
 
-    fn process(&mut self, header: &Header, payload: &[u8], measurements: &mut Vec<Measurement>) {
-        if self.system.is_some_and(|system| system != header.system) {
-            return;
+    /// Decodes a message. Returns `false` if its measurement is of a sender that is not decoded.
+    fn process(&mut self, header: &Header, payload: &[u8], measurements: &mut Vec<Measurement>) -> bool {
+        let Some((imu, measurement)) = self.decode(header.message, &Payload::new(payload)) else { return true };
+        let chosen = self.choice.chosen(self.now);
+        let is_chosen = |chosen: ImuSender| (chosen.system, chosen.component) == (header.system, header.component);
+        if self.settings.system_id.is_some_and(|system| system != header.system) || !chosen.is_none_or(is_chosen) {
+            return false;
         }
-        let payload = Payload::new(payload);
-        let scaled = || Some(payload.scaled());
-        let measurement = match header.message {
-            HIGHRES_IMU => self.accept_imu(ImuMessage::HighresImu, || payload.highres()),
-            SCALED_IMU => self.accept_imu(ImuMessage::ScaledImu, scaled),
-            SCALED_IMU2 => self.accept_imu(ImuMessage::ScaledImu2, scaled),
-            SCALED_IMU3 => self.accept_imu(ImuMessage::ScaledImu3, scaled),
-            RAW_IMU => {
-                let scale = self.settings.raw_scale;
-                scale.and_then(|scale| self.accept_imu(ImuMessage::RawImu, || payload.raw(&scale)))
+        if let Some(message) = imu {
+            if chosen.is_some_and(|chosen| chosen.message != message) {
+                return true;
             }
-            GPS_RAW_INT if self.settings.fix == FixMessage::GpsRawInt => payload.gps_raw(),
-            GLOBAL_POSITION_INT if self.settings.fix == FixMessage::GlobalPositionInt => {
-                Some(payload.global_position())
+            // A field alone does not show that the message carries rate and force.
+            if matches!(measurement.value, Value::Imu { .. }) {
+                let Header { system, component, .. } = *header;
+                self.choice.confirm(ImuSender { system, component, message }, self.now);
             }
-            _ => None,
-        };
-        if measurement.is_some() {
-            self.system = Some(header.system);
         }
-        measurements.extend(measurement);
+        measurements.push(measurement);
+        true
     }
 
-    /// Decodes a message of `kind` if that kind is selected. If none is selected, the first kind
-    /// that yields a measurement becomes selected.
-    fn accept_imu(
-        &mut self,
-        kind: ImuMessage,
-        measurement: impl FnOnce() -> Option<Measurement>,
-    ) -> Option<Measurement> {
-        // RAW_IMU has no unit, so it is never selected automatically.
-        let is_selected = match self.imu {
-            Some(selected) => selected == kind,
-            None => kind != ImuMessage::RawImu,
+    /// Returns the measurement of a message, and the kind of IMU message. Returns `None` if the
+    /// settings exclude the message or it has no measurement.
+    fn decode(&self, message: u32, payload: &Payload) -> Option<(Option<ImuMessage>, Measurement)> {
+        let MavlinkSettings { imu: selected, fix, raw_scale, .. } = self.settings;
+        let (imu, measurement) = match message {
+            HIGHRES_IMU => (Some(ImuMessage::HighresImu), payload.highres()),
+            SCALED_IMU => (Some(ImuMessage::ScaledImu), Some(payload.scaled())),
+            SCALED_IMU2 => (Some(ImuMessage::ScaledImu2), Some(payload.scaled())),
+            SCALED_IMU3 => (Some(ImuMessage::ScaledImu3), Some(payload.scaled())),
+            RAW_IMU => (Some(ImuMessage::RawImu), raw_scale.and_then(|scale| payload.raw(&scale))),
+            GPS_RAW_INT if fix == FixMessage::GpsRawInt => (None, payload.gps_raw()),
+            GLOBAL_POSITION_INT if fix == FixMessage::GlobalPositionInt => (None, Some(payload.global_position())),
+            _ => return None,
         };
-        let measurement = is_selected.then(measurement)??;
-        self.imu = Some(kind);
-        Some(measurement)
+        // RAW_IMU has no unit, so it is never chosen automatically.
+        let is_allowed = |imu| selected.map_or(imu != ImuMessage::RawImu, |selected| selected == imu);
+        imu.is_none_or(is_allowed).then_some((imu, measurement?))
     }
 }
 
@@ -195,8 +201,14 @@ impl Format for Mavlink {
         if !rest.starts_with(&checksum(&covered[1..], header.crc_extra).to_le_bytes()) {
             return ParseOutcome::Rejected;
         }
-        self.process(&header, &covered[header.bytes..], measurements);
-        ParseOutcome::Frame(frame.len())
+        match self.process(&header, &covered[header.bytes..], measurements) {
+            true => ParseOutcome::Frame(frame.len()),
+            false => ParseOutcome::Foreign(frame.len()),
+        }
+    }
+
+    fn set_time(&mut self, now: Duration) {
+        self.now = now;
     }
 }
 
@@ -206,6 +218,7 @@ struct Header {
     payload_bytes: usize,
     signature_bytes: usize,
     system: u8,
+    component: u8,
     message: u32,
     /// CRC seed of the message.
     crc_extra: u8,
@@ -221,14 +234,15 @@ impl Header {
             _ => return Err(ParseOutcome::Skip(1)),
         };
         let Some(header) = bytes.get(..head_bytes) else { return Err(ParseOutcome::Incomplete) };
-        let (system, message) = if head_bytes == HEADER_V1_BYTES {
-            (header[3], u32::from(header[5]))
+        let (system, component, message) = if head_bytes == HEADER_V1_BYTES {
+            (header[3], header[4], u32::from(header[5]))
         } else {
-            (header[5], u32::from_le_bytes([header[7], header[8], header[9], 0]))
+            (header[5], header[6], u32::from_le_bytes([header[7], header[8], header[9], 0]))
         };
         // If the message is unknown, its checksum cannot be verified.
         let Some(crc_extra) = crc_extra(message) else { return Err(ParseOutcome::Skip(1)) };
-        Ok(Self { bytes: head_bytes, payload_bytes: header[1].into(), signature_bytes, system, message, crc_extra })
+        let payload_bytes = header[1].into();
+        Ok(Self { bytes: head_bytes, payload_bytes, signature_bytes, system, component, message, crc_extra })
     }
 
     fn frame_bytes(&self) -> usize {

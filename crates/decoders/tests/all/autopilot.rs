@@ -1,7 +1,9 @@
 //! Selection of messages and systems of an autopilot.
 
+use std::time::Duration;
+
 use decoders::{
-    Framed, Measurement, Value,
+    Decoder, Framed, Measurement, Value,
     mavlink::{FixMessage, ImuMessage, Mavlink, MavlinkSettings, RawScale, frame::crc_extra},
 };
 use mavlink::Message as _;
@@ -100,4 +102,59 @@ fn crc_seeds_match_crate_mavlink() {
     for id in known {
         assert_eq!(crc_extra(id), Some(MavMessage::extra_crc(id)), "message {id}");
     }
+}
+
+/// Returns a HIGHRES_IMU frame of a component.
+fn highres_from(system_id: u8, component_id: u8) -> Vec<u8> {
+    let mut frame = mavlink::MAVLinkV2MessageRaw::new();
+    frame.serialize_message(mavlink::MavHeader { system_id: system_id.into(), component_id, sequence: 0 }, &highres(0));
+    frame.raw_bytes().to_vec()
+}
+
+/// Decodes frames that arrive at times in ms. Returns whether each yields a measurement, and the
+/// number of foreign frames.
+fn decode_at(settings: MavlinkSettings, frames: &[(u64, Vec<u8>)]) -> (Vec<bool>, u64) {
+    let mut decoder = Framed::new(Mavlink::new(settings));
+    let used = frames.iter().map(|(ms, bytes)| {
+        let mut found = Vec::new();
+        decoder.set_time(Duration::from_millis(*ms));
+        decoder.push(bytes, &mut found);
+        !found.is_empty()
+    });
+    (used.collect(), decoder.counts().foreign)
+}
+
+#[test]
+fn choice_of_system_lapses_after_two_silent_seconds() {
+    let frames = [(0, (99, 1)), (1_000, (1, 1)), (2_100, (1, 1)), (2_200, (99, 1))];
+    let frames = frames.map(|(ms, (system, component))| (ms, highres_from(system, component)));
+    assert_eq!(decode_at(MavlinkSettings::default(), &frames), (vec![true, false, true, false], 2));
+    let selected = MavlinkSettings { system_id: Some(1), ..MavlinkSettings::default() };
+    assert_eq!(decode_at(selected, &frames), (vec![false, true, true, false], 2));
+}
+
+#[test]
+fn only_one_component_is_read() {
+    let frames: Vec<_> = (0..10).map(|i| (i, highres_from(1, if i % 2 == 0 { 1 } else { 100 }))).collect();
+    let (used, foreign) = decode_at(MavlinkSettings::default(), &frames);
+    assert_eq!((used.iter().filter(|used| **used).count(), used[0], foreign), (5, true, 5));
+}
+
+#[test]
+fn choice_of_imu_message_lapses_after_two_silent_seconds() {
+    let frames = [(0, scaled()), (1_900, highres(0)), (2_000, highres(0)), (2_100, scaled())];
+    let frames = frames.map(|(ms, message)| (ms, in_mavlink_2(&message, 0)));
+    assert_eq!(decode_at(MavlinkSettings::default(), &frames), (vec![true, false, true, false], 0));
+}
+
+#[test]
+fn fix_does_not_choose_its_sender() {
+    let fix = MavMessage::GPS_RAW_INT(GPS_RAW_INT_DATA {
+        fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
+        vel: 1000,
+        cog: 0,
+        ..Default::default()
+    });
+    let frames = [(0, in_mavlink_2(&fix, 0)), (10, highres_from(2, 1)), (20, in_mavlink_2(&fix, 0))];
+    assert_eq!(decode_at(MavlinkSettings::default(), &frames), (vec![true, true, false], 1));
 }

@@ -173,6 +173,10 @@ fn service_check(status: &ServiceStatus) -> Check {
             found,
             "run the check again; a service that keeps failing is given up after `[restart] limit`",
         ),
+        _ if *lost > 0 && [Service::Ingest, Service::Drivers].map(Service::name).contains(&service.as_str()) => {
+            let remedy = "set rate_hz to the rate of the sensor, let only the sensor send, or raise buffer_s";
+            Check::warning(check, format!("{found} before a tick"), remedy)
+        }
         _ if *lost > 0 => Check::warning(
             check,
             found,

@@ -32,6 +32,9 @@ const MAX_RECORD_BYTES: usize = 1 << 27;
 const MAX_MESSAGE_BYTES: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 16;
 const MAGIC_BYTES: u64 = 8;
+/// Maximum ratio of the declared sizes of a chunk, uncompressed to compressed. Messages of a
+/// recorder stay far below it.
+const MAX_CHUNK_RATIO: u64 = 1000;
 /// Length of the type and length fields at the start of a record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
@@ -141,6 +144,10 @@ impl Chunk {
     fn parse(bytes: Vec<u8>) -> Option<Self> {
         let record = mcap::parse_record(op::CHUNK, &bytes[RECORD_HEADER_BYTES..]).ok()?;
         let Record::Chunk { header, data } = record else { return None };
+        let max_bytes = header.compressed_size.saturating_mul(MAX_CHUNK_RATIO).min(MAX_RECORD_BYTES as u64);
+        if header.uncompressed_size > max_bytes {
+            return None;
+        }
         // The MCAP reader assumes that an uncompressed chunk consists of complete records.
         if header.compression.is_empty() && !contains_complete_records(&data) {
             return None;

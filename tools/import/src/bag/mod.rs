@@ -41,6 +41,8 @@ use topics::{Kind, Role, Topic, Topics};
 
 /// Number of messages between two progress reports.
 const PROGRESS_INTERVAL_MESSAGES: u64 = 1024;
+/// Reason for skipping a chunk of an MCAP file.
+const DAMAGED_CHUNK: &str = "damaged, or too large when decompressed";
 /// Maximum number of directory entries that are inspected in a bag.
 const MAX_FILES: usize = 10_000;
 
@@ -80,7 +82,8 @@ impl<'a> Bag<'a> {
     /// `wanted` is `None`.
     fn read_messages(&self, wanted: Option<Vec<Topic>>) -> MessageReader {
         let (files, read_bytes) = (self.files.clone().into_iter(), self.read_bytes.clone());
-        MessageReader { files, current: None, wanted, read_bytes, damaged_chunks: 0, notes: Vec::new() }
+        let (losses, notes) = (sqlite::Losses::default(), Vec::new());
+        MessageReader { files, current: None, wanted, read_bytes, damaged_chunks: 0, losses, notes }
     }
 }
 
@@ -255,6 +258,8 @@ struct MessageReader {
     wanted: Option<Vec<Topic>>,
     read_bytes: Rc<Cell<u64>>,
     damaged_chunks: u64,
+    /// Losses of the databases read so far.
+    losses: sqlite::Losses,
     notes: Vec<Note>,
 }
 
@@ -271,7 +276,7 @@ impl MessageReader {
         loop {
             let Some((path, cursor)) = &mut self.current else {
                 let Some((path, format)) = self.files.next() else {
-                    self.note_damaged_chunks();
+                    self.note_losses();
                     return Ok(None);
                 };
                 let (wanted, read_bytes) = (self.wanted.as_deref(), &self.read_bytes);
@@ -297,8 +302,10 @@ impl MessageReader {
                 Ok(None) => {}
                 Err(ReadError::Damage(found)) => self.note_damage(&path, found),
             }
-            if let Some((_, Cursor::Mcap(cursor))) = self.current.take() {
-                self.damaged_chunks += cursor.damaged_chunks;
+            match self.current.take() {
+                Some((_, Cursor::Mcap(cursor))) => self.damaged_chunks += cursor.damaged_chunks,
+                Some((_, Cursor::Sqlite(cursor))) => self.losses = self.losses + cursor.losses,
+                None => {}
             }
         }
     }
@@ -308,10 +315,19 @@ impl MessageReader {
         self.notes.push(Note::DamagedFile { file, found });
     }
 
-    fn note_damaged_chunks(&mut self) {
-        let count = std::mem::take(&mut self.damaged_chunks);
-        if count > 0 {
-            self.notes.push(Note::Skipped { what: "message chunks", count, reason: "damaged" });
+    /// Adds a note for each kind of loss, and resets the counts.
+    fn note_losses(&mut self) {
+        let sqlite::Losses { missing, stray, without_topic, without_data } = std::mem::take(&mut self.losses);
+        for (what, count, reason) in [
+            ("message chunks", std::mem::take(&mut self.damaged_chunks), DAMAGED_CHUNK),
+            ("messages", missing, "missing from the numbered rows of the database"),
+            ("messages", stray, "their row numbers do not increase, or exceed the last"),
+            ("messages", without_topic, "their topic is not in the database"),
+            ("messages of the topics read", without_data, "no bytes, or more than 64 KiB"),
+        ] {
+            if count > 0 {
+                self.notes.push(Note::Skipped { what, count, reason });
+            }
         }
     }
 }

@@ -4,10 +4,13 @@
 //! query stored in the file is executed.
 //!
 //! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
+//!
+//! Failure: rows that are missing or unusable are counted. Row numbers must increase. Rows with
+//! other numbers are skipped, and reading ends after [`MAX_STRAY_ROWS`] of them.
 
 use std::{
     cell::Cell,
-    collections::{HashMap, VecDeque},
+    collections::{HashMap, HashSet, VecDeque},
     fs,
     path::{Path, PathBuf},
     rc::Rc,
@@ -23,6 +26,9 @@ use super::{
 const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;
 const MAX_TOPICS: i64 = 4096;
+/// Maximum number of rows with a number that does not increase or exceeds that of the last row. In
+/// a damaged database, such rows can recur without end.
+const MAX_STRAY_ROWS: u64 = 1000;
 /// Maximum length of a text or blob that SQLite may load, bytes.
 const MAX_VALUE_BYTES: i32 = 1 << 24;
 
@@ -32,9 +38,59 @@ pub(super) struct Cursor {
     topics: HashMap<i64, Rc<Topic>>,
     batch: VecDeque<Message>,
     query: String,
+    /// Identifiers of all topics, including those that are not read.
+    topic_ids: HashSet<i64>,
     last_row_id: i64,
+    /// Number of the row with the latest timestamp according to the index; 0 if unknown.
+    last_indexed_row_id: i64,
+    /// Largest valid row number.
+    max_row_id: i64,
     has_ended: bool,
     progress: Progress,
+    pub(super) losses: Losses,
+}
+
+/// Rows that are missing or unusable.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Losses {
+    /// Numbers that no row has, although recorders number rows consecutively from 1.
+    pub(super) missing: u64,
+    /// Rows with a number that does not increase or exceeds that of the last row.
+    pub(super) stray: u64,
+    /// Rows of no known topic.
+    pub(super) without_topic: u64,
+    /// Rows of the topics read with data of another type than bytes, or with too many bytes.
+    pub(super) without_data: u64,
+}
+
+impl Losses {
+    /// Counts the numbers after `before` up to `last`. Recorders use no numbers below 1.
+    fn add_missing(&mut self, before: i64, last: i64) {
+        let before = before.max(0);
+        if last > before {
+            self.missing = self.missing.saturating_add(last.abs_diff(before));
+        }
+    }
+}
+
+impl std::ops::Add for Losses {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            missing: self.missing.saturating_add(other.missing),
+            stray: self.stray + other.stray,
+            without_topic: self.without_topic + other.without_topic,
+            without_data: self.without_data + other.without_data,
+        }
+    }
+}
+
+/// Row of the table of messages.
+struct Row {
+    id: i64,
+    topic: Option<i64>,
+    data: Option<Vec<u8>>,
 }
 
 /// Reading progress, estimated from the row numbers of the messages.
@@ -61,11 +117,12 @@ impl Cursor {
                 return Err(ReadError::Damage(format!("no table {table}, not a ROS 2 bag")));
             }
         }
-        let mut topics = HashMap::new();
+        let (mut topics, mut topic_ids) = (HashMap::new(), HashSet::new());
         let mut statement = connection.prepare("SELECT id, name, type, serialization_format FROM topics LIMIT ?1")?;
         let mut rows = statement.query([MAX_TOPICS])?;
         while let Some(row) = rows.next()? {
             let [name, schema, encoding]: [String; 3] = [row.get(1)?, row.get(2)?, row.get(3)?];
+            topic_ids.insert(row.get(0)?);
             let topic = Topic::from_channel(&name, &encoding, &schema);
             if let Some(topic) = topic.filter(|topic| wanted.is_none_or(|wanted| wanted.contains(topic))) {
                 topics.insert(row.get(0)?, Rc::new(topic));
@@ -73,13 +130,18 @@ impl Cursor {
         }
         drop(rows);
         drop(statement);
-        let row_id_range = "SELECT min(rowid), max(rowid) FROM messages";
-        let (first, last): (Option<i64>, Option<i64>) =
-            connection.query_row(row_id_range, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
+        // Each query is answered by one search, whereas a combined one would visit every row. It
+        // fails if the searched pages are damaged, and other pages can still be read.
+        let row_id = |query| connection.query_row(query, [], |row| row.get::<_, i64>(0)).ok();
+        let (first, last) = (row_id("SELECT min(rowid) FROM messages"), row_id("SELECT max(rowid) FROM messages"));
+        let last_indexed =
+            row_id("SELECT rowid FROM messages INDEXED BY timestamp_idx ORDER BY timestamp DESC LIMIT 1");
+        let max_row_id = last.max(last_indexed).unwrap_or(i64::MAX);
         let ids: Vec<_> = topics.keys().map(i64::to_string).collect();
         let query = format!(
-            "SELECT rowid, topic_id, data FROM messages WHERE rowid > ?1 AND topic_id IN ({}) AND typeof(data) = 'blob' \
-             AND length(data) <= {MAX_MESSAGE_BYTES} ORDER BY rowid LIMIT {BATCH_MESSAGES}",
+            "SELECT rowid, topic_id, CASE WHEN topic_id IN ({}) AND typeof(data) = 'blob' \
+             AND length(data) <= {MAX_MESSAGE_BYTES} THEN data END \
+             FROM messages WHERE rowid > ?1 ORDER BY rowid LIMIT {BATCH_MESSAGES}",
             ids.join(",")
         );
         let [first, last] = [first, last].map(Option::unwrap_or_default);
@@ -90,8 +152,20 @@ impl Cursor {
             first_row_id: first,
             final_row_id: last,
         };
-        let (batch, after, has_ended) = (VecDeque::new(), i64::MIN, topics.is_empty());
-        Ok(Self { connection, topics, batch, query, last_row_id: after, has_ended, progress })
+        let has_ended = topics.is_empty();
+        Ok(Self {
+            connection,
+            topics,
+            batch: VecDeque::new(),
+            query,
+            topic_ids,
+            last_row_id: i64::MIN,
+            last_indexed_row_id: last_indexed.unwrap_or(0),
+            max_row_id,
+            has_ended,
+            progress,
+            losses: Losses::default(),
+        })
     }
 
     /// Returns the next message, or `None` at the end of the database.
@@ -106,34 +180,60 @@ impl Cursor {
         Ok(next)
     }
 
+    /// Reads the next rows. Each call finds a row with a larger number or a stray row, or ends.
+    ///
+    /// If the database is damaged, the messages before the damage are returned first, then the
+    /// error.
     fn read_batch(&mut self) -> Result<(), ReadError> {
         let mut statement = self.connection.prepare(&self.query)?;
         let mut rows = statement.query([self.last_row_id])?;
-        let mut count = 0;
-        // If the database is damaged, the messages before the damage are returned first, then the
-        // error.
-        let mut next = || rows.next().map(|row| row.map(|row| (row.get(0), row.get(1), row.get(2))));
-        self.has_ended = loop {
-            match next() {
-                Ok(Some((Ok(id), Ok(topic), Ok(data)))) => {
-                    count += 1;
-                    self.last_row_id = id;
-                    let topic: i64 = topic;
-                    if let Some(topic) = self.topics.get(&topic) {
-                        self.batch.push_back(Message { topic: topic.clone(), data });
-                    }
+        let (mut count, mut is_advanced) = (0, false);
+        let damage = loop {
+            let row = match rows.next().and_then(|row| row.map(Row::read).transpose()) {
+                Ok(Some(row)) => row,
+                Ok(None) => break None,
+                Err(cause) => break Some(cause.into()),
+            };
+            count += 1;
+            if !(self.last_row_id < row.id && row.id <= self.max_row_id) {
+                self.losses.stray += 1;
+                if self.losses.stray >= MAX_STRAY_ROWS {
+                    break Some(ReadError::Damage(format!("row {} after row {}", row.id, self.last_row_id)));
                 }
-                Ok(None) => break count < BATCH_MESSAGES,
-                Ok(Some((Err(cause), ..) | (_, Err(cause), _) | (_, _, Err(cause)))) | Err(cause) => {
-                    if count == 0 {
-                        return Err(cause.into());
-                    }
-                    break false;
+                continue;
+            }
+            is_advanced = true;
+            self.losses.add_missing(self.last_row_id, row.id.saturating_sub(1));
+            self.last_row_id = row.id;
+            match (row.topic.and_then(|id| self.topics.get(&id)), row.data) {
+                (Some(topic), Some(data)) => self.batch.push_back(Message { topic: topic.clone(), data }),
+                (Some(_), None) => self.losses.without_data += 1,
+                (None, _) => {
+                    let is_known = row.topic.is_some_and(|id| self.topic_ids.contains(&id));
+                    self.losses.without_topic += u64::from(!is_known);
                 }
             }
         };
         self.progress.report(self.last_row_id);
+        match damage {
+            Some(damage) if !is_advanced => {
+                self.has_ended = true;
+                return Err(damage);
+            }
+            Some(_) => {}
+            None => self.has_ended = count < BATCH_MESSAGES,
+        }
+        if self.has_ended {
+            self.losses.add_missing(self.last_row_id, self.last_indexed_row_id);
+        }
         Ok(())
+    }
+}
+
+impl Row {
+    fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Self> {
+        // A damaged row can have a topic of another type.
+        Ok(Self { id: row.get(0)?, topic: row.get(1).ok(), data: row.get(2)? })
     }
 }
 

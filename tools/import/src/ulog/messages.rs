@@ -6,6 +6,7 @@
 
 use std::{
     cell::RefCell,
+    collections::HashSet,
     fs::File,
     io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom},
     path::Path,
@@ -25,6 +26,8 @@ const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
     (message[0], message[2]) = (40, b'B');
     message
 };
+/// Content of a synchronisation message.
+const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
 /// Number of bytes between two progress reports.
 const PROGRESS_INTERVAL_BYTES: u64 = 1 << 16;
 
@@ -35,6 +38,8 @@ pub(crate) struct LogStatus {
     pub(crate) damage: Option<(u64, String)>,
     pub(crate) dropouts: u64,
     pub(crate) dropouts_ms: u64,
+    /// Number of messages of no known type, of no subscribed topic or with invalid content.
+    pub(crate) malformed: u64,
 }
 
 /// Passes all messages of the wanted `topics` to `on_message`, in file order.
@@ -75,9 +80,16 @@ pub(crate) fn read(
         let is_for_parser = at_byte == 0
             || match (kind, content) {
                 (b'B', _) => true,
-                (b'F', _) => filter.accepts_format(content, topics),
+                (b'F', _) => {
+                    status.malformed += u64::from(parser.in_data());
+                    filter.accepts_format(content, topics)
+                }
                 (b'A', [_, id @ ..]) if id.len() >= 2 => filter.accept_subscription(id, topics),
-                (b'D', [low, high, ..]) => filter.ids.contains(&u16::from_le_bytes([*low, *high])),
+                (b'D', [low, high, ..]) => {
+                    let id = u16::from_le_bytes([*low, *high]);
+                    status.malformed += u64::from(!filter.subscribed.contains(&id));
+                    filter.ids.contains(&id)
+                }
                 (b'O', [low, high, ..]) => {
                     status.dropouts += 1;
                     status.dropouts_ms += u64::from(u16::from_le_bytes([*low, *high]));
@@ -86,7 +98,10 @@ pub(crate) fn read(
                 (b'A' | b'D' | b'O', _) => {
                     break Some((at_byte, format!("a message {:?} that is too short", char::from(kind))));
                 }
-                (b'A'..=b'Z', _) => false,
+                (b'A'..=b'Z', _) => {
+                    status.malformed += u64::from(!is_valid(kind, content));
+                    false
+                }
                 (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}"))),
             };
         if at_byte == HEADER_BYTES as u64 && kind != b'B' {
@@ -129,10 +144,30 @@ fn section_ends(offsets: &[u64; 3]) -> Vec<u64> {
     offsets.iter().rev().copied().filter(|&offset| offset != 0).collect()
 }
 
+/// Returns `true` if the content of a message that is not read fits its type. Damage often turns a
+/// message into one of another type.
+fn is_valid(kind: u8, content: &[u8]) -> bool {
+    let has_key = |key_at: usize| {
+        let key_bytes = content.get(key_at).copied().map_or(usize::MAX, usize::from);
+        key_bytes < content.len() - key_at
+    };
+    match kind {
+        b'I' | b'P' => !content.is_empty() && has_key(0),
+        b'M' | b'Q' => content.len() > 1 && has_key(1),
+        b'L' | b'C' => matches!(content.first(), Some(b'0'..=b'7')),
+        b'S' => content == SYNC,
+        b'R' => content.len() >= size_of::<u16>(),
+        _ => false,
+    }
+}
+
 /// Filter of messages by topic.
 #[derive(Default)]
 struct TopicFilter {
+    /// Identifiers of the wanted topics.
     ids: Vec<u16>,
+    /// Identifiers of all topics.
+    subscribed: HashSet<u16>,
 }
 
 impl TopicFilter {
@@ -143,9 +178,11 @@ impl TopicFilter {
 
     fn accept_subscription(&mut self, id: &[u8], topics: &[&str]) -> bool {
         let [low, high, name @ ..] = id else { return false };
+        let id = u16::from_le_bytes([*low, *high]);
+        self.subscribed.insert(id);
         let is_wanted = topics.iter().any(|topic| topic.as_bytes() == name);
         if is_wanted {
-            self.ids.push(u16::from_le_bytes([*low, *high]));
+            self.ids.push(id);
         }
         is_wanted
     }

@@ -82,6 +82,9 @@ impl Log {
             match message.flattened_format.message_name() {
                 COMBINED if combined.accept_instance(message) => {
                     let layout = cached_fields(&mut combined_fields, || CombinedFields::new(path, message))?;
+                    if layout.rate(message.data).is_none() {
+                        combined.reject();
+                    }
                     if combined_field_series.accept_instance(message) {
                         push_combined_field(&mut combined_field_series, layout, message.data);
                     }
@@ -231,12 +234,16 @@ impl Source for Log {
 impl Selection {
     fn notes(&self, length_bytes: u64) -> Vec<Note> {
         let Self { combined, fields, attitudes, fixes, status: ending } = self;
-        let LogStatus { damage, dropouts, dropouts_ms } = ending;
+        let LogStatus { damage, dropouts, dropouts_ms, malformed } = ending;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
             notes.push(Note::Damage { at_byte, length_bytes, found });
         }
-        combined.notes("", &mut notes);
+        if *malformed > 0 {
+            let reason = "damaged: unknown type or topic, or invalid content";
+            notes.push(Note::Skipped { what: "messages", count: *malformed, reason });
+        }
+        combined.notes("the time is out of range", &mut notes);
         fields.notes("a component is not a number", &mut notes);
         attitudes.notes("the quaternion is not a rotation", &mut notes);
         fixes.notes("velocity invalid, or no 3D fix", &mut notes);

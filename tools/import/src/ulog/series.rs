@@ -89,7 +89,7 @@ impl Series {
     /// A `sample` of `None` is invalid and is counted as rejected.
     pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
         let Some(sample) = sample else {
-            self.rejected += 1;
+            self.reject();
             return None;
         };
         let t_ns = t_ns(&sample);
@@ -100,6 +100,11 @@ impl Series {
         self.last_ns = Some(t_ns);
         self.accepted += 1;
         Some(sample)
+    }
+
+    /// Counts an invalid sample.
+    pub(super) fn reject(&mut self) {
+        self.rejected += 1;
     }
 
     pub(super) fn notes(&self, rejection_reason: &'static str, notes: &mut Vec<Note>) {

@@ -1,6 +1,11 @@
 //! Bags written by rosbags and the Python MCAP library, compared with rosbags.
 
-use std::{collections::BTreeMap, fs, path::Path, slice::from_ref};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    slice::from_ref,
+};
 
 use import::{Format, Note, Options, convert};
 
@@ -137,7 +142,7 @@ fn bag_of_several_files_joined_and_damage_reported() {
     damaged[whole.len() / 3] ^= 0x10;
     let imported = folder.import(&[folder.file("damaged.mcap", &damaged)], None).unwrap();
     assert!(imported.rows.len() < measured && imported.rows.len() > measured * 8 / 10, "{}", imported.rows.len());
-    let skipped = Note::Skipped { what: "message chunks", count: 1, reason: "damaged" };
+    let skipped = Note::Skipped { what: "message chunks", count: 1, reason: "damaged, or too large when decompressed" };
     assert!(imported.summary.notes.contains(&skipped), "{:?}", imported.summary.notes);
 
     for (name, contents, expected) in [
@@ -174,6 +179,129 @@ fn database_with_views_or_generated_columns_rejected() {
         assert!(error.exit_code() == 3, "{error}");
         assert_eq!(folder.names(), ["a.db3"], "no other file is created");
     }
+}
+
+/// Returns the message of a stationary IMU in CDR.
+fn imu_message(i: i32) -> Vec<u8> {
+    let mut data = b"\0\x01\0\0".to_vec();
+    data.extend([i.to_le_bytes(), 0i32.to_le_bytes(), 4i32.to_le_bytes()].concat());
+    data.extend(b"imu\0");
+    let zeros = |count| vec![0.0; count];
+    let numbers = [zeros(3), vec![1.0], zeros(9), zeros(3), zeros(9), vec![0.0, 0.0, 9.8], zeros(9)].concat();
+    data.extend(numbers.iter().flat_map(|number: &f64| number.to_le_bytes()));
+    data
+}
+
+/// Creates a database of `count` messages, each with the number of its position from 1, and applies
+/// `changes`.
+fn database(folder: &Folder, count: i32, changes: &str) -> PathBuf {
+    let path = folder.path("a.db3");
+    let _ = fs::remove_file(&path);
+    let database = rusqlite::Connection::open(&path).unwrap();
+    let tables = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+                  CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+                  CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+                  INSERT INTO topics VALUES (1, '/imu', 'sensor_msgs/msg/Imu', 'cdr'), (2, '/image', 'image', 'cdr');
+                  BEGIN";
+    database.execute_batch(tables).unwrap();
+    for i in 1..=count {
+        let insert = "INSERT INTO messages VALUES (?1, 1, ?1, ?2)";
+        database.execute(insert, rusqlite::params![i, imu_message(i)]).unwrap();
+    }
+    database.execute_batch(&format!("COMMIT; {changes}")).unwrap();
+    path
+}
+
+/// Returns the number of rows, and the notes except those on missing quantities.
+fn rows_and_notes(folder: &Folder, path: &Path) -> (usize, Vec<String>) {
+    let imported = folder.import(&[path.to_owned()], None).unwrap();
+    let notes = imported.summary.notes.iter().filter(|note| !matches!(note, Note::Missing { .. }));
+    (imported.rows.len(), notes.map(ToString::to_string).collect())
+}
+
+#[test]
+fn rows_lost_from_database_are_counted() {
+    let folder = Folder::new();
+    let missing = "skipped 3 messages: missing from the numbered rows of the database";
+    for (changes, rows, expected) in [
+        ("", 20, None),
+        ("INSERT INTO messages VALUES (21, 2, 21, zeroblob(100000))", 20, None),
+        ("DELETE FROM messages WHERE id IN (1, 7, 8)", 17, Some(missing)),
+        (
+            "UPDATE messages SET topic_id = 77 WHERE id = 5",
+            19,
+            Some("skipped 1 messages: their topic is not in the database"),
+        ),
+        (
+            "UPDATE messages SET topic_id = 'x' WHERE id = 5",
+            19,
+            Some("skipped 1 messages: their topic is not in the database"),
+        ),
+        (
+            "UPDATE messages SET data = 5 WHERE id = 5; UPDATE messages SET data = zeroblob(70000) WHERE id = 9",
+            18,
+            Some("skipped 2 messages of the topics read: no bytes, or more than 64 KiB"),
+        ),
+    ] {
+        let found = rows_and_notes(&folder, &database(&folder, 20, changes));
+        assert_eq!(found, (rows, expected.map(str::to_owned).into_iter().collect()), "{changes}");
+    }
+}
+
+#[test]
+fn database_whose_row_numbers_go_back_ends() {
+    let folder = Folder::new();
+    let path = database(&folder, 2000, "");
+    let mut bytes = fs::read(&path).unwrap();
+    // In a table's inner page, each cell is the number of a leaf page and its largest row number.
+    // Pointing every cell to the first leaf makes the rows repeat.
+    let page_bytes = usize::from(u16::from_be_bytes([bytes[16], bytes[17]]));
+    let is_inner = |page: &&mut [u8]| page[0] == 5;
+    let cell_at = |page: &[u8], i: usize| usize::from(u16::from_be_bytes([page[12 + 2 * i], page[13 + 2 * i]]));
+    let mut changed = 0;
+    for page in bytes.chunks_mut(page_bytes).skip(1).filter(is_inner) {
+        let first = page[cell_at(page, 0)..][..4].to_vec();
+        for i in 1..usize::from(u16::from_be_bytes([page[3], page[4]])) {
+            let at = cell_at(page, i);
+            page[at..at + 4].copy_from_slice(&first);
+            changed += 1;
+        }
+    }
+    assert!(changed > 10);
+    fs::write(&path, bytes).unwrap();
+    let (rows, notes) = rows_and_notes(&folder, &path);
+    assert!((1..2000).contains(&rows) && notes[0].starts_with("a.db3 is damaged: row "), "{rows} {notes:?}");
+}
+
+#[test]
+fn row_with_damaged_number_costs_no_other_row() {
+    let folder = Folder::new();
+    let path = database(&folder, 100, "");
+    // A cell of a table's leaf page is the length of the row, its number and its content.
+    let content = imu_message(50);
+    for (number, name) in [(0u8, "too small"), (0x7f, "too large")] {
+        let mut bytes = fs::read(&path).unwrap();
+        let at = bytes.windows(content.len()).position(|window| window == content).unwrap();
+        // Seven bytes of the record's header and the timestamp lie between the number and the data.
+        let number_at = (at - 16..at).find(|index| bytes[*index] == 50 && bytes[index + 1] < 10).unwrap();
+        bytes[number_at] = number;
+        let changed = folder.file("changed.db3", bytes);
+        let (rows, notes) = rows_and_notes(&folder, &changed);
+        let stray = "skipped 1 messages: their row numbers do not increase, or exceed the last".to_owned();
+        assert!(rows == 99 && notes.contains(&stray), "{name}: {rows} {notes:?}");
+    }
+}
+
+#[test]
+fn message_larger_than_limit_when_decompressed_rejected() {
+    let folder = Folder::new();
+    let path = database(&folder, 20, "");
+    let large = [imu_message(21), vec![0; 1 << 20]].concat();
+    let compressed = zstd::encode_all(&large[..], 3).unwrap();
+    let insert = "INSERT INTO messages VALUES (21, 1, 21, ?1)";
+    rusqlite::Connection::open(&path).unwrap().execute(insert, [compressed]).unwrap();
+    let rejected = "skipped 1 messages of the topics read: malformed, or marked as not measured";
+    assert_eq!(rows_and_notes(&folder, &path), (20, vec![rejected.to_owned()]));
 }
 
 #[test]

@@ -88,6 +88,40 @@ fn messages_that_panic_the_parser_are_filtered() {
 }
 
 #[test]
+fn samples_with_impossible_time_are_counted() {
+    let folder = Folder::new();
+    let mut log = complete_log();
+    log.combined(u64::MAX / 2, [0.0; 3], 0, [0.0, 0.0, -9.8]);
+    let summary = folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary;
+    let reason = "the time is out of range";
+    assert_eq!(summary.notes, [Note::Skipped { what: "sensor_combined samples", count: 1, reason }]);
+}
+
+#[test]
+fn messages_changed_by_damage_are_counted() {
+    let folder = Folder::new();
+    for (kind, content) in [
+        (b'D', &[7, 0, 1, 2, 3][..]),
+        (b'F', b"late:uint8_t x;"),
+        (b'E', b"unknown"),
+        (b'L', b"\x00\x01 no level"),
+        (b'S', b"12345678"),
+        (b'I', b"\xffx"),
+        (b'Q', b"\x01"),
+    ] {
+        let mut log = complete_log();
+        log.message(b'L', b"6\0\0\0\0\0\0\0\0text");
+        log.message(b'S', &[0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12]);
+        log.message(b'P', b"\x09int32_t x\0\0\0\0");
+        let notes = |log: &Log| folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary.notes;
+        assert_eq!(notes(&log), []);
+        log.message(kind, content);
+        let reason = "damaged: unknown type or topic, or invalid content";
+        assert_eq!(notes(&log), [Note::Skipped { what: "messages", count: 1, reason }], "{}", char::from(kind));
+    }
+}
+
+#[test]
 fn nested_formats_of_other_topics_cost_nothing() {
     let folder = Folder::new();
     let nested: Vec<_> = (0..5000).map(|i| format!("n{i}:n{}[9] x;n{}[9] y;", i + 1, i + 1)).collect();

@@ -176,7 +176,7 @@ fn non_increasing_times_skipped() {
     }
     let imported = imported(&log);
     assert_eq!(imported.rows.iter().map(|row| row.t_ns / MS).collect::<Vec<_>>(), [1000, 1001, 1002]);
-    assert_eq!(skipped(&imported), [("rate samples", 2), ("force samples", 1)]);
+    assert_eq!(skipped(&imported), [("sensor_combined samples", 1), ("rate samples", 2), ("force samples", 1)]);
 }
 
 #[test]
