@@ -3,7 +3,7 @@
 
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     kinematics,
@@ -80,7 +80,7 @@ impl NoisySample {
 /// The gyro channel starts at the true attitude. Returns `None` if a stage does not exist.
 pub(crate) fn with_errors() -> Option<Vec<NoisySample>> {
     let mut sensors = Sensors::new(Motion::S1, SensorErrors::S1, SEED);
-    let (mut gyro, mut accel) = (Gyro::from_name("rk4")?, Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("rk4")?, Accelerometer::default());
     let (mut open, mut closed) = (Fuser::from_name("wz-open")?, Fuser::from_name("wz-closed")?);
     gyro.align(Motion::S1.at(0.0).attitude);
     let gain = -(-1.0 / (RATE_HZ * TIME_CONSTANT_S)).exp_m1();

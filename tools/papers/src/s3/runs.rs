@@ -2,7 +2,7 @@
 
 use attitude::{
     Vector3,
-    accel::Projector,
+    accel::Accelerometer,
     course::CourseReference,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateSample},
@@ -77,7 +77,7 @@ fn scenario(sensors: SensorCase, seed: u64) -> Option<Scenario> {
 /// Runs a filter over the scenario. Returns `None` if the stage or its gain does not exist.
 pub(crate) fn run(filter: Filter, sensors: SensorCase, seed: u64) -> Option<Vec<Sample>> {
     let scenario = scenario(sensors, seed)?;
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Accelerometer::default());
     let mut fuser = Fuser::from_name(filter.name)?;
     if let Some((parameter, value)) = filter.gain {
         fuser.set(parameter, value).ok()?;

@@ -2,7 +2,7 @@
 //! with gaps and without GNSS.
 
 use attitude::{
-    accel::Projector,
+    accel::Accelerometer,
     course::{Course, CourseInput},
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateSample},
@@ -140,7 +140,7 @@ impl StageErrors {
 pub(crate) fn run_flight(coverage: GnssCoverage, seed: u64) -> Option<Vec<StageErrors>> {
     let text = format!("cruise?gnss={}&seed={seed}&duration_s={DURATION_S}", coverage.key());
     let scenario = Scenario::parse(&text).ok()?;
-    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Accelerometer::default());
     let mut fusers = STAGES.iter().map(|name| Fuser::from_name(name)).collect::<Option<Vec<_>>>()?;
     let mut courses = STAGES.iter().map(|_| Course::from_name("track")).collect::<Option<Vec<_>>>()?;
     let mut errors = vec![StageErrors::default(); STAGES.len()];
