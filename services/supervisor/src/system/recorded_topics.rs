@@ -9,8 +9,10 @@ use graph::Topic;
 use messages::Message;
 use runtime::ServiceConfig;
 
-/// Topics, each as a function that passes the messages received to the recorder.
-pub(super) struct RecordedTopics(Vec<Box<dyn Fn(&mut Recorder)>>);
+/// Passes the messages received from a topic to the recorder.
+type DrainTopic = Box<dyn Fn(&mut Recorder)>;
+
+pub(super) struct RecordedTopics(Vec<DrainTopic>);
 
 impl RecordedTopics {
     pub(super) fn open(bus: &Bus, config: &ServiceConfig) -> Result<Self, BusError> {
@@ -25,7 +27,7 @@ impl RecordedTopics {
     }
 }
 
-fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<Box<dyn Fn(&mut Recorder)>, BusError> {
+fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<DrainTopic, BusError> {
     let buffer = config.buffer_size(M::TOPIC);
     let subscriber = bus.subscriber::<M>(buffer)?;
     Ok(Box::new(move |recorder| {
