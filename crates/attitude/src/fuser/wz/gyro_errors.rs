@@ -153,6 +153,18 @@ struct Prediction {
     interval_s: f64,
 }
 
+/// Result of an update.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct UpdateOutcome {
+    /// Error of the loop that remains to be corrected: the accumulated effect of the gyro errors
+    /// and of the initial level error.
+    pub(super) error: LoopError,
+    /// Horizontal force divided by g, without the part that the estimated tilt error causes.
+    pub(super) acceleration: Complex<f64>,
+    /// `true` if the filter was restarted after a tilt fault.
+    pub(super) is_restarted: bool,
+}
+
 /// Samples accumulated since the last update, and the gyro errors that were removed from them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Samples {
@@ -469,16 +481,15 @@ impl GyroErrorFilter {
         (self.since_update_s, self.force_dt_m_s)
     }
 
-    /// Updates the filter and returns the loop error that remains to be corrected.
-    ///
-    /// This error is the accumulated effect of the gyro errors and of the initial level error.
+    /// Updates the filter.
     #[inline(never)]
-    pub(super) fn update(&mut self, input: &UpdateInput, settings: &Settings) -> LoopError {
+    pub(super) fn update(&mut self, input: &UpdateInput, settings: &Settings) -> UpdateOutcome {
         let UpdateInput { tilt_correction_rad, bias_at_rest, loop_velocity_s, t2_s, .. } = *input;
         let norm = core::mem::take(&mut self.norm_dt_m_s) / (GRAVITY_M_S2 * self.since_update_s);
         let Prediction { innovation, force, interval_s } = self.predict(input, settings);
         if let Some(level_error_rad) = self.tilt_fault.observe(innovation, force, norm, interval_s) {
-            return self.reset_after_tilt_fault(level_error_rad, loop_velocity_s);
+            let error = self.reset_after_tilt_fault(level_error_rad, loop_velocity_s);
+            return UpdateOutcome { error, acceleration: Complex::new(0.0, 0.0), is_restarted: true };
         }
         let mut change = self.measure(innovation, interval_s);
         let error = if let Some(bias_rad_s) = bias_at_rest {
@@ -493,7 +504,8 @@ impl GyroErrorFilter {
         let initial = self.initial_velocity.observe(self.tilt_rad, variance, interval_s, t2_s);
         self.tilt_rad -= initial.tilt;
         self.tilt_sd_rad = libm::sqrt(0.5 * self.tilt_rad.norm_sqr() + variance);
-        LoopError { tilt: error.tilt + initial.tilt, velocity: error.velocity + initial.velocity }
+        let error = LoopError { tilt: error.tilt + initial.tilt, velocity: error.velocity + initial.velocity };
+        UpdateOutcome { error, acceleration: innovation, is_restarted: false }
     }
 
     /// Propagates the filter to the end of the interval and returns the innovation of the force.
@@ -523,6 +535,11 @@ impl GyroErrorFilter {
         self.scale = (self.scale + change.fixed_rows::<3>(SCALE)).map(|m| m.clamp(-MAX_SCALE, MAX_SCALE));
         self.tilt_velocity_s += Complex::new(change[VELOCITY], change[VELOCITY + 1]);
         self.tilt_rad += Complex::new(change[TILT], change[TILT + 1]);
+    }
+
+    /// Returns the estimated tilt error of the loop, rad.
+    pub(super) fn tilt_error_rad(&self) -> Complex<f64> {
+        self.tilt_rad
     }
 
     /// Returns the variance of the tilt about one axis, rad².

@@ -8,7 +8,7 @@ use core::ops::{Add, Mul, Sub};
 
 use super::{
     correction_smoothing,
-    time_constants::{T1_S, TiltTimeConstant},
+    time_constants::{MotionObservation, T1_S, TiltTimeConstant},
 };
 use crate::{
     Complex, GRAVITY_M_S2,
@@ -139,9 +139,14 @@ impl Level {
         0.5 / (GRAVITY_M_S2 * T1_S * self.time_constant.t2_s())
     }
 
+    /// Restarts the time constant of the tilt, because the level is uncertain.
+    pub(super) fn restart_time_constant(&mut self) {
+        self.time_constant = TiltTimeConstant::default();
+    }
+
     /// Adapts the time constant of the tilt to the motion (see `time_constants`).
-    pub(super) fn adapt(&mut self, rate2_rad2_s2: f64, bias_sd_rad_s: f64, interval_s: f64) {
-        self.time_constant.update(self.velocity_m_s, rate2_rad2_s2, bias_sd_rad_s, interval_s);
+    pub(super) fn adapt(&mut self, observation: &MotionObservation) {
+        self.time_constant.update(observation);
     }
 
     /// Returns `true` once an inclination has set the level.

@@ -59,10 +59,11 @@ use crate::{
 };
 pub(super) use settings::SHARED_WITH_AIDED;
 use {
-    gyro_errors::{GyroErrorFilter, UpdateInput},
+    gyro_errors::{GyroErrorFilter, UpdateInput, UpdateOutcome},
     heading::{Heading, HeadingInput},
     level::{Level, LoopError},
     settings::Settings,
+    time_constants::MotionObservation,
     wide_bias::WideBiasFilter,
 };
 
@@ -142,6 +143,7 @@ impl Wz {
             self.gyro_errors.restart(false);
             self.wide_bias.restart();
             self.level.reset_velocity();
+            self.level.restart_time_constant();
         }
     }
 
@@ -169,7 +171,11 @@ impl Wz {
             t2_s: self.level.t2_s(),
         };
         let samples = self.gyro_errors.samples();
-        let mut error = self.gyro_errors.update(&input, &self.settings);
+        let UpdateOutcome { mut error, acceleration, is_restarted } = self.gyro_errors.update(&input, &self.settings);
+        if is_restarted {
+            self.wide_bias.restart();
+            self.level.restart_time_constant();
+        }
         let found = self.wide_bias.update(&self.gyro_errors, &samples, &input, error.tilt, &self.settings);
         if let Some(found) = found {
             self.gyro_errors = found;
@@ -178,7 +184,13 @@ impl Wz {
             let up = self.level.attitude().up.direction();
             self.heading.invalidate_by_drift(self.gyro_errors.bias_sd_about(up));
         }
-        self.level.adapt(rate_rad_s.norm_squared(), self.gyro_errors.horizontal_bias_sd_rad_s(), interval_s);
+        self.level.adapt(&MotionObservation {
+            acceleration,
+            tilt_error_rad: self.gyro_errors.tilt_error_rad(),
+            rate2_rad2_s2: rate_rad_s.norm_squared(),
+            bias_sd_rad_s: self.gyro_errors.horizontal_bias_sd_rad_s(),
+            interval_s,
+        });
         self.level.apply_correction(error)
     }
 

@@ -1,10 +1,14 @@
 //! Time constants of the levelling loop.
 //!
-//! Input: leaky velocity, rate and uncertainty of the gyro bias at each update of the gyro errors.
+//! Input: acceleration, rate, and uncertainties of tilt and gyro bias at each update of the gyro
+//! errors.
 //!
 //! Output: the time constant T2 of the tilt.
 //!
 //! Time: the intervals of the updates.
+//!
+//! Failure: a tilt error that the gyro error filter does not notice counts as acceleration and
+//! lengthens T2.
 //!
 //! Accelerations with the spectral density S (of the force divided by g) cause a tilt error with
 //! the variance S/(2 T2), as the noise bandwidth of 1/(T1 T2 s² + T2 s + 1) is 1/(2 T2). A gyro
@@ -12,12 +16,23 @@
 //! σ² T2². T2 minimises the sum of the three variances. Without a bias error this is the time
 //! constant √S/q of a Kalman filter for the tilt.
 //!
-//! S is measured at the frequencies that the loop passes: a reference loop with the time constant
-//! [`REFERENCE_S`] low-pass filters the leaky velocity. The tilt error of this reference loop has
-//! the variance S/(2 · [`REFERENCE_S`]). Fast shaking, which the levelling loop suppresses in any
-//! case, hardly affects S.
+//! S is measured at the frequencies that the loop passes: a reference loop with the time constants
+//! T1 and [`REFERENCE_S`] low-pass filters the acceleration. The tilt error of this reference loop
+//! has the variance S/(2 · [`REFERENCE_S`]). Fast shaking, which the levelling loop suppresses in
+//! any case, hardly affects S.
+//!
+//! After a sensor fault the level is wrong, and T2 must be short:
+//!
+//! - The acceleration is the horizontal force without the part that the estimated tilt error
+//!   causes. Otherwise a wrong level would count as acceleration and slow its own correction.
+//! - S does not exceed the value for which T2 is [`MAX_T2_S`]. Otherwise T2 would remain at its
+//!   maximum long after a large force.
+//! - A Kalman filter whose tilt has the variance P would correct it at the rate P/S. T2 is
+//!   therefore limited in proportion to S/P, where P is the square of the estimated tilt error. If
+//!   the body accelerates more than S indicates, its present acceleration replaces S. The force
+//!   then does not show the true level.
 
-use crate::{Complex, GRAVITY_M_S2, scalars::scalars};
+use crate::{Complex, scalars::scalars};
 
 /// Time constant T1 of the leaky velocity, s. The damping of the loop, ½√(T2/T1), is at least 0.5.
 pub(super) const T1_S: f64 = 2.0;
@@ -46,8 +61,16 @@ const TILT_WALK_PER_RATE: f64 = 1e-3;
 /// Fraction of the bias uncertainty for which T2 is optimised. The bias filter corrects the effect
 /// of the remaining part once it has found the bias.
 const REMAINING_BIAS_FRACTION: f64 = 0.1;
-/// Largest tilt of the reference loop, rad.
-const MAX_TILT_RAD: f64 = 1.0;
+/// Largest mean acceleration over T1, divided by g. It limits the effect of a clipped or broken
+/// accelerometer. A body reaches 10 m/s at this acceleration.
+const MAX_MEAN_ACCELERATION: f64 = 0.5;
+/// Upper limit of T2 P/S, where P is the square of the estimated tilt error about one axis. The
+/// acceleration causes a tilt error with the variance S/(2 T2). With the value 2, the limit applies
+/// to tilt errors of more than two standard deviations.
+const MAX_T2_P_PER_S: f64 = 2.0;
+/// Shortest time in which T2 changes by the factor e, s. If T2 changed in one step, the tilt rate
+/// would jump.
+const CHANGE_S: f64 = 2.0;
 /// Largest rate that enters the mean square, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
 /// Number of Newton steps. They make T2 accurate to 1 % over its range.
@@ -57,10 +80,12 @@ const NEWTON_STEPS: usize = 4;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TiltTimeConstant {
     t2_s: f64,
+    /// Leaky velocity of the reference loop divided by g, s.
+    reference_velocity_s: Complex<f64>,
     /// Tilt of the reference loop, rad.
     reference_tilt_rad: Complex<f64>,
-    /// Mean square of `reference_tilt_rad` about one axis, rad².
-    tilt_variance_rad2: f64,
+    /// Spectral density of the acceleration divided by g, about one axis, s.
+    density_s: f64,
     /// Mean square of the rate, rad²/s².
     rate_variance_rad2_s2: f64,
     memory_s: f64,
@@ -68,12 +93,28 @@ pub(super) struct TiltTimeConstant {
     age_s: f64,
 }
 
+/// Observation of the motion over an interval.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MotionObservation {
+    /// Mean horizontal acceleration divided by g: the horizontal force without the part that the
+    /// estimated tilt error causes.
+    pub(super) acceleration: Complex<f64>,
+    /// Estimated tilt error of the loop, rad.
+    pub(super) tilt_error_rad: Complex<f64>,
+    /// Square of the rate, rad²/s².
+    pub(super) rate2_rad2_s2: f64,
+    /// Standard deviation of the bias about a horizontal axis, rad/s.
+    pub(super) bias_sd_rad_s: f64,
+    pub(super) interval_s: f64,
+}
+
 impl Default for TiltTimeConstant {
     fn default() -> Self {
         Self {
             t2_s: INITIAL_T2_S,
+            reference_velocity_s: Complex::new(0.0, 0.0),
             reference_tilt_rad: Complex::new(0.0, 0.0),
-            tilt_variance_rad2: INITIAL_TILT_SD_RAD * INITIAL_TILT_SD_RAD,
+            density_s: 2.0 * REFERENCE_S * INITIAL_TILT_SD_RAD * INITIAL_TILT_SD_RAD,
             rate_variance_rad2_s2: 0.0,
             memory_s: INITIAL_MEMORY_S,
             age_s: 0.0,
@@ -88,37 +129,48 @@ impl TiltTimeConstant {
         self.t2_s
     }
 
-    /// Processes an update. `rate2_rad2_s2` is the square of the rate, and `bias_sd_rad_s` the
-    /// standard deviation of the bias about a horizontal axis.
-    pub(super) fn update(
-        &mut self,
-        velocity_m_s: Complex<f64>,
-        rate2_rad2_s2: f64,
-        bias_sd_rad_s: f64,
-        interval_s: f64,
-    ) {
-        let tilt_rad = velocity_m_s / (GRAVITY_M_S2 * T1_S);
-        self.reference_tilt_rad += (tilt_rad - self.reference_tilt_rad) * (interval_s / REFERENCE_S).min(1.0);
+    /// Processes an update.
+    pub(super) fn update(&mut self, observation: &MotionObservation) {
+        let MotionObservation { acceleration, tilt_error_rad, rate2_rad2_s2, bias_sd_rad_s, interval_s } = *observation;
         self.age_s = (self.age_s + interval_s).min(MAX_T2_S / GROWTH);
         self.memory_s = (self.memory_s + interval_s).min(MEMORY_S);
         let gain = (interval_s / self.memory_s).min(1.0);
-        let tilt2_rad2 = (0.5 * self.reference_tilt_rad.norm_sqr()).min(MAX_TILT_RAD * MAX_TILT_RAD);
-        self.tilt_variance_rad2 += (tilt2_rad2 - self.tilt_variance_rad2) * gain;
         let rate2_rad2_s2 = rate2_rad2_s2.min(MAX_RATE_RAD_S * MAX_RATE_RAD_S);
         self.rate_variance_rad2_s2 += (rate2_rad2_s2 - self.rate_variance_rad2_s2) * gain;
         let walk2 =
             TILT_WALK_RAD * TILT_WALK_RAD + TILT_WALK_PER_RATE * TILT_WALK_PER_RATE * self.rate_variance_rad2_s2;
         let bias_sd_rad_s = REMAINING_BIAS_FRACTION * bias_sd_rad_s;
-        self.t2_s = optimal_s(2.0 * REFERENCE_S * self.tilt_variance_rad2, walk2, bias_sd_rad_s * bias_sd_rad_s)
+        let bias_variance = bias_sd_rad_s * bias_sd_rad_s;
+        let present_density_s = self.present_density_s(acceleration, interval_s);
+        let max_density_s = MAX_T2_S * MAX_T2_S * (walk2 + 4.0 * bias_variance * MAX_T2_S);
+        self.density_s = (self.density_s + (present_density_s - self.density_s) * gain).min(max_density_s);
+        let tilt_error2_rad2 = (0.5 * tilt_error_rad.norm_sqr()).max(f64::MIN_POSITIVE);
+        let max_t2_s = MAX_T2_P_PER_S * self.density_s.max(present_density_s) / tilt_error2_rad2;
+        let t2_s = optimal_s(self.density_s, walk2, bias_variance)
+            .min(max_t2_s)
             .clamp(MIN_T2_S, MAX_T2_S)
             .min(INITIAL_T2_S.max(GROWTH * self.age_s));
+        let max_change = libm::exp(interval_s / CHANGE_S);
+        self.t2_s = t2_s.clamp(self.t2_s / max_change, self.t2_s * max_change);
+    }
+
+    /// Updates the reference loop and returns the spectral density that its present tilt indicates,
+    /// s.
+    fn present_density_s(&mut self, acceleration: Complex<f64>, interval_s: f64) -> f64 {
+        const MAX_VELOCITY_S: f64 = MAX_MEAN_ACCELERATION * T1_S;
+        let velocity_s = self.reference_velocity_s * libm::exp(-interval_s / T1_S) + acceleration * interval_s;
+        let excess = libm::sqrt(velocity_s.norm_sqr()) / MAX_VELOCITY_S;
+        self.reference_velocity_s = velocity_s / excess.max(1.0);
+        let tilt_rad = self.reference_velocity_s / T1_S;
+        self.reference_tilt_rad += (tilt_rad - self.reference_tilt_rad) * (interval_s / REFERENCE_S).min(1.0);
+        REFERENCE_S * self.reference_tilt_rad.norm_sqr()
     }
 
     /// Returns why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
-        let Self { t2_s, tilt_variance_rad2, rate_variance_rad2_s2, memory_s, age_s, .. } = *self;
+        let Self { t2_s, density_s, rate_variance_rad2_s2, memory_s, age_s, .. } = *self;
         let in_range = (INITIAL_T2_S..=MAX_T2_S).contains(&t2_s) && age_s >= 0.0 && memory_s > 0.0;
-        (!in_range || tilt_variance_rad2 < 0.0 || rate_variance_rad2_s2 < 0.0)
+        (!in_range || density_s < 0.0 || rate_variance_rad2_s2 < 0.0)
             .then_some("a time constant of the level out of range")
     }
 }
@@ -138,11 +190,43 @@ fn optimal_s(density: f64, walk2: f64, bias_variance: f64) -> f64 {
     t_s
 }
 
-scalars!(TiltTimeConstant: reference_tilt_rad, t2_s, tilt_variance_rad2, rate_variance_rad2_s2, memory_s, age_s);
+scalars!(
+    TiltTimeConstant: reference_velocity_s, reference_tilt_rad, t2_s, density_s, rate_variance_rad2_s2, memory_s, age_s
+);
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Returns the time constant after `duration_s` with the given acceleration, divided by g, and
+    /// tilt error.
+    fn t2_after(time_constant: &mut TiltTimeConstant, acceleration: f64, tilt_error_rad: f64, duration_s: f64) -> f64 {
+        let observation = MotionObservation {
+            acceleration: Complex::new(acceleration, 0.0),
+            tilt_error_rad: Complex::new(tilt_error_rad, 0.0),
+            rate2_rad2_s2: 0.0,
+            bias_sd_rad_s: 0.0,
+            interval_s: 0.2,
+        };
+        (0..(duration_s / observation.interval_s) as u32).for_each(|_| time_constant.update(&observation));
+        time_constant.t2_s()
+    }
+
+    #[test]
+    fn time_constant_relaxes_after_clipped_force() {
+        let mut time_constant = TiltTimeConstant::default();
+        assert_eq!(t2_after(&mut time_constant, 0.0, 0.0, 100.0), MIN_T2_S);
+        assert!(t2_after(&mut time_constant, 22.0, 0.0, 4.0) > 0.99 * MAX_T2_S);
+        assert!(t2_after(&mut time_constant, 0.0, 0.0, 50.0) < 1.2 * MIN_T2_S);
+    }
+
+    #[test]
+    fn known_tilt_error_shortens_time_constant_without_force() {
+        let mut time_constant = TiltTimeConstant::default();
+        assert!(t2_after(&mut time_constant, 0.3, 0.0, 40.0) > 0.99 * MAX_T2_S);
+        assert!(t2_after(&mut time_constant.clone(), 0.3, 0.2, 10.0) > 0.99 * MAX_T2_S);
+        assert_eq!(t2_after(&mut time_constant, 0.0, 0.2, 10.0), MIN_T2_S);
+    }
 
     #[test]
     fn optimal_time_constant_has_zero_slope() {

@@ -15,7 +15,8 @@
 //! bias more. It is therefore used only if there is evidence of such a bias, and only until a rest
 //! has shown the bias or another stage has handed it over. The force in a long bend of a vehicle
 //! also looks like the effect of a bias. The second filter restarts from the first one at regular
-//! intervals.
+//! intervals, and after a gyro outage or a tilt fault, whose force would look like the effect of a
+//! bias.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
