@@ -21,6 +21,8 @@
 //! | [`hub`] | distribution of snapshots to the viewers |
 //! | `metrics` | metrics in the text format of Prometheus |
 //! | [`server`] | connections and their limits |
+//! | `places` | places of the clients, with and without a token |
+//! | `inflow` | limits on what a client sends |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
 //! | `guard` | protection against requests from foreign pages |
 //! | `assets` | files of the page |
@@ -38,8 +40,10 @@ pub mod decimator;
 mod foxglove;
 mod guard;
 pub mod hub;
+mod inflow;
 pub mod local_system;
 mod metrics;
+mod places;
 pub mod recording;
 pub mod server;
 mod socket;
