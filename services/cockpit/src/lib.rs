@@ -109,7 +109,7 @@ pub fn run() -> Result<(), CockpitError> {
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
     let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(local_system::SupervisorClient::new(&launch.name)));
-    let tokens = Tokens::load()?;
+    let tokens = Tokens::load_or_create(&launch.name, context.config.run_id())?;
     let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
     let address = server.address(Some(tokens.get(Role::Operator)));
     let name = launch.name.clone();
