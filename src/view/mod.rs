@@ -111,14 +111,15 @@ pub(crate) fn run(view: &View) -> ExitCode {
 /// Shows a system on this machine, which may start later.
 fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let name = crate::system::system_name(view.name.as_deref());
-    let tokens = Tokens::load()?;
     let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
     let own_address =
         statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
     if let Some(base) = own_address.filter(|_| view.listen.is_none()) {
         // The system runs a cockpit itself, so only the address is printed.
+        let tokens = Tokens::load(&name)?;
         return Ok(print(&server::address(&base, Some(view.role_token(&tokens)))));
     }
+    let tokens = Tokens::create()?;
     let (hub, target) = (Arc::new(Hub::default()), Arc::new(SupervisorClient::new(&name)));
     let server = view.bind()?;
     let url = server.address(Some(view.role_token(&tokens)));
@@ -135,7 +136,7 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
 /// Shows remote vehicles, beginning with `vehicle` if given.
 #[cfg(feature = "network")]
 fn show_vehicles(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
-    let tokens = Tokens::load()?;
+    let tokens = Tokens::create()?;
     let endpoint = view.endpoint.endpoint();
     let link = endpoint.open()?;
     let directory = remote::RemoteDirectory::start(link.clone(), endpoint, vehicle)?;
@@ -169,7 +170,7 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     hub.publish_status(recording.status());
     let server = view.bind()?;
     // On the loopback interface any local user may view a recording, which accepts no commands.
-    let tokens = view.tls.is_some().then(Tokens::load).transpose()?;
+    let tokens = view.tls.is_some().then(Tokens::create).transpose()?;
     let url = server.address(tokens.as_ref().map(|tokens| view.role_token(tokens)));
     let vehicle_view = VehicleView { system: name, hub, target: None };
     server.start(site(vehicle_view, tokens, Some(recording)))?;

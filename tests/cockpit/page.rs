@@ -32,7 +32,7 @@ pub(crate) fn with_cockpit_for_browser(more: &str) -> (System, u16) {
 }
 
 pub(crate) fn address(system: &System, port: u16) -> String {
-    let token = system.path("plumbline/cockpit.token");
+    let token = system.path("plumbline").join(&system.name).join("cockpit.token");
     wait_for("the token", || token.is_file());
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(token).unwrap().trim())
 }

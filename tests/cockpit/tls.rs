@@ -6,7 +6,8 @@ use std::{
 };
 
 use super::{browser::Page, page::with_cockpit_for_browser};
-use crate::common::{System, plumb, remote::free_port, site::Site, wait_for};
+use crate::common::{System, plumb, remote::free_port, signal, site::Site, wait_for};
+use rustix::process::Signal;
 
 /// Sends a request with Python's standard library, which trusts only the site's authority. Returns
 /// the HTTP status or the error.
@@ -38,7 +39,7 @@ fn with_tls_cockpit() -> (Site, System, u16) {
 }
 
 fn token(system: &System, file: &str) -> String {
-    let path = system.path("plumbline").join(file);
+    let path = system.path("plumbline").join(&system.name).join(file);
     wait_for("the token", || path.is_file());
     fs::read_to_string(path).unwrap().trim().to_owned()
 }
@@ -133,4 +134,29 @@ fn token_of(address: &str) -> &str {
 
 fn copy(from: &Path, to: &Path) {
     fs::copy(from, to).unwrap();
+}
+
+#[test]
+fn token_is_valid_for_one_start_of_system() {
+    let (site, system, port) = with_tls_cockpit();
+    let metrics = |token: &str| status(&site, &format!("https://127.0.0.1:{port}/metrics"), token);
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let [operator, viewer] = ["cockpit.token", "cockpit.viewer.token"].map(|file| token(&system, file));
+    wait_for("the page", || metrics(&viewer) == "200");
+    let cockpit = running.service("cockpit");
+    signal(cockpit, Signal::KILL);
+    wait_for("the restart", || running.services().iter().any(|(name, pid)| name == "cockpit" && *pid != cockpit));
+    wait_for("the page", || metrics(&viewer) == "200");
+    running.interrupt();
+    running.wait().assert_complete();
+
+    let running = system.start(&[]);
+    system.wait_until_running();
+    wait_for("the new token", || token(&system, "cockpit.viewer.token") != viewer);
+    wait_for("the page", || metrics(&token(&system, "cockpit.viewer.token")) == "200");
+    assert_eq!(metrics(&token(&system, "cockpit.token")), "200");
+    assert_eq!((metrics(&viewer).as_str(), metrics(&operator).as_str()), ("401", "401"));
+    running.interrupt();
+    running.wait().assert_complete();
 }

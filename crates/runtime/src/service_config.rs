@@ -1,5 +1,7 @@
 //! Start-up configuration of a service, and values derived from it.
 
+use std::fs;
+
 use graph::{Buffer, Entry, Participant, Topic};
 use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
 use serde::{Deserialize, Serialize};
@@ -64,6 +66,18 @@ impl ServiceConfig {
             resume: None,
             supervisor_pid: 0,
         }
+    }
+
+    /// Returns a number that is unique to this run of the system. It is derived from the boot
+    /// identifier and from the process identifier and start time of the supervisor.
+    pub fn run_id(&self) -> u64 {
+        let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
+        let boot = read("/proc/sys/kernel/random/boot_id");
+        let stat = read(&format!("/proc/{}/stat", self.supervisor_pid));
+        // The process name may contain any character, so the fields are counted from its closing
+        // parenthesis. The start time is the 20th field after it.
+        let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();
+        messages::hash(messages::HASH_START, format!("{boot} {} {start}", self.supervisor_pid).as_bytes())
     }
 
     /// Returns the number of messages that a topic buffers for each subscriber.

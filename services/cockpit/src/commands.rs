@@ -13,10 +13,7 @@ use std::{
 use control::SwapRequest;
 use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
-use wire::{
-    command::ControlMessage,
-    v1::{PageCommand, SwapAnswer, page_command::Kind, swap_answer},
-};
+use wire::v1::{PageCommand, SwapAnswer, page_command::Kind, swap_answer};
 
 use crate::{
     hub::Hub,
@@ -56,16 +53,14 @@ impl<'c> CommandSession<'c> {
         Self { commands, hub, replies, shadows: Arc::default() }
     }
 
-    /// Starts executing a command of the viewer. Returns `false` if the message is invalid and the
-    /// viewer must be disconnected.
-    pub(crate) fn handle(&mut self, bytes: &[u8]) -> bool {
-        let Ok(command) = PageCommand::from_bytes(bytes) else { return false };
+    /// Starts executing a command of the viewer.
+    pub(crate) fn handle(&mut self, command: PageCommand) {
         if command.kind() == Kind::Look {
-            return true;
+            return;
         }
         let Some(commands) = self.commands else {
             self.reject(command, "this page does not accept commands");
-            return true;
+            return;
         };
         let remedy = match commands.tokens.role(&command.token) {
             Some(Role::Operator) => None,
@@ -74,11 +69,11 @@ impl<'c> CommandSession<'c> {
         };
         if let Some(remedy) = remedy {
             self.reject(command, remedy);
-            return true;
+            return;
         }
         let Ok(permit) = commands.permits.clone().try_acquire_owned() else {
             self.reject(command, "too many commands in progress; try again");
-            return true;
+            return;
         };
         let (target, replies, shadows) = (commands.target.clone(), self.replies.clone(), self.shadows.clone());
         let hub = self.hub.clone();
@@ -93,7 +88,6 @@ impl<'c> CommandSession<'c> {
                 let _ = replies.blocking_send(reply);
             }
         });
-        true
     }
 
     fn reject(&self, command: PageCommand, reason: &str) {

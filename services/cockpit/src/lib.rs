@@ -21,6 +21,8 @@
 //! | [`hub`] | distribution of snapshots to the viewers |
 //! | `metrics` | metrics in the text format of Prometheus |
 //! | [`server`] | connections and their limits |
+//! | `places` | places of the clients, with and without a token |
+//! | `inflow` | limits on what a client sends |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
 //! | `guard` | protection against requests from foreign pages |
 //! | `assets` | files of the page |
@@ -38,8 +40,10 @@ pub mod decimator;
 mod foxglove;
 mod guard;
 pub mod hub;
+mod inflow;
 pub mod local_system;
 mod metrics;
+mod places;
 pub mod recording;
 pub mod server;
 mod socket;
@@ -105,7 +109,7 @@ pub fn run() -> Result<(), CockpitError> {
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
     let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(local_system::SupervisorClient::new(&launch.name)));
-    let tokens = Tokens::load()?;
+    let tokens = Tokens::load_or_create(&launch.name, context.config.run_id())?;
     let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
     let address = server.address(Some(tokens.get(Role::Operator)));
     let name = launch.name.clone();

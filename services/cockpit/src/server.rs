@@ -3,7 +3,8 @@
 //! Input: HTTP/1.1 requests without a body, plain on the loopback interface, otherwise over TLS.
 //! Output: the page, the WebSocket `/socket`, the snapshots of a recording, `/metrics`, and the
 //! WebSocket `/foxglove`. With TLS everything except the page's files requires a token.
-//! Failure: clients that send no request in time and clients beyond the limits are disconnected.
+//! Failure: clients that send no request in time and clients beyond the limits of `places` and
+//! `inflow` are disconnected.
 
 use std::{
     io,
@@ -15,15 +16,22 @@ use std::{
 
 use ::runtime::clock::monotonic_ns;
 use axum::{
-    Router,
+    Extension, Router,
     body::Body,
-    extract::{Request, State, WebSocketUpgrade},
-    http::{HeaderMap, StatusCode, Uri, header},
-    middleware,
+    extract::{
+        Request, State, WebSocketUpgrade,
+        ws::{WebSocket, close_code},
+    },
+    http::{HeaderMap, HeaderValue, StatusCode, Uri, header},
+    middleware::{self, Next},
     response::{IntoResponse, Response},
     routing::get,
 };
-use hyper::server::conn::http1;
+use hyper::{
+    body::Incoming,
+    server::conn::http1,
+    service::{Service as _, service_fn},
+};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
@@ -32,7 +40,7 @@ use launch::CockpitTls;
 use tokio::{
     io::{AsyncRead, AsyncWrite},
     runtime,
-    sync::{OwnedSemaphorePermit, Semaphore},
+    sync::Semaphore,
     time::timeout,
 };
 use tokio_rustls::TlsAcceptor;
@@ -41,23 +49,16 @@ use crate::{
     assets::PageFiles,
     commands::{self, Commands},
     guard::{self, AccessRules},
+    inflow::{LimitedStream, MAX_MESSAGE_BYTES},
     metrics,
+    places::{Place, Places, Use},
     recording::Recording,
-    socket,
+    socket::{self, CLOSE_UNKNOWN_VEHICLE},
     tls::{self, TlsError},
-    token::{Token, Tokens},
-    vehicles::{VehicleDirectory, VehicleView},
+    token::{Role, Token, Tokens},
+    vehicles::{VehicleDirectory, VehicleView, ViewUse},
 };
 
-/// Maximum number of concurrent connections.
-pub const MAX_CONNECTIONS: usize = 96;
-/// Maximum number of concurrent viewers.
-pub const MAX_VIEWERS: usize = 32;
-/// Maximum number of concurrent clients of the Foxglove WebSocket protocol.
-#[cfg(feature = "foxglove")]
-pub const MAX_FOXGLOVE_CLIENTS: usize = 8;
-/// Maximum size of a viewer's command and of a Foxglove client's request, bytes.
-const MAX_MESSAGE_BYTES: usize = 4096;
 /// Time limit of the TLS handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum size of the headers of a request, bytes.
@@ -116,21 +117,22 @@ struct ServerState {
     /// `true` if connections use TLS. Viewing then requires a token.
     uses_tls: bool,
     command_permits: Arc<Semaphore>,
-    viewer_permits: Arc<Semaphore>,
-    #[cfg(feature = "foxglove")]
-    client_permits: Arc<Semaphore>,
 }
 
 /// Status and message for an unknown vehicle or an invalid query.
 type NotFound = (StatusCode, String);
 
 impl ServerState {
+    /// Returns the role granted by the token of a request.
+    fn role(&self, headers: &HeaderMap) -> Option<Role> {
+        let token = headers.get(header::AUTHORIZATION)?.to_str().ok()?.strip_prefix("Bearer ")?;
+        self.site.tokens.as_ref()?.role(token)
+    }
+
     /// Returns the response for a request that lacks a required token, or `None` if it is
     /// authorised.
     fn authorization_error(&self, headers: &HeaderMap) -> Option<Response> {
-        let token = headers.get(header::AUTHORIZATION).and_then(|field| field.to_str().ok()?.strip_prefix("Bearer "));
-        let role = token.zip(self.site.tokens.as_ref()).and_then(|(token, tokens)| tokens.role(token));
-        if !self.uses_tls || role.is_some() {
+        if !self.uses_tls || self.role(headers).is_some() {
             return None;
         }
         let scheme = [(header::WWW_AUTHENTICATE, "Bearer")];
@@ -139,13 +141,13 @@ impl ServerState {
     }
 
     /// Returns the view of the vehicle named in the query, or the default view if none is named.
-    fn view(&self, uri: &Uri) -> Result<VehicleView, NotFound> {
+    fn view(&self, uri: &Uri, view_use: ViewUse) -> Result<VehicleView, NotFound> {
         let vehicle = match uri.query().map(|query| query.split_once('=')) {
             None => Ok(None),
             Some(Some(("vehicle", name))) => Ok(Some(name)),
             Some(_) => Err(format!("expected {0} or {0}?vehicle=NAME", uri.path())),
         };
-        let view = vehicle.and_then(|vehicle| self.site.vehicles.view(vehicle));
+        let view = vehicle.and_then(|vehicle| self.site.vehicles.view(vehicle, view_use));
         view.map_err(|reason| (StatusCode::NOT_FOUND, format!("{reason}\n")))
     }
 }
@@ -204,9 +206,6 @@ impl Server {
             command_permits: Arc::new(Semaphore::new(commands::MAX_CONCURRENT_COMMANDS)),
             site,
             uses_tls,
-            viewer_permits: Arc::new(Semaphore::new(MAX_VIEWERS)),
-            #[cfg(feature = "foxglove")]
-            client_permits: Arc::new(Semaphore::new(MAX_FOXGLOVE_CLIENTS)),
         });
         let router = Router::new()
             .route("/socket", get(view_socket))
@@ -214,8 +213,11 @@ impl Server {
             .route("/metrics", get(metrics_page));
         #[cfg(feature = "foxglove")]
         let router = router.route(guard::FOXGLOVE_PATH, get(foxglove_socket));
-        let router =
-            router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(state);
+        let router = router
+            .fallback(asset)
+            .layer(middleware::from_fn_with_state(state.clone(), take_place))
+            .layer(middleware::from_fn_with_state(rules, guard::guard))
+            .with_state(state);
         let tls = self.tls;
         let run = move || runtime.block_on(serve(listener, tls, router));
         thread::Builder::new().name("cockpit-server".into()).spawn(run).map_err(ServerError::Start)?;
@@ -230,37 +232,67 @@ pub fn address(base: &str, token: Option<&Token>) -> String {
 
 /// Accepts connections forever.
 async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, router: Router) {
-    let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let places = Arc::<Places>::default();
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, address)) = listener.accept().await else {
             tokio::time::sleep(ACCEPT_RETRY_DELAY).await;
             continue;
         };
-        // A connection beyond the limit is closed immediately.
-        let Ok(permit) = permits.clone().try_acquire_owned() else { continue };
+        let place = places.admit(address.ip());
         let (router, tls) = (router.clone(), tls.clone());
         tokio::spawn(async move {
-            let _permit: OwnedSemaphorePermit = permit;
             // Nagle's algorithm is disabled, because it would delay the small snapshots.
             let _ = stream.set_nodelay(true);
-            match tls {
-                None => serve_connection(stream, router).await,
-                Some(tls) => {
-                    if let Ok(Ok(stream)) = timeout(HANDSHAKE_TIMEOUT, tls.accept(stream)).await {
-                        serve_connection(stream, router).await;
+            let serve = async {
+                match tls {
+                    None => serve_connection(stream, router, place.clone()).await,
+                    Some(tls) => {
+                        if let Ok(Ok(stream)) = timeout(HANDSHAKE_TIMEOUT, tls.accept(stream)).await {
+                            serve_connection(stream, router, place.clone()).await;
+                        }
                     }
                 }
-            }
+            };
+            place.hold(serve).await;
         });
+        // The requests that have arrived are received before further connections can displace their
+        // clients.
+        tokio::task::yield_now().await;
     }
 }
 
 /// Serves the requests of a connection.
-async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router, place: Place) {
+    let stream = LimitedStream::new(stream, place.inflow().clone());
+    let router = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(place.clone());
+        router.call(request)
+    });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEADER_BYTES);
     // An error concerns only this client, so it is ignored.
-    let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
+    let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+}
+
+/// Moves a connection to the places of clients with a token if the request has a valid one. Closes
+/// other connections after a few requests.
+async fn take_place(
+    State(state): State<Arc<ServerState>>,
+    Extension(place): Extension<Place>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let shown = state.role(request.headers()).map_or(Ok(()), |role| place.show_token(role));
+    let may_continue = shown.is_ok() && place.count_request();
+    let mut response = match shown {
+        Ok(()) => next.run(request).await,
+        Err(full) => (StatusCode::SERVICE_UNAVAILABLE, format!("{full}\n")).into_response(),
+    };
+    if !may_continue && response.status() != StatusCode::SWITCHING_PROTOCOLS {
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
+    response
 }
 
 /// Returns the host name under which other machines reach this one.
@@ -273,23 +305,43 @@ async fn asset(State(state): State<Arc<ServerState>>, uri: Uri, headers: HeaderM
 }
 
 /// Upgrades a viewer's connection to a WebSocket.
-async fn view_socket(State(state): State<Arc<ServerState>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
-    let view = state.view(&uri);
-    let Ok(permit) = state.viewer_permits.clone().try_acquire_owned() else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many viewers; close another page\n").into_response();
+async fn view_socket(
+    State(state): State<Arc<ServerState>>,
+    Extension(place): Extension<Place>,
+    uri: Uri,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if let Err(full) = place.change_use(Use::Viewer) {
+        return (StatusCode::SERVICE_UNAVAILABLE, format!("{full}\n")).into_response();
+    }
+    place.inflow().start_messages();
+    with_limits(upgrade).on_upgrade(async move |socket| place.hold(serve_viewer(socket, &state, &uri, &place)).await)
+}
+
+/// Serves a viewer until it disconnects.
+async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, place: &Place) {
+    let tokens = state.site.tokens.as_ref();
+    // A view is opened only for a client that may see it.
+    if state.uses_tls
+        && let Err(rejection) = socket::receive_token(&mut socket, tokens, place).await
+    {
+        return socket::close(socket, close_code::POLICY, &rejection.to_string()).await;
+    }
+    let open_view = || state.view(uri, ViewUse::of_viewer(place.role()));
+    let mut view = open_view();
+    // The views for clients without a token may be taken. A page that has a token shows it in its
+    // first message.
+    if view.is_err() && place.role().is_none() && socket::receive_token(&mut socket, tokens, place).await.is_ok() {
+        view = open_view();
+    }
+    let view = match view {
+        Ok(view) => view,
+        Err((_, reason)) => return socket::close(socket, CLOSE_UNKNOWN_VEHICLE, reason.trim_end()).await,
     };
-    with_limits(upgrade).on_upgrade(async move |socket| {
-        let _permit: OwnedSemaphorePermit = permit;
-        let view = match view {
-            Ok(view) => view,
-            Err((_, reason)) => return socket::close_unavailable(socket, reason.trim_end()).await,
-        };
-        let target = view.target.clone().filter(|target| target.takes_commands());
-        let commands = target.zip(state.site.tokens.clone());
-        let commands = commands.map(|(target, tokens)| Commands::new(target, tokens, state.command_permits.clone()));
-        let required_tokens = state.uses_tls.then_some(state.site.tokens.as_ref());
-        socket::serve(socket, view.hub, commands.as_ref(), required_tokens).await;
-    })
+    let target = view.target.clone().filter(|target| target.takes_commands());
+    let commands = target.zip(state.site.tokens.clone());
+    let commands = commands.map(|(target, tokens)| Commands::new(target, tokens, state.command_permits.clone()));
+    socket::serve(socket, view.hub, commands.as_ref(), tokens, place).await;
 }
 
 fn with_limits(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
@@ -300,6 +352,7 @@ fn with_limits(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
 #[cfg(feature = "foxglove")]
 async fn foxglove_socket(
     State(state): State<Arc<ServerState>>,
+    Extension(place): Extension<Place>,
     uri: Uri,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
@@ -315,7 +368,7 @@ async fn foxglove_socket(
         )
             .into_response();
     }
-    let view = match state.view(&uri) {
+    let view = match state.view(&uri, ViewUse::of_viewer(place.role())) {
         Ok(view) => view,
         Err(not_found) => return not_found.into_response(),
     };
@@ -324,12 +377,12 @@ async fn foxglove_socket(
         let expected = format!("expected the subprotocol {}\n", protocol::SUBPROTOCOLS.join(" or "));
         return (StatusCode::BAD_REQUEST, expected).into_response();
     }
-    let Ok(permit) = state.client_permits.clone().try_acquire_owned() else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close another one\n").into_response();
-    };
+    if let Err(full) = place.change_use(Use::Foxglove) {
+        return (StatusCode::SERVICE_UNAVAILABLE, format!("{full}\n")).into_response();
+    }
+    place.inflow().start_messages();
     with_limits(upgrade).on_upgrade(async move |socket| {
-        let _permit: OwnedSemaphorePermit = permit;
-        client::serve(socket, &view.system, &view.hub.broadcaster).await;
+        place.hold(client::serve(socket, &view.system, &view.hub.broadcaster, place.inflow())).await;
     })
 }
 
@@ -337,7 +390,7 @@ async fn metrics_page(State(state): State<Arc<ServerState>>, uri: Uri, headers: 
     if let Some(rejection) = state.authorization_error(&headers) {
         return rejection;
     }
-    let view = match state.view(&uri) {
+    let view = match state.view(&uri, ViewUse::Metrics) {
         Ok(view) => view,
         Err(not_found) => return not_found.into_response(),
     };

@@ -9,7 +9,7 @@ use std::{sync::Arc, time::Duration};
 
 use axum::{
     body::Bytes,
-    extract::ws::{CloseFrame, Message, WebSocket, close_code},
+    extract::ws::{CloseFrame, Message, WebSocket},
 };
 use tokio::{
     sync::{broadcast::error::RecvError, mpsc},
@@ -23,6 +23,8 @@ use wire::{
 use crate::{
     commands::{CommandSession, Commands},
     hub::{self, Hub},
+    inflow::Inflow,
+    places::{NoPlace, Place},
     token::Tokens,
 };
 
@@ -35,35 +37,58 @@ const MAX_QUEUED_REPLIES: usize = 16;
 const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Close code for a vehicle that is not available.
-const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
+pub(crate) const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
 /// Maximum length of a close reason, bytes. A control frame holds 125 bytes, two of which are the
 /// close code.
 const MAX_REASON_BYTES: usize = 120;
 
+/// Reason why a viewer is not served.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum TokenRejection {
+    /// The first message contains no valid token.
+    #[error("token missing or wrong")]
+    Missing,
+    /// The places of clients with this token are taken.
+    #[error(transparent)]
+    NoPlace(#[from] NoPlace),
+}
+
 /// Closes the connection with the reason. The connection is accepted first, because a page cannot
 /// read the response to a failed upgrade.
-pub(crate) async fn close_unavailable(mut socket: WebSocket, reason: &str) {
+pub(crate) async fn close(mut socket: WebSocket, code: u16, reason: &str) {
     let reason = reason[..reason.floor_char_boundary(MAX_REASON_BYTES)].into();
-    let frame = CloseFrame { code: CLOSE_UNKNOWN_VEHICLE, reason };
-    let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
+    let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(CloseFrame { code, reason })))).await;
+}
+
+/// Receives a token as the viewer's first message.
+///
+/// # Errors
+///
+/// Fails if the message does not arrive in time, contains no valid token, or the places of clients
+/// with this token are taken.
+pub(crate) async fn receive_token(
+    socket: &mut WebSocket,
+    tokens: Option<&Tokens>,
+    place: &Place,
+) -> Result<(), TokenRejection> {
+    let Ok(Some(Ok(message))) = timeout(TOKEN_TIMEOUT, socket.recv()).await else {
+        return Err(TokenRejection::Missing);
+    };
+    place.inflow().record(&message);
+    let Message::Binary(bytes) = message else { return Err(TokenRejection::Missing) };
+    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
+    let role = command.zip(tokens).and_then(|(command, tokens)| tokens.role(&command.token));
+    Ok(place.show_token(role.ok_or(TokenRejection::Missing)?)?)
 }
 
 /// Serves a viewer until it disconnects.
-///
-/// If `required_tokens` is `Some`, the viewer must first present one of these tokens.
 pub(crate) async fn serve(
     mut socket: WebSocket,
     hub: Arc<Hub>,
     commands: Option<&Commands>,
-    required_tokens: Option<Option<&Tokens>>,
+    tokens: Option<&Tokens>,
+    place: &Place,
 ) {
-    if let Some(tokens) = required_tokens
-        && !presents_token(&mut socket, tokens).await
-    {
-        let frame = CloseFrame { code: close_code::POLICY, reason: "token missing or wrong".into() };
-        let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
-        return;
-    }
     let (initial, mut messages) = hub.subscribe();
     for message in initial {
         if !send(&mut socket, message).await {
@@ -73,7 +98,7 @@ pub(crate) async fn serve(
     let (reply_tx, mut reply_rx) = mpsc::channel::<SwapAnswer>(MAX_QUEUED_REPLIES);
     let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
     loop {
-        let event = next_event(&mut socket, &mut messages, &mut reply_rx).await;
+        let event = next_event(&mut socket, place.inflow(), &mut messages, &mut reply_rx).await;
         let is_open = match event {
             Event::Message(message) => send(&mut socket, message).await,
             Event::Reply(reply) => send(&mut socket, hub::encode(Said::Answer(reply))).await,
@@ -82,19 +107,23 @@ pub(crate) async fn serve(
                 send(&mut socket, picture).await && send(&mut socket, calibration).await
             }
             Event::Ignored => true,
-            Event::Command(bytes) => session.handle(&bytes),
+            Event::Command(bytes) => match PageCommand::from_bytes(&bytes) {
+                Ok(command) => {
+                    if let Some(role) = tokens.and_then(|tokens| tokens.role(&command.token)) {
+                        // If no such place is free, the viewer keeps its present one.
+                        let _ = place.show_token(role);
+                    }
+                    session.handle(command);
+                    true
+                }
+                Err(_) => false,
+            },
             Event::Closed => false,
         };
         if !is_open {
             return;
         }
     }
-}
-
-async fn presents_token(socket: &mut WebSocket, tokens: Option<&Tokens>) -> bool {
-    let Ok(Some(Ok(Message::Binary(bytes)))) = timeout(TOKEN_TIMEOUT, socket.recv()).await else { return false };
-    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
-    command.zip(tokens).is_some_and(|(command, tokens)| tokens.role(&command.token).is_some())
 }
 
 /// Event on a viewer's connection.
@@ -110,6 +139,7 @@ enum Event {
 
 async fn next_event(
     socket: &mut WebSocket,
+    inflow: &Inflow,
     messages: &mut tokio::sync::broadcast::Receiver<Bytes>,
     replies: &mut mpsc::Receiver<SwapAnswer>,
 ) -> Event {
@@ -122,6 +152,7 @@ async fn next_event(
             return Poll::Ready(Event::Reply(reply));
         }
         if let Poll::Ready(message) = next_command.as_mut().poll(context) {
+            message.iter().flatten().for_each(|message| inflow.record(message));
             return Poll::Ready(match message {
                 Some(Ok(Message::Binary(bytes))) => Event::Command(bytes),
                 Some(Ok(Message::Ping(_) | Message::Pong(_))) => Event::Ignored,

@@ -1,4 +1,9 @@
-//! Access tokens, stored in files that are private to the user running the system.
+//! Access tokens. They are valid for one run of one system or, if the page is served by `plumb
+//! view`, until it ends.
+//!
+//! The tokens of a system are stored in files that are private to the user running the system, so
+//! that they stay valid if the cockpit is restarted within the run. Each begins with the run's
+//! identifier, by which the next run recognises and replaces it.
 //!
 //! Commands require the operator's token. On addresses beyond the loopback interface, viewing
 //! requires the operator's or the viewer's token. The printed address contains the token as its
@@ -15,7 +20,9 @@ use std::{
 use rustix::rand::{GetRandomFlags, getrandom};
 
 /// Number of random bytes in a token.
-const TOKEN_BYTES: usize = 24;
+const RANDOM_BYTES: usize = 24;
+/// Number of characters of a token: the run's identifier and the random bytes, in hexadecimal.
+const TOKEN_CHARACTERS: usize = 2 * (size_of::<u64>() + RANDOM_BYTES);
 const OPERATOR_FILE: &str = "cockpit.token";
 const VIEWER_FILE: &str = "cockpit.viewer.token";
 
@@ -34,12 +41,20 @@ pub enum TokenError {
         cause: io::Error,
     },
     /// The file may have been created or read by another user, or it does not contain a token.
-    #[error("cannot use the cockpit's token in {path}: {reason}; remove the file to create a new token")]
+    #[error("cannot use the cockpit's token in {path}: {reason}; remove the file and restart the system")]
     Insecure {
         /// Path of the file.
         path: PathBuf,
         /// Reason for the rejection.
         reason: &'static str,
+    },
+    /// The running system has stored no token where this process looks for it.
+    #[error(
+        "no cockpit token in {path}; set HOME, XDG_STATE_HOME and STATE_DIRECTORY to the values that the system runs with"
+    )]
+    Missing {
+        /// Path of the file.
+        path: PathBuf,
     },
     /// The operating system provides no random numbers.
     #[error("cannot create the cockpit's token: {0}")]
@@ -55,7 +70,7 @@ pub enum Role {
     Viewer,
 }
 
-/// Tokens of a user, one per role.
+/// Tokens for one server, one per role.
 #[derive(Debug, Clone)]
 pub struct Tokens {
     operator: Token,
@@ -63,15 +78,40 @@ pub struct Tokens {
 }
 
 impl Tokens {
-    /// Loads the tokens of the current user and creates those that do not exist.
+    /// Creates tokens that are not stored.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the operating system provides no random numbers.
+    pub fn create() -> Result<Self, TokenError> {
+        // No run of a system has the identifier 0.
+        Ok(Self { operator: Token::create(0)?, viewer: Token::create(0)? })
+    }
+
+    /// Loads the tokens of this run of a system. Missing tokens and those of an earlier run are
+    /// replaced by new ones.
     ///
     /// # Errors
     ///
     /// Returns an error if no folder is known, or a file is insecure or cannot be read or created.
-    pub fn load() -> Result<Self, TokenError> {
-        let folder = state_folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?;
-        let load_file = |file| Token::load_or_create(&folder, file);
-        Ok(Self { operator: load_file(OPERATOR_FILE)?, viewer: load_file(VIEWER_FILE)? })
+    pub fn load_or_create(system: &str, run_id: u64) -> Result<Self, TokenError> {
+        let folder = system_folder(system)?;
+        let load = |file| Token::load_or_create(&folder, file, run_id);
+        Ok(Self { operator: load(OPERATOR_FILE)?, viewer: load(VIEWER_FILE)? })
+    }
+
+    /// Loads the tokens of a running system.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if no folder is known, or a file is missing, insecure or cannot be read.
+    pub fn load(system: &str) -> Result<Self, TokenError> {
+        let folder = system_folder(system)?;
+        let load = |file| {
+            let path = folder.join(file);
+            read(&path)?.ok_or(TokenError::Missing { path })
+        };
+        Ok(Self { operator: load(OPERATOR_FILE)?, viewer: load(VIEWER_FILE)? })
     }
 
     /// Returns the token of a role.
@@ -111,24 +151,20 @@ impl Token {
         expected.len() == actual.len() && expected.iter().zip(actual).fold(0, |all, (a, b)| all | (a ^ b)) == 0
     }
 
-    fn load_or_create(folder: &Path, file: &str) -> Result<Self, TokenError> {
+    fn create(run_id: u64) -> Result<Self, TokenError> {
+        Ok(Self(format!("{run_id:016x}{}", hex(&random::<RANDOM_BYTES>()?))))
+    }
+
+    fn load_or_create(folder: &Path, file: &str, run_id: u64) -> Result<Self, TokenError> {
         let path = folder.join(file);
-        let failed = |cause| TokenError::File { path: path.clone(), cause };
-        // If two processes start together, one creates the file and the other reads it on its
-        // second attempt.
-        for _ in 0..2 {
-            match read(&path)? {
-                Some(token) => return Ok(token),
-                None => {
-                    DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(failed)?;
-                    match create(&path) {
-                        Err(TokenError::File { cause, .. }) if cause.kind() == io::ErrorKind::AlreadyExists => {}
-                        result => return result,
-                    }
-                }
-            }
+        if let Some(token) = read(&path)?.filter(|token| token.0.starts_with(&format!("{run_id:016x}"))) {
+            return Ok(token);
         }
-        read(&path)?.ok_or_else(|| failed(io::Error::other("the file is repeatedly removed")))
+        let token = Self::create(run_id)?;
+        let failed = |cause| TokenError::File { path: path.clone(), cause };
+        DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(failed)?;
+        write(&path, &token)?;
+        Ok(token)
     }
 }
 
@@ -157,29 +193,28 @@ fn read(path: &Path) -> Result<Option<Token>, TokenError> {
     let mut text = String::new();
     file.take(256).read_to_string(&mut text).map_err(failed)?;
     let text = text.trim_end();
-    if text.len() != 2 * TOKEN_BYTES || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+    if text.len() != TOKEN_CHARACTERS || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
         return insecure("it does not contain a token");
     }
     Ok(Some(Token(text.into())))
 }
 
-/// Creates a token and its file. Other processes never see an incomplete file.
-///
-/// Fails with `AlreadyExists` if the file exists.
-fn create(path: &Path) -> Result<Token, TokenError> {
+/// Writes a token to a file, replacing an earlier token. Other processes never see an incomplete
+/// file.
+fn write(path: &Path, token: &Token) -> Result<(), TokenError> {
     let failed = |cause| TokenError::File { path: path.to_owned(), cause };
-    let text = hex(&random::<TOKEN_BYTES>()?);
     let temporary = path.with_extension(hex(&random::<8>()?));
     let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&temporary).map_err(failed)?;
-    let written = writeln!(file, "{text}").and_then(|()| file.sync_all());
-    // Unlike a rename, a hard link never replaces a file created in the meantime.
-    let linked = written.and_then(|()| fs::hard_link(&temporary, path));
-    let _ = fs::remove_file(&temporary);
-    linked.map_err(failed)?;
+    let written = writeln!(file, "{}", token.0).and_then(|()| file.sync_all());
+    let renamed = written.and_then(|()| fs::rename(&temporary, path));
+    if renamed.is_err() {
+        let _ = fs::remove_file(&temporary);
+    }
+    renamed.map_err(failed)?;
     if let Some(folder) = path.parent().and_then(|folder| File::open(folder).ok()) {
         let _ = folder.sync_all();
     }
-    Ok(Token(text))
+    Ok(())
 }
 
 fn random<const N: usize>() -> Result<[u8; N], TokenError> {
@@ -190,6 +225,12 @@ fn random<const N: usize>() -> Result<[u8; N], TokenError> {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Returns the folder for the state files of a system.
+fn system_folder(system: &str) -> Result<PathBuf, TokenError> {
+    let folder = state_folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?;
+    Ok(folder.join(system))
 }
 
 /// Returns the folder for state files: the one set by systemd, if any, otherwise the one defined by
@@ -209,28 +250,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn token_is_created_once_with_private_permissions() {
+    fn token_is_private_and_valid_for_one_run() {
         let folder = tempfile::tempdir().unwrap();
         let state = folder.path().join("state");
-        let first = Token::load_or_create(&state, OPERATOR_FILE).unwrap();
-        assert_eq!(Token::load_or_create(&state, OPERATOR_FILE).unwrap(), first);
+        let first = Token::load_or_create(&state, OPERATOR_FILE, 1).unwrap();
+        assert_eq!(Token::load_or_create(&state, OPERATOR_FILE, 1).unwrap(), first, "a restart keeps the token");
         assert_eq!(fs::metadata(state.join(OPERATOR_FILE)).unwrap().mode() & 0o7777, 0o600);
+        assert_eq!(fs::metadata(&state).unwrap().mode() & 0o7777, 0o700);
+        let second = Token::load_or_create(&state, OPERATOR_FILE, 2).unwrap();
+        assert_ne!(second, first, "the next run has another token");
+        assert_ne!(second.text()[16..], first.text()[16..]);
+        assert_eq!(read(&state.join(OPERATOR_FILE)).unwrap(), Some(second));
         assert_eq!(fs::read_dir(&state).unwrap().count(), 1, "no temporary file remains");
-        let other = tempfile::tempdir().unwrap();
-        assert_ne!(Token::load_or_create(other.path(), OPERATOR_FILE).unwrap(), first);
-        assert!(first.matches(first.text()) && !first.matches("") && !first.matches(&"0".repeat(2 * TOKEN_BYTES)));
+        assert!(first.matches(first.text()) && !first.matches("") && !first.matches(&"0".repeat(TOKEN_CHARACTERS)));
         assert!(!format!("{first:?}").contains(first.text()));
-    }
-
-    #[test]
-    fn concurrent_starts_share_one_token() {
-        let folder = tempfile::tempdir().unwrap();
-        let tokens: Vec<_> = std::thread::scope(|scope| {
-            let all: Vec<_> =
-                (0..8).map(|_| scope.spawn(|| Token::load_or_create(folder.path(), OPERATOR_FILE).unwrap())).collect();
-            all.into_iter().map(|one| one.join().unwrap()).collect()
-        });
-        assert!(tokens.iter().all(|one| *one == tokens[0]));
+        assert!(first.text().len() <= wire::command::MAX_NAME_BYTES, "a command holds the token");
     }
 
     #[test]
@@ -238,24 +272,24 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (path, target) = (folder.path().join(OPERATOR_FILE), folder.path().join("target"));
         symlink(&target, &path).unwrap();
-        let error = Token::load_or_create(folder.path(), OPERATOR_FILE).unwrap_err().to_string();
+        let error = Token::load_or_create(folder.path(), OPERATOR_FILE, 1).unwrap_err().to_string();
         assert!(error.contains("is a symbolic link") && error.contains("remove the file"), "{error}");
         assert!(!target.exists());
-        fs::write(&target, "a".repeat(2 * TOKEN_BYTES)).unwrap();
+        fs::write(&target, "a".repeat(TOKEN_CHARACTERS)).unwrap();
         assert!(
-            Token::load_or_create(folder.path(), OPERATOR_FILE).is_err(),
+            Token::load_or_create(folder.path(), OPERATOR_FILE, 1).is_err(),
             "a link to a valid token is rejected, too"
         );
         fs::remove_file(&path).unwrap();
-        fs::write(&path, "a".repeat(2 * TOKEN_BYTES)).unwrap();
+        fs::write(&path, "a".repeat(TOKEN_CHARACTERS)).unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
-        let error = Token::load_or_create(folder.path(), OPERATOR_FILE).unwrap_err().to_string();
+        let error = Token::load_or_create(folder.path(), OPERATOR_FILE, 1).unwrap_err().to_string();
         assert!(error.contains("accessible to others"), "{error}");
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
-        assert!(Token::load_or_create(folder.path(), OPERATOR_FILE).is_ok());
+        assert!(Token::load_or_create(folder.path(), OPERATOR_FILE, 1).is_ok());
         fs::write(&path, "short").unwrap();
         assert!(
-            Token::load_or_create(folder.path(), OPERATOR_FILE)
+            Token::load_or_create(folder.path(), OPERATOR_FILE, 1)
                 .unwrap_err()
                 .to_string()
                 .contains("not contain a token")

@@ -11,7 +11,7 @@ use std::{
 use cockpit::{
     hub::Hub,
     source::CommandTarget,
-    vehicles::{VehicleDirectory, VehicleView},
+    vehicles::{VehicleDirectory, VehicleView, ViewUse},
 };
 use graph::Topic;
 use link::Link;
@@ -36,10 +36,12 @@ const LINES_INTERVAL: Duration = Duration::from_secs(1);
 const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
 /// Timeout of a service query.
 const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum number of vehicles with an open view.
+/// Maximum number of vehicles with an open view, for each use.
 const MAX_VIEWS: usize = 8;
-/// Time after which an unused view is closed. Prometheus typically polls once a minute.
-const UNUSED_TIMEOUT: Duration = Duration::from_secs(90);
+/// Time after which a view for metrics is closed. Prometheus typically polls once a minute.
+const UNUSED_METRICS_TIMEOUT: Duration = Duration::from_secs(90);
+/// Time after which a view without viewers is closed, enough for a page to reconnect.
+const UNUSED_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Vehicles that are reachable over a link.
 pub struct RemoteDirectory {
@@ -48,8 +50,11 @@ pub struct RemoteDirectory {
     /// Vehicle shown if none is named.
     default_vehicle: Option<String>,
     lines: VehicleLines,
-    views: Arc<Mutex<BTreeMap<String, OpenView>>>,
+    views: Arc<Mutex<OpenViews>>,
 }
+
+/// Open views by use and name of the vehicle. A use never takes or keeps a view of another one.
+type OpenViews = BTreeMap<(ViewUse, String), OpenView>;
 
 /// Open view of a vehicle.
 struct OpenView {
@@ -78,7 +83,7 @@ impl RemoteDirectory {
     }
 
     /// Opens the view of a vehicle, or an empty view if no vehicle is named.
-    fn open_view(&self, name: Option<&str>) -> VehicleView {
+    fn open_view(&self, name: Option<&str>, view_use: ViewUse) -> VehicleView {
         let hub = Arc::new(Hub::default());
         let target: Arc<dyn CommandTarget> = Arc::new(RemoteCommandTarget {
             name: name.map(str::to_owned),
@@ -89,40 +94,52 @@ impl RemoteDirectory {
         let system = name.unwrap_or_default().to_owned();
         let view = VehicleView { system, hub: hub.clone(), target: Some(target.clone()) };
         let mut source = RemoteSource::new(name, self.link.clone());
-        let (views, name) = (self.views.clone(), name.unwrap_or_default().to_owned());
+        let (views, key) = (self.views.clone(), (view_use, name.unwrap_or_default().to_owned()));
         thread::spawn(move || {
             let shown = hub.clone();
             let Ok(()) = cockpit::publish_source(&mut source, target, &shown, &mut |_| {
-                Ok::<_, Infallible>(is_in_use(&views, &name, &hub))
+                Ok::<_, Infallible>(is_in_use(&views, &key, &hub))
             });
         });
         view
     }
 }
 
-/// Returns `true` if the view has viewers or had some recently. Otherwise closes the view.
-fn is_in_use(views: &Mutex<BTreeMap<String, OpenView>>, name: &str, hub: &Hub) -> bool {
+/// Returns `true` if the view has viewers or was used recently. Otherwise closes the view.
+fn is_in_use(views: &Mutex<OpenViews>, key: &(ViewUse, String), hub: &Hub) -> bool {
     let mut views = views.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(open_view) = views.get_mut(name) else { return true };
+    let Some(open_view) = views.get_mut(key) else { return true };
     if hub.has_viewers() {
         open_view.used_at = Instant::now();
     }
-    let in_use = open_view.used_at.elapsed() < UNUSED_TIMEOUT;
+    let unused_timeout = if key.0 == ViewUse::Metrics { UNUSED_METRICS_TIMEOUT } else { UNUSED_TIMEOUT };
+    let in_use = open_view.used_at.elapsed() < unused_timeout;
     if !in_use {
-        views.remove(name);
+        views.remove(key);
     }
     in_use
 }
 
+/// Returns an error if all places of a use are taken.
+fn check_limit(views: &OpenViews, view_use: ViewUse) -> Result<(), String> {
+    if views.keys().filter(|(held_by, _)| *held_by == view_use).count() < MAX_VIEWS {
+        return Ok(());
+    }
+    Err(match view_use {
+        ViewUse::Metrics => format!("the metrics of {MAX_VIEWS} vehicles are already read; try again after 90 s"),
+        ViewUse::Anonymous | ViewUse::Authorized => format!("{MAX_VIEWS} vehicles are already open; close a page"),
+    })
+}
+
 impl VehicleDirectory for RemoteDirectory {
-    fn view(&self, vehicle: Option<&str>) -> Result<VehicleView, String> {
+    fn view(&self, vehicle: Option<&str>, view_use: ViewUse) -> Result<VehicleView, String> {
         let name = vehicle.or(self.default_vehicle.as_deref());
         if let Some(name) = name.filter(|name| !keys::is_vehicle_name(name)) {
             return Err(format!("invalid vehicle name {name:?}"));
         }
-        let key = name.unwrap_or_default();
+        let key = (view_use, name.unwrap_or_default().to_owned());
         let mut views = self.views.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(open_view) = views.get_mut(key) {
+        if let Some(open_view) = views.get_mut(&key) {
             open_view.used_at = Instant::now();
             return Ok(open_view.view.clone());
         }
@@ -133,11 +150,9 @@ impl VehicleDirectory for RemoteDirectory {
         if let Some(name) = vehicle.filter(|name| self.default_vehicle.as_deref() != Some(*name) && !is_known(name)) {
             return Err(format!("unknown vehicle {name:?}"));
         }
-        if views.len() >= MAX_VIEWS {
-            return Err(format!("{MAX_VIEWS} vehicles are already open; close a page"));
-        }
-        let view = self.open_view(name);
-        views.insert(key.into(), OpenView { view: view.clone(), used_at: Instant::now() });
+        check_limit(&views, view_use)?;
+        let view = self.open_view(name, view_use);
+        views.insert(key, OpenView { view: view.clone(), used_at: Instant::now() });
         Ok(view)
     }
 }
@@ -186,5 +201,45 @@ fn line(name: &str, vehicle: &Vehicle, services: Option<&Services>) -> VehicleLi
         lost_ticks: status("course").map(|status| status.lost),
         stage: status("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
         services: vehicle.services.iter().cloned().collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open(views: &mut OpenViews, view_use: ViewUse, name: &str, unused: Duration) -> Arc<Hub> {
+        let hub = Arc::<Hub>::default();
+        let view = VehicleView { system: name.into(), hub: hub.clone(), target: None };
+        let used_at = Instant::now().checked_sub(unused).unwrap();
+        views.insert((view_use, name.into()), OpenView { view, used_at });
+        hub
+    }
+
+    #[test]
+    fn metrics_take_no_place_of_viewers() {
+        let mut views = OpenViews::new();
+        for number in 0..MAX_VIEWS {
+            open(&mut views, ViewUse::Metrics, &format!("x{number}"), Duration::ZERO);
+        }
+        assert!(check_limit(&views, ViewUse::Metrics).unwrap_err().contains("90 s"));
+        assert_eq!(check_limit(&views, ViewUse::Anonymous), Ok(()));
+        for number in 0..MAX_VIEWS {
+            open(&mut views, ViewUse::Anonymous, &format!("x{number}"), Duration::ZERO);
+        }
+        assert!(check_limit(&views, ViewUse::Anonymous).is_err());
+        assert_eq!(check_limit(&views, ViewUse::Authorized), Ok(()), "a token has places of its own");
+    }
+
+    #[test]
+    fn metrics_do_not_keep_view_of_viewers() {
+        let mut views = OpenViews::new();
+        let unused = UNUSED_TIMEOUT * 2;
+        let viewed = open(&mut views, ViewUse::Anonymous, "boat", unused);
+        let read = open(&mut views, ViewUse::Metrics, "boat", unused);
+        let views = Mutex::new(views);
+        assert!(!is_in_use(&views, &(ViewUse::Anonymous, "boat".into()), &viewed));
+        assert!(is_in_use(&views, &(ViewUse::Metrics, "boat".into()), &read));
+        assert_eq!(views.into_inner().unwrap().len(), 1);
     }
 }

@@ -17,6 +17,7 @@ use super::{
     feed::{Broadcaster, ChannelMessage},
     protocol::{self, Subscriptions},
 };
+use crate::inflow::Inflow;
 
 /// Time after which a client that accepts no data is disconnected.
 const SEND_TIMEOUT: Duration = Duration::from_secs(5);
@@ -45,7 +46,7 @@ impl Drop for ClientSubscriptions<'_> {
 }
 
 /// Serves a client until it disconnects.
-pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Broadcaster) {
+pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Broadcaster, inflow: &Inflow) {
     let channels = broadcaster.channels.len();
     let mut client = ClientSubscriptions { broadcaster, subscriptions: Subscriptions::new(channels) };
     let (mut messages, mut session, mut rejected) = (broadcaster.subscribe(), broadcaster.session(), 0);
@@ -56,7 +57,7 @@ pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Bro
         }
     }
     loop {
-        let is_open = match next_event(&mut socket, &mut messages).await {
+        let is_open = match next_event(&mut socket, inflow, &mut messages).await {
             Event::Message(message) => {
                 let is_new_session = message.session != session;
                 session = message.session;
@@ -95,11 +96,12 @@ enum Event {
     Closed,
 }
 
-async fn next_event(socket: &mut WebSocket, messages: &mut Receiver<ChannelMessage>) -> Event {
+async fn next_event(socket: &mut WebSocket, inflow: &Inflow, messages: &mut Receiver<ChannelMessage>) -> Event {
     // Polls both futures. They are cancel-safe, so dropping them loses nothing.
     let (mut next_message, mut next_request) = (pin!(messages.recv()), pin!(socket.recv()));
     poll_fn(|context| {
         if let Poll::Ready(message) = next_request.as_mut().poll(context) {
+            message.iter().flatten().for_each(|message| inflow.record(message));
             return Poll::Ready(match message {
                 Some(Ok(Message::Text(text))) => Event::Request(text.as_str().to_owned()),
                 Some(Ok(Message::Binary(_))) => Event::Request(String::new()),

@@ -19,7 +19,7 @@ use super::{
     cache::Cache,
     frame::{Frame, FrameHeader},
     merge::Merge,
-    progress::{ProgressCheckpoints, run_id},
+    progress::ProgressCheckpoints,
     record::{index_of, topics_in},
 };
 use crate::{locked::locked, shared::Shared, worker_pool::WorkerPool};
@@ -67,7 +67,7 @@ impl Export {
                 Merge::with_unknown_start(mask, config.lateness_ticks(), backlog_end)
             }
         };
-        let run = run_id(config.supervisor_pid);
+        let run = config.run_id();
         let topics = topics_in(mask).map(|(_, topic)| (topic.name.to_owned(), topic.fingerprint)).collect();
         let vehicle = gateway.vehicle.as_ref().unwrap_or(&config.launch.name);
         let state = ExportState {

@@ -1,6 +1,4 @@
-//! Checkpoints of a split system's progress, and the identifier of a run.
-
-use std::fs;
+//! Checkpoints of a split system's progress.
 
 use bus::Publisher;
 use launch::Service;
@@ -35,16 +33,4 @@ impl ProgressCheckpoints {
         checkpoint.checksum = checkpoint.compute_checksum();
         Ok(self.checkpoints.send(&checkpoint)?)
     }
-}
-
-/// Returns a number that is unique to this run. It is derived from the boot identifier and from the
-/// process identifier and start time of the supervisor.
-pub(super) fn run_id(supervisor_pid: u32) -> u64 {
-    let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
-    let boot = read("/proc/sys/kernel/random/boot_id");
-    let stat = read(&format!("/proc/{supervisor_pid}/stat"));
-    // The process name may contain any character, so the fields are counted from its closing
-    // parenthesis. The start time is the 20th field after it.
-    let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();
-    messages::hash(messages::HASH_START, format!("{boot} {supervisor_pid} {start}").as_bytes())
 }
