@@ -65,7 +65,7 @@ pub(crate) fn run(Info { file, json }: &Info) -> ExitCode {
                 let info = FlightInfo::read(file)?;
                 let printed = show(&info, *json);
                 match &info.incomplete {
-                    Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", file.display()), 1),
+                    Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", foreign::path(file)), 1),
                     None => printed,
                 }
             }
@@ -89,7 +89,7 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
     let samples = launch::pluralize(rows, "sample");
     let text = format!(
         "{}: {}, {samples} at {rate_hz:.1} Hz, about {seconds:.1} s, {reference} a reference attitude",
-        file.display(),
+        foreign::path(file),
         Format::Recording
     );
     let format = Format::Recording.to_string();

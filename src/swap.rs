@@ -140,7 +140,7 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
                 let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
                 let address = address.as_ref().map_or(String::new(), |address| format!("  {address}"));
-                let stage = stage.as_deref().unwrap_or("-");
+                let stage = stage.clone().unwrap_or_else(|| "-".into());
                 format!(
                     "{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{address}"
                 )

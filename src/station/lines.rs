@@ -13,7 +13,7 @@ pub(super) fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
     let mut lines = vec![format!("{:<17}{:<6}{:>9}{:>8}  {}", "vehicle", "alive", "messages", "lost", "services")];
     for (name, vehicle) in vehicles {
         let alive = if vehicle.is_alive { "yes" } else { "no" };
-        let services: Vec<_> = vehicle.services.iter().map(String::as_str).collect();
+        let services: Vec<_> = vehicle.services.iter().map(ToString::to_string).collect();
         lines.push(format!(
             "{name:<17}{alive:<6}{:>9}{:>8}  {}",
             vehicle.messages(),

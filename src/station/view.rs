@@ -186,7 +186,7 @@ fn topics(name: &str, vehicle: &Vehicle) -> Panel {
         let mark = if tracker.lost_messages == 0 { RowStyle::Normal } else { RowStyle::Alert };
         Row::new(mark, format!("{topic:<11}{tracker}"))
     };
-    let services: Vec<_> = vehicle.services.iter().map(String::as_str).collect();
+    let services: Vec<_> = vehicle.services.iter().map(ToString::to_string).collect();
     let title = format!("topics of {name}; services: {}", services.join(" "));
     Panel { title, rows: [head].into_iter().chain(vehicle.trackers.iter().map(line)).collect() }
 }

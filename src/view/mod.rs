@@ -113,11 +113,11 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let name = crate::system::system_name(view.name.as_deref());
     let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
     let own_address =
-        statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
+        statuses.into_iter().find(|one| one.service == *Service::Cockpit.name()).and_then(|one| one.address);
     if let Some(base) = own_address.filter(|_| view.listen.is_none()) {
         // The system runs a cockpit itself, so only the address is printed.
         let tokens = Tokens::load(&name)?;
-        return Ok(print(&server::address(&base, Some(view.role_token(&tokens)))));
+        return Ok(print(&server::address(&base.to_string(), Some(view.role_token(&tokens)))));
     }
     let tokens = Tokens::create()?;
     let (hub, target) = (Arc::new(Hub::default()), Arc::new(SupervisorClient::new(&name)));

@@ -163,7 +163,7 @@ fn repeated_remote_swap_takes_effect_once() {
     let assert_rejected = |payload: Vec<u8>, reason_part: &str| {
         let key = keys::key("alpha", keys::SWAP);
         let error = link.query_one::<SwapAnswer>(&key, payload, QUERY_TIMEOUT).unwrap_err();
-        assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains(reason_part)), "{error}");
+        assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.raw().contains(reason_part)), "{error}");
     };
     assert_rejected(vec![0xff; 100], "cannot decode SwapRequest");
     assert_rejected(

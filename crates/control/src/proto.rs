@@ -1,5 +1,6 @@
 //! Conversion of replies to and from their messages beyond the board.
 
+use foreign::ForeignText;
 use swap::SwapOutcome;
 use wire::v1::{self, SwapAnswer, swap_answer::Outcome};
 
@@ -17,10 +18,10 @@ impl SwapReport {
         SwapAnswer {
             request_id,
             outcome: outcome.into(),
-            reason: reason.unwrap_or_default(),
-            slot,
-            from,
-            to,
+            reason: reason.map(|reason| without_controls(reason.raw())).unwrap_or_default(),
+            slot: slot.raw().into(),
+            from: from.raw().into(),
+            to: to.raw().into(),
             commit_tick,
             lost,
             duplicated,
@@ -41,9 +42,9 @@ impl From<SwapAnswer> for SwapReport {
         };
         let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;
         Self {
-            slot,
-            from,
-            to,
+            slot: slot.into(),
+            from: from.into(),
+            to: to.into(),
             commit_tick,
             lost,
             duplicated,
@@ -58,9 +59,14 @@ impl From<SwapAnswer> for SwapReport {
 impl From<ServiceStatus> for v1::ServiceStatus {
     fn from(status: ServiceStatus) -> Self {
         let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, .. } = status;
-        let trouble = |Diagnostic { kind, found, remedy }| v1::Trouble { kind, found, remedy };
+        let trouble = |Diagnostic { kind, found, remedy }| v1::Trouble {
+            kind: kind.raw().into(),
+            found: found.raw().into(),
+            remedy: remedy.raw().into(),
+        };
         let troubles = status.diagnostics.into_iter().map(trouble).collect();
-        let (stage, at) = (stage.unwrap_or_default(), status.address.unwrap_or_default());
+        let [stage, at] = [stage, status.address].map(|text| text.unwrap_or_default().raw().to_owned());
+        let [service, state] = [service, state].map(|text| text.raw().to_owned());
         let pid = pid.unwrap_or_default();
         Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
     }
@@ -70,16 +76,26 @@ impl From<v1::ServiceStatus> for ServiceStatus {
     fn from(status: v1::ServiceStatus) -> Self {
         let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } =
             status;
-        let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };
+        let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic {
+            kind: kind.into(),
+            found: found.into(),
+            remedy: remedy.into(),
+        };
         let diagnostics = troubles.into_iter().map(diagnostic).collect();
         let (stage, address) = (non_empty(stage), non_empty(at));
         let pid = Some(pid).filter(|pid| *pid != 0);
+        let (service, state) = (service.into(), state.into());
         Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address, diagnostics }
     }
 }
 
-fn non_empty(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
+fn non_empty(text: String) -> Option<ForeignText> {
+    Some(text).filter(|text| !text.is_empty()).map(ForeignText::from)
+}
+
+/// Removes control characters except line feeds, which receivers reject.
+fn without_controls(text: &str) -> String {
+    text.chars().filter(|letter| !letter.is_control() || *letter == '\n').collect()
 }
 
 #[cfg(test)]
@@ -90,8 +106,8 @@ mod tests {
     fn report_survives_the_conversion() {
         for (outcome, reason) in [
             (SwapOutcome::Committed, None),
-            (SwapOutcome::Refused, Some("no such slot".to_owned())),
-            (SwapOutcome::Aborted, Some("too late".to_owned())),
+            (SwapOutcome::Refused, Some("no such slot")),
+            (SwapOutcome::Aborted, Some("too late")),
         ] {
             let report = SwapReport {
                 slot: "fuser".into(),
@@ -103,12 +119,25 @@ mod tests {
                 gap_us: 1500.0,
                 jump_deg: 45.0,
                 outcome,
-                reason,
+                reason: reason.map(ForeignText::from),
             };
             let answer = report.clone().into_answer("7".into());
             assert_eq!((answer.request_id.as_str(), answer.gap_s), ("7", 0.0015));
             assert_eq!(SwapReport::from(answer), report);
         }
+    }
+
+    #[test]
+    fn hostile_output_in_reason_is_sent_and_printed_without_escapes() {
+        let [slot, from, to] = ["fuser", "wz", "vqf\x1b[2J\nforged"].map(String::from);
+        let reason = "the new stage exited; its stderr:\n\x1b[2Jtext\nforged".into();
+        let report = SwapReport::failed(slot, from, to, SwapOutcome::Refused, reason);
+        let printed = "fuser unchanged (wz): the new stage exited; its stderr:\n  | \\u{1b}[2Jtext\n  | forged";
+        assert_eq!(report.to_string(), printed);
+        let answer = report.clone().into_answer("7".into());
+        assert_eq!(answer.reason, "the new stage exited; its stderr:\n[2Jtext\nforged");
+        let swapped = SwapReport { commit_tick: Some(1), outcome: SwapOutcome::Committed, ..answer.into() };
+        assert!(swapped.to_string().starts_with(r"fuser: wz → vqf\u{1b}[2J\nforged from tick 1;"), "{swapped}");
     }
 
     #[test]

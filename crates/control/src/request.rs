@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use foreign::ForeignText;
 use graph::StageConfig;
 use serde::{Deserialize, Serialize};
 use swap::SwapOutcome;
@@ -50,11 +51,11 @@ pub enum ControlRequest {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnostic {
     /// Short identifier. A service reports at most one problem of each kind.
-    pub kind: String,
+    pub kind: ForeignText,
     /// Description of the finding.
-    pub found: String,
+    pub found: ForeignText,
     /// Suggested remedy.
-    pub remedy: String,
+    pub remedy: ForeignText,
 }
 
 /// Data missing from the report and the output file of a running system.
@@ -90,11 +91,11 @@ impl SwapRequest {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SwapReport {
     /// Slot name.
-    pub slot: String,
+    pub slot: ForeignText,
     /// Previous stage of the slot; empty if the slot does not exist.
-    pub from: String,
+    pub from: ForeignText,
     /// Requested stage.
-    pub to: String,
+    pub to: ForeignText,
     /// First tick of the new stage; `None` if it did not take over.
     pub commit_tick: Option<u64>,
     /// Number of ticks lost since the request.
@@ -107,14 +108,15 @@ pub struct SwapReport {
     pub jump_deg: f64,
     /// Outcome: committed, rejected or aborted.
     pub outcome: SwapOutcome,
-    /// Reason if the swap was not committed, shown to the user.
-    pub reason: Option<String>,
+    /// Reason if the swap was not committed, shown to the user. It can contain output of a stage.
+    pub reason: Option<ForeignText>,
 }
 
 impl SwapReport {
     /// Creates the report of a swap that was not committed.
     pub fn failed(slot: String, from: String, to: String, outcome: SwapOutcome, reason: String) -> Self {
         let (lost, duplicated, gap_us, jump_deg) = (0, 0, 0.0, 0.0);
+        let ([slot, from, to], reason) = ([slot, from, to].map(ForeignText::from), reason.into());
         Self { slot, from, to, commit_tick: None, lost, duplicated, gap_us, jump_deg, outcome, reason: Some(reason) }
     }
 }
@@ -131,8 +133,9 @@ impl fmt::Display for SwapReport {
                 )
             }
             _ => {
-                let reason = reason.as_deref().unwrap_or("no reason given");
-                let unchanged = if from.is_empty() { String::new() } else { format!(" unchanged ({from})") };
+                let reason = reason.clone().unwrap_or_else(|| "no reason given".into());
+                let reason = reason.with_lines();
+                let unchanged = if from.raw().is_empty() { String::new() } else { format!(" unchanged ({from})") };
                 write!(f, "{slot}{unchanged}: {reason}")
             }
         }
@@ -143,11 +146,11 @@ impl fmt::Display for SwapReport {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ServiceStatus {
     /// Service name.
-    pub service: String,
+    pub service: ForeignText,
     /// Stage that fills the slot; `None` for services without a slot.
-    pub stage: Option<String>,
+    pub stage: Option<ForeignText>,
     /// State in one word, such as "running" or "failed".
-    pub state: String,
+    pub state: ForeignText,
     /// Process ID; `None` while no process runs.
     pub pid: Option<u32>,
     /// Number of restarts.
@@ -161,7 +164,7 @@ pub struct ServiceStatus {
     /// Number of ticks lost.
     pub lost: u64,
     /// Address at which the service can be reached, if it has reported one.
-    pub address: Option<String>,
+    pub address: Option<ForeignText>,
     /// Problems with the input of the service.
     pub diagnostics: Vec<Diagnostic>,
 }

@@ -5,17 +5,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use foreign::ForeignText;
+
 /// Error while recording or reading a flight.
 #[derive(Debug, thiserror::Error)]
 pub enum FlightError {
     /// The file already exists, possibly as a symbolic link.
-    #[error("recording to {path}: the file already exists; choose another name")]
+    #[error("recording to {path}: the file already exists; choose another name", path = foreign::path(path))]
     Exists {
         /// Path of the file.
         path: PathBuf,
     },
     /// The file or its folder cannot be created.
-    #[error("recording to {path}: {cause}")]
+    #[error("recording to {path}: {cause}", path = foreign::path(path))]
     Create {
         /// Path of the file or folder.
         path: PathBuf,
@@ -24,7 +26,8 @@ pub enum FlightError {
     },
     /// Writing to the file failed.
     #[error(
-        "recording to {path}: {cause}; the file ends early with a complete chunk and the system continues: free disk space or record to another path"
+        "recording to {path}: {cause}; the file ends early with a complete chunk and the system continues: free disk space or record to another path",
+        path = foreign::path(path)
     )]
     WriteFailed {
         /// Path of the file.
@@ -33,7 +36,7 @@ pub enum FlightError {
         cause: String,
     },
     /// The writer thread made no progress before the timeout.
-    #[error("recording to {path}: no progress of the disk for {limit_s} s, pending data is lost; check the disk")]
+    #[error("recording to {path}: no progress of the disk for {limit_s} s, pending data is lost; check the disk", path = foreign::path(path))]
     DiskTimeout {
         /// Path of the file.
         path: PathBuf,
@@ -43,7 +46,8 @@ pub enum FlightError {
     /// Published messages are missing from the file.
     #[error(
         "recording to {path}: {} published but not recorded, because the recorder was too slow; reduce the load of the machine",
-        launch::pluralize(*missed, "message")
+        launch::pluralize(*missed, "message"),
+        path = foreign::path(path)
     )]
     MissedMessages {
         /// Path of the file.
@@ -52,7 +56,7 @@ pub enum FlightError {
         missed: u64,
     },
     /// The file cannot be read.
-    #[error("reading {path}: {cause}")]
+    #[error("reading {path}: {cause}", path = foreign::path(path))]
     Read {
         /// Path of the file.
         path: PathBuf,
@@ -60,13 +64,13 @@ pub enum FlightError {
         cause: io::Error,
     },
     /// No launch file is attached to the flight.
-    #[error("reading {path}: no launch file attached; pass one: plumb up LAUNCH.toml --replay {path}")]
+    #[error("reading {path}: no launch file attached; pass one: plumb up LAUNCH.toml --replay {path}", path = foreign::path(path))]
     NoLaunchFile {
         /// Path of the file.
         path: PathBuf,
     },
     /// A message cannot be decoded.
-    #[error("reading {path}: {cause}")]
+    #[error("reading {path}: {cause}", path = foreign::path(path))]
     InvalidMessage {
         /// Path of the file.
         path: PathBuf,
@@ -74,12 +78,12 @@ pub enum FlightError {
         cause: wire::DecodeError,
     },
     /// The file is not a readable MCAP file.
-    #[error("reading {path}: not a readable MCAP file: {cause}")]
+    #[error("reading {path}: not a readable MCAP file: {cause}", path = foreign::path(path))]
     Malformed {
         /// Path of the file.
         path: PathBuf,
         /// Error from the MCAP library.
-        cause: mcap::McapError,
+        cause: ForeignText,
     },
 }
 

@@ -15,6 +15,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use foreign::ForeignText;
 use launch::pluralize;
 use mcap::{
     McapError, McapResult, parse_record,
@@ -36,6 +37,9 @@ pub(crate) const MAX_RECORD_BYTES: usize = 64 << 20;
 /// Length of the opcode and the length field at the start of each record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
+/// Entries of a metadata record by name.
+pub type Entries = BTreeMap<ForeignText, ForeignText>;
+
 /// Content of a flight.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct FlightInfo {
@@ -45,7 +49,7 @@ pub struct FlightInfo {
     pub bytes: u64,
     /// Reason why the file is incomplete, for example because the recorder was killed; `None` if it
     /// is complete.
-    pub incomplete: Option<String>,
+    pub incomplete: Option<ForeignText>,
     /// Time from the first message to the last, s.
     pub seconds: f64,
     /// Number of messages, including those for viewers.
@@ -53,11 +57,11 @@ pub struct FlightInfo {
     /// Channels, sorted by topic.
     pub topics: Vec<ChannelInfo>,
     /// Lower bound on the number of published messages that are missing from the file, by channel.
-    pub missed: BTreeMap<String, u64>,
+    pub missed: BTreeMap<ForeignText, u64>,
     /// Reason why the recording ended, if known.
-    pub end_reason: Option<String>,
+    pub end_reason: Option<ForeignText>,
     /// Remaining metadata records by name, with system, version, host and start time.
-    pub metadata: BTreeMap<String, BTreeMap<String, String>>,
+    pub metadata: BTreeMap<ForeignText, Entries>,
     /// Attached files.
     pub attachments: Vec<AttachmentInfo>,
 }
@@ -66,11 +70,11 @@ pub struct FlightInfo {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChannelInfo {
     /// Topic of the channel, with a leading slash.
-    pub topic: String,
+    pub topic: ForeignText,
     /// Name of the schema; empty if there is no schema.
-    pub schema: String,
+    pub schema: ForeignText,
     /// Encoding of the messages.
-    pub encoding: String,
+    pub encoding: ForeignText,
     /// Number of messages.
     pub messages: u64,
     /// Mean message rate over the flight, if known.
@@ -81,9 +85,9 @@ pub struct ChannelInfo {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AttachmentInfo {
     /// Name of the attachment.
-    pub name: String,
+    pub name: ForeignText,
     /// Media type.
-    pub media_type: String,
+    pub media_type: ForeignText,
     /// Length of the data, bytes.
     pub bytes: u64,
 }
@@ -106,13 +110,16 @@ impl FlightInfo {
                 let mut info = Self { incomplete: Some("no summary".into()), ..Self::default() };
                 match (scan_records(&mut file, &mut info), without_summary) {
                     (Err(McapError::BadMagic), _) => {
-                        return Err(FlightError::Malformed { path: path.to_owned(), cause: McapError::BadMagic });
+                        return Err(FlightError::Malformed {
+                            path: path.to_owned(),
+                            cause: McapError::BadMagic.to_string().into(),
+                        });
                     }
                     // Only a read error has an OS error code. A decompression error has none.
                     (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(read_error(cause)),
                     (Err(McapError::UnexpectedEof), _) => info.incomplete = Some("the file ends early".into()),
-                    (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}")),
-                    (Ok(()), Err(damage)) => info.incomplete = Some(format!("the summary is damaged: {damage}")),
+                    (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}").into()),
+                    (Ok(()), Err(damage)) => info.incomplete = Some(format!("the summary is damaged: {damage}").into()),
                     (Ok(()), Ok(_)) => {}
                 }
                 info
@@ -126,7 +133,8 @@ impl FlightInfo {
     /// Derives totals and rates from the channels, and `missed` and `end_reason` from the metadata.
     fn derive_totals(&mut self) {
         let entries = self.metadata.remove(MISSED_METADATA).unwrap_or_default();
-        self.missed = entries.into_iter().filter_map(|(topic, count)| Some((topic, count.parse().ok()?))).collect();
+        self.missed =
+            entries.into_iter().filter_map(|(topic, count)| Some((topic, count.raw().parse().ok()?))).collect();
         self.end_reason = self.metadata.remove(END_METADATA).and_then(|mut end| end.remove("reason"));
         self.messages = self.topics.iter().map(|topic| topic.messages).sum();
         self.topics.sort_by(|a, b| a.topic.cmp(&b.topic));
@@ -136,8 +144,9 @@ impl FlightInfo {
         }
     }
 
-    fn header_entry(&self, name: &str) -> &str {
-        self.metadata.get(HEADER_METADATA).and_then(|entries| entries.get(name)).map_or("unknown", String::as_str)
+    fn header_entry(&self, name: &str) -> ForeignText {
+        let entry = self.metadata.get(HEADER_METADATA).and_then(|entries| entries.get(name));
+        entry.cloned().unwrap_or_else(|| "unknown".into())
     }
 }
 
@@ -162,9 +171,9 @@ fn from_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
     };
     for channel in summary.channels.values() {
         info.topics.push(ChannelInfo {
-            topic: channel.topic.clone(),
-            schema: channel.schema.as_ref().map_or(String::new(), |schema| schema.name.clone()),
-            encoding: channel.message_encoding.clone(),
+            topic: channel.topic.as_str().into(),
+            schema: channel.schema.as_ref().map(|schema| schema.name.as_str().into()).unwrap_or_default(),
+            encoding: channel.message_encoding.as_str().into(),
             messages: counts.channel_message_counts.get(&channel.id).copied().unwrap_or(0),
             rate_hz: None,
         });
@@ -175,15 +184,15 @@ fn from_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
         }
     }
     info.attachments.extend(summary.attachment_indexes.into_iter().map(|index| AttachmentInfo {
-        name: index.name,
-        media_type: index.media_type,
+        name: index.name.into(),
+        media_type: index.media_type.into(),
         bytes: index.data_size,
     }));
     Ok(Some(info))
 }
 
 /// Reads a metadata record; `None` if its position is invalid.
-fn read_metadata(file: &mut File, index: &MetadataIndex) -> McapResult<Option<(String, BTreeMap<String, String>)>> {
+fn read_metadata(file: &mut File, index: &MetadataIndex) -> McapResult<Option<(ForeignText, Entries)>> {
     let length = usize::try_from(index.length).unwrap_or(usize::MAX);
     if !(RECORD_HEADER_BYTES..=MAX_RECORD_BYTES).contains(&length) {
         return Ok(None);
@@ -193,9 +202,13 @@ fn read_metadata(file: &mut File, index: &MetadataIndex) -> McapResult<Option<(S
     file.take(index.length).read_to_end(&mut bytes)?;
     let (Some(opcode), Some(body)) = (bytes.first(), bytes.get(RECORD_HEADER_BYTES..)) else { return Ok(None) };
     match parse_record(*opcode, body)? {
-        Record::Metadata(metadata) => Ok(Some((metadata.name, metadata.metadata))),
+        Record::Metadata(metadata) => Ok(Some((metadata.name.into(), entries(metadata.metadata)))),
         _ => Ok(None),
     }
+}
+
+fn entries(metadata: BTreeMap<String, String>) -> Entries {
+    metadata.into_iter().map(|(name, entry)| (name.into(), entry.into())).collect()
 }
 
 /// Reads all records from the start, up to the first damaged one.
@@ -215,14 +228,14 @@ fn scan_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
         };
         match parse_record(opcode, data)? {
             Record::Schema { header, .. } => {
-                schemas.insert(header.id, header.name);
+                schemas.insert(header.id, ForeignText::from(header.name));
             }
             Record::Channel(channel) if !topic_indexes.contains_key(&channel.id) => {
                 topic_indexes.insert(channel.id, info.topics.len());
                 info.topics.push(ChannelInfo {
-                    topic: channel.topic,
+                    topic: channel.topic.into(),
                     schema: schemas.get(&channel.schema_id).cloned().unwrap_or_default(),
-                    encoding: channel.message_encoding,
+                    encoding: channel.message_encoding.into(),
                     messages: 0,
                     rate_hz: None,
                 });
@@ -237,9 +250,10 @@ fn scan_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
                 (span_ns, info.seconds) = (Some(span), (span[1] - span[0]) as f64 * 1e-9);
             }
             Record::Metadata(metadata) => {
-                info.metadata.insert(metadata.name, metadata.metadata);
+                info.metadata.insert(metadata.name.into(), entries(metadata.metadata));
             }
             Record::Attachment { header: AttachmentHeader { name, media_type, .. }, data, .. } => {
+                let (name, media_type) = (name.into(), media_type.into());
                 info.attachments.push(AttachmentInfo { name, media_type, bytes: data.len() as u64 });
             }
             _ => {}
@@ -254,7 +268,7 @@ impl fmt::Display for FlightInfo {
             self;
         let size = *bytes as f64 * 1e-6;
         let messages = pluralize(*messages, "message");
-        writeln!(f, "{}: MCAP, {messages} in {seconds:.1} s, {size:.1} MB", file.display())?;
+        writeln!(f, "{}: MCAP, {messages} in {seconds:.1} s, {size:.1} MB", foreign::path(file))?;
         if metadata.contains_key(HEADER_METADATA) {
             let [system, host, version, start] =
                 ["system", "host", "version", "start_utc"].map(|name| self.header_entry(name));

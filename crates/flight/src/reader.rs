@@ -208,7 +208,8 @@ impl Records {
     /// Returns that value, or `None` at the end of the file or at a truncation.
     fn find_map<T>(&mut self, visit: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {
         let Self { path, file, reader } = self;
-        let malformed = |cause: McapError| FlightError::Malformed { path: path.clone(), cause };
+        let malformed =
+            |cause: McapError| FlightError::Malformed { path: path.clone(), cause: cause.to_string().into() };
         while let Some(event) = reader.next_event() {
             match event {
                 Ok(LinearReadEvent::ReadRequest(need)) => {

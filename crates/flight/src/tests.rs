@@ -2,10 +2,11 @@
 
 use std::fs;
 
+use foreign::ForeignText;
 use graph::Topic;
 use messages::{AttitudeOutput, Health, ImuSample};
 
-use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode};
+use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode, info::AttachmentInfo};
 
 const TOPICS: [Topic; 3] = [Topic::Imu, Topic::Attitude, Topic::Health];
 
@@ -43,7 +44,7 @@ fn record_ticks(recorder: &mut Recorder, ticks: impl Iterator<Item = u64>) {
 }
 
 fn counts(info: &FlightInfo) -> Vec<(&str, u64)> {
-    info.topics.iter().map(|topic| (topic.topic.as_str(), topic.messages)).collect()
+    info.topics.iter().map(|topic| (topic.topic.raw(), topic.messages)).collect()
 }
 
 #[test]
@@ -55,11 +56,14 @@ fn recorded_messages_and_attachments_are_read_back() {
     let summary = recorder.finish("test ended", Some("{}".into()));
     assert_eq!((summary.messages, summary.missed, &summary.error), (10_001, 0, &None));
     let info = FlightInfo::read(&path).unwrap();
-    assert_eq!((&info.incomplete, info.end_reason.as_deref(), info.bytes), (&None, Some("test ended"), summary.bytes));
+    assert_eq!(
+        (&info.incomplete, info.end_reason.as_ref().map(ForeignText::raw), info.bytes),
+        (&None, Some("test ended"), summary.bytes)
+    );
     assert_eq!(counts(&info), [("/attitude", 5000), ("/health", 1), ("/imu", 5000), ("/pose", 5000), ("/tf", 5000)]);
     assert_eq!(info.metadata["plumbline"]["system"], "boat");
     let attached: Vec<_> =
-        info.attachments.iter().map(|attachment| (attachment.name.as_str(), attachment.bytes)).collect();
+        info.attachments.iter().map(|attachment| (attachment.name.raw(), attachment.bytes)).collect();
     assert_eq!(attached, [("launch.toml", 14), ("config.json", 2), ("report.json", 2)]);
 
     let error = Recorder::create(&path, &header(), &TOPICS, RecordingMode::FromAnyTick).unwrap_err();
@@ -78,7 +82,7 @@ fn missed_messages_are_reported_and_written() {
     assert_eq!(summary.missed, 2 * 7 + 1);
     assert!(summary.error.unwrap().contains("15 messages"));
     let info = FlightInfo::read(&path).unwrap();
-    let missed: Vec<_> = info.missed.iter().map(|(topic, count)| (topic.as_str(), *count)).collect();
+    let missed: Vec<_> = info.missed.iter().map(|(topic, count)| (topic.raw(), *count)).collect();
     assert_eq!(missed, [("/attitude", 7), ("/health", 1), ("/imu", 7)]);
 }
 
@@ -111,6 +115,47 @@ fn truncated_file_is_read_up_to_the_cut() {
     assert!(min_messages < max_messages / 2, "{min_messages} of {max_messages}");
     fs::write(&truncated, "t_s,gx,gy\n0,1,2\n").unwrap();
     assert!(matches!(FlightInfo::read(&truncated), Err(FlightError::Malformed { .. })));
+}
+
+/// Text with a terminal escape and a forged line.
+const HOSTILE: &str = "a\x1b[2J\nforged";
+
+#[test]
+fn info_of_hostile_flight_has_neither_escapes_nor_forged_lines() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(format!("{HOSTILE}.mcap"));
+    let header = FlightHeader { system: HOSTILE.into(), host: HOSTILE.into(), ..header() };
+    let mut recorder = Recorder::create(&path, &header, &TOPICS, RecordingMode::Lockstep).unwrap();
+    record_ticks(&mut recorder, 0..10);
+    recorder.finish(HOSTILE, None);
+    let mut info = FlightInfo::read(&path).unwrap();
+    let hostile = ForeignText::from(HOSTILE);
+    (info.topics[0].topic, info.topics[0].schema) = (hostile.clone(), hostile.clone());
+    info.missed.insert(hostile.clone(), 1);
+    info.attachments.push(AttachmentInfo { name: hostile.clone(), media_type: hostile.clone(), bytes: 1 });
+    let text = info.to_string();
+    assert_eq!(text.matches(r"a\u{1b}[2J\nforged").count(), 9, "{text:?}");
+    assert!(!text.contains('\x1b') && !text.lines().any(|line| line.starts_with("forged")), "{text:?}");
+    let json: serde_json::Value = serde_json::to_value(&info).unwrap();
+    assert_eq!(json["metadata"]["plumbline"]["system"], HOSTILE);
+}
+
+#[test]
+fn error_of_hostile_file_is_a_single_line_without_escapes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mut file = mcap::MAGIC.to_vec();
+    // Chunk with an unknown compression. Its fields are times and size, CRC, name of the
+    // compression and length of the records.
+    let chunk = [&[0; 28][..], &(HOSTILE.len() as u32).to_le_bytes(), HOSTILE.as_bytes(), &[0; 8]].concat();
+    file.push(6);
+    file.extend((chunk.len() as u64).to_le_bytes());
+    file.extend(chunk);
+    fs::write(&path, file).unwrap();
+    let error = crate::read_launch_file(&path).unwrap_err().to_string();
+    assert!(error.contains(r"a\u{1b}[2J\nforged") && error.lines().count() == 1, "{error:?}");
+    let info = FlightInfo::read(&path).unwrap();
+    assert!(info.incomplete.is_some_and(|reason| reason.raw().contains(HOSTILE)));
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use foreign::ForeignText;
 use rustix::{
     io::Errno,
     net::{
@@ -31,7 +32,7 @@ pub enum HostError {
     #[error("starting {program}: {cause}")]
     Start {
         /// Command line of the program.
-        program: String,
+        program: ForeignText,
         /// Operating system error.
         cause: io::Error,
     },
@@ -39,7 +40,7 @@ pub enum HostError {
     #[error("{program} ended with {status} on the request to {request}; its output is above")]
     Exited {
         /// Command line of the program.
-        program: String,
+        program: ForeignText,
         /// Exit status, or a description if it is unknown.
         status: String,
         /// Pending request.
@@ -49,7 +50,7 @@ pub enum HostError {
     #[error("{program} has not responded to the request to {request} for {waited_ms} ms")]
     Timeout {
         /// Command line of the program.
-        program: String,
+        program: ForeignText,
         /// Pending request.
         request: &'static str,
         /// Time waited, ms.
@@ -59,11 +60,11 @@ pub enum HostError {
     #[error("{program} sent an invalid response to the request to {request}: {cause}")]
     InvalidResponse {
         /// Command line of the program.
-        program: String,
+        program: ForeignText,
         /// Request that was answered.
         request: &'static str,
         /// Error in the response.
-        cause: String,
+        cause: ForeignText,
     },
     /// The stage could not be cloned, or the original had already failed.
     #[error("{0}")]
@@ -73,7 +74,7 @@ pub enum HostError {
 /// Running program and the host's end of the socket pair. Dropping it kills the process.
 #[derive(Debug)]
 pub(crate) struct Child {
-    program: String,
+    program: ForeignText,
     process: Process,
     socket: OwnedFd,
     /// Number of requests so far.
@@ -88,6 +89,7 @@ impl Child {
     pub(crate) fn start(mut command: Command) -> Result<Self, HostError> {
         let words = [command.get_program()].into_iter().chain(command.get_args());
         let program = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+        let program = ForeignText::from(program);
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
         let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
@@ -131,10 +133,10 @@ impl Child {
             return Err(self.ended(kind));
         }
         let len = self.receive(kind)?;
-        let invalid = |program: &str, cause: FrameError| HostError::InvalidResponse {
-            program: program.into(),
+        let invalid = |program: &ForeignText, cause: FrameError| HostError::InvalidResponse {
+            program: program.clone(),
             request: request_name(kind),
-            cause: cause.to_string(),
+            cause: cause.to_string().into(),
         };
         let (head, payload) =
             FrameHeader::parse(self.response.get(..len).unwrap_or_default()).map_err(|e| invalid(&self.program, e))?;
@@ -151,7 +153,7 @@ impl Child {
         HostError::InvalidResponse {
             program: self.program.clone(),
             request: request_name(kind),
-            cause: cause.to_string(),
+            cause: cause.to_string().into(),
         }
     }
 
@@ -212,5 +214,16 @@ fn request_name(kind: RequestKind) -> &'static str {
         RequestKind::Adopt => "adopt a common state",
         RequestKind::Align => "align",
         RequestKind::Realign => "realign",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hostile_command_line_is_escaped() {
+        let error = Child::start(Command::new("/nowhere\x1b[2J\nforged")).unwrap_err().to_string();
+        assert!(error.starts_with(r"starting /nowhere\u{1b}[2J\nforged: "), "{error:?}");
     }
 }

@@ -1,6 +1,7 @@
 //! Problems of a launch file, and their display.
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use foreign::ForeignText;
 use std::{fmt, io, ops::Range, path::PathBuf};
 
 /// Error when reading a launch file.
@@ -9,7 +10,7 @@ pub enum LaunchError {
     /// The file could not be read.
     #[error(
         "reading the launch file {}: {cause}; check that it exists, is readable by this user and is UTF-8",
-        path.display()
+        foreign::path(path)
     )]
     Unreadable {
         /// Path of the file.
@@ -26,7 +27,7 @@ pub enum LaunchError {
 /// colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problems {
-    pub(crate) file_name: String,
+    pub(crate) file_name: ForeignText,
     pub(crate) text: String,
     pub(crate) list: Vec<Problem>,
 }
@@ -66,14 +67,21 @@ impl Problem {
     }
 
     fn render(&self, file_name: &str, text: &str) -> String {
-        let primary = AnnotationKind::Primary.span(within(&self.span, text)).label(&self.label);
-        let context =
-            self.context.iter().map(|(span, label)| AnnotationKind::Context.span(within(span, text)).label(label));
+        // The title, the labels and the hints can quote the file. The renderer escapes the lines of
+        // the file itself.
+        let escaped = |text: &String| ForeignText::from(text.as_str()).to_string();
+        let [title, label] = [&self.title, &self.label].map(escaped);
+        let [help, note] = [&self.help, &self.note].map(|hint| hint.as_ref().map(escaped));
+        let primary = AnnotationKind::Primary.span(within(&self.span, text)).label(label);
+        let context = self
+            .context
+            .iter()
+            .map(|(span, label)| AnnotationKind::Context.span(within(span, text)).label(escaped(label)));
         let report = Level::ERROR
-            .primary_title(&self.title)
+            .primary_title(title)
             .element(Snippet::source(text).path(file_name).annotation(primary).annotations(context))
-            .elements(self.help.iter().map(|help| Level::HELP.message(help)))
-            .elements(self.note.iter().map(|note| Level::NOTE.message(note)));
+            .elements(help.iter().map(|help| Level::HELP.message(help)))
+            .elements(note.iter().map(|note| Level::NOTE.message(note)));
         Renderer::plain().render(&[report])
     }
 }
@@ -81,7 +89,7 @@ impl Problem {
 impl fmt::Display for Problems {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for problem in &self.list {
-            writeln!(f, "{}\n", problem.render(&self.file_name, &self.text))?;
+            writeln!(f, "{}\n", problem.render(&self.file_name.to_string(), &self.text))?;
         }
         write!(f, "{}: {}", self.file_name, pluralize(self.list.len() as u64, "problem"))
     }
@@ -124,4 +132,30 @@ fn within(span: &Range<usize>, text: &str) -> Range<usize> {
     let is_boundary = |index: &usize| text.is_char_boundary(*index);
     let start = (0..=span.start.min(text.len())).rev().find(is_boundary).unwrap_or(0);
     start..(span.end.max(start)..text.len()).find(is_boundary).unwrap_or(text.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Launch;
+
+    #[test]
+    fn problems_of_hostile_launch_file_are_escaped() {
+        let text = r#"
+            "a\u001b[2J\nforged" = 1
+            services = ["b\u001b[2J\nforged"]
+            [fuser]
+            stage = "c\u001b[2J\nforged"
+            [stages."d\u001b[2J\nforged"]
+            slot = "fuser"
+            command = ["e\u001b[2J\nforged"]
+            [gateway]
+            connect = ["f\u001b[2J\nforged"]
+        "#;
+        for (file_name, text) in [("launch\x1b[2J\nforged", text), ("launch.toml", "a\x1b[2J = \u{202e}")] {
+            let shown = Launch::parse(file_name, text).unwrap_err().to_string();
+            let is_control = |letter: char| letter.is_control() && letter != '\n' || letter == '\u{202e}';
+            assert!(!shown.contains(is_control), "{shown:?}");
+            assert!(!shown.lines().any(|line| line.trim_start().starts_with("forged")), "{shown}");
+        }
+    }
 }

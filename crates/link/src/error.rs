@@ -1,5 +1,7 @@
 //! Error of a network session.
 
+use foreign::ForeignText;
+
 /// Error of a network operation.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
@@ -65,12 +67,12 @@ pub enum LinkError {
         limit_s: f64,
     },
     /// The query was rejected.
-    #[error("querying {key}: rejected: {reason}")]
+    #[error("querying {key}: rejected: {}", reason.with_lines())]
     Rejected {
         /// Key of the query.
         key: String,
-        /// Reason, for display.
-        reason: String,
+        /// Reason, written by the vehicle.
+        reason: ForeignText,
     },
     /// The response is invalid.
     #[error("querying {key}: {cause}")]

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use foreign::ForeignText;
 use wire::command::ControlMessage;
 use zenoh::{
     Wait,
@@ -87,10 +88,10 @@ impl Link {
 
 /// Returns the reason for a rejection. Zenoh's own errors, such as a timeout, have another encoding
 /// and yield `None`.
-fn reason(error: &ReplyError) -> Option<String> {
+fn reason(error: &ReplyError) -> Option<ForeignText> {
     let text = (*error.encoding() == REASON_ENCODING).then(|| error.payload().to_bytes())?;
     let text = String::from_utf8_lossy(&text);
-    Some(text.chars().filter(|c| !c.is_control() || *c == '\n').take(MAX_REASON_CHARS).collect())
+    Some(text.chars().take(MAX_REASON_CHARS).collect::<String>().into())
 }
 
 impl MessageStream {

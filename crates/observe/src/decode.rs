@@ -6,6 +6,7 @@
 
 use std::fmt;
 
+use foreign::ForeignText;
 use messages::{Chart, CourseReference, EventKind, Field, Flags, Layout, State};
 use serde_json::{Map, Value as Json};
 
@@ -34,7 +35,7 @@ pub enum Value {
     /// Name of an enumeration value.
     Name(&'static str),
     /// Text, without its zero padding.
-    Text(String),
+    Text(ForeignText),
 }
 
 /// Mismatch between the bytes of a message and its layout.
@@ -128,7 +129,7 @@ impl Value {
             Self::List(values) => values.iter().map(Self::to_json).collect(),
             Self::Flags(flags) => flags.names().collect(),
             Self::Name(word) => (*word).into(),
-            Self::Text(text) => text.as_str().into(),
+            Self::Text(text) => text.raw().into(),
         }
     }
 }
@@ -162,7 +163,7 @@ fn decode_value(kind: &str, bytes: &[u8]) -> Option<Value> {
         }
         if element_kind == "u8" {
             let text = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
-            return Some(Value::Text(String::from_utf8_lossy(text).into_owned()));
+            return Some(Value::Text(ForeignText::from_bytes(text)));
         }
         return bytes
             .chunks_exact(size)
@@ -208,6 +209,14 @@ mod tests {
             let record = DecodedMessage::decode(&layout, &vec![0; layout.size]).unwrap();
             assert_eq!(record.fields.len(), layout.fields.len(), "{}", layout.name);
         }
+    }
+
+    #[test]
+    fn hostile_text_in_message_is_escaped_except_in_json() {
+        let event = messages::SystemEvent::new(messages::EventKind::ENDED).with_reason("\x1b[2J\nforged");
+        let record = DecodedMessage::decode(&messages::SystemEvent::layout(), bytemuck::bytes_of(&event)).unwrap();
+        assert!(record.to_string().contains(r"\u{1b}[2J\nforged"), "{record}");
+        assert_eq!(record.to_json()["reason"], "\x1b[2J\nforged");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use bus::{BusError, Observer, Tap};
 use control::ServiceStatus;
+use foreign::ForeignText;
 use graph::Topic;
 use launch::Service;
 use messages::{AttitudeOutput, EventKind, Header, SystemEvent};
@@ -48,11 +49,11 @@ pub struct SystemSnapshot {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ServiceRow {
     /// Name of the service, or `supervisor`.
-    pub service: String,
+    pub service: ForeignText,
     /// Stage in the service's slot.
-    pub stage: Option<String>,
+    pub stage: Option<ForeignText>,
     /// Name of the service's state, as reported by the supervisor.
-    pub state: String,
+    pub state: ForeignText,
     /// Process ID, if any.
     pub pid: Option<u32>,
     /// Ticks published per second since the last snapshot.
@@ -145,7 +146,7 @@ impl SystemMonitor {
         let mut services: Vec<_> = statuses
             .iter()
             .map(|status| {
-                let service = Service::from_name(&status.service).filter(|service| !service.is_auxiliary());
+                let service = Service::from_name(status.service.raw()).filter(|service| !service.is_auxiliary());
                 let usage = status.pid.and_then(|pid| self.processes.sample(pid, now_ns));
                 ServiceRow {
                     service: status.service.clone(),
@@ -291,11 +292,11 @@ impl ServiceRow {
         let Self { service, stage, state, pid, lost, restarts, epoch, .. } = self;
         let [rate, cpu, mib] = [self.rate_hz, self.cpu_percent, self.resident_mib]
             .map(|number| number.map_or("-".into(), |number| format!("{number:.1}")));
-        let stage = stage.clone().unwrap_or_else(|| "-".into());
+        let stage = stage.as_ref().map_or("-".into(), ToString::to_string);
         let numbers = [lost.to_string(), restarts.to_string(), epoch.to_string(), cpu, mib];
         let mut cells = latency_cells(self.latency_us);
         let pid = pid.map_or("-".into(), |pid| pid.to_string());
-        cells[..5].clone_from_slice(&[service.clone(), stage, state.clone(), pid, rate]);
+        cells[..5].clone_from_slice(&[service.to_string(), stage, state.to_string(), pid, rate]);
         cells[8..].clone_from_slice(&numbers);
         cells
     }

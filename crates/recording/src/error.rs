@@ -6,7 +6,7 @@ use std::{fmt, io, path::PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The file could not be opened, or its first bytes could not be read.
-    #[error("opening the recording {}: {cause}; {remedy}", path.display())]
+    #[error("opening the recording {}: {cause}; {remedy}", foreign::path(path))]
     Open {
         /// Path of the recording.
         path: PathBuf,
@@ -16,7 +16,7 @@ pub enum RecordingError {
         remedy: &'static str,
     },
     /// The contents are not a valid recording.
-    #[error("reading the recording {}: {position}: {error}", path.display())]
+    #[error("reading the recording {}: {position}: {error}", foreign::path(path))]
     Malformed {
         /// Path of the recording.
         path: PathBuf,
@@ -28,7 +28,7 @@ pub enum RecordingError {
     /// No row is later than its predecessor, so the sampling rate is undefined.
     #[error(
         "reading the recording {}: found no time interval in {rows} row(s), expected increasing times (t_s)",
-        path.display()
+        foreign::path(path)
     )]
     NoInterval {
         /// Path of the recording.
@@ -37,7 +37,7 @@ pub enum RecordingError {
         rows: u64,
     },
     /// The file could not be created or written.
-    #[error("writing {}: {cause}; free disk space or choose another path", path.display())]
+    #[error("writing {}: {cause}; free disk space or choose another path", foreign::path(path))]
     Write {
         /// Path of the file.
         path: PathBuf,
@@ -45,7 +45,7 @@ pub enum RecordingError {
         cause: io::Error,
     },
     /// The row has a value that the file cannot represent.
-    #[error("writing {}: row {row}: found {found}, expected {expected}", path.display())]
+    #[error("writing {}: row {row}: found {found}, expected {expected}", foreign::path(path))]
     InvalidRow {
         /// Path of the file.
         path: PathBuf,

@@ -8,6 +8,7 @@
 
 use std::{collections::VecDeque, io::Read, process::ChildStderr};
 
+use foreign::ForeignText;
 use rustix::{io::ioctl_fionbio, pipe::fcntl_setpipe_size};
 
 /// Size of the tail, bytes.
@@ -53,12 +54,12 @@ impl StderrTail {
     }
 
     /// Polls, then returns the tail, with a note if earlier output was dropped.
-    pub fn text(&mut self) -> String {
+    pub fn text(&mut self) -> ForeignText {
         self.poll();
         let text = String::from_utf8_lossy(self.tail.make_contiguous()).trim_end().to_owned();
         match self.total_bytes - self.tail.len() as u64 {
-            0 => text,
-            omitted => format!("({omitted} earlier bytes omitted)\n{text}"),
+            0 => text.into(),
+            omitted => format!("({omitted} earlier bytes omitted)\n{text}").into(),
         }
     }
 
@@ -91,6 +92,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         let text = tail.text();
+        let text = text.raw();
         assert!(text.starts_with("(9991817 earlier bytes omitted)\nxxx") && text.ends_with("xx the end"), "{text}");
         assert_eq!(tail.tail.len(), TAIL_BYTES);
     }
@@ -99,8 +101,9 @@ mod tests {
     fn tail_does_not_wait_for_a_living_grandchild() {
         let (mut child, mut tail) = child("sleep 60 & echo $! >&2");
         child.wait().unwrap();
-        let sleeper = tail.text();
-        Command::new("kill").arg(&sleeper).status().unwrap();
+        let text = tail.text();
+        let sleeper = text.raw();
+        Command::new("kill").arg(sleeper).status().unwrap();
         assert!(sleeper.parse::<u32>().is_ok(), "{sleeper}");
     }
 

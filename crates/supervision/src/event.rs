@@ -3,6 +3,7 @@
 use std::{path::PathBuf, time::Duration};
 
 use control::{ControlRequest, ServiceStatus, SwapReport};
+use foreign::ForeignText;
 use launch::{Launch, Service, Slot, StageConfig};
 use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
 use swap::{Resume, Role};
@@ -54,7 +55,7 @@ pub enum Event {
         /// Exit status, shown to the user, such as "was killed by signal 9".
         exit_status: String,
         /// Last output of the process on standard error.
-        stderr: String,
+        stderr: ForeignText,
     },
     /// A service has reported its health.
     Health(Health),
@@ -191,11 +192,20 @@ pub enum Reply {
     Done,
 }
 
+/// Formats the last output on standard error after a colon, each line with the mark of foreign
+/// text. The result is empty if there was no output.
+pub(crate) fn after_colon(stderr: &ForeignText) -> String {
+    if stderr.raw().is_empty() {
+        return String::new();
+    }
+    ForeignText::from(format!(":\n{}", stderr.raw())).with_lines().to_string()
+}
+
 /// Reason why the system stopped prematurely.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A service has exited and is not restarted.
-    #[error("service {service} (process {pid}) {exit_status}; the system was stopped{stderr}")]
+    #[error("service {service} (process {pid}) {exit_status}; the system was stopped{}", after_colon(stderr))]
     ServiceExited {
         /// Service that exited.
         service: Service,
@@ -203,8 +213,8 @@ pub enum Failure {
         pid: u32,
         /// Exit status.
         exit_status: String,
-        /// Last output on standard error, starting with ":\n"; empty if there was none.
-        stderr: String,
+        /// Last output on standard error; empty if there was none.
+        stderr: ForeignText,
     },
     /// A service could not be started.
     #[error("{cause}")]
@@ -226,4 +236,21 @@ pub enum Failure {
         /// Length of the period in which the removals were counted, s.
         within_s: u64,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hostile_output_of_service_is_escaped_and_marked() {
+        let exit_status = "exited with code 1".into();
+        let failure = |stderr: &str| {
+            let (service, exit_status, stderr) = (Service::Fuser, String::clone(&exit_status), stderr.into());
+            Failure::ServiceExited { service, pid: 7, exit_status, stderr }.to_string()
+        };
+        let head = "service fuser (process 7) exited with code 1; the system was stopped";
+        assert_eq!(failure(""), head);
+        assert_eq!(failure("\x1b[2Jone\nforged"), format!("{head}:\n  | \\u{{1b}}[2Jone\n  | forged"));
+    }
 }

@@ -304,7 +304,7 @@ mod tests {
                 Event::Health(Health { service, incarnation: *incarnation, state, ..Health::zeroed() })
             };
             let mut events: Vec<_> = healths.map(health).collect();
-            let (status, stderr) = (String::from("was killed by signal 9"), String::new());
+            let (status, stderr) = (String::from("was killed by signal 9"), foreign::ForeignText::default());
             let exited =
                 |incarnation| Event::Exited { incarnation, exit_status: status.clone(), stderr: stderr.clone() };
             events.extend(killed.drain(..).map(exited));

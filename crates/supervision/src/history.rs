@@ -7,6 +7,7 @@
 //! - Failure: a text that is too long is truncated, and the event is marked.
 
 use control::SwapReport;
+use foreign::ForeignText;
 use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 use swap::Resume;
@@ -141,9 +142,9 @@ impl Supervision {
             swap::SwapOutcome::Aborted => EventKind::ABORTED,
         };
         let tick = report.commit_tick.unwrap_or(SystemEvent::NONE);
-        let event = SystemEvent { tick, ..SystemEvent::new(kind) }.with_stage(&report.to, []);
-        let event = event.with_reason(report.reason.as_deref().unwrap_or_default());
-        let service = Service::from_name(&report.slot).map_or(SystemEvent::NONE_U32, |service| service as u32);
+        let event = SystemEvent { tick, ..SystemEvent::new(kind) }.with_stage(report.to.raw(), []);
+        let event = event.with_reason(report.reason.as_ref().map_or("", ForeignText::raw));
+        let service = Service::from_name(report.slot.raw()).map_or(SystemEvent::NONE_U32, |service| service as u32);
         self.publish_event(SystemEvent { service, ..event });
     }
 }

@@ -194,7 +194,7 @@ impl Supervision {
             let counter = |number: fn(&Health) -> u64| health.map_or(0, number);
             ServiceStatus {
                 service: service.name().into(),
-                stage: slot.map(|slot| self.config.launch.stage(slot).stage.clone()),
+                stage: slot.map(|slot| self.config.launch.stage(slot).stage.as_str().into()),
                 state: entry.state(self.now, silence).into(),
                 pid: entry.pid(),
                 restarts: entry.restarts(),
@@ -202,7 +202,7 @@ impl Supervision {
                 epoch: slot.and_then(|slot| self.swaps.epoch(slot)).unwrap_or(health.map_or(0, |health| health.epoch)),
                 ticks: counter(|health| health.ticks),
                 lost: counter(|health| health.lost),
-                address: entry.address().map(str::to_owned),
+                address: entry.address().map(Into::into),
                 diagnostics: entry.diagnostics().to_vec(),
             }
         };

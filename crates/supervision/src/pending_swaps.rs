@@ -1,6 +1,7 @@
 //! Tracks swap requests from receipt to reply, and their effect on the attitudes in the meantime.
 
 use control::SwapReport;
+use foreign::ForeignText;
 use launch::Slot;
 use swap::{FailureReason, Report, SwapOutcome};
 
@@ -51,7 +52,7 @@ pub(crate) struct Pending {
 #[derive(Debug, Clone)]
 struct Completion {
     report: Report,
-    reason: Option<String>,
+    reason: Option<ForeignText>,
     completed_ms: u64,
 }
 
@@ -86,8 +87,8 @@ impl Pending {
         let jump_rad = output.last_swap.filter(|(tick, _)| Some(*tick) == commit_tick).map_or(0.0, |(_, jump)| jump);
         let report = SwapReport {
             slot: slot.name().into(),
-            from,
-            to,
+            from: from.into(),
+            to: to.into(),
             commit_tick,
             lost: output.lost.saturating_sub(lost),
             duplicated: output.duplicated.saturating_sub(duplicated),
@@ -125,15 +126,15 @@ impl PendingSwaps {
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
     /// `last_stderr` is the last output on standard error of the process that exited last.
-    pub(crate) fn complete(&mut self, slot: Slot, report: &Report, last_stderr: &str, now_ms: u64) {
+    pub(crate) fn complete(&mut self, slot: Slot, report: &Report, last_stderr: &ForeignText, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
         let is_completed =
             |swap: &&mut Pending| swap.slot == slot && swap.completion.is_none() && (!busy || swap.id == report.id);
         let reason = report.reason.as_ref().map(|reason| match reason {
-            FailureReason::CandidateExited if !last_stderr.is_empty() => {
-                format!("{reason}; its stderr:\n{last_stderr}")
+            FailureReason::CandidateExited if !last_stderr.raw().is_empty() => {
+                format!("{reason}; its stderr:\n{}", last_stderr.raw()).into()
             }
-            _ => reason.to_string(),
+            _ => reason.to_string().into(),
         });
         let completion = Completion { report: report.clone(), reason, completed_ms: now_ms };
         for swap in self.pending.iter_mut().filter(is_completed) {

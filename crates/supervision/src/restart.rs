@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
+use foreign::ForeignText;
 use launch::{OnLimit, Restart, Service, Slot};
 use messages::{EventKind, SystemEvent};
 use swap::{FIRST_EPOCH, Resume, Role};
 
 use crate::{
     Action, Failure, Spawn, Supervision,
+    event::after_colon,
     process::{ExitedProcess, Process},
     restart_policy::RestartVerdict,
 };
@@ -59,12 +61,12 @@ impl Supervision {
             Some(ExitedProcess::Owner(_)) if self.table.entry(service).restarts() == 0 => {
                 self.finish(Some(Failure::SpawnFailed { cause }));
             }
-            Some(ExitedProcess::Owner(process)) => self.on_owner_exit(service, &process, cause, String::new()),
+            Some(ExitedProcess::Owner(process)) => self.on_owner_exit(service, &process, cause, ForeignText::default()),
             _ => {}
         }
     }
 
-    pub(crate) fn on_exit(&mut self, incarnation: u32, exit_status: String, stderr: String) {
+    pub(crate) fn on_exit(&mut self, incarnation: u32, exit_status: String, stderr: ForeignText) {
         let Some(service) = self.table.service_of(incarnation) else { return };
         // If the exit was requested, the event that caused the request has already been published.
         if !self.table.entry(service).is_terminating(incarnation) {
@@ -81,8 +83,8 @@ impl Supervision {
                 self.on_owner_exit(service, &process, exit_status, stderr);
             }
             Some(ExitedProcess::Other(process)) => {
-                if !stderr.is_empty() {
-                    self.announce(format!("{service}: stderr of process {}:\n{stderr}", process.pid));
+                if !stderr.raw().is_empty() {
+                    self.announce(format!("{service}: stderr of process {}{}", process.pid, after_colon(&stderr)));
                 }
                 if process.health.is_none() {
                     self.renewals.set_join_failed(true);
@@ -107,8 +109,8 @@ impl Supervision {
 
     /// Restarts the service, gives it up or stops the system, according to the restart rule of the
     /// launch file.
-    fn on_owner_exit(&mut self, service: Service, process: &Process, exit_status: String, stderr: String) {
-        let stderr = if stderr.is_empty() { stderr } else { format!(":\n{stderr}") };
+    fn on_owner_exit(&mut self, service: Service, process: &Process, exit_status: String, stderr: ForeignText) {
+        let output = after_colon(&stderr);
         let rule = self.config.launch.restart;
         let on_limit = match rule.on_limit {
             _ if service.is_auxiliary() => OnLimit::Retry,
@@ -139,7 +141,7 @@ impl Supervision {
                     SystemEvent::new(EventKind::GIVEN_UP).with_reason(&exit_status),
                 );
                 self.announce(format!(
-                    "{service}: {process_label}{exit_status}; restart limit reached, not restarted{}{stderr}",
+                    "{service}: {process_label}{exit_status}; restart limit reached, not restarted{}{output}",
                     remedy(service)
                 ));
                 self.notify_slot_of(service, swap::Event::Vacated);
@@ -149,7 +151,7 @@ impl Supervision {
                 let when =
                     if pause.is_zero() { String::new() } else { format!(", restarting in {} ms", pause.as_millis()) };
                 let remedy = if entry.policy.exceeds_limit(&rule) { remedy(service) } else { String::new() };
-                self.announce(format!("{service}: {process_label}{exit_status}{when}{remedy}{stderr}"));
+                self.announce(format!("{service}: {process_label}{exit_status}{when}{remedy}{output}"));
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Slot ownership: one coordinator per slot, with its events and actions.
 
 use control::{SwapReport, SwapRequest};
+use foreign::ForeignText;
 use launch::{Launch, Service, Slot, StageConfig, nearest};
 use messages::{EventKind, Health, SystemEvent};
 use swap::{
@@ -45,7 +46,7 @@ struct SlotState {
     attempt: Attempt,
     ready_reported: bool,
     /// Last output on standard error of the process that exited last.
-    last_stderr: String,
+    last_stderr: ForeignText,
 }
 
 /// Most recently started request and the number of its attempts.
@@ -75,9 +76,9 @@ impl Swaps {
         Some(self.state(slot)?.coordinator.epoch())
     }
 
-    pub(crate) fn record_stderr(&mut self, service: Service, stderr: &str) {
+    pub(crate) fn record_stderr(&mut self, service: Service, stderr: &ForeignText) {
         if let Some(state) = service.slot().and_then(|slot| self.state_mut(slot)) {
-            stderr.clone_into(&mut state.last_stderr);
+            state.last_stderr = stderr.clone();
         }
     }
 
@@ -125,7 +126,7 @@ impl Supervision {
             owned_by_replacement: false,
             attempt: Attempt::default(),
             ready_reported: false,
-            last_stderr: String::new(),
+            last_stderr: ForeignText::default(),
         });
         self.swaps = Swaps { slots: slots.collect(), requests: self.swaps.requests, queued: Vec::new() };
     }
@@ -433,8 +434,8 @@ impl Supervision {
         } else if !committed && !matches!(report.reason, Some(FailureReason::Busy { .. })) {
             state.candidate = None;
         }
-        let last_stderr = self.swaps.state(slot).map_or("", |state| &state.last_stderr);
-        self.pending.complete(slot, report, last_stderr, now_ms);
+        let last_stderr = self.swaps.state(slot).map(|state| state.last_stderr.clone()).unwrap_or_default();
+        self.pending.complete(slot, report, &last_stderr, now_ms);
     }
 
     /// Queues a request again if attempts remain and its hand-over was reverted because the
@@ -574,7 +575,8 @@ mod tests {
                     }
                     Action::Terminate { incarnation } | Action::Kill { incarnation } => {
                         self.processes.retain(|(process, _)| *process != incarnation);
-                        let exited = Event::Exited { incarnation, exit_status: String::new(), stderr: String::new() };
+                        let exited =
+                            Event::Exited { incarnation, exit_status: String::new(), stderr: ForeignText::default() };
                         self.handle(now, exited);
                     }
                     Action::PublishControl(control) => self.control = control,
@@ -635,6 +637,6 @@ mod tests {
     fn hand_over_that_is_always_late_is_aborted() {
         let (report, candidates) = System::new(usize::MAX).run_swap();
         assert_eq!((report.outcome, candidates), (SwapOutcome::Aborted, 3), "{report:?}");
-        assert!(report.reason.is_some_and(|reason| reason.contains("was not confirmed in time")));
+        assert!(report.reason.is_some_and(|reason| reason.raw().contains("was not confirmed in time")));
     }
 }

@@ -160,6 +160,7 @@ impl WatchRunner {
         self.rule.ended |= self.attempts == MAX_ATTEMPTS;
         let suffix = if self.rule.ended { "; the watch has ended" } else { "" };
         let reason = report.reason.unwrap_or_default();
+        let reason = reason.with_lines();
         Some(format!("watch {}: {} failed: {reason}{suffix}", self.rule.config.slot, report.to))
     }
 }

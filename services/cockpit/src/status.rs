@@ -169,7 +169,7 @@ impl StatusMonitor {
         }
         let measurements = self.measurements.as_ref();
         let services = statuses.into_iter().map(|status| {
-            let service = Service::from_name(&status.service).filter(|service| !service.is_auxiliary());
+            let service = Service::from_name(status.service.raw()).filter(|service| !service.is_auxiliary());
             let path_measurements = measurements.zip(service);
             let usage = measurements.zip(status.pid).and_then(|(measurements, pid)| measurements.costs.get(&pid));
             ServiceStanding {

@@ -88,7 +88,8 @@ impl DeviceMonitor {
         };
         let mut diagnostics = Vec::new();
         let mut add = |kind: &str, found: String, remedy: String| {
-            diagnostics.push(Diagnostic { kind: format!("{}{kind}", self.kind_prefix), found, remedy });
+            let kind = format!("{}{kind}", self.kind_prefix);
+            diagnostics.push(Diagnostic { kind: kind.into(), found: found.into(), remedy: remedy.into() });
         };
         let DeviceReport { port, format, .. } = last;
         if let Some(failure) = &last.failure {

@@ -100,7 +100,10 @@ mod tests {
             }
             let error = link.query(KEY, Vec::new(), LIMIT).unwrap_err();
             drop(release);
-            assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains("too many")), "{error}");
+            assert!(
+                matches!(&error, LinkError::Rejected { reason, .. } if reason.raw().contains("too many")),
+                "{error}"
+            );
             for asking in asking {
                 assert_eq!(asking.join().unwrap().len(), 1);
             }

@@ -28,6 +28,7 @@ use std::{
 };
 
 use bus::{SHARED_MEMORY_REMEDY, SharedMemory};
+use foreign::ForeignText;
 use launch::{Service, Source};
 use runtime::{ServiceConfig, clock::cpu_time_ns, stderr_tail::StderrTail};
 use rustix::{
@@ -76,7 +77,7 @@ pub(crate) struct Exit {
     /// Exit status, shown to the user.
     pub(crate) exit_status: String,
     /// Last output on standard error.
-    pub(crate) stderr: String,
+    pub(crate) stderr: ForeignText,
 }
 
 /// Exited child process and the time its exit was noticed.

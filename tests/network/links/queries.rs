@@ -41,8 +41,12 @@ fn services() -> Services {
 fn rejection_reaches_caller_with_reason() {
     let (_board, client) = open_pair(|query| query.reject("swaps are\u{1b}[2J disabled"));
     let error = client.query_one::<Services>(KEY, Vec::new(), REPLY_TIMEOUT).unwrap_err();
-    // Control characters are removed from the reason.
-    assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason == "swaps are[2J disabled"), "{error}");
+    // The reason is escaped when printed.
+    assert!(
+        matches!(&error, LinkError::Rejected { reason, .. } if *reason == *"swaps are\u{1b}[2J disabled"),
+        "{error}"
+    );
+    assert!(error.to_string().ends_with(r"rejected: swaps are\u{1b}[2J disabled"), "{error}");
 }
 
 #[test]

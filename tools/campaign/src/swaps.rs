@@ -150,7 +150,8 @@ impl fmt::Display for SwapCampaignReport {
             pluralize(*ticks, "tick"),
         )?;
         for SwapReport { slot, from, to, reason, .. } in failed {
-            writeln!(f, "{slot}: {from} → {to} failed: {}", reason.as_deref().unwrap_or("unknown reason"))?;
+            let reason = reason.as_ref().map_or("unknown reason".into(), |reason| reason.with_lines().to_string());
+            writeln!(f, "{slot}: {from} → {to} failed: {reason}")?;
         }
         match self.same_bytes {
             Some(true) => writeln!(f, "identical to an undisturbed run")?,

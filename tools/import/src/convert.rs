@@ -138,7 +138,7 @@ fn import(
     report(total_bytes, total_bytes);
     if rows.rows == 0 {
         let without_force = (aligner.rates_without_force > 0)
-            .then(|| format!("{} rate samples have no force sample nearby", aligner.rates_without_force));
+            .then(|| format!("{} rate samples have no force sample nearby", aligner.rates_without_force).into());
         let reason = survey.reason.or(without_force);
         return Err(ImportError::NoRows { path: path.to_owned(), reason, expected: survey.expected });
     }

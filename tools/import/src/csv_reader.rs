@@ -17,6 +17,7 @@ use std::{
     rc::Rc,
 };
 
+use foreign::ForeignText;
 use mapping::text::{fields, time_ns};
 use recording::GzipReader;
 
@@ -41,7 +42,7 @@ pub(crate) struct CsvReader {
     lines: Lines,
     separator: u8,
     /// Column names of the header.
-    pub(crate) names: Vec<String>,
+    pub(crate) names: Vec<ForeignText>,
     /// First row, read in advance to detect the separator.
     first_row: Option<(u64, Vec<u8>)>,
     /// Decimal mark of the file; `None` until the first decimal fraction has been read.
@@ -78,7 +79,7 @@ impl CsvReader {
         for (index, name) in fields(&header, separator).enumerate() {
             let place = || TextPosition { line, column: Some(index + 1), name: None };
             let name = str::from_utf8(name).map_err(|_| malformed(path, place(), excerpt(name), "UTF-8 text"))?;
-            names.push(name.to_owned());
+            names.push(name.into());
         }
         Ok(Self {
             path: path.to_owned(),
@@ -111,7 +112,7 @@ impl CsvReader {
 fn malformed(
     path: &Path,
     position: TextPosition,
-    found: impl Into<String>,
+    found: impl Into<ForeignText>,
     expected: impl Into<String>,
 ) -> ImportError {
     ImportError::Malformed {

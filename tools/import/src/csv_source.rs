@@ -15,6 +15,7 @@ use std::{
     rc::Rc,
 };
 
+use foreign::ForeignText;
 use mapping::{FIELD, FORCE, POSITION, RATE, REFERENCE, names::nearest};
 use recording::Reference;
 
@@ -165,7 +166,7 @@ impl Source for CsvSource<'_> {
 
 /// CSV files and their column names.
 pub(crate) struct CsvFiles {
-    columns: Vec<(PathBuf, Vec<String>)>,
+    columns: Vec<(PathBuf, Vec<ForeignText>)>,
     read_bytes: Rc<Cell<u64>>,
 }
 
@@ -204,8 +205,8 @@ impl CsvFiles {
     }
 
     /// Returns the names of all columns, with duplicates removed.
-    pub(crate) fn column_names(&self) -> Vec<String> {
-        let mut known: Vec<String> = Vec::new();
+    pub(crate) fn column_names(&self) -> Vec<ForeignText> {
+        let mut known: Vec<ForeignText> = Vec::new();
         for name in self.columns.iter().flat_map(|(_, names)| names) {
             if !known.contains(name) {
                 known.push(name.clone());
@@ -278,7 +279,7 @@ impl CsvFiles {
         let file = positions[0].0;
         if positions.iter().any(|(other, _)| *other != file) {
             let files = positions.map(|(file, _)| file_name(&self.columns[file].0));
-            return Err(ImportError::SplitVector { group: group.into(), files: files.into() });
+            return Err(ImportError::SplitVector { group: group.into(), files: files.map(ForeignText::from).into() });
         }
         let (_, time) = self.find_column("t", mapping.column("t").unwrap_or_default(), Some(file))?;
         Ok(ColumnGroup { path: self.columns[file].0.clone(), time, indices: positions.map(|(_, index)| index) })
@@ -298,7 +299,7 @@ impl CsvFiles {
                 only.is_none_or(|only| *index == only) && in_file.is_none_or(|named| matches_name(path, named))
             });
             let positions = files.flat_map(|(file, (_, names))| {
-                let indices = names.iter().enumerate().filter(|(_, other)| *other == name);
+                let indices = names.iter().enumerate().filter(|(_, other)| **other == *name);
                 indices.map(move |(index, _)| (file, index))
             });
             positions.collect()
@@ -311,13 +312,13 @@ impl CsvFiles {
             [position] => Ok(position),
             [] => {
                 let known = only.map_or_else(|| self.column_names(), |only| self.columns[only].1.clone());
-                let near = nearest(found, known.iter().map(String::as_str)).map(str::to_owned);
+                let near = nearest(found, known.iter().map(ForeignText::raw)).map(ForeignText::from);
                 Err(ImportError::UnknownColumn { target, found: found.into(), near, known })
             }
             _ => {
                 let qualified_name = |&(file, index): &(usize, usize)| {
                     let (path, names) = &self.columns[file];
-                    format!("{}:{}", stem(path), names[index])
+                    ForeignText::from(format!("{}:{}", stem(path), names[index].raw()))
                 };
                 let mut alternatives: Vec<_> = positions.iter().map(qualified_name).collect();
                 let count = alternatives.len();

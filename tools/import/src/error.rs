@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use foreign::ForeignText;
 use recording::RecordingError;
 
 use crate::{MappingError, format::Format};
@@ -22,7 +23,7 @@ pub enum ImportError {
         cause: io::Error,
     },
     /// The MCAP file cannot be written.
-    #[error("writing {}: {cause}", path.display())]
+    #[error("writing {}: {cause}", foreign::path(path))]
     WriteMcap {
         /// Path of the MCAP file.
         path: PathBuf,
@@ -30,7 +31,7 @@ pub enum ImportError {
         cause: String,
     },
     /// The file cannot be opened or read.
-    #[error("opening {}: {cause}; {remedy}", path.display())]
+    #[error("opening {}: {cause}; {remedy}", foreign::path(path))]
     Open {
         /// Path of the file.
         path: PathBuf,
@@ -42,14 +43,14 @@ pub enum ImportError {
     /// The format of the file is unknown.
     #[error(
         "importing {}: unknown format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log or UTF-8 CSV (save text as \"CSV UTF-8\")",
-        path.display()
+        foreign::path(path)
     )]
     UnknownFormat {
         /// Path of the file.
         path: PathBuf,
     },
     /// The format of the file is known but not supported.
-    #[error("importing {}: found {format}; {remedy}", path.display())]
+    #[error("importing {}: found {format}; {remedy}", foreign::path(path))]
     UnsupportedFormat {
         /// Path of the file.
         path: PathBuf,
@@ -59,7 +60,10 @@ pub enum ImportError {
         remedy: &'static str,
     },
     /// A log is given together with other files.
-    #[error("importing {}: {format} cannot be combined with other files, found {count}; import each file separately", path.display())]
+    #[error(
+        "importing {}: {format} cannot be combined with other files, found {count}; import each file separately",
+        foreign::path(path)
+    )]
     MultipleFiles {
         /// Path of the log.
         path: PathBuf,
@@ -69,7 +73,10 @@ pub enum ImportError {
         count: usize,
     },
     /// A mapping is given for a format that defines its own columns.
-    #[error("importing {}: {format} defines its own columns; leave out --map, --units and --frame", path.display())]
+    #[error(
+        "importing {}: {format} defines its own columns; leave out --map, --units and --frame",
+        foreign::path(path)
+    )]
     MappingNotApplicable {
         /// Path of the log.
         path: PathBuf,
@@ -77,7 +84,7 @@ pub enum ImportError {
         format: Format,
     },
     /// Topics are selected for a format that has no topics.
-    #[error("importing {}: {format} has no topics; leave out --topic", path.display())]
+    #[error("importing {}: {format} has no topics; leave out --topic", foreign::path(path))]
     TopicsNotApplicable {
         /// Path of the log.
         path: PathBuf,
@@ -85,19 +92,22 @@ pub enum ImportError {
         format: Format,
     },
     /// A selected topic does not exist or has an unsupported type.
-    #[error("importing {}: no readable topic {found:?}{}; available topics: {}", path.display(), suggestion(near.as_deref()), quoted_list(known))]
+    #[error("importing {}: no readable topic {found:?}{}; available topics: {}", foreign::path(path), suggestion(near.as_ref()), quoted_list(known))]
     UnknownTopic {
         /// Path of the log.
         path: PathBuf,
         /// Name of the selected topic.
         found: String,
         /// Readable topic with a similar name.
-        near: Option<String>,
+        near: Option<ForeignText>,
         /// All readable topics.
-        known: Vec<String>,
+        known: Vec<ForeignText>,
     },
     /// Two selected topics contain the same quantity.
-    #[error("importing {}: --topic names both {first:?} and {second:?}, expected one topic for {what}", path.display())]
+    #[error(
+        "importing {}: --topic names both {first:?} and {second:?}, expected one topic for {what}",
+        foreign::path(path)
+    )]
     ConflictingTopics {
         /// Path of the log.
         path: PathBuf,
@@ -109,51 +119,51 @@ pub enum ImportError {
         what: &'static str,
     },
     /// The bag cannot be read.
-    #[error("reading {}: found {found}, expected {expected}", path.display())]
+    #[error("reading {}: found {found}, expected {expected}", foreign::path(path))]
     UnreadableBag {
         /// Path of the bag.
         path: PathBuf,
         /// Description of what was found.
-        found: String,
+        found: ForeignText,
         /// Description of what was expected, or a suggested remedy.
         expected: &'static str,
     },
     /// A CSV file is given, but no mapping of its columns.
     #[error(
         "importing {}: the meaning of its columns is unknown; map them with --map t=COLUMN,gx=COLUMN,…; available columns: {}",
-        path.display(),
+        foreign::path(path),
         quoted_list(columns)
     )]
     MappingRequired {
         /// Path of the file.
         path: PathBuf,
         /// Names of the columns in the file.
-        columns: Vec<String>,
+        columns: Vec<ForeignText>,
     },
     /// The mapping is invalid.
     #[error("reading --{}: {}", .0.setting(), .0)]
     Mapping(#[from] MappingError),
     /// A mapped column does not exist.
-    #[error("mapping {target}: no column {found:?}{}; available columns: {}", suggestion(near.as_deref()), quoted_list(known))]
+    #[error("mapping {target}: no column {found:?}{}; available columns: {}", suggestion(near.as_ref()), quoted_list(known))]
     UnknownColumn {
         /// Target of the mapping.
         target: &'static str,
         /// Name of the column.
         found: String,
         /// Column with a similar name.
-        near: Option<String>,
+        near: Option<ForeignText>,
         /// Names of all columns.
-        known: Vec<String>,
+        known: Vec<ForeignText>,
     },
     /// A mapped column exists more than once.
-    #[error("mapping {target}: more than one column is named {found:?}; use {}", alternatives.join(" or "))]
+    #[error("mapping {target}: more than one column is named {found:?}; use {}", joined(alternatives, " or "))]
     AmbiguousColumn {
         /// Target of the mapping.
         target: &'static str,
         /// Name of the column.
         found: String,
         /// Unambiguous ways to name the column.
-        alternatives: Vec<String>,
+        alternatives: Vec<ForeignText>,
     },
     /// The components of a vector are in different files, so their times differ.
     #[error("mapping {}: found columns of {}, expected all in one file", group.join(", "), quoted_list(files))]
@@ -161,62 +171,70 @@ pub enum ImportError {
         /// Mapping targets of the vector's components.
         group: Vec<&'static str>,
         /// File of each component.
-        files: Vec<String>,
+        files: Vec<ForeignText>,
     },
     /// The text of a file is malformed.
-    #[error("reading {}: {position}: found {found}, expected {expected}", path.display())]
+    #[error("reading {}: {position}: found {found}, expected {expected}", foreign::path(path))]
     Malformed {
         /// Path of the file.
         path: PathBuf,
         /// Position of the error in the text.
         position: Box<TextPosition>,
         /// Description of what was found.
-        found: String,
+        found: ForeignText,
         /// Description of what was expected.
         expected: String,
     },
     /// A ULog file is damaged before its data section.
-    #[error("reading {}: byte {at_byte}: found {found} before any data; copy the file again", path.display())]
+    #[error("reading {}: byte {at_byte}: found {found} before any data; copy the file again", foreign::path(path))]
     DamagedStart {
         /// Path of the file.
         path: PathBuf,
         /// Offset of the damage, bytes.
         at_byte: u64,
         /// Description of the damage.
-        found: String,
+        found: ForeignText,
     },
     /// A required field is missing from a topic.
-    #[error("reading {}: topic {topic}: no field {field} of type {expected}; available fields: {}", path.display(), quoted_list(known))]
+    #[error(
+        "reading {}: topic {topic}: no field {field} of type {expected}; available fields: {}",
+        foreign::path(path),
+        quoted_list(known)
+    )]
     MissingField {
         /// Path of the log.
         path: PathBuf,
         /// Name of the topic.
-        topic: String,
+        topic: ForeignText,
         /// Name of the field.
         field: &'static str,
         /// Required type of the field.
         expected: &'static str,
         /// Names of all fields of the topic.
-        known: Vec<String>,
+        known: Vec<ForeignText>,
     },
     /// The source has no samples of rate and force.
-    #[error("importing {}: found no sample of rate and force{}, expected {expected}", path.display(), parenthesised(reason.as_deref()))]
+    #[error("importing {}: found no sample of rate and force{}, expected {expected}", foreign::path(path), parenthesised(reason.as_ref()))]
     NoRows {
         /// Path of the file.
         path: PathBuf,
         /// Reason for the missing samples, if known.
-        reason: Option<String>,
+        reason: Option<ForeignText>,
         /// Description of the data that provides rate and force.
-        expected: String,
+        expected: ForeignText,
     },
     /// The output would overwrite an input.
-    #[error("writing {}: the output is also an input; choose another name", path.display())]
+    #[error("writing {}: the output is also an input; choose another name", foreign::path(path))]
     OutputIsInput {
         /// Path of the input.
         path: PathBuf,
     },
     /// The import has no fixes, but a fixes file of another recording exists next to the output.
-    #[error("writing {}: no fixes were imported, but {} would be read as its fixes; move that file, or choose another output name", path.display(), fixes.display())]
+    #[error(
+        "writing {}: no fixes were imported, but {} would be read as its fixes; move that file, or choose another output name",
+        foreign::path(path),
+        foreign::path(fixes)
+    )]
     StaleFixes {
         /// Path of the recording.
         path: PathBuf,
@@ -274,7 +292,7 @@ pub struct TextPosition {
     /// Column number, from 1; `None` if the error concerns the whole line.
     pub column: Option<usize>,
     /// Name of the column in the header; `None` if unknown.
-    pub name: Option<String>,
+    pub name: Option<ForeignText>,
 }
 
 impl fmt::Display for TextPosition {
@@ -308,18 +326,22 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
 /// Maximum number of names listed in an error message.
 const MAX_LISTED_NAMES: usize = 40;
 
-fn quoted_list(names: &[String]) -> String {
-    let mut text: Vec<_> = names.iter().take(MAX_LISTED_NAMES).map(|name| excerpt(name.as_bytes())).collect();
+fn quoted_list(names: &[ForeignText]) -> String {
+    let mut text: Vec<_> = names.iter().take(MAX_LISTED_NAMES).map(|name| excerpt(name.raw().as_bytes())).collect();
     if names.len() > MAX_LISTED_NAMES {
         text.push(format!("and {} more", names.len() - MAX_LISTED_NAMES));
     }
     text.join(", ")
 }
 
-fn suggestion(near: Option<&str>) -> String {
+fn joined(texts: &[ForeignText], separator: &str) -> String {
+    texts.iter().map(ToString::to_string).collect::<Vec<_>>().join(separator)
+}
+
+fn suggestion(near: Option<&ForeignText>) -> String {
     near.map_or_else(String::new, |near| format!(" (did you mean {near:?}?)"))
 }
 
-fn parenthesised(reason: Option<&str>) -> String {
+fn parenthesised(reason: Option<&ForeignText>) -> String {
     reason.map_or_else(String::new, |reason| format!(" ({reason})"))
 }

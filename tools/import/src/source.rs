@@ -4,6 +4,8 @@
 //! series that is merged into the rows. The memory required therefore does not grow with the length
 //! of the source.
 
+use foreign::ForeignText;
+
 use crate::{
     Format, ImportError, Note,
     force_aligner::ForceAligner,
@@ -33,10 +35,10 @@ pub(crate) struct Survey {
     pub(crate) has_reference: bool,
     pub(crate) notes: Vec<Note>,
     /// Reason to report if no row was written.
-    pub(crate) reason: Option<String>,
+    pub(crate) reason: Option<ForeignText>,
     /// Description of the data that provides rate and force, used in the error reported when there
     /// are no rows.
-    pub(crate) expected: String,
+    pub(crate) expected: ForeignText,
 }
 
 /// Recording of another system.

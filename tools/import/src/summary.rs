@@ -2,6 +2,8 @@
 
 use std::{fmt, path::PathBuf};
 
+use foreign::ForeignText;
+
 use crate::Format;
 
 /// Result of an import.
@@ -44,7 +46,7 @@ pub enum Note {
         /// Length of the file, bytes.
         length_bytes: u64,
         /// Description of the damage.
-        found: String,
+        found: ForeignText,
     },
     /// The logger dropped data because it could not keep up.
     Dropouts {
@@ -70,9 +72,9 @@ pub enum Note {
     /// A file of a bag is damaged. Data after the damage was not read from that file.
     DamagedFile {
         /// Name of the file.
-        file: String,
+        file: ForeignText,
         /// Description of the damage.
-        found: String,
+        found: ForeignText,
     },
     /// Rates are instantaneous values, not means over an interval. A recording cannot express this.
     InstantRates,
@@ -81,16 +83,16 @@ pub enum Note {
         /// Quantity that the topics contain.
         what: &'static str,
         /// Name of the topic that was read.
-        read: String,
+        read: ForeignText,
         /// Names of the other topics.
-        others: Vec<String>,
+        others: Vec<ForeignText>,
     },
     /// A topic is read only if it is named with `--topic`.
     TopicOnRequest {
         /// Quantity that the topic may contain.
         what: &'static str,
         /// Name of the topic.
-        topic: String,
+        topic: ForeignText,
         /// Axes in which the topic is interpreted.
         interpretation: &'static str,
     },
@@ -138,7 +140,7 @@ impl fmt::Display for Note {
                 "rates are instantaneous: score with --gyro-samples instants, replay with gyro_samples = \"instants\" in [ingest.replay]",
             ),
             Self::OtherTopics { what, read, others } => {
-                write!(f, "read {what} from {read}; also available: {}; select with --topic", others.join(", "))
+                write!(f, "read {what} from {read}; also available: {}; select with --topic", foreign::list(others))
             }
             Self::TopicOnRequest { what, topic, interpretation } => {
                 write!(f, "{topic} may hold {what}; --topic {topic} reads it as {interpretation}")
@@ -151,7 +153,7 @@ impl fmt::Display for Note {
                 write!(
                     f,
                     "specify {} when reading the recording: fixes are found automatically only for NAME_imu.csv[.gz]",
-                    fixes.display()
+                    foreign::path(fixes)
                 )
             }
         }

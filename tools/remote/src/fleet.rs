@@ -6,6 +6,7 @@ use std::{
 };
 
 use attitude::frames::Frame;
+use foreign::ForeignText;
 use graph::Topic;
 use link::{Link, MessageStream, RemoteMessage};
 use messages::{AttitudeOutput, Message};
@@ -36,7 +37,7 @@ const MAX_MESSAGES: usize = 1000;
 #[derive(Default)]
 pub struct Vehicle {
     /// Names of the running services.
-    pub services: BTreeSet<String>,
+    pub services: BTreeSet<ForeignText>,
     /// `true` while the gateway is reachable.
     pub is_alive: bool,
     /// Delivery statistics of each topic.
@@ -235,4 +236,24 @@ fn topic_json(topic: &str, tracker: &DeliveryTracker) -> Value {
         "lost_samples": lost_samples, "repeated": repeated, "restarts": restarts, "decimated": decimated,
         "dropped": dropped,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hostile_service_name_is_escaped_except_in_json() {
+        let mut vehicles = Vehicles::new();
+        let hostile = "e\x1b[2J\nforged";
+        let mut token =
+            RemoteMessage { key: keys::service_liveliness("boat", hostile), bytes: Vec::new(), is_present: true };
+        update_liveliness(&mut vehicles, &token);
+        let names: Vec<_> = vehicles["boat"].services.iter().map(ToString::to_string).collect();
+        assert_eq!(names, [r"e\u{1b}[2J\nforged"]);
+        assert_eq!(to_json(&vehicles)["vehicles"][0]["services"][0], hostile);
+        token.is_present = false;
+        update_liveliness(&mut vehicles, &token);
+        assert!(vehicles["boat"].services.is_empty());
+    }
 }

@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use foreign::ForeignText;
 use graph::Topic;
 use launch::Output;
 use link::{Link, MessageStream};
@@ -39,7 +40,7 @@ pub struct RemoteVehicle {
     link: Link,
     liveliness: MessageStream,
     /// Names of the topics that the vehicle publishes.
-    topics: Vec<String>,
+    topics: Vec<ForeignText>,
     /// Time at which the vehicle became unreachable; `None` while it is reachable.
     unreachable_since: Cell<Option<Instant>>,
 }
@@ -57,7 +58,7 @@ impl RemoteVehicle {
             let left = deadline.saturating_duration_since(Instant::now());
             let replies = link.query(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(QUERY_INTERVAL))?;
             if let Some(report) = replies.iter().find_map(|(_, bytes)| GatewayReport::from_bytes(bytes).ok()) {
-                let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
+                let topics = report.topics.into_iter().map(|topic| topic.topic.into()).collect();
                 return Ok(Self { name: name.into(), link, liveliness, topics, unreachable_since: Cell::new(None) });
             }
             if left.is_zero() {
@@ -69,7 +70,7 @@ impl RemoteVehicle {
 
     /// Returns `true` if the vehicle publishes the topic.
     pub fn publishes(&self, topic: Topic) -> bool {
-        self.topics.iter().any(|sent| sent == topic.name())
+        self.topics.iter().any(|sent| *sent == *topic.name())
     }
 
     /// Subscribes to a topic.
@@ -79,7 +80,7 @@ impl RemoteVehicle {
     /// Fails if the vehicle does not publish the topic.
     pub fn subscribe(&self, topic: Topic) -> Result<RemoteTopic, RemoteError> {
         if !self.publishes(topic) {
-            let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
+            let (vehicle, sent) = (self.name.clone(), foreign::list(&self.topics));
             return Err(RemoteError::NotSent { vehicle, topic: topic.name().into(), sent });
         }
         let stream = self.link.subscribe(&keys::key(&self.name, topic.name()))?;

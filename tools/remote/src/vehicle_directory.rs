@@ -200,7 +200,7 @@ fn line(name: &str, vehicle: &Vehicle, services: Option<&Services>) -> VehicleLi
         lost_messages: vehicle.lost(),
         lost_ticks: status("course").map(|status| status.lost),
         stage: status("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
-        services: vehicle.services.iter().cloned().collect(),
+        services: vehicle.services.iter().map(|service| service.raw().to_owned()).collect(),
     }
 }
 

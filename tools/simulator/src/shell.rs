@@ -50,7 +50,7 @@ impl World {
         self.collector.collect(&mut self.bus, &mut self.random);
         events.push(Event::Output(self.collector.progress()));
         for (incarnation, exit_status) in exited {
-            events.push(Event::Exited { incarnation, exit_status: exit_status.into(), stderr: String::new() });
+            events.push(Event::Exited { incarnation, exit_status: exit_status.into(), stderr: Default::default() });
         }
         if self.files_removed && (any_exited || self.now_ms >= self.files_checked_ms + FILE_CHECK_INTERVAL_MS) {
             self.files_checked_ms = self.now_ms;

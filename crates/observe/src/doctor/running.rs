@@ -164,7 +164,7 @@ fn service_check(status: &ServiceStatus) -> Check {
     let check = "services";
     let pid = pid.map_or("none".into(), |pid| pid.to_string());
     let found = format!("{service} {state}, process {pid}, restarts {restarts}, lost {lost}");
-    match state.as_str() {
+    match state.raw() {
         "failed" | "silent" => {
             Check::problem(check, found, "see its messages in the output of `plumb up` or in the journal")
         }
@@ -173,7 +173,7 @@ fn service_check(status: &ServiceStatus) -> Check {
             found,
             "run the check again; a service that keeps failing is given up after `[restart] limit`",
         ),
-        _ if *lost > 0 && [Service::Ingest, Service::Drivers].map(Service::name).contains(&service.as_str()) => {
+        _ if *lost > 0 && [Service::Ingest, Service::Drivers].map(Service::name).contains(&service.raw()) => {
             let remedy = "set rate_hz to the rate of the sensor, let only the sensor send, or raise buffer_s";
             Check::warning(check, format!("{found} before a tick"), remedy)
         }
@@ -191,7 +191,8 @@ fn service_check(status: &ServiceStatus) -> Check {
 
 /// Returns the diagnostics reported by the service, such as a device fault.
 fn diagnostic_checks(status: &ServiceStatus) -> impl Iterator<Item = Check> {
-    let check = |diagnostic: &Diagnostic| Check::problem("source", &diagnostic.found, &diagnostic.remedy);
+    let check =
+        |diagnostic: &Diagnostic| Check::problem("source", diagnostic.found.to_string(), diagnostic.remedy.to_string());
     status.diagnostics.iter().map(check)
 }
 

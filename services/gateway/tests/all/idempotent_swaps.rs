@@ -24,9 +24,9 @@ fn swaps(delay: Duration) -> (Arc<IdempotentSwaps>, Arc<AtomicU32>) {
         assert_eq!(request.expected_epoch, Some(3));
         thread::sleep(delay);
         Ok(SwapReport {
-            slot: request.slot,
+            slot: request.slot.into(),
             from: "wz".into(),
-            to: request.stage.stage,
+            to: request.stage.stage.into(),
             commit_tick: Some(100),
             lost: 0,
             duplicated: 0,

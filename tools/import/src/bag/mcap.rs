@@ -113,8 +113,9 @@ impl Cursor {
                 }
             } else {
                 let read = read_record(&mut self.reader, &mut self.file, |kind, data| self.records.handle(kind, data));
-                let damage =
-                    |found: &dyn std::fmt::Display| ReadError::Damage(format!("byte {}: {found}", self.position));
+                let damage = |found: &dyn std::fmt::Display| {
+                    ReadError::Damage(format!("byte {}: {found}", self.position).into())
+                };
                 match read {
                     Ok(ReadOutcome::Record { length_bytes }) => {
                         self.position += (RECORD_HEADER_BYTES + length_bytes) as u64;

@@ -2,6 +2,8 @@
 
 use std::rc::Rc;
 
+use foreign::ForeignText;
+
 use super::topics::Topic;
 use crate::{ImportError, row_writer::Attitude};
 
@@ -15,7 +17,7 @@ pub(super) struct Message {
 /// fatal error ends the import.
 pub(super) enum ReadError {
     Fatal(ImportError),
-    Damage(String),
+    Damage(ForeignText),
 }
 
 /// Sample of rate and force in native axes, with the attitude from the same message, if any.

@@ -28,6 +28,8 @@ use std::{
     vec,
 };
 
+use foreign::ForeignText;
+
 use crate::{
     Format, ImportError, Note,
     error::open_error,
@@ -156,9 +158,14 @@ impl Source for Bag<'_> {
         }
         let expected = match &topics.names()[..] {
             [] => "sensor_msgs/msg/Imu (CDR) or plumbline.v1.ImuSample (protobuf); no topic has a known type".into(),
-            names => format!("sensor_msgs/msg/Imu or plumbline.v1.ImuSample; readable topics: {}", names.join(", ")),
+            names => format!(
+                "sensor_msgs/msg/Imu or plumbline.v1.ImuSample; readable topics: {}",
+                foreign::list(names.iter().copied())
+            )
+            .into(),
         };
-        let reason = notes.iter().find(|note| matches!(note, Note::DamagedFile { .. })).map(Note::to_string);
+        let reason =
+            notes.iter().find(|note| matches!(note, Note::DamagedFile { .. })).map(|note| note.to_string().into());
         let selection = Selection { rows, field, reference: reference.unwrap_or_default() };
         let (has_field, has_reference) = (selection.field.is_some(), !selection.reference.is_empty());
         self.selection = Some(selection);
@@ -310,8 +317,8 @@ impl MessageReader {
         }
     }
 
-    fn note_damage(&mut self, path: &Path, found: String) {
-        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    fn note_damage(&mut self, path: &Path, found: ForeignText) {
+        let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
         self.notes.push(Note::DamagedFile { file, found });
     }
 

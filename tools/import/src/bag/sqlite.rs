@@ -114,7 +114,7 @@ impl Cursor {
                 "SELECT count(*) FROM sqlite_master WHERE name = ?1 AND type = 'table' AND sql LIKE 'CREATE TABLE%'";
             let count: i64 = connection.query_row(query, [table], |row| row.get(0))?;
             if count != 1 {
-                return Err(ReadError::Damage(format!("no table {table}, not a ROS 2 bag")));
+                return Err(ReadError::Damage(format!("no table {table}, not a ROS 2 bag").into()));
             }
         }
         let (mut topics, mut topic_ids) = (HashMap::new(), HashSet::new());
@@ -198,7 +198,7 @@ impl Cursor {
             if !(self.last_row_id < row.id && row.id <= self.max_row_id) {
                 self.losses.stray += 1;
                 if self.losses.stray >= MAX_STRAY_ROWS {
-                    break Some(ReadError::Damage(format!("row {} after row {}", row.id, self.last_row_id)));
+                    break Some(ReadError::Damage(format!("row {} after row {}", row.id, self.last_row_id).into()));
                 }
                 continue;
             }
@@ -269,6 +269,6 @@ impl Progress {
 
 impl From<rusqlite::Error> for ReadError {
     fn from(cause: rusqlite::Error) -> Self {
-        Self::Damage(cause.to_string())
+        Self::Damage(cause.to_string().into())
     }
 }

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use foreign::ForeignText;
 use mapping::names::nearest;
 
 use crate::{ImportError, Note};
@@ -77,7 +78,7 @@ impl Kind {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Topic {
     pub(super) kind: Kind,
-    pub(super) name: String,
+    pub(super) name: ForeignText,
 }
 
 impl Topic {
@@ -121,23 +122,26 @@ impl<'a> Topics<'a> {
     }
 
     pub(super) fn is_requested(&self, topic: &Topic) -> bool {
-        self.requested.contains(&topic.name)
+        self.requested.iter().any(|name| topic.name == **name)
     }
 
     /// Checks that the requested topics exist and that no two of them have the same role.
     pub(super) fn check_requested(&self, path: &Path) -> Result<(), ImportError> {
         for (index, name) in self.requested.iter().enumerate() {
-            let known = || self.counts.keys().map(|topic| topic.name.as_str());
-            let Some(topic) = self.counts.keys().find(|topic| topic.name == *name) else {
-                let near = nearest(name, known()).map(str::to_owned);
-                let known = known().map(str::to_owned).collect();
+            let known = || self.counts.keys().map(|topic| &topic.name);
+            let Some(topic) = self.counts.keys().find(|topic| topic.name == **name) else {
+                let near = nearest(name, known().map(ForeignText::raw)).map(ForeignText::from);
+                let known = known().cloned().collect();
                 return Err(ImportError::UnknownTopic { path: path.into(), found: name.clone(), near, known });
             };
             let role = topic.kind.role();
             let before = &self.requested[..index];
-            let same = self.counts.keys().find(|other| other.kind.role() == role && before.contains(&other.name));
+            let same = self
+                .counts
+                .keys()
+                .find(|other| other.kind.role() == role && before.iter().any(|name| other.name == **name));
             if let Some(first) = same {
-                let (first, second) = (first.name.clone(), name.clone());
+                let (first, second) = (first.name.raw().to_owned(), name.clone());
                 return Err(ImportError::ConflictingTopics { path: path.into(), first, second, what: role.label() });
             }
         }
@@ -183,7 +187,7 @@ impl<'a> Topics<'a> {
     }
 
     /// Returns the names of all readable topics.
-    pub(super) fn names(&self) -> Vec<&str> {
-        self.counts.keys().map(|topic| topic.name.as_str()).collect()
+    pub(super) fn names(&self) -> Vec<&ForeignText> {
+        self.counts.keys().map(|topic| &topic.name).collect()
     }
 }

@@ -252,6 +252,6 @@ fn vector<T: ParseableFieldType>(message: &DataMessage, [x, y, z]: [&str; 3]) ->
 
 fn missing_field(path: &Path, message: &DataMessage, field: &'static str, expected: &'static str) -> ImportError {
     let format = message.flattened_format;
-    let known = format.field_iter().map(|field| field.flattened_field_name.clone()).collect();
-    ImportError::MissingField { path: path.to_owned(), topic: format.message_name().to_owned(), field, expected, known }
+    let known = format.field_iter().map(|field| field.flattened_field_name.as_str().into()).collect();
+    ImportError::MissingField { path: path.to_owned(), topic: format.message_name().into(), field, expected, known }
 }

@@ -12,6 +12,7 @@ use std::{
     path::Path,
 };
 
+use foreign::ForeignText;
 use px4_ulog::stream_parser::{DataMessage, LogParser};
 
 use crate::{ImportError, error::open_error};
@@ -35,7 +36,7 @@ const PROGRESS_INTERVAL_BYTES: u64 = 1 << 16;
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct LogStatus {
     /// Offset and description of the damage that ended reading; `None` if the log is complete.
-    pub(crate) damage: Option<(u64, String)>,
+    pub(crate) damage: Option<(u64, ForeignText)>,
     pub(crate) dropouts: u64,
     pub(crate) dropouts_ms: u64,
     /// Number of messages of no known type, of no subscribed topic or with invalid content.
@@ -96,13 +97,13 @@ pub(crate) fn read(
                     false
                 }
                 (b'A' | b'D' | b'O', _) => {
-                    break Some((at_byte, format!("a message {:?} that is too short", char::from(kind))));
+                    break Some((at_byte, format!("a message {:?} that is too short", char::from(kind)).into()));
                 }
                 (b'A'..=b'Z', _) => {
                     status.malformed += u64::from(!is_valid(kind, content));
                     false
                 }
-                (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}"))),
+                (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}").into())),
             };
         if at_byte == HEADER_BYTES as u64 && kind != b'B' {
             // Logs from before 2017 have no flags message, but the parser requires the first
@@ -133,8 +134,8 @@ pub(crate) fn read(
 }
 
 /// Shortens an error description from the parser, which may contain whole formats.
-fn shorten(description: &str) -> String {
-    description.chars().take(100).collect()
+fn shorten(description: &str) -> ForeignText {
+    description.chars().take(100).collect::<String>().into()
 }
 
 /// Returns the offsets of the sections that were appended after a crash, in descending order.
@@ -200,7 +201,7 @@ struct MessageReader {
 enum NextMessage<'a> {
     Message(&'a [u8]),
     End,
-    Damage(String),
+    Damage(ForeignText),
 }
 
 impl MessageReader {
@@ -217,7 +218,7 @@ impl MessageReader {
                 self.section_ends.last().is_some_and(|&end| self.position + MESSAGE_HEADER_BYTES as u64 > end);
             if is_new_section && let Some(end) = self.section_ends.pop() {
                 if end < self.position {
-                    return Ok(NextMessage::Damage(format!("an overlapping section that starts at byte {end}")));
+                    return Ok(NextMessage::Damage(format!("an overlapping section that starts at byte {end}").into()));
                 }
                 self.skip_to(end)?;
                 continue;

@@ -153,7 +153,7 @@ impl Source for Log {
             self.read_fixes(&selection.fixes, on_fix, &mut |bytes| progress(self.length_bytes + bytes))?;
         }
         let Selection { combined, fields, attitudes, status: ending, .. } = &selection;
-        let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}"));
+        let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}").into());
         let expected = if combined.messages == 0 {
             "the topic sensor_combined"
         } else {

@@ -165,3 +165,56 @@ fn incompatible_files_and_options_rejected() {
     );
     assert_eq!(folder.names(), ["a.csv", "a.ulg", "b_gnss.csv"], "no file remains");
 }
+
+/// Text with a terminal escape and a forged line.
+const HOSTILE: &str = "a\x1b[2J\nforged";
+const ESCAPED: &str = r"a\u{1b}[2J\nforged";
+
+/// Returns a `sensor_msgs/msg/Imu` in CDR, at rest.
+fn imu(t_ns: u32) -> Vec<u8> {
+    let mut message = vec![0, 1, 0, 0];
+    for word in [1, t_ns, 4, u32::from_le_bytes(*b"imu\0")] {
+        message.extend(word.to_le_bytes());
+    }
+    let mut numbers = [0.0_f64; 37];
+    (numbers[3], numbers[27]) = (1.0, 9.8);
+    message.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    message
+}
+
+#[test]
+fn hostile_topic_names_are_escaped_in_notes_and_errors() {
+    let folder = Folder::new();
+    let path = folder.path("bag.mcap");
+    let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
+    let schema = writer.add_schema("sensor_msgs/msg/Imu", "ros2msg", b"").unwrap();
+    for name in ["/a", "/b"] {
+        let channel = writer.add_channel(schema, &format!("{name}{HOSTILE}"), "cdr", &Default::default()).unwrap();
+        for tick in 0..10 {
+            let header =
+                mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 0, publish_time: 0 };
+            writer.write_to_known_channel(&header, &imu(tick * 10_000_000)).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    let imported = folder.import(from_ref(&path), None).unwrap();
+    let notes = imported.summary.notes.iter().map(ToString::to_string).collect::<Vec<_>>();
+    let expected = format!("read rate and force from /a{ESCAPED}; also available: /b{ESCAPED}; select with --topic");
+    assert!(notes.contains(&expected), "{notes:?}");
+}
+
+#[test]
+fn hostile_file_and_column_names_are_escaped_in_errors() {
+    let folder = Folder::new();
+    // A file with other control characters is not recognised as CSV.
+    let a = folder.file(&format!("{HOSTILE}.csv"), "time,p\u{9b}2J\u{202e}q,q,r,u,v,w\n0,0,0,0,0,0,0\n");
+    let b = folder.file("b.csv", "time,p\u{9b}2J\u{202e}q\n0,0\n");
+    let files = [a, b];
+    let names = "t=time,gx=p\u{9b}2J\u{202e}q,gy=q,gz=r,ax=u,ay=v,az=w";
+    let mut errors = vec![import_error(&folder, &files, &[names])];
+    assert!(errors[0].contains(r"b:p\u{9b}2J\u{202e}q"), "{errors:?}");
+    errors.push(import_error(&folder, &[folder.file("c.csv", "time,p\u{9b}2J\u{202e}q,r\n0,0\n\n0\n")], &[names]));
+    errors.push(import_error(&folder, &[folder.path(HOSTILE)], &[names]));
+    assert!(errors[2].contains(ESCAPED), "{errors:?}");
+    assert!(errors.iter().all(|error| !error.contains(char::is_control)), "{errors:?}");
+}
