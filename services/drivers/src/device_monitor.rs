@@ -224,7 +224,7 @@ mod tests {
             let (report, steps) = report_at(second);
             diagnostics = monitor.update(DeviceReport { port: "/dev/ttyUSB0".into(), ..report }, steps);
         }
-        diagnostics.into_iter().map(|diagnostic| diagnostic.kind).collect()
+        diagnostics.into_iter().map(|diagnostic| diagnostic.kind.to_string()).collect()
     }
 
     fn good(second: u64) -> DeviceReport {
