@@ -3,6 +3,7 @@
 use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
+use foreign::ForeignText;
 use launch::Slot;
 use pipeline::CollectorError;
 use readings::source::SourceError;
@@ -60,7 +61,7 @@ pub enum ScoreError {
     })]
     EmptyPlotWindow {
         /// Name of the trial.
-        trial: String,
+        trial: ForeignText,
         /// Start of the window, s.
         from_s: f64,
         /// End of the window, s; `None` for the end of the trial.
@@ -87,7 +88,10 @@ pub enum ScoreError {
         cause: ParameterError,
     },
     /// A fixes file is given for several trials.
-    #[error("{} belongs to one recording, but there are {trials} trials; score it alone, or use --gnss auto", fixes.display())]
+    #[error(
+        "{} belongs to one recording, but there are {trials} trials; score it alone, or use --gnss auto",
+        foreign::path(fixes)
+    )]
     FixesForSeveralTrials {
         /// Path of the fixes file.
         fixes: PathBuf,
@@ -100,7 +104,7 @@ pub enum ScoreError {
     )]
     DuplicateTrialName {
         /// Common name of the trials.
-        name: String,
+        name: ForeignText,
     },
     /// The seed range is malformed, empty or too long.
     #[error("invalid seeds in {text}: expected seed=A..B with A at most B and at most {max} seeds")]
@@ -120,13 +124,13 @@ pub enum ScoreError {
     #[error(transparent)]
     Collector(#[from] CollectorError),
     /// An output file would overwrite the recording.
-    #[error("writing {path}: this is the recording itself; choose another folder for --out or --csv")]
+    #[error("writing {}: this is the recording itself; choose another folder for --out or --csv", foreign::path(path))]
     OutputIsRecording {
         /// Path of the output file.
         path: PathBuf,
     },
     /// The report would overwrite the recording.
-    #[error("writing {path}: this is the recording itself; choose another file for --report")]
+    #[error("writing {}: this is the recording itself; choose another file for --report", foreign::path(path))]
     ReportIsRecording {
         /// Path of the report.
         path: PathBuf,
@@ -144,7 +148,7 @@ pub enum ScoreError {
     #[error(transparent)]
     Source(#[from] SourceError),
     /// A file or folder cannot be written.
-    #[error("writing {}: {cause}", path.display())]
+    #[error("writing {}: {cause}", foreign::path(path))]
     Write {
         /// Path of the file or folder.
         path: PathBuf,

@@ -14,6 +14,7 @@ use attitude::{
     metrics::{Accuracy, AttitudeError},
     state::Attitude,
 };
+use foreign::ForeignText;
 use readings::source::Truth;
 
 use crate::{plot::curve::Curve, table::ErrorsDeg};
@@ -24,7 +25,7 @@ const BINS: u64 = 400;
 /// Curves of all chains over a trial.
 pub(crate) struct Overlay {
     /// Name of the trial.
-    pub(crate) name: String,
+    pub(crate) name: ForeignText,
     /// Angles of the reference; empty if there is no reference.
     pub(crate) reference: AngleCurves,
     /// Angles of each chain.
@@ -47,13 +48,13 @@ pub(crate) struct ErrorCurves {
 }
 
 impl Overlay {
-    pub(crate) fn new(name: &str, rows: u64, stages: usize) -> Self {
+    pub(crate) fn new(name: &ForeignText, rows: u64, stages: usize) -> Self {
         let curves = || std::array::from_fn(|_| Curve::with_bins(rows, BINS));
         let error_curves = |count: usize| -> Vec<_> {
             (0..count).map(|_| ErrorCurves { curves: curves(), accuracy: Accuracy::default() }).collect()
         };
         Self {
-            name: name.into(),
+            name: name.clone(),
             reference: AngleCurves(curves()),
             stages: (0..stages).map(|_| AngleCurves(curves())).collect(),
             errors: error_curves(stages),

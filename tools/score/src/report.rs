@@ -113,7 +113,7 @@ impl HtmlReport<'_> {
         for index in 0..trials {
             for stage in stages {
                 let Some(trial) = stage.trials.get(index) else { continue };
-                row(page, &trial.name, stage, &trial.error.attitude, trial.ns_per_update);
+                row(page, &trial.name.to_string(), stage, &trial.error.attitude, trial.ns_per_update);
             }
         }
         for stage in stages.iter().filter(|_| trials > 1) {
@@ -130,7 +130,8 @@ impl HtmlReport<'_> {
         page.push("\n<h2>Differences between stages</h2><p class=\"note\">Trials without a reference; RMS, degrees.</p><table>");
         page.push("<tr><th>trial</th><th>from</th><th>to</th><th>total</th><th>heading</th><th>inclination</th></tr>");
         for difference in &self.scores.differences {
-            let [trial, from, to] = [&difference.trial, &difference.from, &difference.to].map(|text| escape(text));
+            let [trial, from, to] =
+                [&difference.trial.to_string(), &difference.from, &difference.to].map(|text| escape(text));
             let [total, heading, inclination] =
                 [difference.rms.total, difference.rms.heading, difference.rms.inclination].map(format_deg);
             page.push(&format!(
@@ -158,7 +159,7 @@ impl HtmlReport<'_> {
     }
 
     fn add_trial(&self, page: &mut PageBuilder, index: usize, overlay: &Overlay) -> io::Result<()> {
-        page.push(&format!("\n<h2>{}</h2>", escape(&overlay.name)));
+        page.push(&format!("\n<h2>{}</h2>", escape(&overlay.name.to_string())));
         let end_s = overlay.end_s().max(1e-3);
         page.push_legend(&self.scores.stages, overlay.has_reference());
         let series = |curve, stage: Option<usize>| {

@@ -272,7 +272,7 @@ fn run_trial(
     let warnings = rejection_warning(conditioner.rejected(), &timestamp_check)
         .into_iter()
         .chain(findings.iter().map(Diagnosis::to_string));
-    let no_score_reason = if trial.name.starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
+    let no_score_reason = if trial.name.raw().starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
     let heading_is_known = chain_runs.iter().all(|chain_run| chain_run.stats.heading_is_known() != Some(false));
     if let Some(plotter) = plotter.filter(|_| is_first) {
@@ -306,14 +306,18 @@ fn draw(
     for (config, record) in configs.iter().zip(&records) {
         plotter.draw_chain(
             &output_path(request, trial, config, &plots.folder, "")?,
-            &trial.name,
+            &trial.name.to_string(),
             &config.launch,
             record,
         )?;
     }
     let launches: Vec<_> = configs.iter().map(|config| config.launch.clone()).collect();
     let comparison_path = plots.folder.join(trial.file_stem());
-    if records.len() > 1 { plotter.draw_comparison(&comparison_path, &trial.name, &launches, &records) } else { Ok(()) }
+    if records.len() > 1 {
+        plotter.draw_comparison(&comparison_path, &trial.name.to_string(), &launches, &records)
+    } else {
+        Ok(())
+    }
 }
 
 /// Warning about a simulation that ends before the first scored sample.

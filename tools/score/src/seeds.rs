@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn spread_matches_hand_computation() {
         let score = |deg: f64| TrialScore {
-            name: String::new(),
+            name: "".into(),
             error: Errors {
                 attitude: ErrorsDeg { total: Some(deg), heading: Some(2.0 * deg), inclination: None },
                 drift_deg_min: Some(3.0 - deg),

@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, fmt};
 
 use attitude::metrics::AttitudeError;
+use foreign::ForeignText;
 use launch::{Launch, Slot};
 use serde::Serialize;
 
@@ -32,7 +33,7 @@ pub struct Scores {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct TrialWarning {
     /// Name of the trial.
-    pub trial: String,
+    pub trial: ForeignText,
     /// Finding and remedy.
     pub text: String,
 }
@@ -70,7 +71,7 @@ pub struct StageScore {
 #[derive(Debug, Clone, Serialize)]
 pub struct TrialScore {
     /// Name of the trial.
-    pub name: String,
+    pub name: ForeignText,
     /// Root mean square errors over the scored samples.
     #[serde(flatten)]
     pub error: Errors,
@@ -124,7 +125,7 @@ pub(crate) const ERROR_COUNT: usize = 10;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageDifference {
     /// Name of the trial.
-    pub trial: String,
+    pub trial: ForeignText,
     /// Fuser of the first chain.
     pub from: String,
     /// Fuser of the other chain.
@@ -322,6 +323,17 @@ mod tests {
         stage.trials = vec![trial("one", Some(1.0)), trial("two", Some(2.0)), trial("no_truth", None)];
         stage.update_means();
         Scores { stages: vec![stage], ..Scores::default() }
+    }
+
+    #[test]
+    fn hostile_trial_name_is_escaped_except_in_json() {
+        let trial = ForeignText::from("a\x1b[2J\nforged");
+        let warning = TrialWarning { trial: trial.clone(), text: "no reference".into() };
+        assert_eq!(warning.to_string(), r"warning: a\u{1b}[2J\nforged: no reference");
+        let difference = StageDifference { trial, from: "wz".into(), to: "vqf".into(), rms: ErrorsDeg::default() };
+        let scores = Scores { differences: vec![difference], ..Scores::default() };
+        assert!(scores.to_string().contains(r"a\u{1b}[2J\nforged: vqf differs from wz"), "{scores}");
+        assert_eq!(serde_json::to_value(&scores).unwrap()["differences"][0]["trial"], "a\x1b[2J\nforged");
     }
 
     #[test]

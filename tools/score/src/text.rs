@@ -165,7 +165,8 @@ fn rows(
     let Some(first) = scores.stages.first() else { return Vec::new() };
     let mut rows = Vec::new();
     for (index, trial) in first.trials.iter().enumerate() {
-        let mut name = trial.name.as_str();
+        let trial_name = trial.name.to_string();
+        let mut name = trial_name.as_str();
         for stage in &scores.stages {
             rows.extend(stage.trials.get(index).into_iter().flat_map(|trial| trial_lines(name, stage, trial)));
             name = "";

@@ -11,6 +11,7 @@
 use std::path::{Path, PathBuf};
 
 use attitude::gyro::RateKind;
+use foreign::ForeignText;
 use launch::GyroSamples;
 use readings::source::{Reading, RecordedReadings, Truth};
 use recording::{RecordingError, References, gnss, survey};
@@ -62,7 +63,7 @@ pub struct TrialOptions {
 #[derive(Debug, Clone)]
 pub struct Trial {
     /// File name without its extension, or the name of the simulation.
-    pub name: String,
+    pub name: ForeignText,
     /// Sample rate, Hz.
     pub rate_hz: f64,
     /// Number of readings.
@@ -107,7 +108,7 @@ impl Trial {
         fixes.as_deref().map_or(Ok(()), gnss::validate)?;
         options.reference.as_deref().map_or(Ok(()), validate_references)?;
         Ok(Self {
-            name: trial_name(file),
+            name: trial_name(file).into(),
             rate_hz: survey.rate_hz,
             rows: survey.rows,
             has_reference: survey.has_reference || options.reference.is_some(),
@@ -145,8 +146,8 @@ impl Trial {
     /// replaced.
     pub fn file_stem(&self) -> String {
         match &self.source {
-            Source::Recording { .. } => self.name.clone(),
-            Source::Sim(_) => self.name.replace([':', '?', '&', '/', '='], "_"),
+            Source::Recording { .. } => self.name.raw().to_owned(),
+            Source::Sim(_) => self.name.raw().replace([':', '?', '&', '/', '='], "_"),
         }
     }
 
@@ -224,7 +225,7 @@ mod tests {
         fs::write(&imu, "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n").unwrap();
         let fixes = |gnss: Gnss| -> Vec<_> {
             let trial = Trial::open(imu.to_str().unwrap(), &TrialOptions { gnss, ..TrialOptions::default() }).unwrap();
-            assert_eq!((trial.name.as_str(), trial.rows), ("flight_imu", 2));
+            assert_eq!((trial.name.raw(), trial.rows), ("flight_imu", 2));
             trial.readings().unwrap().map(|reading| reading.unwrap().fix.map(|fix| fix.fix.velocity_m_s.x)).collect()
         };
         assert_eq!(fixes(Gnss::Auto), [None, None]);
