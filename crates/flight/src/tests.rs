@@ -145,7 +145,8 @@ fn error_of_hostile_file_is_a_single_line_without_escapes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
     let mut file = mcap::MAGIC.to_vec();
-    // Chunk whose compression is not known: three times, CRC, name of the compression, no records.
+    // Chunk with an unknown compression. Its fields are times and size, CRC, name of the
+    // compression and length of the records.
     let chunk = [&[0; 28][..], &(HOSTILE.len() as u32).to_le_bytes(), HOSTILE.as_bytes(), &[0; 8]].concat();
     file.push(6);
     file.extend((chunk.len() as u64).to_le_bytes());

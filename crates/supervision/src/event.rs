@@ -192,8 +192,8 @@ pub enum Reply {
     Done,
 }
 
-/// Formats the last output on standard error after a colon, each line with the mark of foreign text.
-/// The result is empty if there was no output.
+/// Formats the last output on standard error after a colon, each line with the mark of foreign
+/// text. The result is empty if there was no output.
 pub(crate) fn after_colon(stderr: &ForeignText) -> String {
     if stderr.raw().is_empty() {
         return String::new();
