@@ -110,7 +110,7 @@ fn file_filling_its_disk_ends_with_complete_line() {
     let disk = system.path("disk");
     fs::create_dir(&disk).unwrap();
     let out = disk.join("out.csv");
-    let (up, result) = (system.command(&["--out", out.to_str().unwrap(), "--for", "4s"]), system.path("result.csv"));
+    let (up, result) = (system.command(&["--out", out.to_str().unwrap(), "--for", "12s"]), system.path("result.csv"));
     let up: Vec<_> = [up.get_program()].into_iter().chain(up.get_args()).map(|word| word.to_str().unwrap()).collect();
     // The mount is visible only to the processes of this command.
     let script = "mount -t tmpfs -o size=100k full \"$1\" && shift && out=$1 && shift && result=$1 && shift && \"$@\"; code=$?; cp \"$out\" \"$result\"; exit $code";
@@ -121,7 +121,7 @@ fn file_filling_its_disk_ends_with_complete_line() {
     wait_for("the system to run", || !system.ps().is_empty());
     wait_for("the disk to be full", || record(&system)["result"] == "problem");
     let run = running.wait();
-    assert_eq!((run.number("/ticks_out"), run.number("/lost")), (4000.0, 0.0), "{}", run.json);
+    assert_eq!((run.number("/ticks_out"), run.number("/lost")), (12_000.0, 0.0), "{}", run.json);
     assert_failure(&run, "No space left on device");
     let text = fs::read_to_string(&result).unwrap();
     assert!(text.ends_with('\n') && text.len() > 50_000, "{} bytes", text.len());
