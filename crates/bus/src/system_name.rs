@@ -292,7 +292,7 @@ impl Claim {
 
     /// Releases the name and claims it again after the files were removed.
     ///
-    /// Of the shared state, only the number of the next tick of each topic is kept. The caller must
+    /// Only the number of the next tick of each topic is kept of the shared state. The caller must
     /// ensure that no process has a bus resource open.
     ///
     /// # Errors

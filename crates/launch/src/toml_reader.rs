@@ -1,7 +1,7 @@
 //! Reading of TOML tables key by key. Valid values replace defaults, invalid ones become problems.
 //!
-//! The same code also describes the keys. In this mode it visits every section and records the keys
-//! instead of reading values.
+//! To describe the keys, the same code visits every section and records the keys instead of reading
+//! values.
 
 use crate::{
     description::{Key, KeyDescription, SectionDescription},

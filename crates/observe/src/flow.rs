@@ -137,7 +137,7 @@ impl FlowMonitor {
 
     /// Sets the delivery counts of a remote observer.
     ///
-    /// From then on, the number of missed messages is `delivery.lost`. Gaps between ticks no longer
+    /// Afterwards, the number of missed messages is `delivery.lost`. Gaps between ticks no longer
     /// count as missed, because the configured topic rate may omit ticks.
     pub fn set_delivery(&mut self, delivery: Delivery) {
         self.delivery = Some(delivery);

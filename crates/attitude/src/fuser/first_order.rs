@@ -1,6 +1,4 @@
-//! Shared part of the first-order stages `wz-closed` and `wz-open`.
-//!
-//! It consists of their settings, uncertainties, magnetic heading and hand-over.
+//! Settings, uncertainties, magnetic heading and hand-over that `wz-closed` and `wz-open` share.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
