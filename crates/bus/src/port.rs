@@ -1,8 +1,8 @@
 //! Untyped ports of a topic, which send and receive bytes.
 //!
-//! Every payload passes through iceoryx2 as a byte slice of fixed length. Therefore iceoryx2's
-//! generic code is compiled once, in this crate, instead of for every payload type in every
-//! service. The topic's attributes describe the layout of the bytes.
+//! Every payload passes through iceoryx2 as a slice of [`Word`]s of fixed length. Therefore
+//! iceoryx2's generic code is compiled once, in this crate, instead of for every payload type in
+//! every service. The topic's attributes describe the layout of the bytes.
 
 use std::fmt;
 
@@ -14,8 +14,8 @@ use iceoryx2::{
         update_connections::UpdateConnections,
     },
     prelude::{
-        Alignment, AttributeVerifier, CallbackProgression, Config, MessagingPattern, PortFactory as _, Service as _,
-        ServiceName, ipc,
+        AttributeVerifier, CallbackProgression, Config, MessagingPattern, PortFactory as _, Service as _, ServiceName,
+        ipc,
     },
     service::{
         attribute::AttributeSet,
@@ -44,27 +44,28 @@ const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
 /// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
 /// of the topic. iceoryx2 stores eight attributes of 256 bytes.
 const LAYOUT_CHUNK_BYTES: usize = 250;
-/// Alignment of payloads, bytes. A 64-bit processor reads aligned numbers in one access.
-const ALIGNMENT: usize = 8;
+/// Element of a payload. A 64-bit processor reads aligned numbers in one access. Slices of aligned
+/// bytes would occupy eight times the memory, because iceoryx2 then aligns every byte.
+type Word = u64;
 
 /// Topic on the bus of a system.
 #[derive(Debug)]
 pub(crate) struct BusTopic {
     name: &'static str,
-    bytes: usize,
-    factory: PortFactory<ipc::Service, [u8], ()>,
+    words: usize,
+    factory: PortFactory<ipc::Service, [Word], ()>,
 }
 
 impl BusTopic {
     /// Opens or creates the topic of `M`. It buffers `buffer` messages per subscriber and keeps the
     /// same number as history.
     pub(crate) fn open_or_create<M: Message>(node: &Node<ipc::Service>, buffer: usize) -> Result<Self, BusError> {
-        Self::open_or_create_bytes(node, M::TOPIC, size_of::<M>(), &M::layout().to_string(), buffer)
+        Self::open_or_create_words(node, M::TOPIC, words::<M>(), &M::layout().to_string(), buffer)
     }
 
     /// Opens the existing topic of `M`.
     pub(crate) fn open<M: Message>(node: &Node<ipc::Service>) -> Result<Self, BusError> {
-        Self::open_existing(node, M::TOPIC.name, size_of::<M>(), &M::layout().to_string())
+        Self::open_existing(node, M::TOPIC.name, words::<M>(), &M::layout().to_string())
     }
 
     /// Creates a publishing port.
@@ -73,7 +74,7 @@ impl BusTopic {
             .factory
             .publisher_builder()
             .max_loaned_samples(1)
-            .initial_max_slice_len(self.bytes)
+            .initial_max_slice_len(self.words)
             .create()
             .map_err(|cause| failed(self.name, &cause))?;
         Ok(Box::new(IoxOutPort { topic: self.name, port }))
@@ -107,10 +108,10 @@ impl BusTopic {
         [publishers, subscribers]
     }
 
-    fn open_or_create_bytes(
+    fn open_or_create_words(
         node: &Node<ipc::Service>,
         topic: &'static Entry,
-        bytes: usize,
+        words: usize,
         layout: &str,
         buffer: usize,
     ) -> Result<Self, BusError> {
@@ -130,13 +131,13 @@ impl BusTopic {
             .max_nodes(MAX_NODES)
             .open_or_create_with_attributes(&required_layout(topic, layout)?)
             .map_err(|cause| open_error(node.config(), topic, &name, layout, buffer, &cause))?;
-        Ok(Self { name: topic, bytes, factory })
+        Ok(Self { name: topic, words, factory })
     }
 
     fn open_existing(
         node: &Node<ipc::Service>,
         topic: &'static str,
-        bytes: usize,
+        words: usize,
         layout: &str,
     ) -> Result<Self, BusError> {
         let (name, builder) = builder(node, topic)?;
@@ -145,7 +146,7 @@ impl BusTopic {
             PublishSubscribeOpenError::DoesNotExist => BusError::TopicNotOpen { topic },
             cause => open_error(node.config(), topic, &name, layout, 0, &cause),
         })?;
-        Ok(Self { name: topic, bytes, factory })
+        Ok(Self { name: topic, words, factory })
     }
 }
 
@@ -153,7 +154,7 @@ impl BusTopic {
 /// crate.
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
-    fn send(&self, message: &[u8]) -> Result<(), BusError>;
+    fn send(&self, message: &[Word]) -> Result<(), BusError>;
     /// Delivers the buffered history to the subscribers that have joined since the last message was
     /// sent or this function was last called.
     fn deliver_history(&self) -> Result<(), BusError>;
@@ -171,11 +172,11 @@ pub(crate) trait InPort: fmt::Debug {
 #[derive(Debug)]
 struct IoxOutPort {
     topic: &'static str,
-    port: IoxPublisher<ipc::Service, [u8], ()>,
+    port: IoxPublisher<ipc::Service, [Word], ()>,
 }
 
 impl OutPort for IoxOutPort {
-    fn send(&self, message: &[u8]) -> Result<(), BusError> {
+    fn send(&self, message: &[Word]) -> Result<(), BusError> {
         let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: self.topic, cause: describe_cause(cause) };
         let sample = self.port.loan_slice_uninit(message.len()).map_err(|cause| failed(&cause))?;
         sample.write_from_slice(message).send().map_err(|cause| failed(&cause))?;
@@ -191,13 +192,13 @@ impl OutPort for IoxOutPort {
 #[derive(Debug)]
 struct IoxInPort {
     topic: &'static str,
-    port: IoxSubscriber<ipc::Service, [u8], ()>,
+    port: IoxSubscriber<ipc::Service, [Word], ()>,
 }
 
 impl InPort for IoxInPort {
     fn receive(&self, handle: &mut dyn FnMut(&[u8])) -> Result<bool, BusError> {
         match self.port.receive() {
-            Ok(Some(sample)) => handle(sample.payload()),
+            Ok(Some(sample)) => handle(bytemuck::cast_slice(sample.payload())),
             Ok(None) => return Ok(false),
             Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: describe_cause(&cause) }),
         }
@@ -209,12 +210,17 @@ impl InPort for IoxInPort {
     }
 }
 
-type TopicBuilder = Builder<[u8], (), ipc::Service>;
+/// Returns the number of words of a payload.
+const fn words<M: Message>() -> usize {
+    const { assert!(size_of::<M>().is_multiple_of(size_of::<Word>()) && align_of::<M>() >= align_of::<Word>()) };
+    size_of::<M>() / size_of::<Word>()
+}
+
+type TopicBuilder = Builder<[Word], (), ipc::Service>;
 
 fn builder(node: &Node<ipc::Service>, topic: &'static str) -> Result<(ServiceName, TopicBuilder), BusError> {
     let name = ServiceName::new(topic).map_err(|cause| failed(topic, &cause))?;
-    let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| failed(topic, &"the alignment is not a power of two"))?;
-    let builder = node.service_builder(&name).publish_subscribe::<[u8]>().payload_alignment(alignment);
+    let builder = node.service_builder(&name).publish_subscribe::<[Word]>();
     Ok((name, builder))
 }
 

@@ -26,6 +26,9 @@ pub(crate) struct WakeWord {
     pub(crate) waiting: AtomicU32,
     /// Tick after the highest one announced for publication on the topic.
     pub(crate) next_tick: AtomicU64,
+    /// Number of messages published on the topic, from which a subscriber knows whether it has unread
+    /// messages. Asking iceoryx2 costs several hundred instructions.
+    pub(crate) published: AtomicU64,
     /// Number of messages sent on a topic with flow control, which has a single subscriber.
     pub(crate) sent: AtomicU64,
     /// Number of messages consumed by the single subscriber of a topic with flow control.

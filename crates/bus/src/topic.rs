@@ -24,6 +24,12 @@ use crate::{
     wake::TopicWaker,
 };
 
+/// Interval of calls of [`Subscriber::drain`] that read messages until there are none, whether or not
+/// they were counted.
+const FULL_DRAIN_INTERVAL: u32 = 16;
+/// Number of the first calls that do the same, because history is delivered at the start.
+const FULL_DRAINS_AT_START: u32 = 64;
+
 /// Membership of a process in the bus of a system.
 #[derive(Debug)]
 pub struct Bus {
@@ -91,7 +97,8 @@ impl Bus {
     fn subscribe<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
         let port = BusTopic::open_or_create::<M>(&self.node, buffer)?.subscriber(buffer, history)?;
         let waker = self.waker(M::TOPIC);
-        Ok(Subscriber { port, observed: Cell::new(waker.current()), waker, payload_type: PhantomData })
+        let (observed, read) = (Cell::new(waker.current()), Cell::new(waker.published()));
+        Ok(Subscriber { port, waker, observed, read, drains: Cell::new(0), payload_type: PhantomData })
     }
 
     fn waker(&self, topic: &Entry) -> TopicWaker {
@@ -131,7 +138,9 @@ impl<M: Message> Publisher<M> {
     /// Writes a message to the buffer of every subscriber. It does not block and wakes no
     /// subscriber.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
-        self.port.send(bytemuck::bytes_of(message))
+        self.port.send(bytemuck::cast_slice(std::slice::from_ref(message)))?;
+        self.waker.add_published();
+        Ok(())
     }
 
     /// Announces that `tick` is about to be published, which makes the tick after it the topic's
@@ -179,6 +188,10 @@ pub struct Subscriber<M: Message> {
     port: Box<dyn InPort>,
     waker: TopicWaker,
     observed: Cell<u32>,
+    /// Number of published messages that have been read.
+    read: Cell<u64>,
+    /// Number of times that all messages have been read.
+    drains: Cell<u32>,
     payload_type: PhantomData<M>,
 }
 
@@ -207,16 +220,31 @@ impl<M: Message> Subscriber<M> {
 
     /// Passes up to `limit` unread messages to `handle`, oldest first.
     ///
-    /// `handle` must not receive from this subscriber.
+    /// A message that was not counted when it was published is passed after at most
+    /// [`FULL_DRAIN_INTERVAL`] calls. This concerns the history of a topic and the last message of a
+    /// publisher that was killed. `handle` must not receive from this subscriber.
     pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
         self.observed.set(self.waker.current());
-        for _ in 0..limit {
+        let published = self.waker.published();
+        let drains = self.drains.get();
+        let is_full = drains < FULL_DRAINS_AT_START || drains % FULL_DRAIN_INTERVAL == 0;
+        let unread = if is_full { u64::MAX } else { published.wrapping_sub(self.read.get()) };
+        let limit = limit as u64;
+        let mut is_empty = unread <= limit;
+        for _ in 0..unread.min(limit) {
             if !self.receive_with(&mut handle)? {
-                return Ok(());
+                is_empty = true;
+                break;
             }
         }
-        // Messages may remain, so the next wait must return immediately.
-        self.observed.set(self.observed.get().wrapping_sub(1));
+        if is_empty {
+            self.read.set(published);
+            self.drains.set(drains.wrapping_add(1));
+        } else {
+            // Messages may remain, so the next wait must return immediately.
+            self.read.set(self.read.get().wrapping_add(limit));
+            self.observed.set(self.observed.get().wrapping_sub(1));
+        }
         Ok(())
     }
 

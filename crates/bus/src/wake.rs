@@ -49,6 +49,17 @@ impl TopicWaker {
         self.word().wake();
     }
 
+    /// Counts a message that has been published.
+    pub(crate) fn add_published(&self) {
+        self.word().published.fetch_add(1, SeqCst);
+    }
+
+    /// Returns the number of messages published on the topic. It does not include delivered history,
+    /// nor the last message of a publisher that was killed before it counted the message.
+    pub(crate) fn published(&self) -> u64 {
+        self.word().published.load(SeqCst)
+    }
+
     /// Announces that `tick` is about to be published. If a slot restarts at an earlier tick, the
     /// highest tick is kept.
     pub(crate) fn set_next_tick_after(&self, tick: u64) {

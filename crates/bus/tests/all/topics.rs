@@ -123,6 +123,39 @@ fn late_subscriber_starts_with_next_message() {
 }
 
 #[test]
+fn drain_finds_history_delivered_later() {
+    let Pair { here, there, .. } = &pair();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    send(&publisher, 0..10);
+    let late = there.late_subscriber::<ImuSample>(BUFFER).unwrap();
+    let mut seen = Vec::new();
+    let mut drain = |calls: usize| {
+        (0..calls).for_each(|_| late.drain(BUFFER, |sample| seen.push(sample.header.tick)).unwrap());
+        seen.len()
+    };
+    assert_eq!(drain(100), 0, "the publisher has not delivered the history yet");
+    publisher.deliver_history().unwrap();
+    assert_eq!(drain(16), 10);
+    send(&publisher, 10..13);
+    assert_eq!(drain(1), 13, "messages that were counted are received immediately");
+    assert_eq!(seen, Vec::from_iter(0..13));
+}
+
+#[test]
+fn topic_needs_little_more_memory_than_its_messages() {
+    /// At least the number of subscriptions for which a topic has buffers.
+    const SUBSCRIBERS: usize = 45;
+    const OVERHEAD_BYTES: usize = 128;
+    let Pair { here, system_name, .. } = &pair();
+    let _publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    let data: Vec<_> = system_files(system_name).into_iter().filter(|name| name.ends_with(".data")).collect();
+    let [name] = &data[..] else { panic!("one segment expected: {data:?}") };
+    let bytes = fs::metadata(format!("/dev/shm/{name}")).unwrap().len() as usize;
+    let messages = SUBSCRIBERS * (BUFFER + 1) + BUFFER + 1;
+    assert!(bytes < messages * (size_of::<ImuSample>() + OVERHEAD_BYTES), "{bytes} bytes");
+}
+
+#[test]
 fn messages_of_many_exited_publishers_are_received() {
     const PUBLISHERS: u64 = 20;
     let Pair { here, there, .. } = &pair();
