@@ -103,10 +103,12 @@ impl SharedState {
     }
 
     /// Returns the wake word of the topic with this index.
+    #[inline]
     pub(crate) fn word(&self, index: usize) -> &WakeWord {
         &self.layout().words[index]
     }
 
+    #[inline]
     fn layout(&self) -> &Layout {
         #[allow(unsafe_code)]
         // SAFETY: the state was mapped in `map` with this layout and is unmapped only in `drop`.
@@ -134,6 +136,7 @@ unsafe impl Sync for SharedState {}
 
 impl WakeWord {
     /// Wakes all waiting subscribers.
+    #[inline]
     pub(crate) fn wake(&self) {
         self.wake_count.fetch_add(1, SeqCst);
         if self.waiting.load(SeqCst) != 0 && self.waiting.swap(0, SeqCst) != 0 {

@@ -45,23 +45,27 @@ impl TopicWaker {
     }
 
     /// Wakes every waiting subscriber.
+    #[inline]
     pub(crate) fn wake(&self) {
         self.word().wake();
     }
 
     /// Counts a message that has been published.
+    #[inline]
     pub(crate) fn add_published(&self) {
         self.word().published.fetch_add(1, SeqCst);
     }
 
     /// Returns the number of messages published on the topic. It does not include delivered history,
     /// nor the last message of a publisher that was killed before it counted the message.
+    #[inline]
     pub(crate) fn published(&self) -> u64 {
         self.word().published.load(SeqCst)
     }
 
     /// Announces that `tick` is about to be published. If a slot restarts at an earlier tick, the
     /// highest tick is kept.
+    #[inline]
     pub(crate) fn set_next_tick_after(&self, tick: u64) {
         self.word().next_tick.fetch_max(tick.saturating_add(1), SeqCst);
     }
@@ -92,6 +96,7 @@ impl TopicWaker {
     }
 
     /// Returns the value of the word. Read it before draining the messages.
+    #[inline]
     pub(crate) fn current(&self) -> u32 {
         self.word().wake_count.load(SeqCst)
     }
@@ -110,6 +115,7 @@ impl TopicWaker {
         }
     }
 
+    #[inline]
     fn word(&self) -> &WakeWord {
         self.state.word(self.index)
     }
