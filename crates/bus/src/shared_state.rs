@@ -26,8 +26,8 @@ pub(crate) struct WakeWord {
     pub(crate) waiting: AtomicU32,
     /// Tick after the highest one announced for publication on the topic.
     pub(crate) next_tick: AtomicU64,
-    /// Number of messages published on the topic, from which a subscriber knows whether it has unread
-    /// messages. Asking iceoryx2 costs several hundred instructions.
+    /// Number of messages published on the topic. A subscriber compares it with the number that it
+    /// has read, because asking iceoryx2 for a message costs several hundred instructions.
     pub(crate) published: AtomicU64,
     /// Number of messages sent on a topic with flow control, which has a single subscriber.
     pub(crate) sent: AtomicU64,

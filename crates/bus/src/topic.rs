@@ -24,8 +24,8 @@ use crate::{
     wake::TopicWaker,
 };
 
-/// Interval of calls of [`Subscriber::drain`] that read messages until there are none, whether or not
-/// they were counted.
+/// Every call of [`Subscriber::drain`] with a multiple of this number also reads messages that were
+/// not counted.
 const FULL_DRAIN_INTERVAL: u32 = 16;
 /// Number of the first calls that do the same, because history is delivered at the start.
 const FULL_DRAINS_AT_START: u32 = 64;
@@ -221,8 +221,8 @@ impl<M: Message> Subscriber<M> {
     /// Passes up to `limit` unread messages to `handle`, oldest first.
     ///
     /// A message that was not counted when it was published is passed after at most
-    /// [`FULL_DRAIN_INTERVAL`] calls. This concerns the history of a topic and the last message of a
-    /// publisher that was killed. `handle` must not receive from this subscriber.
+    /// [`FULL_DRAIN_INTERVAL`] calls. This concerns the history of a topic and the last message of
+    /// a publisher that was killed. `handle` must not receive from this subscriber.
     pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
         self.observed.set(self.waker.current());
         let published = self.waker.published();

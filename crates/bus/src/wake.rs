@@ -56,8 +56,8 @@ impl TopicWaker {
         self.word().published.fetch_add(1, SeqCst);
     }
 
-    /// Returns the number of messages published on the topic. It does not include delivered history,
-    /// nor the last message of a publisher that was killed before it counted the message.
+    /// Returns the number of messages published on the topic. It does not include delivered
+    /// history, nor the last message of a publisher that was killed before it counted the message.
     #[inline]
     pub(crate) fn published(&self) -> u64 {
         self.word().published.load(SeqCst)
