@@ -26,6 +26,7 @@
 use attitude::{
     Matrix3, Quaternion,
     calibration::{Calibration, CalibrationError, Mounting},
+    magnetometer::RepeatFilter,
 };
 use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
@@ -145,7 +146,7 @@ impl Conditioner {
                 stuck_ns,
                 ..VectorChannel::default()
             },
-            field: FieldChannel { limit_ut: limits.field_max_ut, previous_ut: None },
+            field: FieldChannel { limit_ut: limits.field_max_ut, repeat_filter: RepeatFilter::default() },
             pending_fix: None,
             transform: BodyTransform {
                 mounting: Mounting::from_matrix(matrix(ingest.mounting))?,
