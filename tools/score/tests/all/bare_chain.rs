@@ -5,7 +5,10 @@
 //!
 //! Input: `samples/broad.csv.gz`, and recordings in `$PLUMBLINE_DATA` or `../shared/data`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 
 use attitude::{
     Quaternion, Vector3,
@@ -16,7 +19,7 @@ use attitude::{
     metrics::{Accuracy, AttitudeError},
     stage::Stage,
 };
-use recording::Reader;
+use recording::{Reader, Row};
 use score::{Request, stages::StageSelection, table::Scores};
 
 /// Stages to compare: the default, its main part, and a published filter.
@@ -98,6 +101,30 @@ fn sample() -> PathBuf {
 #[test]
 fn sample_recording_has_the_errors_of_bare_stages() {
     assert_equal_errors(&[sample()]);
+}
+
+/// A clock with a resolution of 20 ms stamps two or three samples alike. If they took the time of
+/// two or three stamps, the rotations would be too large, and the error would exceed 20°.
+#[test]
+fn coarse_stamps_do_not_stretch_time() {
+    let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
+    for row in Reader::open(&sample()).unwrap() {
+        let Row { t_ns, rate_rad_s, force_m_s2, reference, .. } = row.unwrap();
+        let t_s = (t_ns / 20_000_000) as f64 * 0.02;
+        let (quaternion, scored) =
+            reference.map_or(([f64::NAN; 4], false), |reference| (reference.quaternion, reference.scored));
+        let numbers = [&rate_rad_s[..], &force_m_s2, &quaternion].concat();
+        let numbers = numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        writeln!(text, "{t_s:.2},{numbers},{}", u8::from(scored)).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let coarse = folder.path().join("coarse.csv");
+    std::fs::write(&coarse, text).unwrap();
+    let scores = program_errors(&["multiple-model"], &[sample(), coarse]);
+    let [exact_deg, coarse_deg] =
+        [0, 1].map(|trial| scores.stages[0].trials[trial].error.attitude.inclination.unwrap());
+    println!("inclination with exact stamps {exact_deg:.3}°, with coarse ones {coarse_deg:.3}°");
+    assert!(coarse_deg < exact_deg + 4.0);
 }
 
 #[test]
