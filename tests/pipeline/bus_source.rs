@@ -158,6 +158,7 @@ fn assert_s1_inclination(fuser: &str, limit_deg: f64) {
     assert!(0.0 < latency("p50") && latency("p50") <= latency("p99"));
     assert!(latency("p99") <= latency("p999") && latency("p999") <= latency("max"));
     assert!(run.json["error_deg"].is_null(), "the bus has no reference");
+    assert!(run.stderr.contains("accuracy not measured: the source has no reference attitude"), "{}", run.stderr);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The data path on real processes: recordings, bad input, determinism, conventions, scores.
 
+mod accuracy;
 mod bad_input;
 mod bus_source;
 mod conventions;

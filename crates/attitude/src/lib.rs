@@ -33,6 +33,7 @@
 //! | [`parameters`] | adjustable parameters of a stage |
 //! | [`calibration`] | sensor calibration and mounting |
 //! | [`gnss`] | satellite fixes |
+//! | [`magnetometer`] | new samples of a magnetometer that repeats them |
 //! | [`frames`] | conversion to and from other frames, such as those of ROS and PX4 |
 //! | [`metrics`] | errors of an estimate against a reference |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | stages of each slot |
@@ -48,6 +49,7 @@ pub mod fuser;
 pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
+pub mod magnetometer;
 pub mod metrics;
 pub mod parameters;
 pub mod point;

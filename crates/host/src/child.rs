@@ -25,6 +25,12 @@ pub const START_TIMEOUT: Duration = Duration::from_secs(10);
 /// Timeout for the exit status of a program that has closed its end of the connection.
 const EXIT_STATUS_TIMEOUT: Duration = Duration::from_millis(100);
 
+/// Remedy for a program that does not respond during its start.
+const START_REMEDY: &str = "check that it responds to its first request";
+/// Remedy for a program that has responded before. The timeout of its responses is a share of
+/// `silence_s`.
+const RUN_REMEDY: &str = "if it is slow, raise silence_s in [restart] of the launch file";
+
 /// Failure of an external stage.
 #[derive(Debug, thiserror::Error)]
 pub enum HostError {
@@ -47,7 +53,7 @@ pub enum HostError {
         request: &'static str,
     },
     /// The program did not respond in time.
-    #[error("{program} has not responded to the request to {request} for {waited_ms} ms")]
+    #[error("{program} has not responded to the request to {request} for {waited_ms} ms; {remedy}")]
     Timeout {
         /// Command line of the program.
         program: ForeignText,
@@ -55,6 +61,8 @@ pub enum HostError {
         request: &'static str,
         /// Time waited, ms.
         waited_ms: u128,
+        /// Suggested action.
+        remedy: &'static str,
     },
     /// The response is invalid.
     #[error("{program} sent an invalid response to the request to {request}: {cause}")]
@@ -82,6 +90,8 @@ pub(crate) struct Child {
     frame: Vec<u8>,
     response: Vec<u8>,
     timeout: Duration,
+    /// Suggested action if the program does not respond.
+    timeout_remedy: &'static str,
 }
 
 impl Child {
@@ -101,8 +111,16 @@ impl Child {
         let process = command.process_group(0).spawn().map_err(failed)?;
         drop(command);
         let response = vec![0; MAX_FRAME_BYTES];
-        let mut child =
-            Self { program, process, socket, number: 0, frame: Vec::new(), response, timeout: Duration::ZERO };
+        let mut child = Self {
+            program,
+            process,
+            socket,
+            number: 0,
+            frame: Vec::new(),
+            response,
+            timeout: Duration::ZERO,
+            timeout_remedy: START_REMEDY,
+        };
         child.set_timeout(START_TIMEOUT)?;
         Ok(child)
     }
@@ -112,8 +130,13 @@ impl Child {
         self.process.id()
     }
 
-    /// Sets the timeout for each response.
-    pub(crate) fn set_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
+    /// Sets the timeout for each response after the start.
+    pub(crate) fn set_response_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
+        self.timeout_remedy = RUN_REMEDY;
+        self.set_timeout(timeout)
+    }
+
+    fn set_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
         self.timeout = timeout;
         set_socket_timeout(&self.socket, Timeout::Recv, Some(timeout))
             .map_err(|errno| HostError::Start { program: self.program.clone(), cause: errno.into() })
@@ -172,6 +195,7 @@ impl Child {
                         program: self.program.clone(),
                         request: request_name(kind),
                         waited_ms,
+                        remedy: self.timeout_remedy,
                     });
                 }
                 Ok(_) | Err(_) => return Err(self.ended(kind)),

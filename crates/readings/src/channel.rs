@@ -7,7 +7,10 @@
 //! Time: the duration of constant or invalid values is the sum of the intervals that the caller
 //! passes.
 
-use attitude::gnss::{Fix, MAX_SPEED_M_S};
+use attitude::{
+    gnss::{Fix, MAX_SPEED_M_S},
+    magnetometer::RepeatFilter,
+};
 use messages::Flags;
 
 use crate::source::ReceiverFix;
@@ -39,7 +42,7 @@ pub(crate) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FieldChannel {
     pub(crate) limit_ut: f64,
-    pub(crate) previous_ut: Option<[f64; 3]>,
+    pub(crate) repeat_filter: RepeatFilter,
 }
 
 impl FieldChannel {
@@ -49,12 +52,8 @@ impl FieldChannel {
         if !field_ut.iter().all(|x| x.abs() < self.limit_ut) {
             return (None, Flags::FIELD_INVALID);
         }
-        // A magnetometer is slower than a gyro, and a recording repeats its value until the next
-        // sample. An unchanged value is therefore not a new sample.
-        if self.previous_ut.replace(field_ut) == Some(field_ut) {
-            return (None, Flags::NONE);
-        }
-        (Some(field_ut), Flags::FIELD)
+        let sample_ut = self.repeat_filter.new_sample(Some(field_ut.into()));
+        (sample_ut.map(Into::into), Flags::FIELD.when(sample_ut.is_some()))
     }
 }
 

@@ -19,6 +19,7 @@
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
 //! | the stamp and values of the previous reading | rejected |
 //! | the stamp of the previous reading with other values | a sample one typical interval later, flagged |
+//! | a later stamp after such samples, but before the end of the newest sample | half a typical interval, flagged, until time agrees with the stamps |
 //! | a stamp before the previous one | rejected; if the next stamp is later than the rejected one, the clock was set back: time continues, flagged |
 //! | a stamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
 //! | a stamp more than 10 s after the previous one | the clock leapt: time continues, flagged |
@@ -26,6 +27,7 @@
 use attitude::{
     Matrix3, Quaternion,
     calibration::{Calibration, CalibrationError, Mounting},
+    magnetometer::RepeatFilter,
 };
 use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
@@ -145,7 +147,7 @@ impl Conditioner {
                 stuck_ns,
                 ..VectorChannel::default()
             },
-            field: FieldChannel { limit_ut: limits.field_max_ut, previous_ut: None },
+            field: FieldChannel { limit_ut: limits.field_max_ut, repeat_filter: RepeatFilter::default() },
             pending_fix: None,
             transform: BodyTransform {
                 mounting: Mounting::from_matrix(matrix(ingest.mounting))?,
@@ -251,8 +253,15 @@ impl Conditioner {
             return None;
         }
         let dt_ns = reading.t_ns.saturating_add(self.offset_ns).saturating_sub(last.t_end_ns);
+        let mut catches_up = false;
         let (dt_ns, flags) = match dt_ns {
             1..=MAX_GAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
+            // Readings with the previous stamp have brought the sample time forward too far.
+            ..=0 if reading.t_ns > last.reading.t_ns && dt_ns >= -self.gap_ns => {
+                self.typical_interval_ns = (self.typical_interval_ns + (dt_ns - self.typical_interval_ns) / 16).max(2);
+                catches_up = true;
+                (self.typical_interval_ns / 2, Flags::CLOCK_LEAP)
+            }
             _ if dt_ns < 0 && !is_same_stamp => (self.interval_after_set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
             _ => (self.typical_interval_ns, Flags::CLOCK_LEAP),
         };
@@ -261,7 +270,7 @@ impl Conditioner {
             self.typical_interval_ns += (dt_ns - self.typical_interval_ns) / 16;
         }
         let t_end_ns = last.t_end_ns.checked_add(dt_ns)?;
-        if flags.any(Flags::CLOCK_LEAP) && !is_same_stamp {
+        if flags.any(Flags::CLOCK_LEAP) && !is_same_stamp && !catches_up {
             self.offset_ns = t_end_ns.saturating_sub(reading.t_ns);
         }
         Some((last.t_end_ns, t_end_ns, flags))

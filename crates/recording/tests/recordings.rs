@@ -118,6 +118,15 @@ fn survey_rate_is_inverse_of_median_interval() {
 }
 
 #[test]
+fn survey_rate_counts_samples_of_coarse_stamps() {
+    let stamps = ["1.00", "1.00", "1.01", "1.01", "1.01", "1.02", "1.02", "1.03", "1.03"];
+    let rows: String = stamps.iter().enumerate().map(|(row, t_s)| format!("{t_s},0,0,0,0,0,{row}\n")).collect();
+    let (_folder, path) = file("flight.csv", format!("{HEADER}{rows}").as_bytes());
+    let rate_hz = survey(&path).unwrap().rate_hz;
+    assert!((rate_hz - 800.0 / 3.0).abs() < 1e-9, "{rate_hz}");
+}
+
+#[test]
 fn reader_ends_after_first_error() {
     let (_folder, path) =
         file("flight.csv", format!("{HEADER}0,0,0,0,0,0,0\nx,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").as_bytes());

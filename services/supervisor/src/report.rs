@@ -208,7 +208,7 @@ impl fmt::Display for Report {
             Some(ErrorDeg { inclination_rmse, inclination_max }) => {
                 writeln!(f, "error    inclination {inclination_rmse:.3}° RMSE, {inclination_max:.3}° max")?;
             }
-            None => writeln!(f, "error    unknown: the source has no reference attitude")?,
+            None => writeln!(f, "accuracy not measured: the source has no reference attitude")?,
         }
         if self.flags != Flags::NONE {
             writeln!(f, "flags    {}", self.flags)?;

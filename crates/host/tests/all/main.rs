@@ -78,7 +78,7 @@ fn external_stage_implements_the_stage_contract() {
 fn invalid_response_fails_permanently_with_reason() {
     for (fault, message) in [
         ("dies", "ended with exit status: 7 on the request to step"),
-        ("hangs", "has not responded to the request to step for"),
+        ("hangs", "if it is slow, raise silence_s in [restart]"),
         ("shortens", "the payload has 56 bytes, expected 64"),
         ("lengthens", "the payload has 5760 bytes, expected 64"),
         ("repeats", "the response is to request 4 (Step), expected 5"),

@@ -211,6 +211,22 @@ fn coarse_sensor_clock_does_not_shift_time() {
 }
 
 #[test]
+fn coarse_clock_with_wrong_rate_does_not_shift_time() {
+    let mut readings = readings(1000);
+    readings.iter_mut().for_each(|it| it.t_ns = it.t_ns / (5 * INTERVAL_NS) * (5 * INTERVAL_NS));
+    let mut conditioner = Conditioner::new(&Launch::default().ingest, 0.4 * RATE_HZ, GyroSamples::Means).unwrap();
+    let samples: Vec<_> = readings.iter().map(|reading| conditioner.condition(reading).unwrap().imu).collect();
+    let error_ns = |count: usize| samples[count].header.t_end_ns - reading(count as i64).t_ns;
+    assert!(error_ns(999).abs() < INTERVAL_NS, "{} ns", error_ns(999));
+    let intervals_ns = samples[500..].iter().map(|sample| sample.header.t_end_ns - sample.header.t_start_ns);
+    assert!(
+        intervals_ns.clone().all(|dt_ns| (dt_ns - INTERVAL_NS).abs() < INTERVAL_NS / 4),
+        "{:?}",
+        intervals_ns.max()
+    );
+}
+
+#[test]
 fn earlier_stamp_is_rejected_and_keeps_time() {
     let mut readings = readings(10);
     readings[5].t_ns -= 3 * INTERVAL_NS;

@@ -7,6 +7,7 @@ use attitude::{
     course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
+    magnetometer::RepeatFilter,
     stage::Stage,
 };
 use recording::Row;
@@ -25,6 +26,7 @@ struct Chain {
     gyro: Gyro,
     accel: Accelerometer,
     fuser: Fuser,
+    repeat_filter: RepeatFilter,
     last_t_ns: Option<i64>,
 }
 
@@ -34,6 +36,7 @@ impl Chain {
             gyro: Gyro::from_name("mobius").unwrap(),
             accel: Accelerometer::default(),
             fuser: Fuser::from_name(stage).unwrap(),
+            repeat_filter: RepeatFilter::default(),
             last_t_ns: None,
         }
     }
@@ -44,7 +47,7 @@ impl Chain {
         self.fuser.step(&FuserInput {
             motion: Some(self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Mean })),
             inclination: Some(self.accel.step(&Vector3::from(row.force_m_s2))),
-            field_ut: row.field_ut.map(Vector3::from),
+            field_ut: self.repeat_filter.new_sample(row.field_ut.map(Vector3::from)),
             rest_credible: true,
             rate_credible: true,
             fix: None,
