@@ -214,6 +214,13 @@ impl Heading {
         self.hypothesis_test.reset_drift(drift_sd_rad_s);
     }
 
+    /// Handles a bias that a rest has shown to be far from its estimate, which invalidates the gyro
+    /// heading and its drift.
+    pub(super) fn invalidate_at_rest(&mut self) {
+        self.realign();
+        self.hypothesis_test.on_first_rest();
+    }
+
     /// Invalidates the heading and lets the level settle again.
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
