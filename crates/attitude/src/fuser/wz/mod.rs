@@ -134,6 +134,17 @@ impl Wz {
         libm::hypot(self.gyro_errors.tilt_sd_rad(), suspected_rad).min(PI)
     }
 
+    /// Returns the standard deviation of the heading, rad, before the allowances of `reported_sd`.
+    ///
+    /// The magnetic field shows the effect of a suspected bias about as late as the force does.
+    fn heading_sd_rad(&self) -> f64 {
+        let suspected_rad_s = self.wide_bias.suspected_rad_s();
+        if suspected_rad_s == 0.0 {
+            return self.heading.credible_sd_rad();
+        }
+        libm::hypot(self.heading.credible_sd_rad(), suspected_rad_s * self.level.t2_s()).min(PI)
+    }
+
     /// Re-initialises the uncertainty of the level after a gyro outage. Bias and scale are kept.
     #[inline]
     fn reinit_after_outage(&mut self, gyro_outage_s: f64) {
@@ -270,7 +281,7 @@ impl Wz {
                 rate_rad_s.norm_squared(),
                 &self.settings,
             ),
-            heading_sd_rad: reported_sd::heading_sd_rad(self.heading.sd_rad()),
+            heading_sd_rad: reported_sd::heading_sd_rad(self.heading_sd_rad()),
             reference: self.heading.reference(),
             corrections,
         }
