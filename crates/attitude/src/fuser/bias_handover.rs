@@ -9,7 +9,7 @@ use super::{
     gyro_scale::GyroScale,
     hard_iron::HardIron,
     input::FuserInput,
-    rest::{BIAS_SD_AT_REST_RAD_S, MAX_SPEED_AT_REST_M_S, RestDetector},
+    rest::{BIAS_SD_AT_REST_RAD_S, MAX_SPEED_AT_REST_M_S, RestDetector, RestInput},
 };
 use crate::{
     Vector3,
@@ -65,11 +65,15 @@ impl HandedOverBias {
             self.rest.interrupt();
             return;
         };
-        self.rest.observe(motion.rate_rad_s, motion.dt_s);
+        self.rest.observe(motion.rate_rad_s, input.field_ut, motion.dt_s);
         if self.since_update_s < UPDATE_INTERVAL_S {
             return;
         }
-        self.rest.update(inclination.force_m_s2, core::mem::take(&mut self.since_update_s));
+        self.rest.update(&RestInput {
+            force_m_s2: inclination.force_m_s2,
+            known_bias_rad_s: self.known.then_some(self.bias_rad_s),
+            interval_s: core::mem::take(&mut self.since_update_s),
+        });
         if let Some(bias_rad_s) = self.rest.bias_rad_s() {
             (self.bias_rad_s, self.sd_rad_s, self.age_s, self.known) = (bias_rad_s, BIAS_SD_AT_REST_RAD_S, 0.0, true);
         }

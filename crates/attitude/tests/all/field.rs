@@ -224,6 +224,55 @@ fn heading_recovers_within_20_s_of_a_field_fault() {
     }
 }
 
+/// Returns the largest heading error from `from_s` onwards, degrees, and the longest time for which
+/// the error exceeds three reported standard deviations, s.
+fn honest_errors(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> (f64, f64, Fused) {
+    let (mut max_error_deg, mut excess_s, mut longest_s, mut last) = (0f64, 0f64, 0f64, None);
+    world.run(&mut Wz::default(), until_s, change, |t_s, out, error, _| {
+        if t_s >= from_s {
+            max_error_deg = max_error_deg.max(error.to_degrees().abs());
+        }
+        excess_s = if error.abs() > 3.0 * out.heading_sd_rad { excess_s + 1.0 / world.rate_hz } else { 0.0 };
+        longest_s = longest_s.max(excess_s);
+        last = Some(*out);
+    });
+    (max_error_deg, longest_s, last.unwrap())
+}
+
+#[test]
+fn heading_recovers_after_start_beside_iron() {
+    for iron_ut in [Vector3::new(25.0, 0.0, 5.0), Vector3::new(-20.0, -10.0, 15.0)] {
+        let world = World { rest_s: 60.0, ..WORLD };
+        let change = |t_s: f64, input: &mut FuserInput| {
+            if t_s < world.rest_s {
+                input.field_ut = input.field_ut.map(|field_ut| field_ut + world.attitude(t_s).matrix() * iron_ut);
+            }
+        };
+        let (max_error_deg, excess_s, _) = honest_errors(world, 120.0, 240.0, change);
+        println!("iron of {iron_ut:?} µT: {max_error_deg:.2}°, above three standard deviations for {excess_s:.1} s");
+        assert!(max_error_deg < 5.0 && excess_s < 10.0, "{max_error_deg}°, {excess_s} s");
+    }
+}
+
+#[test]
+fn bias_step_in_motion_is_found() {
+    for step_deg_s in [Vector3::new(1.5, -0.8, 1.0), Vector3::new(-4.0, 2.0, 0.0)] {
+        let step_rad_s = step_deg_s.map(f64::to_radians);
+        let change = |t_s: f64, input: &mut FuserInput| {
+            if let Some(motion) = input.motion.as_mut().filter(|_| t_s > 60.0) {
+                motion.rate_rad_s += step_rad_s;
+                motion.rotation = motion.rotation.then(Rotation::from_rotation_vector(step_rad_s * motion.dt_s));
+            }
+        };
+        let (max_error_deg, excess_s, last) = honest_errors(WORLD, 120.0, 300.0, change);
+        let error_deg_s = (last.bias_rad_s - step_rad_s).amax().to_degrees();
+        println!(
+            "{step_deg_s:?} °/s: heading {max_error_deg:.2}°, above for {excess_s:.1} s, bias {error_deg_s:.3} °/s"
+        );
+        assert!(max_error_deg < 3.0 && excess_s < 10.0 && error_deg_s < 0.3, "{max_error_deg}°, {error_deg_s} °/s");
+    }
+}
+
 #[test]
 fn output_is_finite_for_any_finite_input() {
     let mut fuser = Wz::default();

@@ -60,6 +60,9 @@ const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
+/// Largest difference between the estimated bias and the bias measured at rest that is corrected
+/// without a restart, rad/s: five standard deviations of a calibrated gyro.
+const MAX_LINEAR_BIAS_CHANGE_RAD_S: f64 = 5.0 * MAX_BIAS_SD_RAD_S;
 /// Largest standard deviation of the scale error, for a consumer MEMS gyro.
 const MAX_SCALE_SD: f64 = 0.002;
 /// Largest scale error that is corrected. Data sheets allow at most 1 %.
@@ -390,13 +393,15 @@ impl GyroErrorFilter {
     /// Removes bias and scale error from a rotation measured by the gyro over `dt_s`.
     #[inline]
     pub(super) fn corrected_rotation(&self, rotation: Rotation, dt_s: f64) -> Rotation {
-        rotation.minus_fraction(self.scale).minus_half_angle(self.bias_rad_s * (0.5 * dt_s))
+        let bias_rad_s = self.bias_rad_s - self.scale.component_mul(&self.bias_rad_s);
+        rotation.minus_fraction(self.scale).minus_half_angle(bias_rad_s * (0.5 * dt_s))
     }
 
     /// Removes bias and scale error from a rate measured by the gyro, rad/s.
     #[inline]
     pub(super) fn corrected_rate_rad_s(&self, rate_rad_s: Vector3<f64>) -> Vector3<f64> {
-        rate_rad_s - self.bias_rad_s - self.scale.component_mul(&rate_rad_s)
+        let rate_rad_s = rate_rad_s - self.bias_rad_s;
+        rate_rad_s - self.scale.component_mul(&rate_rad_s)
     }
 
     /// Returns the scale error of each axis with its uncertainty.
@@ -435,7 +440,7 @@ impl GyroErrorFilter {
     /// axes, and `rotation` is the measured rotation.
     #[inline]
     pub(super) fn accumulate_drift(&mut self, axes: &BodyAxes, rotation: Rotation, dt_s: f64) {
-        let rotation_rad = [rotation.s.re, rotation.s.im, rotation.p.im].map(|half| 2.0 * half);
+        let rotation_rad = Vector3::new(rotation.s.re, rotation.s.im, rotation.p.im) * 2.0 - self.bias_rad_s * dt_s;
         let (bias_drift, scale_drift) = self.drift.split_at_mut(3);
         for (i, axis) in axes.horizontal.into_iter().enumerate() {
             bias_drift[i] += axis * dt_s;
@@ -489,6 +494,10 @@ impl GyroErrorFilter {
         let Prediction { innovation, force, interval_s } = self.predict(input, settings);
         if let Some(level_error_rad) = self.tilt_fault.observe(innovation, force, norm, interval_s) {
             let error = self.reset_after_tilt_fault(level_error_rad, loop_velocity_s);
+            return UpdateOutcome { error, acceleration: Complex::new(0.0, 0.0), is_restarted: true };
+        }
+        if let Some(bias_rad_s) = bias_at_rest.filter(|bias_rad_s| self.is_new_bias(*bias_rad_s)) {
+            let error = self.restart_at_rest(bias_rad_s, force - tilt_correction_rad * 0.5, loop_velocity_s);
             return UpdateOutcome { error, acceleration: Complex::new(0.0, 0.0), is_restarted: true };
         }
         let mut change = self.measure(innovation, interval_s);
@@ -620,6 +629,26 @@ impl GyroErrorFilter {
         self.tilt_sensitivity[1] = self.tilt_sensitivity[0] * T1_S;
         self.initial_velocity = InitialVelocityEstimator::default();
         LoopError { tilt: Complex::new(0.0, 0.0), velocity: loop_velocity_s - tilt_rad * T1_S }
+    }
+
+    /// Returns `true` if a bias measured at rest differs so much from the estimate that the effects of
+    /// the estimate cannot be corrected linearly.
+    fn is_new_bias(&self, bias_rad_s: Vector3<f64>) -> bool {
+        (bias_rad_s - self.bias_rad_s).amax() > MAX_LINEAR_BIAS_CHANGE_RAD_S
+    }
+
+    /// Restarts the filter with a bias measured at rest and returns the error of the loop, which the
+    /// force shows at rest.
+    #[cold]
+    fn restart_at_rest(
+        &mut self,
+        bias_rad_s: Vector3<f64>,
+        tilt: Complex<f64>,
+        loop_velocity_s: Complex<f64>,
+    ) -> LoopError {
+        *self =
+            Self { from_one_sample: false, ..Self::new(bias_rad_s, BIAS_SD_AT_REST_RAD_S, REINITIALISED_LEVEL_SD_RAD) };
+        LoopError { tilt, velocity: loop_velocity_s }
     }
 
     /// Restarts the filter after a tilt fault and returns the error of the loop.

@@ -46,7 +46,7 @@ use super::{
     finite::fuser_step,
     fused::{Corrections, Fused},
     input::FuserInput,
-    rest::RestDetector,
+    rest::{RestDetector, RestInput},
 };
 
 use crate::{
@@ -134,6 +134,17 @@ impl Wz {
         libm::hypot(self.gyro_errors.tilt_sd_rad(), suspected_rad).min(PI)
     }
 
+    /// Returns the standard deviation of the heading, rad, before the allowances of `reported_sd`.
+    ///
+    /// The magnetic field shows the effect of a suspected bias about as late as the force does.
+    fn heading_sd_rad(&self) -> f64 {
+        let suspected_rad_s = self.wide_bias.suspected_rad_s();
+        if suspected_rad_s == 0.0 {
+            return self.heading.credible_sd_rad();
+        }
+        libm::hypot(self.heading.credible_sd_rad(), suspected_rad_s * self.level.t2_s()).min(PI)
+    }
+
     /// Re-initialises the uncertainty of the level after a gyro outage. Bias and scale are kept.
     #[inline]
     fn reinit_after_outage(&mut self, gyro_outage_s: f64) {
@@ -162,7 +173,8 @@ impl Wz {
     fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
         let (interval_s, force_dt_m_s) = self.gyro_errors.accumulated();
         let tilt_correction_rad = self.level.take_tilt_correction(force_dt_m_s);
-        self.rest.update(force_m_s2, interval_s);
+        let known_bias_rad_s = self.wide_bias.is_bias_known().then_some(self.gyro_errors.bias_rad_s());
+        self.rest.update(&RestInput { force_m_s2, known_bias_rad_s, interval_s });
         let input = UpdateInput {
             rate_rad_s,
             tilt_correction_rad,
@@ -173,8 +185,13 @@ impl Wz {
         let samples = self.gyro_errors.samples();
         let UpdateOutcome { mut error, acceleration, is_restarted } = self.gyro_errors.update(&input, &self.settings);
         if is_restarted {
-            self.wide_bias.restart();
+            if input.bias_at_rest.is_some() || !self.wide_bias.is_apart() {
+                self.wide_bias.restart();
+            }
             self.level.restart_time_constant();
+            if input.bias_at_rest.is_some() {
+                self.heading.invalidate_at_rest();
+            }
         }
         let found = self.wide_bias.update(&self.gyro_errors, &samples, &input, error.tilt, &self.settings);
         if let Some(found) = found {
@@ -221,7 +238,7 @@ impl Wz {
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.update_velocity(force_dt_m_s, dt_s);
                 self.gyro_errors.accumulate_force(force_dt_m_s, inclination.norm_m_s2, dt_s);
-                self.rest.observe(rate_rad_s, dt_s);
+                self.rest.observe(rate_rad_s, input.field_ut, dt_s);
                 corrections.tilt = true;
             } else {
                 self.level.align(inclination.up);
@@ -264,7 +281,7 @@ impl Wz {
                 rate_rad_s.norm_squared(),
                 &self.settings,
             ),
-            heading_sd_rad: reported_sd::heading_sd_rad(self.heading.sd_rad()),
+            heading_sd_rad: reported_sd::heading_sd_rad(self.heading_sd_rad()),
             reference: self.heading.reference(),
             corrections,
         }

@@ -12,11 +12,17 @@
 //! The first filter estimates its noise from its innovations. It mistakes the effect of a bias of
 //! many standard deviations for accelerations. The second filter has a wide prior and follows such
 //! a bias. With a calibrated gyro, however, it is less accurate, because accelerations affect its
-//! bias more. It is therefore used only if there is evidence of such a bias, and only until a rest
-//! has shown the bias or another stage has handed it over. The force in a long bend of a vehicle
-//! also looks like the effect of a bias. The second filter restarts from the first one at regular
-//! intervals, and after a gyro outage or a tilt fault, whose force would look like the effect of a
-//! bias.
+//! bias more. It is therefore used only if there is evidence of such a bias. The evidence must be
+//! stronger once a rest has shown the bias or another stage has handed it over: the bias must then
+//! have changed in motion, which a temperature shock may cause.
+//!
+//! The force in a long bend of a vehicle also looks like the effect of a bias. The second filter
+//! restarts from the first one at regular intervals, and after a gyro outage or a tilt fault, whose
+//! force would look like the effect of a bias. If the biases already differ significantly at a tilt
+//! fault, the second filter goes on, because the bias has probably caused the fault.
+//!
+//! A wide prior of 0.05 instead of 0.1 rad/s finds a bias of 10 °/s on each axis in motion later or
+//! not at all: on TUM VI, the mean inclination error is 12.3° instead of 6.8°.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
@@ -24,14 +30,20 @@ use super::{
 };
 use crate::{Complex, scalars::scalars};
 
-/// Standard deviation of the bias in the second filter, rad/s. Data sheets of consumer MEMS gyros
-/// allow a bias of 10 °/s, which is 3.5 standard deviations.
-const BIAS_SD_RAD_S: f64 = 0.05;
+/// Standard deviation of an unknown bias in the second filter, rad/s. Data sheets of consumer MEMS
+/// gyros allow a bias of 10 °/s, which is 1.7 standard deviations.
+const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1;
+/// Standard deviation of the change of a known bias in the second filter, rad/s. A temperature shock
+/// changes the bias by up to a few °/s.
+const CHANGED_BIAS_SD_RAD_S: f64 = 0.05;
 /// Squared distance between the biases of the two filters above which they count as different, in
-/// squared standard deviations of the second filter. If the errors of the three components were
-/// normally distributed, a value of 80 would practically never be exceeded. The margin allows for
-/// accelerations that are not normally distributed.
+/// squared standard deviations of the second filter, while the bias is unknown. If the errors of the
+/// three components were normally distributed, a value of 80 would practically never be exceeded.
+/// The margin allows for accelerations that are not normally distributed.
 const MIN_DISTANCE2: f64 = 80.0;
+/// As [`MIN_DISTANCE2`], once the bias is known. A known bias changes rarely. In the test sets, the
+/// distance then stays below 40.
+const MIN_DISTANCE2_FROM_KNOWN: f64 = 160.0;
 /// Squared distance between the biases of the two filters above which their difference is reported
 /// as an uncertainty of the level, in the unit of [`MIN_DISTANCE2`]. If the errors of the three
 /// components are normally distributed, 0.1 % of the distances exceed this value.
@@ -46,7 +58,8 @@ const RESTART_S: f64 = 30.0;
 pub(super) struct WideBiasFilter {
     filter: GyroErrorFilter,
     running: bool,
-    /// Set once the bias is known, so that the filter is not needed any more.
+    /// Set once a rest has shown the bias or another stage has handed it over, until the bias has
+    /// changed.
     is_bias_known: bool,
     age_s: f64,
     apart_s: f64,
@@ -92,26 +105,37 @@ impl WideBiasFilter {
         corrected_rad: Complex<f64>,
         settings: &Settings,
     ) -> Option<GyroErrorFilter> {
-        if input.bias_at_rest.is_some() && !self.is_bias_known {
+        if input.bias_at_rest.is_some() {
             *self = Self::after_hand_over(true);
-        }
-        if self.is_bias_known {
             return None;
         }
         let interval_s = samples.interval_s();
         self.age_s += interval_s;
         let expired = self.age_s > RESTART_S && self.apart_s == 0.0;
         if expired || !self.running {
-            *self = Self { filter: first.with_unknown_bias(BIAS_SD_RAD_S), running: true, ..Self::default() };
+            let bias_sd_rad_s = if self.is_bias_known { CHANGED_BIAS_SD_RAD_S } else { UNKNOWN_BIAS_SD_RAD_S };
+            let filter = first.with_unknown_bias(bias_sd_rad_s);
+            *self = Self { filter, running: true, ..Self::after_hand_over(self.is_bias_known) };
             return None;
         }
         self.filter.update_unused(samples, input, corrected_rad, settings);
         let distance2 = self.filter.bias_distance2(first);
         let is_suspected = distance2 > SUSPECTED_DISTANCE2;
         self.suspected_rad_s = if is_suspected { self.filter.bias_difference_rad_s(first) } else { 0.0 };
-        let is_apart = distance2 > MIN_DISTANCE2;
+        let min_distance2 = if self.is_bias_known { MIN_DISTANCE2_FROM_KNOWN } else { MIN_DISTANCE2 };
+        let is_apart = distance2 > min_distance2;
         self.apart_s = if is_apart { self.apart_s + interval_s } else { 0.0 };
         (self.apart_s >= MIN_APART_S).then(|| core::mem::take(self).filter)
+    }
+
+    /// Returns `true` while the biases of the two filters differ significantly.
+    pub(super) fn is_apart(&self) -> bool {
+        self.apart_s > 0.0
+    }
+
+    /// Returns `true` once a rest has shown the bias or another stage has handed it over.
+    pub(super) fn is_bias_known(&self) -> bool {
+        self.is_bias_known
     }
 
     /// Returns the difference between the biases of the two filters, rad/s, if it is suspected to

@@ -15,12 +15,17 @@
 //! because no hypothesis models soft iron or field gradients, and B, having more freedom than the
 //! others, explains a little of both. The sum does not fall below zero.
 //!
+//! A fourth possibility is that M relies on a field that is not the earth's: the body has started
+//! beside iron or a magnet. If another field stays steady for longer while the body turns than that
+//! of M was used, M restarts with it (`new_field`).
+//!
 //! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
 //! the body has turned. B and E restart from M when B fails, or after 50 s without a decision.
 
 use super::{
     field_averager::IntervalMeans,
     filter::{B, BETA, E, FieldFilter, Propagation, TAU},
+    new_field::NewField,
 };
 use crate::{fuser::wz::settings::Settings, scalars::scalars};
 
@@ -46,13 +51,39 @@ const MIN_TURN_RATE_RAD_S: f64 = 0.3;
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
-/// Time outside the gate after which all states that concern the field are reset, s. It is counted
-/// only while the body turns.
+/// Time for which another field must be steady to replace a well supported one, s. Every state that
+/// concerns the field is also reset after so much time outside the gate, which is counted only while
+/// the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
+/// Time of use from which the field of M is well supported, s. Like the times below, it is counted
+/// only while the body turns.
+const WELL_SUPPORTED_S: f64 = 20.0;
+/// Shortest time for which another field must be steady to replace that of M, s. Hypothesis B needs
+/// less time to recognise a field that is fixed to the body.
+const MIN_NEW_FIELD_S: f64 = 10.0;
+/// As [`MIN_NEW_FIELD_S`], while M is on probation, s. A magnet passes in less time.
+const MIN_NEW_FIELD_ON_PROBATION_S: f64 = 3.0;
+/// Averaging time of the roughness, s.
+const ROUGHNESS_MEMORY_S: f64 = 40.0;
+/// Roughness of an undisturbed indoor field, beyond that of a field with the assumed local
+/// disturbance. It is subtracted before the roughness is used.
+const REGULAR_ROUGHNESS: f64 = 1.0;
+/// Limits of the factor by which the roughness changes the reported variance of the heading.
+const MIN_ROUGHNESS: f64 = 0.85;
+const MAX_ROUGHNESS: f64 = 9.0;
+/// Number of components of an innovation.
+const DEGREES_OF_FREEDOM: f64 = 3.0;
+/// Standard deviation of the heading of a body that has not moved yet, rad (29°). Iron beside a
+/// parked vehicle turns the field by tens of degrees.
+const UNMOVED_SD_RAD: f64 = 0.5;
+/// Time of use in which the movement confirms the field, s. [`UNMOVED_SD_RAD`] decays with this
+/// time constant.
+const CONFIRMATION_S: f64 = 3.0;
 /// Time inside the gate that ends the probation of a new main filter, s.
 const PROBATION_S: f64 = 10.0;
-/// Shortest time outside the gate that resets a main filter on probation, s. The filter is reset
-/// once it has been outside the gate for longer than this and for longer than it was inside.
+/// Shortest time outside the gate after which an invalidated direction is invalidated once more, s.
+/// This happens once a main filter on probation has been outside the gate for longer than this and
+/// for longer than it was inside.
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
@@ -81,6 +112,11 @@ pub(super) struct HypothesisTest {
     challenge_turn_rad: f64,
     accepted_s: f64,
     rejected_s: f64,
+    new_field: NewField,
+    /// Time for which M has used the field while the body turned, s, up to [`WELL_SUPPORTED_S`].
+    supported_s: f64,
+    /// Mean square of the innovations of M in motion, relative to their predicted variance.
+    roughness: f64,
     /// Set when the direction is invalidated. Cleared by the first long rejection after that.
     direction_invalidated: bool,
 }
@@ -99,6 +135,9 @@ impl HypothesisTest {
             challenge_turn_rad: 0.0,
             accepted_s: 0.0,
             rejected_s: 0.0,
+            new_field: NewField::default(),
+            supported_s: 0.0,
+            roughness: 1.0,
             direction_invalidated: false,
         };
         hypothesis_test.restart_challengers();
@@ -170,8 +209,17 @@ impl HypothesisTest {
         } else if is_turning || on_probation {
             self.rejected_s += t_s;
         }
-        let max_rejected_s =
-            if on_probation { self.accepted_s.max(MIN_PROBATION_REJECTION_S) } else { REJECTION_TIMEOUT_S };
+        self.update_roughness(main.nis, interval);
+        if main.accepted {
+            self.new_field.observe_other(t_s);
+        } else if is_turning {
+            self.new_field.observe_rejected(interval.field_ut, t_s);
+        }
+        if main.accepted && is_turning {
+            self.supported_s = (self.supported_s + t_s).min(WELL_SUPPORTED_S);
+        }
+        let is_field_new = self.new_field.steady_s() > self.min_new_field_s(on_probation);
+        let max_rejected_s = self.accepted_s.max(MIN_PROBATION_REJECTION_S);
         let mut replaced = false;
         if self.lead_over_main > WIN_MARGIN && self.lead_over_environment > WIN_MARGIN && self.has_new_hard_iron() {
             self.main = self.body;
@@ -184,12 +232,12 @@ impl HypothesisTest {
             self.invalidate_direction();
             self.direction_invalidated = false;
             replaced = true;
-        } else if self.rejected_s > max_rejected_s {
+        } else if is_field_new || self.rejected_s > REJECTION_TIMEOUT_S {
             let mut reset = FieldFilter::new(settings);
             if !on_probation {
                 reset.keep_gyro_and_delay(&self.main, CHALLENGER_SD_UT);
             }
-            *self = Self::new(reset);
+            *self = Self { roughness: self.roughness, ..Self::new(reset) };
             self.start(interval, delay_s, variance_ut2);
             replaced = true;
         } else if self.challenger_rejected_s > CHALLENGER_REJECTION_TIMEOUT_S
@@ -198,6 +246,43 @@ impl HypothesisTest {
             self.restart_challengers();
         }
         TestOutcome { accepted: main.accepted, replaced }
+    }
+
+    /// Updates the roughness of the field with the normalised innovation squared of M.
+    fn update_roughness(&mut self, nis: f64, interval: &IntervalMeans) {
+        if interval.at_rest {
+            return;
+        }
+        let roughness = nis.min(MAX_NIS) / DEGREES_OF_FREEDOM;
+        let gain = (interval.duration_s / ROUGHNESS_MEMORY_S).min(1.0);
+        self.roughness += (roughness - self.roughness) * gain;
+    }
+
+    /// Returns the time for which another field must be steady to replace that of M, s.
+    fn min_new_field_s(&self, on_probation: bool) -> f64 {
+        if self.supported_s >= WELL_SUPPORTED_S {
+            return REJECTION_TIMEOUT_S;
+        }
+        self.supported_s.max(if on_probation { MIN_NEW_FIELD_ON_PROBATION_S } else { MIN_NEW_FIELD_S })
+    }
+
+    /// Returns the standard deviation of the heading, rad, given that of M.
+    ///
+    /// - It increases with the roughness of the field.
+    /// - The new field is the earth's field with a probability that depends on the times for which
+    ///   the two fields were observed. The heading would then be wrong by the angle between them.
+    /// - The field of a place where the body has not moved yet may be that of iron nearby.
+    pub(super) fn credible_sd_rad(&self, sd_rad: f64) -> f64 {
+        let steady_s = self.new_field.steady_s();
+        let [x, y, _] = self.new_field.mean_ut();
+        let [across, along] = [self.main.x[E], self.main.x[E + 1]];
+        let angle_rad = libm::atan2(across * y - along * x, across * x + along * y);
+        let probability = steady_s / (steady_s + self.supported_s + 1.0);
+        let unmoved_rad = UNMOVED_SD_RAD * libm::exp(-self.supported_s / CONFIRMATION_S);
+        let variance_rad2 = sd_rad * sd_rad * (self.roughness - REGULAR_ROUGHNESS).clamp(MIN_ROUGHNESS, MAX_ROUGHNESS)
+            + angle_rad * angle_rad * probability
+            + unmoved_rad * unmoved_rad;
+        libm::sqrt(variance_rad2)
     }
 
     /// Restarts B and E from M.
@@ -239,11 +324,16 @@ impl HypothesisTest {
 
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
-        [&self.main, &self.body, &self.environment].into_iter().find_map(FieldFilter::validation_error)
+        let negative = self.supported_s < 0.0 || self.roughness < 0.0;
+        [&self.main, &self.body, &self.environment]
+            .into_iter()
+            .find_map(FieldFilter::validation_error)
+            .or_else(|| self.new_field.validation_error())
+            .or(negative.then_some("a time or roughness of the field below zero"))
     }
 }
 
 scalars!(HypothesisTest:
     main, body, environment, lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s,
-    challenge_turn_rad, accepted_s, rejected_s, direction_invalidated
+    challenge_turn_rad, accepted_s, rejected_s, new_field, supported_s, roughness, direction_invalidated
 );

@@ -22,6 +22,7 @@
 //! | `filter` | equations of one Kalman filter |
 //! | `vibration` | vibration detector |
 //! | `rest_site` | detection of a return to the last rest site |
+//! | `new_field` | detection of a steady field other than the one in use |
 //! | `hypothesis_test` | three filters for the same field: no change, a magnet on the body, a changed ambient field |
 //!
 //! The reasons for this design:
@@ -34,11 +35,23 @@
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
+//! - A main hypothesis that rejects everything is replaced only by a field that is steady. Replacing
+//!   it by whatever field there is after some time costs 4° among magnets (Nexus 5: 8.5° instead of
+//!   4.5°).
+//!
+//! Without effect or worse, heading on Nexus 5 among magnets (4.5°) and BROAD (1.63°):
+//!
+//! - local disturbance enlarged by the innovations (roughness, 40 s): 6.3°, crossed trials 1.25°
+//!   instead of 1.19°, a changed ambient field 5.5° instead of 1.4°; the roughness is therefore only
+//!   reported;
+//! - drift rate not updated within 2 s after a rejection: 5.3°, and 57° instead of 10° on iPhone 5;
+//! - a smaller prior of the drift rate, 0.002 rad/s: 4.7°, otherwise unchanged.
 
 mod field_averager;
 mod filter;
 mod hypothesis_test;
 mod input;
+mod new_field;
 mod rest_site;
 mod vibration;
 
@@ -86,6 +99,11 @@ const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
 /// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
 /// rotation the direction of north is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
+/// Additional standard deviation of the heading of a vibrating body, rad (3.4°). The motor that
+/// causes the vibration has a magnetic field.
+const VIBRATION_SD_RAD: f64 = 0.06;
+/// Averaging time of the vibration, s.
+const VIBRATION_MEMORY_S: f64 = 10.0;
 /// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 
@@ -111,6 +129,8 @@ pub(super) struct Heading {
     /// Set once the heading has become known, from another stage or from the field.
     heading_known: bool,
     has_rested: bool,
+    /// Fraction of the recent intervals in which the body vibrated.
+    vibrating_fraction: f64,
     disturbed: bool,
     /// Remaining tilt error after a start in motion, rad.
     settling_tilt_rad: f64,
@@ -118,6 +138,8 @@ pub(super) struct Heading {
     /// Part of the correction that the attitude does not contain yet, rad.
     pending_rad: f64,
     sd_rad: f64,
+    /// Standard deviation with allowances for a field that the main hypothesis does not explain, rad.
+    credible_sd_rad: f64,
     /// Standard deviation of the gyro heading's drift rate before the first field sample, rad/s.
     drift_sd_rad_s: f64,
     /// Set if the adopted heading refers to magnetic north.
@@ -147,11 +169,13 @@ impl Heading {
             started: false,
             heading_known: reference == CourseReference::Magnetic && heading_sd_rad < UNKNOWN_HEADING_SD_RAD,
             has_rested: false,
+            vibrating_fraction: 0.0,
             disturbed: false,
             settling_tilt_rad: 0.0,
             correction_rad: 0.0,
             pending_rad: 0.0,
             sd_rad: heading_sd_rad.min(PI),
+            credible_sd_rad: heading_sd_rad.min(PI),
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
             adopted_magnetic: reference == CourseReference::Magnetic,
             adopted_true: reference == CourseReference::True,
@@ -170,6 +194,13 @@ impl Heading {
     /// Returns the standard deviation of the heading, rad.
     pub(super) fn sd_rad(&self) -> f64 {
         self.sd_rad
+    }
+
+    /// Returns the standard deviation of the heading, rad, with allowances for a field that the main
+    /// hypothesis does not explain.
+    #[inline]
+    pub(super) fn credible_sd_rad(&self) -> f64 {
+        self.credible_sd_rad
     }
 
     /// Returns the reference direction of the heading.
@@ -214,6 +245,13 @@ impl Heading {
         self.hypothesis_test.reset_drift(drift_sd_rad_s);
     }
 
+    /// Handles a bias that a rest has shown to be far from its estimate, which invalidates the gyro
+    /// heading and its drift.
+    pub(super) fn invalidate_at_rest(&mut self) {
+        self.realign();
+        self.hypothesis_test.on_first_rest();
+    }
+
     /// Invalidates the heading and lets the level settle again.
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
@@ -243,7 +281,10 @@ impl Heading {
         };
         let field_ut = input.field_ut.filter(is_plausible);
         if input.gyro_outage_s > 0.0 {
-            self.sd_rad = libm::hypot(self.sd_rad, ASSUMED_UNOBSERVED_RATE_RAD_S * input.gyro_outage_s).min(PI);
+            let unobserved_rad = ASSUMED_UNOBSERVED_RATE_RAD_S * input.gyro_outage_s;
+            for sd_rad in [&mut self.sd_rad, &mut self.credible_sd_rad] {
+                *sd_rad = libm::hypot(*sd_rad, unobserved_rad).min(PI);
+            }
         }
         if !self.started && field_ut.is_none() && self.field_averager.is_empty() {
             return HeadingUpdate::default();
@@ -258,6 +299,9 @@ impl Heading {
 
     #[inline(never)]
     fn update(&mut self, interval: &IntervalMeans, settings: &Settings) -> HeadingUpdate {
+        let vibrating = if interval.is_vibrating { 1.0 } else { 0.0 };
+        let gain = (interval.duration_s / VIBRATION_MEMORY_S).min(1.0);
+        self.vibrating_fraction += (vibrating - self.vibrating_fraction) * gain;
         if interval.at_rest && !self.has_rested {
             self.has_rested = true;
             self.hypothesis_test.on_first_rest();
@@ -345,6 +389,8 @@ impl Heading {
     fn update_correction(&mut self) -> bool {
         let (correction_rad, variance_rad2) = self.hypothesis_test.main.heading_correction();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);
+        let vibration_rad = VIBRATION_SD_RAD * self.vibrating_fraction;
+        self.credible_sd_rad = libm::hypot(self.hypothesis_test.credible_sd_rad(self.sd_rad), vibration_rad).min(PI);
         if self.sd_rad >= UNKNOWN_HEADING_SD_RAD && self.heading_known {
             return false;
         }
@@ -358,9 +404,10 @@ impl Heading {
 
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
-        let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, credible_sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*correction_rad) <= PI && libm::fabs(*pending_rad) <= PI;
-        let bounds = bounds && *settling_tilt_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
+        let bounds =
+            bounds && *settling_tilt_rad >= 0.0 && *drift_sd_rad_s >= 0.0 && (0.0..=PI).contains(credible_sd_rad);
         self.field_averager
             .validation_error()
             .or_else(|| self.rest_site.validation_error())
@@ -370,6 +417,6 @@ impl Heading {
 }
 
 scalars!(Heading:
-    field_averager, hypothesis_test, rest_site, was_at_rest, started, heading_known, has_rested, disturbed,
-    adopted_magnetic, adopted_true, settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s
+    field_averager, hypothesis_test, rest_site, was_at_rest, started, heading_known, has_rested, vibrating_fraction, disturbed,
+    adopted_magnetic, adopted_true, settling_tilt_rad, correction_rad, pending_rad, sd_rad, credible_sd_rad, drift_sd_rad_s
 );
