@@ -1,12 +1,16 @@
 //! `plumb import`: converts logs of other systems. Other commands that read recordings also use it.
 
 use std::{
+    fs,
     path::{Path, PathBuf},
     process::ExitCode,
 };
 
 use clap::Args;
-use import::{Format, ImportError, Mapping, MappingError, Options, Summary, convert, mcap_file::to_mcap};
+use import::{
+    Format, ImportError, Mapping, MappingError, Options, Summary, convert, mcap_file::to_mcap, note_fixes_outside,
+    plain_recording_range_ns,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use tempfile::TempDir;
 
@@ -20,15 +24,16 @@ Examples:
   plumb import bag/ --topic /imu/data --topic /gps/vel -o walk.mcap
   plumb import phone.csv -o walk_imu.csv --map t=time,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz --units ms,deg/s,g --frame flu
 
-PX4 ULog, ArduPilot log, MCAP and ROS 2 bag need no mapping. For any other CSV, --map names
-the column of each quantity: t, gx, gy, gz, ax, ay, az; optional mx, my, mz (field),
+PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other CSV, --map
+names the column of each quantity: t, gx, gy, gz, ax, ay, az; optional mx, my, mz (field),
 qw, qx, qy, qz (reference), ve, vn, vu or vd (velocity, m/s), lat, lon, alt.
 If several CSV files are given, a column is FILE:COLUMN and the files are joined by time.
+A log whose clock starts again has several segments, of which one is converted.
 
 The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in .gz.
 Fixes are written next to NAME_imu.csv.gz as NAME_gnss.csv.")]
 pub(crate) struct Import {
-    /// ULog, ArduPilot log, MCAP, ROS 2 bag, or CSV files joined by time
+    /// ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or CSV files joined by time
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Recording to write: .csv, .csv.gz or .mcap
@@ -36,43 +41,78 @@ pub(crate) struct Import {
     out: PathBuf,
     #[command(flatten)]
     reading: ReadOptions,
+    #[command(flatten)]
+    sensors: SensorNumbers,
 }
 
 /// Arguments that describe how to read a foreign recording.
-#[derive(Args, Default)]
+#[derive(Args, Clone, Default)]
 #[command(next_help_heading = "Foreign recordings")]
 pub(crate) struct ReadOptions {
     /// CSV column of a quantity, such as gx=gyro_x; repeat or use commas
     #[arg(long = "map", value_name = "NAME=COLUMN")]
     maps: Vec<String>,
-    /// Units of the CSV, in any order [default: rad/s,m/s2,uT,s]
-    #[arg(long, value_name = "UNITS", requires = "maps")]
+    /// Units of a CSV, MCAP or bag, in any order [default: rad/s,m/s2,uT,s]
+    #[arg(long, value_name = "UNITS")]
     units: Option<String>,
     /// Body axes rfu, frd or flu, or with a reference such as ned-frd
-    #[arg(long, value_name = "AXES", requires = "maps")]
+    #[arg(long, value_name = "AXES")]
     frame: Option<String>,
     /// Topic to read if a bag or MCAP file has several of a kind, repeatable
     #[arg(long = "topic", value_name = "TOPIC")]
     topics: Vec<String>,
+    /// Segment to read if the clock of the log goes back [default: longest]
+    #[arg(long, value_name = "N")]
+    segment: Option<usize>,
+    /// Width of the times of the CSV in bits if they wrap, such as 32
+    #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(1..64))]
+    time_bits: Option<u8>,
+    /// Inertial sensor to read, from 0 [default: first that works]
+    #[arg(long, value_name = "N")]
+    imu: Option<usize>,
+}
+
+/// Numbers of the magnetometer and the receiver to read.
+#[derive(Args, Clone, Copy, Default)]
+#[command(next_help_heading = "Foreign recordings")]
+pub(crate) struct SensorNumbers {
+    /// Magnetometer to read, from 0 [default: first]
+    #[arg(long, value_name = "N")]
+    pub(crate) mag: Option<usize>,
+    /// Receiver to read, from 0 [default: first]
+    #[arg(long, value_name = "N")]
+    pub(crate) gnss: Option<usize>,
 }
 
 impl ReadOptions {
-    fn options(&self) -> Result<Options, MappingError> {
-        let Self { maps, units, frame, topics } = self;
-        let mapping = (!maps.is_empty()).then(|| Mapping::parse(maps, units.as_deref(), frame.as_deref()));
-        Ok(Options { mapping: mapping.transpose()?, topics: topics.clone() })
+    /// Returns the options of the import.
+    pub(crate) fn options(&self, sensors: SensorNumbers) -> Result<Options, MappingError> {
+        let Self { maps, units, frame, topics, segment, time_bits, imu } = self;
+        let is_mapped = !maps.is_empty() || units.is_some() || frame.is_some() || time_bits.is_some();
+        let mapping = is_mapped.then(|| Mapping::parse(maps, units.as_deref(), frame.as_deref())).transpose()?;
+        let SensorNumbers { mag, gnss } = sensors;
+        let (topics, segment, time_bits, imu) = (topics.clone(), *segment, *time_bits, *imu);
+        Ok(Options { mapping, topics, segment, time_bits, imu, mag, gnss })
+    }
+
+    /// Returns the same arguments with another segment.
+    fn with_segment(&self, segment: usize) -> Self {
+        Self { segment: Some(segment), ..self.clone() }
     }
 
     /// Returns `true` if any argument is given.
     pub(crate) fn is_set(&self) -> bool {
-        let Self { maps, units, frame, topics } = self;
-        !maps.is_empty() || units.is_some() || frame.is_some() || !topics.is_empty()
+        let Self { maps, units, frame, topics, segment, time_bits, imu } = self;
+        let is_read = segment.is_some() || time_bits.is_some() || imu.is_some();
+        !maps.is_empty() || units.is_some() || frame.is_some() || !topics.is_empty() || is_read
     }
 
     /// Appends the mapping arguments to a source `line` as `key=value` pairs.
     pub(crate) fn apply_to_source(&self, line: &str) -> String {
         let map = (!self.maps.is_empty()).then(|| self.maps.join(","));
-        let keys = [("map", map), ("units", self.units.clone()), ("frame", self.frame.clone())];
+        let time_bits = self.time_bits.map(|bits| bits.to_string());
+        let (units, frame) = (self.units.clone(), self.frame.clone());
+        let keys = [("map", map), ("units", units), ("frame", frame), ("time_bits", time_bits)];
         let given = keys.into_iter().filter_map(|(key, value)| Some((key, value?)));
         given.fold(line.to_owned(), |line, (key, value)| {
             let separator = if line.contains('?') { '&' } else { '?' };
@@ -81,68 +121,156 @@ impl ReadOptions {
     }
 }
 
-pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
-    let options = reading.options().map_err(ImportError::from);
+pub(crate) fn run(Import { files, out, reading, sensors }: Import) -> ExitCode {
+    let options = reading.options(sensors).map_err(ImportError::from);
     let result = options.and_then(|options| match out.extension() {
         Some(extension) if extension == "mcap" => write_mcap(&files, &options, &out),
-        _ => convert_with_progress(&files, &options, &out).map(|summary| summary_text(&summary, &out)),
+        _ => convert_with_progress(&files, &options, &out).map(|summary| {
+            let text = summary_text(&summary, &out);
+            (text, summary.warning())
+        }),
     });
     match result {
-        Ok(text) => print(&text),
+        Ok((text, warning)) => {
+            let code = print(&text);
+            warning.iter().for_each(announce_warning);
+            code
+        }
         Err(error) => fail(&error, error.exit_code()),
     }
 }
 
 /// Imports the files and writes them as MCAP. A native recording is converted without importing it
-/// first. Returns the summary.
-fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, ImportError> {
+/// first. Returns the summary and a warning.
+fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<(String, Option<String>), ImportError> {
     if let [file] = files
-        && options.mapping.is_none()
-        && Format::detect(file)? == Format::Recording
+        && *options == Options::default()
+        && plain_recording_range_ns(file).is_some()
     {
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
         let samples = launch::pluralize(survey.rows, "sample");
-        return Ok(format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz));
+        return Ok((format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz), None));
     }
     let (readable, summary) = ReadableFile::import(files, options)?;
     to_mcap(&readable.path, out)?;
-    Ok(summary_text(&summary, out))
+    Ok((summary_text(&summary, out), summary.warning()))
+}
+
+/// Prints a warning on standard error.
+fn announce_warning(warning: &String) {
+    supervisor::announce(format_args!("warning: {warning}"));
 }
 
 /// Recording in a readable format. An imported recording is a temporary file, which is removed on
 /// drop.
 pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
+    /// Warning that is printed at the end of the run.
+    warning: Option<String>,
     _folder: Option<TempDir>,
 }
 
 impl ReadableFile {
-    /// Opens a recording, importing it first if it is a foreign log.
+    /// Opens a recording, importing it first if it is a foreign log or its rows need care.
     ///
-    /// A file of unknown format is returned unchanged, so that its reader reports the error.
-    pub(crate) fn open(path: &Path, reading: &ReadOptions) -> Result<Self, ImportError> {
-        let options = reading.options()?;
-        let is_named = options.mapping.is_some() || !options.topics.is_empty();
-        let is_readable = |format| matches!(format, Format::Recording | Format::Csv | Format::Gzip);
-        if !is_named && Format::detect(path).map_or(true, is_readable) {
-            return Ok(Self { path: path.into(), _folder: None });
+    /// A CSV file with columns of a recording and a mistake in its header is returned unchanged, so
+    /// that its reader reports the mistake.
+    pub(crate) fn open(path: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Self, ImportError> {
+        Ok(Self::open_announced(path, reading, sensors)?.0)
+    }
+
+    /// Opens all segments of a recording, or the chosen one.
+    pub(crate) fn open_segments(
+        path: &Path,
+        reading: &ReadOptions,
+        sensors: SensorNumbers,
+    ) -> Result<Vec<Self>, ImportError> {
+        let (first, segments) = Self::open_announced(path, reading, sensors)?;
+        if segments < 2 || reading.segment.is_some() {
+            return Ok(vec![first]);
+        }
+        let segment = |number| {
+            let options = reading.with_segment(number).options(sensors)?;
+            Ok(Self::import(&[path.into()], &options)?.0)
+        };
+        (1..=segments).map(segment).collect()
+    }
+
+    /// Opens a recording. Also returns the number of segments if it was imported.
+    fn open_announced(
+        path: &Path,
+        reading: &ReadOptions,
+        sensors: SensorNumbers,
+    ) -> Result<(Self, usize), ImportError> {
+        let options = reading.options(sensors)?;
+        if options == Options::default() && is_read_unchanged(path)? {
+            return Ok((Self { path: path.into(), warning: None, _folder: None }, 1));
         }
         let (readable, summary) = Self::import(&[path.into()], &options)?;
         supervisor::announce(summary_text(&summary, path));
-        Ok(readable)
+        Ok((readable, summary.segments.len()))
     }
 
     /// Imports a foreign log, which may consist of several tables. Also returns the summary.
     pub(crate) fn import(files: &[PathBuf], options: &Options) -> Result<(Self, Summary), ImportError> {
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::TemporaryFolder { cause })?;
-        let first = files.first().and_then(|path| path.file_stem());
-        let name = first.unwrap_or_default().to_string_lossy();
-        let imported = folder.path().join(format!("{name}_imu.csv"));
+        let first = files.first().map(PathBuf::as_path).unwrap_or(Path::new(""));
+        let name = first.file_stem().unwrap_or_default().to_string_lossy();
+        let fixes = recording::gnss::find_for(first);
+        let name = match (&fixes, options.segment) {
+            (Some(_), _) => name.strip_suffix(".csv").unwrap_or(&name).to_owned(),
+            (None, Some(segment)) => format!("{name}_{segment}_imu"),
+            (None, None) => format!("{name}_imu"),
+        };
+        let imported = folder.path().join(format!("{name}.csv"));
         let summary = convert_with_progress(files, options, &imported)?;
-        Ok((Self { path: imported, _folder: Some(folder) }, summary))
+        // The fixes of a recording are in a file next to it.
+        if let (Some(fixes), None) = (&fixes, &summary.fixes_file) {
+            let copy = folder.path().join(fixes.file_name().unwrap_or_default());
+            fs::copy(fixes, copy).map_err(|cause| ImportError::TemporaryFolder { cause })?;
+        }
+        let warning = summary.warning();
+        Ok((Self { path: imported, warning, _folder: Some(folder) }, summary))
     }
+
+    /// Prints the warning that belongs at the end of the run, if there is one.
+    pub(crate) fn announce_warning(&self) {
+        self.warning.iter().for_each(announce_warning);
+    }
+}
+
+/// Returns `true` if the file is read without an import: a recording without faults, or a CSV file
+/// with a mistake in its header, which the reader reports.
+fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
+    let format = match Format::detect(path) {
+        Ok(format) => format,
+        Err(ImportError::Open { .. }) => return Ok(true),
+        Err(error) if !is_unreadable(path) => return Err(error),
+        Err(_) => return Ok(true),
+    };
+    Ok(match format {
+        Format::Recording => match plain_recording_range_ns(path) {
+            Some(rows_ns) => {
+                let fixes = recording::gnss::find_for(path);
+                // The reader of the fixes reports what is wrong with them.
+                let note = fixes.and_then(|fixes| note_fixes_outside(&fixes, rows_ns).ok().flatten());
+                note.iter().for_each(|note| announce_warning(&note.to_string()));
+                true
+            }
+            None => false,
+        },
+        // Names that resemble those of a recording are reported with the right ones.
+        Format::Csv => recording::Reader::open(path).is_err_and(|error| error.suggests_name()),
+        Format::Gzip => is_unreadable(path),
+        _ => false,
+    })
+}
+
+/// Returns `true` if the file is empty or damaged from its start.
+fn is_unreadable(path: &Path) -> bool {
+    recording::Reader::open(path).is_err_and(|error| error.is_unreadable())
 }
 
 /// Converts the files, with a progress bar if standard error is a terminal.

@@ -8,13 +8,13 @@ use std::{
 
 use clap::Args;
 use flight::{FlightError, FlightInfo};
-use import::{Format, ImportError, Options};
+use import::{Format, ImportError, plain_recording_range_ns};
 use recording::{RecordingError, survey};
 use serde::Serialize;
 
 use crate::{
     failure::{fail, fail_after_result},
-    import::{ReadableFile, summary_text},
+    import::{ReadOptions, ReadableFile, SensorNumbers, summary_text},
     stdout::print,
 };
 
@@ -33,6 +33,10 @@ pub(crate) struct Info {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reading: ReadOptions,
+    #[command(flatten)]
+    sensors: SensorNumbers,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -58,19 +62,27 @@ struct RecordingInfo {
     text: String,
 }
 
-pub(crate) fn run(Info { file, json }: &Info) -> ExitCode {
+pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
     let read = || -> Result<ExitCode, InfoError> {
         Ok(match Format::detect(file)? {
-            Format::Mcap => {
+            Format::Mcap if !reading.is_set() => {
                 let info = FlightInfo::read(file)?;
                 let printed = show(&info, *json);
+                if !*json && !flight::is_flight(file) {
+                    // Segments, dead sensors and constant times show only in the samples.
+                    if let Ok(samples) = read_foreign_log(file, reading, *sensors) {
+                        print(&samples);
+                    }
+                }
                 match &info.incomplete {
                     Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", foreign::path(file)), 1),
                     None => printed,
                 }
             }
-            Format::Recording => show(&read_recording(file)?, *json),
-            _ => show(&read_foreign_log(file)?, *json),
+            Format::Recording if !reading.is_set() && plain_recording_range_ns(file).is_some() => {
+                show(&read_recording(file)?, *json)
+            }
+            _ => show(&read_foreign_log(file, reading, *sensors)?, *json),
         })
     };
     read().unwrap_or_else(|error| fail(&error, 3))
@@ -97,8 +109,12 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
 }
 
 /// Imports a foreign log and returns its summary.
-fn read_foreign_log(file: &Path) -> Result<RecordingInfo, ImportError> {
-    let (_, summary) = ReadableFile::import(&[file.to_owned()], &Options::default())?;
+fn read_foreign_log(file: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<RecordingInfo, ImportError> {
+    let (_, summary) = ReadableFile::import(&[file.to_owned()], &reading.options(sensors)?)?;
+    let mut text = summary_text(&summary, file);
+    if summary.sensors.len() > 1 {
+        summary.sensors.iter().for_each(|sensor| text.push_str(&format!("\n  {sensor}")));
+    }
     Ok(RecordingInfo {
         file: file.to_owned(),
         format: summary.format.to_string(),
@@ -106,7 +122,7 @@ fn read_foreign_log(file: &Path) -> Result<RecordingInfo, ImportError> {
         rate_hz: summary.rate_hz,
         seconds: summary.duration_s,
         has_reference: summary.reference_rows > 0,
-        text: summary_text(&summary, file),
+        text,
     })
 }
 

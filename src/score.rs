@@ -19,7 +19,7 @@ use score::{
 
 use crate::{
     failure::fail,
-    import::{ReadOptions, ReadableFile},
+    import::{ReadOptions, ReadableFile, SensorNumbers},
     stdout::print,
 };
 
@@ -31,7 +31,7 @@ Examples:
   plumb score 'sim:s1?seed=1..20&duration_s=20' --fuser wz-closed --fuser wz
   plumb score sim:s1 --fuser wz-closed --tune fuser.time_constant_s=0.1..10 --report tuned.html
 
-Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, or a simulation sim:SCENARIO.
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or sim:SCENARIO.
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and optional mx,my,mz,qw,qx,qy,qz,mov;
 a file of fixes has t_s,ve,vn,vu and optional lat_deg,lon_deg,alt_m.
 
@@ -70,12 +70,12 @@ pub(crate) struct Score {
     /// Value or range of a parameter of the selected stages, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE|A..B", value_parser = parse_set)]
     settings: Vec<Set>,
-    /// Use of the magnetic field
-    #[arg(long, value_name = "on|off", default_value = "on")]
-    mag: Switch,
-    /// GNSS fixes; auto is NAME_gnss.csv in the folder of NAME_imu.csv.gz
-    #[arg(long, value_name = "FILE|auto|off", default_value = "auto", value_parser = parse_gnss)]
-    gnss: Gnss,
+    /// Use of the magnetic field, or number of the magnetometer of a log
+    #[arg(long, value_name = "on|off|N", default_value = "on", value_parser = parse_mag)]
+    mag: MagChoice,
+    /// GNSS fixes; auto is NAME_gnss.csv in the folder of NAME_imu.csv.gz; N a receiver of a log
+    #[arg(long, value_name = "FILE|auto|off|N", default_value = "auto", value_parser = parse_gnss)]
+    gnss: GnssChoice,
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
@@ -116,10 +116,21 @@ pub(crate) struct Score {
     reading: ReadOptions,
 }
 
-#[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum Switch {
+/// Argument of `--mag`.
+#[derive(Clone, Copy, PartialEq)]
+enum MagChoice {
     On,
     Off,
+    /// Number of the magnetometer to read.
+    Number(usize),
+}
+
+/// Argument of `--gnss`.
+#[derive(Clone)]
+enum GnssChoice {
+    Fixes(Gnss),
+    /// Number of the receiver to read.
+    Number(usize),
 }
 
 /// Argument of `--set`: a value or a range of values.
@@ -161,19 +172,33 @@ pub(crate) fn run(score: Score) -> ExitCode {
     };
     // An imported recording is a temporary file that is removed on drop, so it is kept until the
     // end of the run.
-    let readable = match files.iter().map(|file| readable(file, &reading)).collect::<Result<Vec<_>, _>>() {
-        Ok(readable) => readable,
+    let sensors = SensorNumbers {
+        mag: match mag {
+            MagChoice::Number(number) => Some(number),
+            _ => None,
+        },
+        gnss: match gnss {
+            GnssChoice::Number(number) => Some(number),
+            GnssChoice::Fixes(_) => None,
+        },
+    };
+    let opened = files.iter().map(|file| readable(file, &reading, sensors)).collect::<Result<Vec<_>, _>>();
+    let readable = match opened {
+        Ok(readable) => readable.into_iter().flatten().collect::<Vec<_>>(),
         Err(error) => return fail(&error, error.exit_code()),
     };
-    let names = readable.iter().zip(&files).map(|(readable, file)| match readable {
-        Some(readable) => readable.path.to_string_lossy().into_owned(),
-        None => file.clone(),
+    let names = readable.iter().map(|trial| match trial {
+        TrialFile::Recording(readable) => readable.path.to_string_lossy().into_owned(),
+        TrialFile::Simulation(name) => name.clone(),
     });
     let request = Request {
         files: names.collect(),
         options: TrialOptions {
-            gnss,
-            without_field: mag == Switch::Off,
+            gnss: match gnss {
+                GnssChoice::Fixes(gnss) => gnss,
+                GnssChoice::Number(_) => Gnss::Auto,
+            },
+            without_field: mag == MagChoice::Off,
             reference,
             gyro_samples,
             recorded_gyro_samples: RecordedGyroSamples(base.ingest.replay.gyro_samples),
@@ -195,6 +220,11 @@ pub(crate) fn run(score: Score) -> ExitCode {
     });
     bar.finish_and_clear();
     scores.iter().flat_map(|scores| &scores.warnings).for_each(supervisor::announce);
+    for trial in &readable {
+        if let TrialFile::Recording(readable) = trial {
+            readable.announce_warning();
+        }
+    }
     match scores {
         Ok(scores) if json => {
             supervisor::announce(&scores);
@@ -205,9 +235,19 @@ pub(crate) fn run(score: Score) -> ExitCode {
     }
 }
 
-/// Opens a recording. Returns `None` for a simulation.
-fn readable(file: &str, reading: &ReadOptions) -> Result<Option<ReadableFile>, ImportError> {
-    if file.starts_with("sim:") { Ok(None) } else { ReadableFile::open(Path::new(file), reading).map(Some) }
+/// Recording or simulation to score.
+enum TrialFile {
+    Recording(ReadableFile),
+    Simulation(String),
+}
+
+/// Opens the segments of a recording, or a simulation.
+fn readable(file: &str, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Vec<TrialFile>, ImportError> {
+    if file.starts_with("sim:") {
+        return Ok(vec![TrialFile::Simulation(file.to_owned())]);
+    }
+    let segments = ReadableFile::open_segments(Path::new(file), reading, sensors)?;
+    Ok(segments.into_iter().map(TrialFile::Recording).collect())
 }
 
 /// Returns the base configuration. No launch file is read if only built-in stages are named.
@@ -255,10 +295,20 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
     found.ok_or_else(|| "expected WIDTHxHEIGHT, from 480x320 to 8000x8000 pixels, as in 1200x900".into())
 }
 
-fn parse_gnss(text: &str) -> Result<Gnss, String> {
-    Ok(match text {
-        "auto" => Gnss::Auto,
-        "off" => Gnss::Off,
-        file => Gnss::File(file.into()),
+fn parse_gnss(text: &str) -> Result<GnssChoice, String> {
+    Ok(match (text, text.parse()) {
+        ("auto", _) => GnssChoice::Fixes(Gnss::Auto),
+        ("off", _) => GnssChoice::Fixes(Gnss::Off),
+        (_, Ok(number)) => GnssChoice::Number(number),
+        (file, _) => GnssChoice::Fixes(Gnss::File(file.into())),
     })
+}
+
+fn parse_mag(text: &str) -> Result<MagChoice, String> {
+    match (text, text.parse()) {
+        ("on", _) => Ok(MagChoice::On),
+        ("off", _) => Ok(MagChoice::Off),
+        (_, Ok(number)) => Ok(MagChoice::Number(number)),
+        _ => Err("expected on, off or the number of a magnetometer".into()),
+    }
 }

@@ -11,7 +11,7 @@ use crate::{
     absent::absent_services,
     duration::duration_s,
     failure::fail_after_result,
-    import::{ReadOptions, ReadableFile},
+    import::{ReadOptions, ReadableFile, SensorNumbers},
     replay,
     stdout::print,
 };
@@ -27,7 +27,7 @@ Examples:
 SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
 and the keys of the kind's section in the launch file (docs/how-to/sensors.md).
 RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
-A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP or a ROS 2 bag. A flight of --record is
+A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag. A flight of --record is
 replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]
 pub(crate) struct Up {
     /// Launch file [default: ./launch.toml, else the built-in one]
@@ -70,6 +70,8 @@ pub(crate) struct Up {
     json: bool,
     #[command(flatten)]
     reading: ReadOptions,
+    #[command(flatten)]
+    sensors: SensorNumbers,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
@@ -88,6 +90,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         readings,
         json,
         reading,
+        sensors,
     } = up;
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
@@ -118,7 +121,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         publish_readings: readings,
         absent_services: absent_services(),
     };
-    let report = report(request, &reading);
+    let report = report(request, &reading, sensors);
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -128,7 +131,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
 
 /// Replays a flight, or runs the system. If the source is a foreign recording, it is imported
 /// first.
-fn report(mut request: Request, reading: &ReadOptions) -> Report {
+fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers) -> Report {
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
     }
@@ -137,12 +140,14 @@ fn report(mut request: Request, reading: &ReadOptions) -> Report {
         replay => {
             // An imported recording is a temporary file that is removed on drop, so it is kept
             // until the end of the run.
-            let readable = match replay.as_deref().map(|path| ReadableFile::open(path, reading)).transpose() {
+            let readable = match replay.as_deref().map(|path| ReadableFile::open(path, reading, sensors)).transpose() {
                 Ok(readable) => readable,
                 Err(error) => return Report::from_error(&error, error.exit_code()),
             };
             request.imported = readable.as_ref().map(|readable| readable.path.clone());
-            supervisor::up(&request)
+            let result = supervisor::up(&request);
+            readable.iter().for_each(ReadableFile::announce_warning);
+            result
         }
     };
     match result {

@@ -26,7 +26,7 @@ use score::{
 use crate::{
     duration::duration_s,
     failure::fail,
-    import::{ReadOptions, ReadableFile},
+    import::{ReadOptions, ReadableFile, SensorNumbers},
     stdout::print,
     system::LocalSystemArgs,
 };
@@ -175,7 +175,7 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     // end of the run.
     let readable = match file.starts_with("sim:") {
         true => None,
-        false => Some(ReadableFile::open(Path::new(&file), &reading)?),
+        false => Some(ReadableFile::open(Path::new(&file), &reading, SensorNumbers::default())?),
     };
     let name = readable.as_ref().map_or(file, |readable| readable.path.to_string_lossy().into_owned());
     let trial = Trial::open(&name, &TrialOptions { gnss: Gnss::Off, gyro_samples, ..TrialOptions::default() })?;

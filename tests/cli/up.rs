@@ -75,30 +75,42 @@ fn assert_recording_rejected(name: &str, contents: &[u8], texts: &[&str]) {
     fs::write(&file, contents).unwrap();
     for mode in [&[][..], &["--in-process"]] {
         let command = system.command(&[&["--replay", file.to_str().unwrap(), "--speed", "max"], mode].concat());
-        assert_exits_with(command, 3, &[&[&*format!("reading the recording {}: ", file.display())], texts].concat());
+        assert_exits_with(command, 3, &[&[&*format!(" {}: ", file.display())], texts].concat());
         assert_eq!(system.leftovers(), Vec::<String>::new());
     }
 }
 
-#[test]
-fn invalid_number_is_reported_with_position() {
-    let bad = RECORDING.replace("0.02,0,0", "0.02,0,0.1.2");
-    assert_recording_rejected(
-        "bad.csv",
-        bad.as_bytes(),
-        &["line 4, column 3 (gy): found \"0.1.2\", expected a number"],
-    );
-    assert_recording_rejected(
-        "bad.csv.gz",
-        &gzip(&bad),
-        &["line 4, column 3 (gy): found \"0.1.2\", expected a number"],
-    );
+/// Checks that the two good rows of a recording with these contents are read, and that the note
+/// contains `text`.
+fn assert_recording_read(name: &str, contents: &[u8], rows: u64, text: &str) {
+    let system = System::new("");
+    let file = system.path(name);
+    fs::write(&file, contents).unwrap();
+    let run = system.run(&["--replay", file.to_str().unwrap(), "--speed", "max", "--in-process"]);
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    assert_eq!(run.number("/ticks_out"), rows as f64, "{}", run.stderr);
+    assert!(run.stderr.contains(text), "{}", run.stderr);
 }
 
 #[test]
-fn short_row_is_reported_with_position() {
-    let bad = format!("{RECORDING}0.03,0,0\n");
-    assert_recording_rejected("bad.csv", bad.as_bytes(), &["line 5, column 4 (gz): found 3 fields, expected 7"]);
+fn malformed_rows_cost_only_themselves() {
+    let bad = RECORDING.replace("0.02,0,0", "0.02,0,0.1.2");
+    let note = "skipped 1 malformed row, the first in line 4: found \"0.1.2\", expected a number";
+    let rows = RECORDING.lines().count() as u64 - 2;
+    assert_recording_read("bad.csv", bad.as_bytes(), rows, note);
+    assert_recording_read("bad.csv.gz", &gzip(&bad), rows, note);
+    let short = format!("{RECORDING}0.03,0,0\n");
+    let note = "skipped 1 malformed row, the first in line 5: found 3 fields, expected 7 as in the header";
+    assert_recording_read("bad.csv", short.as_bytes(), rows + 1, note);
+    let zeros = [RECORDING.as_bytes(), &[0; 5000]].concat();
+    assert_recording_read("bad.csv", &zeros, rows + 1, "skipped 1 malformed row, the first in line 5");
+}
+
+#[test]
+fn recording_without_valid_row_is_rejected() {
+    let header = RECORDING.lines().next().unwrap();
+    let bad = format!("{header}\n0,0,0\n1,0,0\n");
+    assert_recording_rejected("bad.csv", bad.as_bytes(), &["line 2, column 4 (gz): found 3 fields, expected 7"]);
 }
 
 #[test]
@@ -128,11 +140,7 @@ fn binary_noise_is_rejected() {
         &[0x1f, 0x8b, 0xff, 0, 1, 2, 3, 4, 5, 6, 7, 8],
         &["line 1: cannot read the line: ", "gzip"],
     );
-    assert_recording_rejected(
-        "noise.csv",
-        &[0, 0xff, 0xfe, 0x80, 9],
-        &["line 1, column 1: found ", "expected UTF-8 text"],
-    );
+    assert_recording_rejected("noise.csv", &[0, 0xff, 0xfe, 0x80, 9], &["unknown format, expected ULog, MCAP"]);
 }
 
 #[test]

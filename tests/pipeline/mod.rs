@@ -12,6 +12,7 @@ mod notebook;
 mod output;
 mod python_sensor;
 mod replay;
+mod reports;
 mod score;
 mod score_errors;
 mod score_files;

@@ -75,6 +75,11 @@ impl Calibration {
         Self::new(bias, misalignment * Matrix3::from_diagonal(&scale))
     }
 
+    /// Returns the length of each row of the matrix: the factor from raw units to SI units.
+    pub fn row_lengths(&self) -> [f64; 3] {
+        core::array::from_fn(|row| self.matrix.row(row).norm())
+    }
+
     /// Returns the calibrated reading in the sensor's axes.
     pub fn apply(&self, raw: Vector3<f64>) -> Vector3<f64> {
         self.matrix * (raw - self.bias)

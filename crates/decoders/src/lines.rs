@@ -3,18 +3,18 @@
 //!
 //! A [`Mapping`] assigns columns, units and axes, with the same syntax as `plumb import`. Column
 //! names come from the settings or from a line of the stream that contains all mapped names. Such a
-//! header may appear at the start or later. The `t_s` column of a recording is a time in s.
+//! header may appear at the start or later, also as a comment. The `t_s` column of a recording is a
+//! time in s.
 //!
-//! A line ends with a newline. Numbers are separated by tabs, semicolons, commas or blanks. They
-//! have a decimal point, or a decimal comma if the separator is not a comma. Blank lines and lines
-//! that start with `#` are counted and otherwise ignored.
+//! A line ends with a newline. The rules for comments, separators, numbers and times are those of
+//! files ([`mapping::text`]). Blank lines and comments are counted and otherwise ignored.
 //!
 //! | column | meaning |
 //! | --- | --- |
 //! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force, mandatory. Blank and `nan` become NaN; a line in which all six are NaN yields no IMU measurement |
 //! | `mx`, `my`, `mz` | field, in lines in which all three are finite |
 //! | `ve`, `vn`, `vu` or `vd`, `lat`, `lon`, `alt` | fix, in lines in which the velocity is finite and the fix differs from the previous one |
-//! | `t` | time: UNIX time if later than 2001-09-09, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set |
+//! | `t` | time: UNIX time if later than 2001-09-09 or a date, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set or it is a time of day |
 //! | others | ignored |
 //!
 //! If no names are given, lines of 7 numbers are read as `t,gx,gy,gz,ax,ay,az`, and lines of 10
@@ -26,12 +26,10 @@
 //! Limits: there is no checksum. A line with a non-text byte, an invalid number or the wrong number
 //! of fields is rejected as a whole, but a corrupted digit remains undetected.
 
-use std::borrow::Cow;
-
 use mapping::{
     FIELD, FORCE, Mapping, POSITION, RATE,
     names::nearest,
-    text::{fields, time_ns},
+    text::{self, DAY_NS, Dialect, Line, Separator, Time},
 };
 
 use crate::{
@@ -41,15 +39,8 @@ use crate::{
 
 /// Maximum length of a line, including its newline.
 const MAX_LINE_BYTES: usize = 4096;
-const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
 /// Smallest time that counts as UNIX time, ns: 2001-09-09.
 const MIN_UNIX_TIME_NS: i64 = 1_000_000_000_000_000_000;
-/// Column names assumed for a stream without names.
-const DEFAULT_COLUMNS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
-const DEFAULT_COLUMN_COUNTS: [usize; 2] = [7, 10];
-/// Name of the time column in a recording.
-const RECORDING_TIME_COLUMN: &str = "t_s";
-
 /// Format of lines of numbers, with the columns of the stream.
 #[derive(Debug, Clone)]
 pub struct Lines {
@@ -57,6 +48,8 @@ pub struct Lines {
     /// Wrap period of the time, if the time is a wrapping counter.
     period_ns: Option<u64>,
     indices: Option<ColumnIndices>,
+    /// Separator and decimal mark of the rows; `None` until the first row.
+    dialect: Option<Dialect>,
     /// `true` if the next byte starts a line.
     is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
@@ -119,47 +112,69 @@ impl Lines {
             })
         });
         let indices = resolved.transpose()?;
-        Ok(Self { mapping, period_ns, indices, is_synchronised: settings.starts_at_line_start, last_fix: None })
+        let is_synchronised = settings.starts_at_line_start;
+        Ok(Self { mapping, period_ns, indices, dialect: None, is_synchronised, last_fix: None })
     }
 
     fn parse_line(&mut self, line: &[u8], measurements: &mut Vec<Measurement>) -> Option<()> {
-        let is_text = line.iter().all(|byte| matches!(byte, b' '..=b'~' | b'\t' | b'\r'));
-        let line = str::from_utf8(line).ok().filter(|_| is_text)?.trim_ascii();
-        if line.is_empty() || line.starts_with('#') {
-            return Some(());
-        }
-        let separator = SEPARATORS.into_iter().find(|separator| line.as_bytes().contains(separator));
-        let fields: Vec<&str> = match separator {
-            Some(separator) => {
-                fields(line.as_bytes(), separator).map(|field| str::from_utf8(field).unwrap_or_default()).collect()
+        let line = match Line::parse(line)? {
+            Line::Blank => return Some(()),
+            Line::Comment(comment) => {
+                self.find_columns(comment);
+                return Some(());
             }
-            None => line.split_ascii_whitespace().collect(),
+            Line::Content(line) => line,
         };
-        let row = Row { fields: &fields, may_have_decimal_comma: separator != Some(b',') };
-        if self.is_synchronised && self.parse_row(&row, measurements).is_some() {
+        if self.is_synchronised && self.parse_row(line, measurements).is_some() {
             return Some(());
         }
-        if let Ok(indices) = ColumnIndices::find(&self.mapping, &fields) {
-            self.indices = Some(indices);
+        if self.find_columns(line) {
             return Some(());
         }
         if !self.is_synchronised || self.indices.is_some() || self.mapping.is_explicit() {
             return None;
         }
-        let unnamed =
-            DEFAULT_COLUMNS.get(..fields.len()).filter(|names| DEFAULT_COLUMN_COUNTS.contains(&names.len()))?;
-        self.indices = ColumnIndices::find(&self.mapping, unnamed).ok();
-        let row = self.parse_row(&row, measurements);
+        let mut names = Separator::ALL.iter().filter_map(|separator| {
+            let names = text::unnamed_columns(separator.fields(line).len())?;
+            Some((names, *separator))
+        });
+        let (names, separator) = names.next()?;
+        self.indices = ColumnIndices::find(&self.mapping, names).ok();
+        self.dialect = Some(Dialect::new(separator));
+        let row = self.parse_row(line, measurements);
         if row.is_none() {
-            self.indices = None;
+            (self.indices, self.dialect) = (None, None);
         }
         row
     }
 
-    fn parse_row(&mut self, row: &Row<'_>, measurements: &mut Vec<Measurement>) -> Option<()> {
-        let indices = self.indices.as_ref().filter(|indices| indices.count == row.fields.len())?;
+    /// Takes the columns from a line that contains all mapped names. Returns `false` if the line
+    /// does not.
+    fn find_columns(&mut self, line: &str) -> bool {
+        let found = Separator::ALL.iter().find_map(|separator| {
+            ColumnIndices::find(&self.mapping, &separator.fields(line)).ok().map(|indices| (indices, *separator))
+        });
+        let Some((indices, separator)) = found else { return false };
+        (self.indices, self.dialect) = (Some(indices), Some(Dialect::new(separator)));
+        true
+    }
+
+    /// Returns the dialect of a row with `count` fields. The separator is that of the column names,
+    /// or another one that yields `count` fields.
+    fn dialect_of(&self, line: &str, count: usize) -> Option<Dialect> {
+        let fits = |separator: Separator| separator.fields(line).len() == count;
+        self.dialect
+            .filter(|dialect| fits(dialect.separator))
+            .or_else(|| Separator::ALL.into_iter().find(|separator| fits(*separator)).map(Dialect::new))
+    }
+
+    fn parse_row(&mut self, line: &str, measurements: &mut Vec<Measurement>) -> Option<()> {
+        let indices = self.indices.as_ref()?;
+        let dialect = self.dialect_of(line, indices.count)?;
+        let fields = dialect.separator.fields(line);
+        let mut row = Row { fields: &fields, dialect };
         let time = match indices.time {
-            Some(index) => self.parse_time(row.fields[index], row)?,
+            Some(index) => self.device_time(row.time(index, &self.mapping)?)?,
             None => None,
         };
         let (rate, force) = (row.vector(indices.rate)?, row.vector(indices.force)?);
@@ -168,6 +183,7 @@ impl Lines {
         for (part, index) in position.iter_mut().zip(indices.position) {
             *part = index.map_or(Some(f64::NAN), |index| row.number(index))?;
         }
+        self.dialect = Some(row.dialect);
         if let Some(velocity) = velocity {
             let ([east, north, up], [latitude_deg, longitude_deg, altitude_m]) = (velocity, position);
             let fix_bits = [east, north, up, latitude_deg, longitude_deg, altitude_m].map(f64::to_bits);
@@ -190,20 +206,18 @@ impl Lines {
         Some(())
     }
 
-    /// Parses a time. A blank field yields `Some(None)`, an invalid one `None`.
-    fn parse_time(&self, text: &str, row: &Row<'_>) -> Option<Option<DeviceTime>> {
-        let text = row.with_decimal_point(text);
-        if text.is_empty() {
-            return Some(None);
-        }
-        let t_ns = time_ns(&text, self.mapping.time_digits())?;
+    /// Converts a time to that of the device. Returns `None` if a counter is negative.
+    fn device_time(&self, time: Option<Time>) -> Option<Option<DeviceTime>> {
+        let Some(time) = time else { return Some(None) };
         // Times in a recording may be negative. They are stored as two's complement.
-        let now_ns = t_ns.cast_unsigned();
-        Some(Some(match self.period_ns {
-            Some(_) if t_ns < 0 => return None,
-            Some(period_ns) => DeviceTime::Counter { now_ns: now_ns % period_ns, period_ns },
-            None if t_ns >= MIN_UNIX_TIME_NS => DeviceTime::Unix { now_ns },
-            None => DeviceTime::SinceBoot { now_ns },
+        let now_ns = time.ns().cast_unsigned();
+        Some(Some(match (time, self.period_ns) {
+            (Time::OfDay(_), _) => DeviceTime::Counter { now_ns, period_ns: DAY_NS.unsigned_abs() },
+            (Time::Calendar(_), _) => DeviceTime::Unix { now_ns },
+            (Time::Count(..0), Some(_)) => return None,
+            (Time::Count(_), Some(period_ns)) => DeviceTime::Counter { now_ns: now_ns % period_ns, period_ns },
+            (Time::Count(MIN_UNIX_TIME_NS..), None) => DeviceTime::Unix { now_ns },
+            (Time::Count(_), None) => DeviceTime::SinceBoot { now_ns },
         }))
     }
 }
@@ -231,34 +245,31 @@ impl Format for Lines {
 /// Line split into fields.
 struct Row<'a> {
     fields: &'a [&'a str],
-    /// `true` if the separator is not a comma. In that case, a comma in a number is a decimal
-    /// comma.
-    may_have_decimal_comma: bool,
+    dialect: Dialect,
 }
 
 impl Row<'_> {
     /// Parses three fields. Blank ones are NaN.
-    fn vector(&self, indices: [usize; 3]) -> Option<[f64; 3]> {
+    fn vector(&mut self, indices: [usize; 3]) -> Option<[f64; 3]> {
         let [x, y, z] = indices.map(|index| self.number(index));
         Some([x?, y?, z?])
     }
 
-    fn number(&self, index: usize) -> Option<f64> {
-        let text = self.with_decimal_point(self.fields.get(index)?);
-        if text.is_empty() { Some(f64::NAN) } else { text.parse().ok() }
+    fn number(&mut self, index: usize) -> Option<f64> {
+        self.dialect.number(self.fields.get(index)?).ok()
+    }
+
+    /// Parses a time. A blank field yields `Some(None)`, an invalid one `None`.
+    fn time(&mut self, index: usize, mapping: &Mapping) -> Option<Option<Time>> {
+        self.dialect.time(self.fields.get(index)?, mapping.time_digits()).ok()
     }
 
     /// Parses three optional fields. Returns `Some(None)` if there are no such columns or a number
     /// is not finite.
-    fn finite_vector(&self, indices: Option<[usize; 3]>) -> Option<Option<[f64; 3]>> {
+    fn finite_vector(&mut self, indices: Option<[usize; 3]>) -> Option<Option<[f64; 3]>> {
         let Some(indices) = indices else { return Some(None) };
         let numbers = self.vector(indices)?;
         Some(numbers.iter().all(|number| number.is_finite()).then_some(numbers))
-    }
-
-    /// Replaces a decimal comma with a point.
-    fn with_decimal_point<'a>(&self, text: &'a str) -> Cow<'a, str> {
-        if self.may_have_decimal_comma && text.contains(',') { text.replacen(',', ".", 1).into() } else { text.into() }
     }
 }
 
@@ -280,10 +291,8 @@ impl ColumnIndices {
     fn find(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
         let index_of = |target: &'static str| -> Result<usize, &'static str> {
             let column = mapping.column(target).unwrap_or(target);
-            let is_match = |name: &&str| {
-                *name == column || (column == "t" && *name == RECORDING_TIME_COLUMN && mapping.time_digits() == 9)
-            };
-            names.iter().position(is_match).ok_or(target)
+            let exact = names.iter().position(|name| *name == column);
+            exact.or_else(|| names.iter().position(|name| mapping.matches(target, name))).ok_or(target)
         };
         let three_indices = |[x, y, z]: [&'static str; 3]| Ok([index_of(x)?, index_of(y)?, index_of(z)?]);
         let [latitude, longitude, altitude] = POSITION;

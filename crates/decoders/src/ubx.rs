@@ -1,12 +1,12 @@
 //! u-blox receivers: UBX-NAV-PVT.
 //!
 //! A frame consists of 0xB5 0x62, class, id, a two-byte length, the payload and a two-byte Fletcher
-//! checksum. A 92-byte NAV-PVT, which receivers send since u-blox 8, yields a fix:
+//! checksum. A NAV-PVT yields a fix. It has 92 bytes since u-blox 8, and 84 bytes before:
 //!
 //! - `velN`, `velE`, `velD` give the velocity east, north, up.
 //! - `sAcc` gives the standard deviation. It is at least [`crate::ASSUMED_VERTICAL_SD_M_S`] for a
 //!   two-dimensional fix, whose vertical velocity is assumed.
-//! - `lat`, `lon`, `hMSL` give the position unless marked invalid.
+//! - `lat`, `lon`, `hMSL` give the position unless marked invalid, which the short form cannot.
 //! - Date and time give the UNIX time if both are valid.
 //!
 //! A message yields a fix only if `gnssFixOK` is set. Other frames are counted. NMEA and RTCM
@@ -29,9 +29,9 @@ const ID_PVT: u8 = 0x07;
 /// Lengths of a NAV-PVT payload before and since u-blox 8. If a frame has any other length, its
 /// length field is corrupted. Such a frame is rejected immediately, because waiting for its end
 /// would delay the next fixes.
-const PVT_LENGTHS_BYTES: [usize; 2] = [84, PVT_BYTES];
-/// Length of the decoded NAV-PVT payload.
-const PVT_BYTES: usize = 92;
+const PVT_LENGTHS_BYTES: [usize; 2] = [SHORT_PVT_BYTES, 92];
+/// Length of the NAV-PVT payload before u-blox 8. The longer payload starts with the same fields.
+const SHORT_PVT_BYTES: usize = 84;
 
 /// UBX format. It has no settings.
 #[derive(Debug, Clone, Copy, Default)]
@@ -57,8 +57,8 @@ impl Format for Ubx {
         if fletcher(&covered[2..]) != checksum {
             return ParseOutcome::Rejected;
         }
-        if is_pvt && let Ok(payload) = covered[HEADER_BYTES..].try_into() {
-            measurements.extend(NavPvt::parse(payload).fix());
+        if is_pvt && let Some((start, rest)) = covered[HEADER_BYTES..].split_first_chunk() {
+            measurements.extend(NavPvt::parse(start, !rest.is_empty()).fix());
         }
         ParseOutcome::Frame(frame.len())
     }
@@ -105,8 +105,8 @@ const GNSS_AND_DEAD_RECKONING: u8 = 4;
 
 impl NavPvt {
     /// Reads the fields at the offsets that the interface description defines for protocol versions
-    /// 15 to 34.
-    fn parse(payload: &[u8; PVT_BYTES]) -> Self {
+    /// 15 to 34. The short form of version 14 has no `flags3`.
+    fn parse(payload: &[u8; SHORT_PVT_BYTES], has_flags3: bool) -> Self {
         let four = |at: usize| [payload[at], payload[at + 1], payload[at + 2], payload[at + 3]];
         let signed = |at| i32::from_le_bytes(four(at));
         Self {
@@ -125,7 +125,7 @@ impl NavPvt {
             height_msl_mm: signed(36),
             velocity_ned_mm_s: [48, 52, 56].map(signed),
             speed_accuracy_mm_s: u32::from_le_bytes(four(68)),
-            flags3: payload[78],
+            flags3: if has_flags3 { payload[78] } else { 0 },
         }
     }
 

@@ -119,6 +119,23 @@ pub(crate) fn rates_out_of_range(clipped: u64, implausible: u64) -> Diagnosis {
     Diagnosis { issue: InputIssue::RateUnit, evidence, causes }
 }
 
+/// Creates the diagnosis of forces that were rejected as implausible.
+pub(crate) fn rejected_forces(count: u64) -> Diagnosis {
+    let evidence = format!("{count} forces were rejected: ten times force_max_g or more, or not finite");
+    let remedy =
+        "accept them with `ingest.limits.force_max_g = 10000` in the launch file; the next run names the scale";
+    let causes = vec![cause("raw converter counts, or another unit", remedy)];
+    Diagnosis { issue: InputIssue::ForceUnit, evidence, causes }
+}
+
+/// Creates the diagnosis of an accelerometer that measures nothing.
+fn dead_accelerometer() -> Diagnosis {
+    let evidence = "the force is zero, at rest it is 9.81 m/s²".to_owned();
+    let remedy = "check the wiring and the driver of the accelerometer; choose another sensor of the log with --imu";
+    let causes = vec![cause("a dead accelerometer, or one that is not read", remedy)];
+    Diagnosis { issue: InputIssue::ForceStuck, evidence, causes }
+}
+
 /// Creates the diagnosis of a wrong rate unit. In `windows` windows of length `window_s`, the gyro
 /// measured a large rotation and the force showed little of it.
 pub(crate) fn unobserved_rotation(windows: u32, window_s: f64) -> Diagnosis {
@@ -169,6 +186,12 @@ pub(crate) fn timestamps(rejected: u64, leaps: u64, samples: u64) -> Diagnosis {
 }
 
 pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool) -> Diagnosis {
+    /// Force below which an accelerometer is dead, m/s². Less than 0.1 mg is below the noise of
+    /// any working one.
+    const DEAD_M_S2: f64 = 1e-6;
+    if high < DEAD_M_S2 {
+        return dead_accelerometer();
+    }
     let evidence = format!(
         "the force is {median:.3} m/s² (median; 10 to 90 %: {low:.3} to {high:.3}), at rest it is {GRAVITY_M_S2:.2} m/s²"
     );
@@ -196,7 +219,7 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
         // scale errors.
         (850.0..1200.0, _) => (
             InputIssue::ForceUnit,
-            vec![cause("forces in thousandths of g", scale_remedy("accel", GRAVITY_M_S2 / 1000.0))],
+            vec![cause("forces in thousandths of g", unit_remedy("accel", GRAVITY_M_S2 / 1000.0, "mg"))],
         ),
         _ => (
             InputIssue::ForceUnit,
@@ -224,8 +247,12 @@ pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
 
 pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     let evidence = format!("{count} field samples were rejected: at or beyond field_max_ut, or not finite");
-    let remedy = "`--units nT` of `plumb import`; a driver on the bus sends µT";
-    Diagnosis { issue: InputIssue::FieldUnit, evidence, causes: vec![cause("fields in nT", remedy)] }
+    // A field in gauss exceeds the limit if a ROS topic declares it to be in tesla.
+    let causes = vec![
+        cause("fields in nT", unit_remedy("mag", 1e-3, "nT")),
+        cause("fields in gauss on a ROS topic, whose unit is tesla", unit_remedy("mag", 1e-4, "gauss")),
+    ];
+    Diagnosis { issue: InputIssue::FieldUnit, evidence, causes }
 }
 
 /// Hypothesis that the true rate is `scale * axes` times the measured one.

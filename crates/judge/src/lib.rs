@@ -60,6 +60,8 @@ const SQUARE_SAFE_MAX: f64 = 1e9;
 const MIN_CLIPPED_RATES: u64 = 50;
 /// Minimum number of invalid rates for a diagnosis. A spike on the wire causes only one.
 const MIN_IMPLAUSIBLE_RATES: u64 = 5;
+/// Minimum number of invalid forces for a diagnosis. A spike on the wire causes only one.
+const MIN_IMPLAUSIBLE_FORCES: u64 = 5;
 /// Minimum number of timestamp faults for a diagnosis. A start or restart of a device causes only
 /// one.
 const MIN_TIMESTAMP_FAULTS: u64 = 3;
@@ -85,6 +87,7 @@ pub struct InputCheck {
     last_evaluation: (f64, u64),
     clipped_rates: u64,
     implausible_rates: u64,
+    implausible_forces: u64,
     rejected: u64,
     clock_leaps: u64,
     reported: Vec<InputIssue>,
@@ -107,6 +110,7 @@ impl Default for InputCheck {
             last_evaluation: (0.0, 0),
             clipped_rates: 0,
             implausible_rates: 0,
+            implausible_forces: 0,
             rejected: 0,
             clock_leaps: 0,
             reported: Vec::new(),
@@ -184,6 +188,7 @@ impl InputCheck {
             self.rate_axes.push(imu.rate_rad_s);
         }
         if flags.any(Flags::FORCE_INVALID) {
+            self.implausible_forces += 1;
             return self.interrupt();
         }
         self.force_axes.push(imu.force_m_s2);
@@ -213,7 +218,11 @@ impl InputCheck {
         if !time_unit_is_wrong && self.rejected + self.clock_leaps >= MIN_TIMESTAMP_FAULTS {
             found.push(diagnosis::timestamps(self.rejected, self.clock_leaps, self.samples));
         }
+        let has_force_unit = |found: &[Diagnosis]| found.iter().any(|found| found.issue == InputIssue::ForceUnit);
         found.extend(self.magnitude.diagnose_force(self.span_s));
+        if self.implausible_forces >= MIN_IMPLAUSIBLE_FORCES && !has_force_unit(&found) {
+            found.push(diagnosis::rejected_forces(self.implausible_forces));
+        }
         let has_gravity = !found.iter().any(|diagnosis| diagnosis.issue == InputIssue::GravityRemoved);
         found.extend(self.magnitude.diagnose_field());
         if !time_unit_is_wrong && has_gravity {

@@ -14,14 +14,16 @@
 //! | --- | --- |
 //! | `mapping` | columns, units and frame |
 //! | `rotation` | check for a unit quaternion |
-//! | [`text`] | fields of a line, times in text form |
+//! | [`text`] | comments, separators, numbers and times in text |
+//! | [`counter`] | wraps of counters |
 //! | [`names`] | suggestions for misspelt names |
 #![forbid(unsafe_code)]
 
+pub mod counter;
 mod mapping;
 pub mod names;
 mod rotation;
 pub mod text;
 
-pub use mapping::{FIELD, FORCE, Mapping, MappingError, POSITION, RATE, REFERENCE};
+pub use mapping::{FIELD, FORCE, Mapping, MappingError, POSITION, RATE, REFERENCE, SCORED, Units};
 pub use rotation::is_rotation;

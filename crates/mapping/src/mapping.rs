@@ -5,16 +5,21 @@ use attitude::{
     frames::{self, Body, Earth},
 };
 
-use crate::{names::nearest, rotation::is_rotation};
+use crate::{names::nearest, rotation::is_rotation, text::without_unit};
 
-/// Targets of columns: time, rate, force, field, reference, velocity and position.
-const TARGETS: [&str; 21] = [
+/// Targets of columns: time, rate, force, field, reference, velocity, position, and whether the row
+/// is scored.
+const TARGETS: [&str; 22] = [
     "t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "vd", "lat",
-    "lon", "alt",
+    "lon", "alt", "mov",
 ];
 /// Targets that are mapped to columns of the same name by default.
-const DEFAULT_COLUMNS: [&str; 16] =
-    ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "ve", "vn", "vu", "lat", "lon", "alt"];
+const DEFAULT_COLUMNS: [&str; 21] = [
+    "t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "lat", "lon",
+    "alt", "mov",
+];
+/// Name of the time column in a recording.
+const RECORDING_TIME_COLUMN: &str = "t_s";
 /// Targets that a file requires.
 const REQUIRED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
 /// Targets that a live stream requires. Time is not required, because samples may be stamped on
@@ -28,6 +33,8 @@ pub const FORCE: [&str; 3] = ["ax", "ay", "az"];
 pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
 /// Targets of the reference attitude.
 pub const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
+/// Target of the column that is 1 in rows that are scored.
+pub const SCORED: &str = "mov";
 const VELOCITY_UP: [&str; 3] = ["ve", "vn", "vu"];
 const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
 /// Targets of the position. Each is optional.
@@ -43,11 +50,12 @@ enum Unit {
     Time(usize),
 }
 
-const UNITS: [(&str, Unit); 12] = [
+const UNITS: [(&str, Unit); 13] = [
     ("rad/s", Unit::Rate(1.0)),
     ("deg/s", Unit::Rate(std::f64::consts::PI / 180.0)),
     ("m/s2", Unit::Force(1.0)),
     ("g", Unit::Force(GRAVITY_M_S2)),
+    ("mg", Unit::Force(GRAVITY_M_S2 / 1000.0)),
     ("uT", Unit::Field(1.0)),
     ("nT", Unit::Field(1e-3)),
     ("gauss", Unit::Field(100.0)),
@@ -56,6 +64,24 @@ const UNITS: [(&str, Unit); 12] = [
     ("ms", Unit::Time(6)),
     ("us", Unit::Time(3)),
     ("ns", Unit::Time(0)),
+];
+
+/// Other spellings of units.
+const UNIT_ALIASES: [(&str, &str); 14] = [
+    ("°/s", "deg/s"),
+    ("dps", "deg/s"),
+    ("deg/sec", "deg/s"),
+    ("rad/sec", "rad/s"),
+    ("m/s^2", "m/s2"),
+    ("m/s²", "m/s2"),
+    ("Gauss", "gauss"),
+    ("Ga", "gauss"),
+    ("µT", "uT"),
+    ("μT", "uT"),
+    ("µs", "us"),
+    ("μs", "us"),
+    ("milli-g", "mg"),
+    ("sec", "s"),
 ];
 
 fn default_columns() -> Vec<(&'static str, String)> {
@@ -70,18 +96,29 @@ fn default_columns() -> Vec<(&'static str, String)> {
 pub struct Mapping {
     /// Pairs of target and column.
     columns: Vec<(&'static str, String)>,
-    rate: f64,
-    force: f64,
-    field: f64,
+    /// `true` if the columns were named by the user.
+    is_explicit: bool,
+    units: Units,
     time_digits: usize,
-    body: Body,
+    body: Option<Body>,
     earth: Option<Earth>,
+}
+
+/// Factors that convert to rad/s, m/s² and µT. `None` if the user named no unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Units {
+    /// Factor of the body rate.
+    pub rate: Option<f64>,
+    /// Factor of the specific force.
+    pub force: Option<f64>,
+    /// Factor of the magnetic field.
+    pub field: Option<f64>,
 }
 
 impl Default for Mapping {
     fn default() -> Self {
-        let (rate, force, field) = (1.0, 1.0, 1.0);
-        Self { columns: default_columns(), rate, force, field, time_digits: 9, body: Body::Rfu, earth: None }
+        let columns = default_columns();
+        Self { columns, is_explicit: false, units: Units::default(), time_digits: 9, body: None, earth: None }
     }
 }
 
@@ -174,13 +211,13 @@ impl Mapping {
     /// With several files the column is given as `FILE:COLUMN`. `units` is a list in any order,
     /// such as `deg/s,g,gauss,ms`; the defaults are rad/s, m/s2, uT and s. `frame` names the body
     /// axes of the file, by default `rfu`. If a reference is mapped, it also names the earth axes,
-    /// as in `ned-frd`.
+    /// as in `ned-frd`. If `maps` is empty, each target is mapped to the column of its own name.
     ///
     /// # Errors
     ///
     /// Returns the first error found in `maps`, then `units` and `frame`.
     pub fn parse<S: AsRef<str>>(maps: &[S], units: Option<&str>, frame: Option<&str>) -> Result<Self, MappingError> {
-        Self::new(parse_columns(maps, &REQUIRED)?, units, frame)
+        Self::new(maps, &REQUIRED, units, frame)
     }
 
     /// Parses the mapping of a live text stream, which need not contain a time.
@@ -195,23 +232,23 @@ impl Mapping {
         units: Option<&str>,
         frame: Option<&str>,
     ) -> Result<Self, MappingError> {
-        if maps.is_empty() {
-            return Self::new(default_columns(), units, frame);
-        }
-        Self::new(parse_columns(maps, &REQUIRED_LIVE)?, units, frame)
+        Self::new(maps, &REQUIRED_LIVE, units, frame)
     }
 
-    fn new(
-        columns: Vec<(&'static str, String)>,
+    fn new<S: AsRef<str>>(
+        maps: &[S],
+        required: &'static [&'static str],
         units: Option<&str>,
         frame: Option<&str>,
     ) -> Result<Self, MappingError> {
+        let is_explicit = !maps.is_empty();
+        let columns = if is_explicit { parse_columns(maps, required)? } else { default_columns() };
         let unknown = |found: &str| MappingError::UnknownFrame { found: found.into() };
         let axes = frame.map(|found| frames::parse(found).ok_or_else(|| unknown(found)));
-        let (earth, body) = axes.transpose()?.unwrap_or_default();
-        let mut mapping = Self { columns, body, earth, ..Self::default() };
+        let (earth, body) = axes.transpose()?.map_or((None, None), |(earth, body)| (earth, Some(body)));
+        let mut mapping = Self { columns, is_explicit, body, earth, ..Self::default() };
         mapping.set_units(units.unwrap_or_default())?;
-        if mapping.has_reference() && earth.is_none() {
+        if is_explicit && mapping.has_reference() && earth.is_none() {
             return Err(MappingError::MissingEarthFrame);
         }
         Ok(mapping)
@@ -220,7 +257,8 @@ impl Mapping {
     fn set_units(&mut self, units: &str) -> Result<(), MappingError> {
         let mut chosen: [Option<&'static str>; 4] = [None; 4];
         for found in units.split(',').map(str::trim).filter(|found| !found.is_empty()) {
-            let Some(&(name, unit)) = UNITS.iter().find(|(name, _)| *name == found) else {
+            let plain = UNIT_ALIASES.iter().find(|(alias, _)| *alias == found).map_or(found, |(_, name)| name);
+            let Some(&(name, unit)) = UNITS.iter().find(|(name, _)| *name == plain) else {
                 let names = UNITS.map(|(name, _)| name);
                 let same_letters = names.into_iter().find(|name| name.eq_ignore_ascii_case(found));
                 let suggestion = same_letters.or_else(|| nearest(found, names));
@@ -236,9 +274,9 @@ impl Mapping {
                 return Err(MappingError::DuplicateUnit { quantity, first, second: name });
             }
             match unit {
-                Unit::Rate(factor) => self.rate = factor,
-                Unit::Force(factor) => self.force = factor,
-                Unit::Field(factor) => self.field = factor,
+                Unit::Rate(factor) => self.units.rate = Some(factor),
+                Unit::Force(factor) => self.units.force = Some(factor),
+                Unit::Field(factor) => self.units.field = Some(factor),
                 Unit::Time(digits) => self.time_digits = digits,
             }
         }
@@ -247,7 +285,7 @@ impl Mapping {
 
     /// Returns `true` if columns were mapped explicitly, in which case all of them are required.
     pub fn is_explicit(&self) -> bool {
-        self.columns.iter().any(|(target, column)| target != column) || self.columns.len() < DEFAULT_COLUMNS.len()
+        self.is_explicit
     }
 
     /// Returns the column mapped to `target`.
@@ -294,22 +332,46 @@ impl Mapping {
     /// Converts a quaternion w, x, y, z to native axes. Returns `None` unless it has unit length.
     pub fn reference(&self, quaternion: [f64; 4]) -> Option<[f64; 4]> {
         is_rotation(quaternion)
-            .then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body, quaternion))
+            .then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body(), quaternion))
+    }
+
+    /// Returns the units that the user named.
+    pub fn units(&self) -> Units {
+        self.units
+    }
+
+    /// Returns the body axes and the earth axes that the user named.
+    pub fn frame(&self) -> (Option<Body>, Option<Earth>) {
+        (self.body, self.earth)
+    }
+
+    fn body(&self) -> Body {
+        self.body.unwrap_or_default()
+    }
+
+    /// Returns `true` if a column of this name holds `target`. A unit in brackets at the end of
+    /// the name is ignored. The time of a recording is called `t_s`.
+    pub fn matches(&self, target: &str, name: &str) -> bool {
+        let column = self.column(target).unwrap_or(target);
+        // Without a mapping of the columns, a unit of time also applies to this column.
+        let is_seconds = !self.is_explicit || self.time_digits == 9;
+        let is_recording_time = column == "t" && name == RECORDING_TIME_COLUMN && is_seconds;
+        name == column || without_unit(name) == column || is_recording_time
     }
 
     /// Returns the body rate, rad/s, right, forward, up, from the columns of [`RATE`].
     pub fn rate_rad_s(&self, values: [f64; 3]) -> [f64; 3] {
-        self.body.to_native(values.map(|part| part * self.rate))
+        self.body().to_native(values.map(|part| part * self.units.rate.unwrap_or(1.0)))
     }
 
     /// Returns the specific force, m/s², right, forward, up, from the columns of [`FORCE`].
     pub fn force_m_s2(&self, values: [f64; 3]) -> [f64; 3] {
-        self.body.to_native(values.map(|part| part * self.force))
+        self.body().to_native(values.map(|part| part * self.units.force.unwrap_or(1.0)))
     }
 
     /// Returns the magnetic field, µT, right, forward, up, from the columns of [`FIELD`].
     pub fn field_ut(&self, values: [f64; 3]) -> [f64; 3] {
-        self.body.to_native(values.map(|part| part * self.field))
+        self.body().to_native(values.map(|part| part * self.units.field.unwrap_or(1.0)))
     }
 
     /// Returns the number of decimal places needed to write a time with nanosecond resolution.

@@ -1,22 +1,295 @@
-//! Splits lines into fields and parses times.
+//! Rules for text with numbers, shared by files and live streams: comments, separators, numbers
+//! and times.
+
+use std::borrow::Cow;
 
 /// Exclusive limit of the absolute value of a time, s. Nanoseconds within this limit fit into an
 /// `i64`.
 const TIME_LIMIT_S: i128 = 9_000_000_000;
+/// Signs that start a comment.
+const COMMENT_SIGNS: [&str; 3] = ["#", "%", "//"];
+const BYTE_ORDER_MARK: char = '\u{feff}';
+/// Length of a day, ns. A time of day wraps after it.
+pub const DAY_NS: i64 = 86_400_000_000_000;
+const NS_PER_S: i64 = 1_000_000_000;
+/// Column counts that are accepted without column names.
+const UNNAMED_COLUMN_COUNTS: [usize; 2] = [7, 10];
+/// Column names assumed for text without names.
+const UNNAMED_COLUMNS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
 
-/// Returns the fields of a line, without surrounding blanks and quotes.
-///
-/// A separator between quotes belongs to the field. An unclosed quote ends with the line.
-pub fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
-    let mut is_quoted = false;
-    let parts = line.split(move |&byte| {
-        is_quoted ^= byte == b'"';
-        byte == separator && !is_quoted
-    });
-    parts.map(|part| match part.trim_ascii() {
-        [b'"', inner @ .., b'"'] => inner.trim_ascii(),
-        part => part,
+/// Separator between the fields of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Separator {
+    /// One character between two fields. Blanks around it are ignored.
+    Char(u8),
+    /// Any number of blanks and tabs.
+    Blanks,
+}
+
+impl Separator {
+    /// Separators in order of preference.
+    ///
+    /// Tabs and semicolons come first because they rarely occur in names, and because a comma in a
+    /// text with one of these separators is a decimal comma.
+    pub const ALL: [Self; 4] = [Self::Char(b'\t'), Self::Char(b';'), Self::Char(b','), Self::Blanks];
+
+    /// Returns the fields of a line, without surrounding blanks and quotes.
+    ///
+    /// A separator between quotes belongs to the field. An unclosed quote ends with the line.
+    pub fn fields(self, line: &str) -> Vec<&str> {
+        let mut is_quoted = false;
+        let parts = line.trim_ascii().split(move |found: char| {
+            is_quoted ^= found == '"';
+            !is_quoted
+                && match self {
+                    Self::Char(separator) => found == char::from(separator),
+                    Self::Blanks => matches!(found, ' ' | '\t'),
+                }
+        });
+        let unquoted = parts.map(|part| {
+            let part = part.trim_ascii();
+            part.strip_prefix('"').and_then(|part| part.strip_suffix('"')).map_or(part, str::trim_ascii)
+        });
+        unquoted.filter(|part| self != Self::Blanks || !part.is_empty()).collect()
+    }
+
+    /// Returns the separator of a line: the first that occurs in it, else blanks.
+    pub fn of_line(line: &str) -> Self {
+        Self::of_lines(&[line])
+    }
+
+    /// Returns the first separator that splits all lines into the same number of fields, at least
+    /// two.
+    pub fn common(lines: &[&str]) -> Option<Self> {
+        Self::ALL.into_iter().find(|separator| {
+            let mut counts = lines.iter().map(|line| separator.fields(line).len());
+            let first = counts.next().unwrap_or(0);
+            first > 1 && counts.all(|count| count == first)
+        })
+    }
+
+    fn of_lines(lines: &[&str]) -> Self {
+        Self::common(lines).unwrap_or(Self::Blanks)
+    }
+}
+
+/// Content of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Line<'a> {
+    /// Blank line.
+    Blank,
+    /// Comment, without its sign. It may hold the column names.
+    Comment(&'a str),
+    /// Names or values.
+    Content(&'a str),
+}
+
+impl<'a> Line<'a> {
+    /// Classifies a line. Returns `None` for bytes that are not text, such as the zeros at the end
+    /// of a damaged file.
+    pub fn parse(line: &'a [u8]) -> Option<Self> {
+        let text = str::from_utf8(line).ok()?;
+        let is_text = |found: char| !found.is_ascii_control() || matches!(found, '\t' | '\r' | '\n' | '\u{c}');
+        if !text.chars().all(is_text) {
+            return None;
+        }
+        let text = text.trim_start_matches(BYTE_ORDER_MARK).trim_ascii();
+        Some(match COMMENT_SIGNS.iter().find_map(|sign| text.strip_prefix(sign)) {
+            _ if text.is_empty() => Self::Blank,
+            Some(comment) => Self::Comment(comment.trim_ascii()),
+            None => Self::Content(text),
+        })
+    }
+}
+
+/// Returns `true` if `line` is a row of values: with one of the separators, at least half of its
+/// fields, and at least two, are numbers or times.
+pub fn is_row(line: &str) -> bool {
+    Separator::ALL.into_iter().any(|separator| {
+        let fields = separator.fields(line);
+        let is_value = |field: &&str| {
+            let field = with_point(field);
+            field.parse::<f64>().is_ok() || calendar_ns(&field).is_some() || time_of_day_ns(&field).is_some()
+        };
+        let blank = fields.iter().filter(|field| field.is_empty()).count();
+        let values = fields.iter().filter(|field| is_value(field)).count();
+        values >= 2 && 2 * values >= fields.len() - blank
     })
+}
+
+/// Returns the names of the columns of text that does not name them, for rows of `count` fields.
+pub fn unnamed_columns(count: usize) -> Option<&'static [&'static str]> {
+    UNNAMED_COLUMNS.get(..count).filter(|_| UNNAMED_COLUMN_COUNTS.contains(&count))
+}
+
+/// Returns the column name without a unit in brackets at its end: `wx` for `wx [rad/s]`.
+pub fn without_unit(name: &str) -> &str {
+    let start = match name.trim_ascii_end().chars().next_back() {
+        Some(']') => name.rfind('['),
+        Some(')') => name.rfind('('),
+        _ => None,
+    };
+    let plain = start.and_then(|start| name.get(..start)).unwrap_or_default().trim_ascii();
+    if plain.is_empty() { name } else { plain }
+}
+
+/// Separator and decimal mark of a text, found in its first row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Dialect {
+    /// Separator of the fields.
+    pub separator: Separator,
+    /// Decimal mark, or `None` until the first decimal fraction.
+    decimal_mark: Option<u8>,
+}
+
+/// Reason why a field is invalid: description of the expected text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Expected {
+    /// A number.
+    Number,
+    /// A number with the decimal mark of the earlier numbers.
+    Mark {
+        /// `true` if the decimal mark is a comma.
+        is_comma: bool,
+    },
+    /// A time within the limit.
+    Time,
+}
+
+impl Dialect {
+    /// Creates the dialect of a text with this separator.
+    pub fn new(separator: Separator) -> Self {
+        Self { separator, decimal_mark: None }
+    }
+
+    /// Parses a number. A blank field is NaN.
+    ///
+    /// # Errors
+    ///
+    /// Returns the expected text if the field is not a number.
+    pub fn number(&mut self, field: &str) -> Result<f64, Expected> {
+        let text = self.decimal(field)?;
+        if text.is_empty() { Ok(f64::NAN) } else { text.parse().map_err(|_| Expected::Number) }
+    }
+
+    /// Parses a time. `digits` is as for [`time_ns`]. A blank field is `None`.
+    ///
+    /// # Errors
+    ///
+    /// Returns the expected text if the field is not a time.
+    pub fn time(&mut self, field: &str, digits: usize) -> Result<Option<Time>, Expected> {
+        if field.is_empty() {
+            return Ok(None);
+        }
+        let point = with_point(field);
+        if let Some(t_ns) = calendar_ns(&point) {
+            return Ok(Some(Time::Calendar(t_ns)));
+        }
+        if let Some(t_ns) = time_of_day_ns(&point) {
+            return Ok(Some(Time::OfDay(t_ns)));
+        }
+        time_ns(&self.decimal(field)?, digits).map(|t_ns| Some(Time::Count(t_ns))).ok_or(Expected::Time)
+    }
+
+    /// Replaces a decimal comma with a point. All numbers of a text have the same decimal mark.
+    fn decimal<'a>(&mut self, field: &'a str) -> Result<Cow<'a, str>, Expected> {
+        let Some(mark) = field.bytes().find(|byte| matches!(byte, b'.' | b',')) else { return Ok(field.into()) };
+        if field.contains('.') && field.contains(',') {
+            return Err(Expected::Number);
+        }
+        match self.decimal_mark.replace(self.decimal_mark.unwrap_or(mark)) {
+            Some(known) if known != mark => Err(Expected::Mark { is_comma: known == b',' }),
+            _ => Ok(with_point(field)),
+        }
+    }
+}
+
+/// Replaces a decimal comma with a point.
+fn with_point(field: &str) -> Cow<'_, str> {
+    let has_decimal_comma = field.contains(',') && !field.contains('.');
+    if has_decimal_comma { field.replacen(',', ".", 1).into() } else { field.into() }
+}
+
+/// Time in a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Time {
+    /// Number in the unit of the column, ns.
+    Count(i64),
+    /// Date and time (ISO 8601) as UNIX time, ns.
+    Calendar(i64),
+    /// Time of day, ns. It wraps at midnight.
+    OfDay(i64),
+}
+
+impl Time {
+    /// Returns the time, ns.
+    pub fn ns(self) -> i64 {
+        match self {
+            Self::Count(t_ns) | Self::Calendar(t_ns) | Self::OfDay(t_ns) => t_ns,
+        }
+    }
+}
+
+/// Parses a time of day such as `13:05:00.020`.
+fn time_of_day_ns(text: &str) -> Option<i64> {
+    let mut parts = text.splitn(3, ':');
+    let [hours, minutes, seconds] = [parts.next()?, parts.next()?, parts.next()?];
+    let digits = |text: &str, limit: i64| {
+        let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
+        text.parse().ok().filter(|number: &i64| is_number && *number < limit)
+    };
+    let is_positive = seconds.starts_with(|first: char| first.is_ascii_digit());
+    // A leap second is the 61st of its minute.
+    let seconds_ns = time_ns(seconds, 9).filter(|ns| is_positive && *ns < 61 * NS_PER_S)?;
+    Some((digits(hours, 24)? * 60 + digits(minutes, 60)?) * 60 * NS_PER_S + seconds_ns)
+}
+
+/// Parses a date and time of ISO 8601, such as `2026-05-01T13:05:00.020Z` or
+/// `2026-05-01 15:05:00+02:00`. A time without an offset is taken as UTC.
+fn calendar_ns(text: &str) -> Option<i64> {
+    let (date, time) = text.split_once(['T', 't', ' '])?;
+    let mut parts = date.splitn(3, ['-', '/']);
+    let mut number = |digits: usize| -> Option<i64> {
+        let text = parts.next()?;
+        (text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?
+    };
+    let (year, month, day) = (number(4)?, number(2)?, number(2)?);
+    let month_days = [31, if is_leap_year(year) { 29 } else { 28 }, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let days_of_month = *month_days.get(usize::try_from(month).ok()?.checked_sub(1)?)?;
+    if !(1..=days_of_month).contains(&day) || year < 1970 {
+        return None;
+    }
+    let time = time.trim_ascii();
+    let (time, offset_ns) = match time.strip_suffix(['Z', 'z']) {
+        Some(utc) => (utc, 0),
+        None => match time.rfind(['+', '-']) {
+            Some(at) => (time.get(..at)?, offset_ns(time.get(at..)?)?),
+            None => (time, 0),
+        },
+    };
+    let leap_days = |year: i64| year / 4 - year / 100 + year / 400;
+    let days = (year - 1970) * 365 + leap_days(year - 1) - leap_days(1969);
+    let days = days + month_days.iter().take(usize::try_from(month).ok()? - 1).sum::<i64>() + day - 1;
+    let t_ns = days.checked_mul(DAY_NS)?.checked_add(time_of_day_ns(time.trim_ascii())?)?;
+    t_ns.checked_sub(offset_ns).filter(|t_ns| i128::from(*t_ns) < TIME_LIMIT_S * i128::from(NS_PER_S))
+}
+
+/// Parses an offset from UTC, such as `+02:00`, `-0330` or `+02`.
+fn offset_ns(text: &str) -> Option<i64> {
+    let (sign, digits) = match text.split_at_checked(1)? {
+        ("-", digits) => (-1, digits.replacen(':', "", 1)),
+        (_, digits) => (1, digits.replacen(':', "", 1)),
+    };
+    if !matches!(digits.len(), 2 | 4) || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    let (hours, minutes) = digits.split_at(2);
+    let minutes = if minutes.is_empty() { 0 } else { minutes.parse::<i64>().ok()? };
+    Some(sign * (hours.parse::<i64>().ok()? * 60 + minutes) * 60 * NS_PER_S)
+}
+
+fn is_leap_year(year: i64) -> bool {
+    year % 4 == 0 && (year % 100 != 0 || year % 400 == 0)
 }
 
 /// Parses a decimal time into nanoseconds, rounded half away from zero.
@@ -67,5 +340,69 @@ mod tests {
         {
             assert_eq!(time_ns(text, digits), None, "{text}");
         }
+    }
+
+    #[test]
+    fn calendar_times_and_times_of_day_are_parsed() {
+        let mut dialect = Dialect::new(Separator::Char(b';'));
+        let unix_ns = 1_777_640_700_020_000_000;
+        for text in [
+            "2026-05-01T13:05:00.020Z",
+            "2026-05-01 13:05:00,020",
+            "2026-05-01T15:05:00.02+02:00",
+            "2026-05-01T09:35:00.02-0330",
+            "2026/05/01 13:05:00.020 Z",
+        ] {
+            assert_eq!(dialect.time(text, 9), Ok(Some(Time::Calendar(unix_ns))), "{text}");
+        }
+        assert_eq!(dialect.time("13:05:00.020", 9), Ok(Some(Time::OfDay(47_100_020_000_000))));
+        for text in ["25:00:00", "1:2", "2026-02-29T00:00:00Z", "2026-13-01T00:00:00Z", "2026-05-01T", "12:-1:00"] {
+            assert_eq!(dialect.time(text, 9), Err(Expected::Time), "{text}");
+        }
+        assert_eq!(calendar_ns("2024-02-29T23:59:60Z"), calendar_ns("2024-03-01T00:00:00Z"));
+    }
+
+    #[test]
+    fn separators_are_found_in_lines_that_agree() {
+        for (header, row, separator, count) in [
+            ("t,x,y", "0,1,2", Separator::Char(b','), 3),
+            ("t x y", "0,5 1,5  2", Separator::Blanks, 3),
+            ("t, s;x", "0,5;1,5", Separator::Char(b';'), 2),
+            ("t\tx", "0\t1", Separator::Char(b'\t'), 2),
+            ("\"t, s\",x", "\"0,5\",1", Separator::Char(b','), 2),
+        ] {
+            assert_eq!(Separator::common(&[header, row]), Some(separator), "{header}");
+            assert_eq!(separator.fields(row).len(), count, "{row}");
+        }
+        assert_eq!(Separator::common(&["a,b", "a b c"]), None);
+    }
+
+    #[test]
+    fn lines_are_comments_names_or_rows() {
+        assert_eq!(Line::parse(b"\xef\xbb\xbf#t [ns],x\r"), Some(Line::Comment("t [ns],x")));
+        assert_eq!(Line::parse(b"% t"), Some(Line::Comment("t")));
+        assert_eq!(Line::parse(b" \r"), Some(Line::Blank));
+        assert_eq!([Line::parse(b"1,\0"), Line::parse(b"\xb5")], [None, None]);
+        for (line, expected) in [
+            ("0;1;x;2", true),
+            ("t,x,y", false),
+            ("13:05:00 1 2", true),
+            ("0,5 1,5", true),
+            ("a 1", false),
+            ("1,,,nan,", true),
+        ] {
+            assert_eq!(is_row(line), expected, "{line}");
+        }
+        assert_eq!(["wx [rad/s]", "wx (°/s)", "[x]", "f(x) a"].map(without_unit), ["wx", "wx", "[x]", "f(x) a"]);
+    }
+
+    #[test]
+    fn all_numbers_have_one_decimal_mark() {
+        let mut dialect = Dialect::new(Separator::Char(b';'));
+        assert_eq!(dialect.number("1,5"), Ok(1.5));
+        assert_eq!(dialect.number("1.5"), Err(Expected::Mark { is_comma: true }));
+        assert_eq!(dialect.number("1,234.5"), Err(Expected::Number));
+        assert_eq!(dialect.number("2"), Ok(2.0));
+        assert!(dialect.number("").is_ok_and(f64::is_nan));
     }
 }

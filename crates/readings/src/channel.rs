@@ -8,6 +8,7 @@
 //! passes.
 
 use attitude::{
+    calibration::Calibration,
     gnss::{Fix, MAX_SPEED_M_S},
     magnetometer::RepeatFilter,
 };
@@ -46,15 +47,28 @@ pub(crate) struct FieldChannel {
 }
 
 impl FieldChannel {
-    /// Returns the field if it is a new valid sample, with its flags.
-    pub(crate) fn check(&mut self, field_ut: Option<[f64; 3]>) -> (Option<[f64; 3]>, Flags) {
+    /// Returns the field, in the units of the sensor, if it is a new valid sample, with its flags.
+    pub(crate) fn check(&mut self, field_ut: Option<[f64; 3]>, calibration: &Calibration) -> (Option<[f64; 3]>, Flags) {
         let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
-        if !field_ut.iter().all(|x| x.abs() < self.limit_ut) {
+        if !in_range_units(field_ut, calibration).iter().all(|x| x.abs() < self.limit_ut) {
             return (None, Flags::FIELD_INVALID);
         }
         let sample_ut = self.repeat_filter.new_sample(Some(field_ut.into()));
         (sample_ut.map(Into::into), Flags::FIELD.when(sample_ut.is_some()))
     }
+}
+
+/// Factors of a calibration that leave the unit unchanged.
+const SAME_UNIT_FACTORS: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+
+/// Returns a value in the units of the sensor's range.
+///
+/// If the calibration converts the unit, such as that of raw counts, the range is that of the
+/// calibrated value. Otherwise the range is that of the value itself, since a sensor clips before
+/// its calibration.
+fn in_range_units(value: [f64; 3], calibration: &Calibration) -> [f64; 3] {
+    let is_same_unit = calibration.row_lengths().iter().all(|factor| SAME_UNIT_FACTORS.contains(factor));
+    if is_same_unit { value } else { calibration.apply(value.into()).into() }
 }
 
 /// Channel of one vector: rate or force.
@@ -71,16 +85,18 @@ pub(crate) struct VectorChannel {
 }
 
 impl VectorChannel {
-    /// Returns the value to use and its flags. An invalid value is replaced by the last valid one.
-    pub(crate) fn check(&mut self, value: [f64; 3], dt_ns: i64) -> ([f64; 3], Flags) {
-        if !value.iter().all(|x| x.abs() < self.limit * SANITY_FACTOR) {
+    /// Returns the value to use, in the units of the sensor, and its flags. An invalid value is
+    /// replaced by the last valid one.
+    pub(crate) fn check(&mut self, value: [f64; 3], calibration: &Calibration, dt_ns: i64) -> ([f64; 3], Flags) {
+        let calibrated = in_range_units(value, calibration);
+        if !calibrated.iter().all(|x| x.abs() < self.limit * SANITY_FACTOR) {
             self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
             return (self.last_valid, self.invalid);
         }
         self.invalid_ns = 0;
         self.repeated_ns = if value == self.last_valid { self.repeated_ns.saturating_add(dt_ns) } else { 0 };
         self.last_valid = value;
-        let is_clipped = value.iter().any(|x| x.abs() >= self.limit);
+        let is_clipped = calibrated.iter().any(|x| x.abs() >= self.limit);
         (value, self.clipped.when(is_clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
     }
 }

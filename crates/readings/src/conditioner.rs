@@ -1,7 +1,8 @@
 //! Converts readings to checked samples: each accepted reading becomes a tick.
 //!
 //! Input: readings as reported by the sensors, after the faults that the launch file injects. They
-//! are checked before calibration and mounting are applied.
+//! are checked in sensor axes. If the calibration converts their unit, such as that of raw counts,
+//! the limits apply after the calibration. The mounting is applied last.
 //!
 //! Output: samples with finite values, increasing time and contiguous ticks. Flags mark problems.
 //!
@@ -184,13 +185,13 @@ impl Conditioner {
             return None;
         };
         let dt_ns = t_end_ns - t_start_ns;
-        let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, dt_ns);
-        let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
-        let is_rate_lost = self.rate.invalid_ns > self.gap_ns;
         let BodyTransform { mounting, gyro, accel, mag } = &self.transform;
+        let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, gyro, dt_ns);
+        let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, accel, dt_ns);
+        let is_rate_lost = self.rate.invalid_ns > self.gap_ns;
         let rate_rad_s = if is_rate_lost { [0.0; 3] } else { to_body(mounting, gyro, rate_rad_s) };
         let force_m_s2 = to_body(mounting, accel, force_m_s2);
-        let (field_ut, field_flags) = self.field.check(reading.field_ut);
+        let (field_ut, field_flags) = self.field.check(reading.field_ut, mag);
         let (fix, fix_flags) = check_fix(self.pending_fix.take());
         let rejected = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.rejected_before));
         let injected = Flags::FAULT_INJECTED.when(std::mem::take(&mut self.has_injected_fault));

@@ -58,6 +58,25 @@ pub enum RecordingError {
     },
 }
 
+impl RecordingError {
+    /// Returns `true` if the file is empty or cannot be read up to its first line.
+    pub fn is_unreadable(&self) -> bool {
+        let Self::Malformed { error, .. } = self else { return false };
+        matches!(error, ParseError::Empty | ParseError::Truncated | ParseError::Unreadable(_))
+    }
+
+    /// Returns `true` if a column name is unknown and resembles a known one, or if columns are
+    /// missing or occur twice.
+    pub fn suggests_name(&self) -> bool {
+        let Self::Malformed { error, .. } = self else { return false };
+        match error {
+            ParseError::UnknownColumn { suggestion, .. } => suggestion.is_some(),
+            ParseError::MissingColumns { .. } | ParseError::DuplicateColumn { .. } => true,
+            _ => false,
+        }
+    }
+}
+
 /// Position in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position {

@@ -173,6 +173,22 @@ impl Writer {
     }
 }
 
+/// Reads the complete file and returns the times of the first and the last fix, ns.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be opened or any line is malformed.
+pub fn range_ns(path: &Path) -> Result<[i64; 2], RecordingError> {
+    let mut fixes = FixReader::open(path)?;
+    let first_ns = fixes.next.map_or(0, |fix| fix.t_ns);
+    let mut last_ns = first_ns;
+    while let Some(fix) = fixes.next {
+        last_ns = fix.t_ns;
+        fixes.next = read_fix(&mut fixes.table)?;
+    }
+    Ok([first_ns, last_ns])
+}
+
 /// Reads the complete file to detect malformed lines early.
 ///
 /// # Errors

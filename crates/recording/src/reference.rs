@@ -5,6 +5,7 @@
 //! writes them, and optionally `mov`.
 //!
 //! Output: the attitude at a given time, interpolated between two rows along the shortest rotation.
+//! Between slow rows with a large rotation, each attitude is returned once, at its own time.
 //!
 //! Time: the recording's clock. Requested times must not decrease.
 //!
@@ -22,8 +23,13 @@ use crate::{
 
 const SCORED: &str = "mov";
 const KNOWN: [&str; 6] = ["t_s", "qw", "qx", "qy", "qz", SCORED];
-/// Longest interval between two rows across which the attitude is interpolated, ns.
+/// Longest interval between two rows across which the attitude is always interpolated, ns.
 pub const MAX_GAP_NS: i64 = 200_000_000;
+/// Longest interval between two rows across which the attitude is interpolated if the rotation
+/// between them is small, ns. It allows for references at 1 Hz.
+const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
+/// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
+const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
 /// Columns of a reference, as field indices from 0.
 struct Columns {
@@ -40,6 +46,8 @@ pub struct References {
     table: Table<Columns>,
     before: Option<ReferenceRow>,
     after: Option<ReferenceRow>,
+    /// Time of the previous request, ns.
+    requested_ns: Option<i64>,
 }
 
 impl References {
@@ -55,14 +63,18 @@ impl References {
             Ok(Columns { time, quaternion: [w, x, y, z], scored })
         })?;
         let after = table.next(parse_row).transpose()?;
-        Ok(Self { table, before: None, after })
+        Ok(Self { table, before: None, after, requested_ns: None })
     }
 
     /// Returns the interpolated attitude at `t_ns`.
     ///
-    /// Returns `None` before the first row, after the last row, in a gap longer than
-    /// [`MAX_GAP_NS`], and next to a row without a quaternion. Also returns `None` if an earlier
-    /// call has already moved the reader past `t_ns`.
+    /// Across a gap longer than [`MAX_GAP_NS`] the attitude is interpolated only up to 1.1 s and a
+    /// rotation of 5°. Otherwise the row before it is returned once, for the first request after
+    /// it.
+    ///
+    /// Returns `None` before the first row, after the last row, in other gaps, and next to a row
+    /// without a quaternion. Also returns `None` if an earlier call has already moved the reader
+    /// past `t_ns`.
     ///
     /// # Errors
     ///
@@ -72,10 +84,11 @@ impl References {
             self.before = Some(row_before);
             self.after = self.table.next(parse_row).transpose()?;
         }
+        let previous_ns = self.requested_ns.replace(t_ns);
         Ok(match (self.before, self.after) {
             (Some((before_ns, reference)), _) if before_ns == t_ns => reference,
             (Some((before_ns, Some(before))), Some((after_ns, Some(after))))
-                if before_ns < t_ns && after_ns - before_ns <= MAX_GAP_NS =>
+                if before_ns < t_ns && is_interpolated(after_ns - before_ns, &before, &after) =>
             {
                 let fraction = (t_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
                 Some(Reference {
@@ -83,9 +96,21 @@ impl References {
                     scored: before.scored && after.scored,
                 })
             }
+            (Some((before_ns, Some(before))), Some((after_ns, _)))
+                if previous_ns.is_some_and(|previous_ns| previous_ns < before_ns)
+                    && before_ns < t_ns
+                    && after_ns - before_ns <= MAX_SLOW_GAP_NS =>
+            {
+                Some(before)
+            }
             _ => None,
         })
     }
+}
+
+fn is_interpolated(gap_ns: i64, before: &Reference, after: &Reference) -> bool {
+    let cosine: f64 = before.quaternion.iter().zip(after.quaternion).map(|(a, b)| a * b).sum();
+    gap_ns <= MAX_GAP_NS || gap_ns <= MAX_SLOW_GAP_NS && cosine.abs() >= MIN_HALF_ROTATION_COS
 }
 
 fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<ReferenceRow, (Position, ParseError)> {
@@ -146,6 +171,18 @@ mod tests {
             };
             assert!(same, "{found:?} instead of {expected:?}");
         }
+    }
+
+    #[test]
+    fn slow_reference_is_interpolated_only_if_calm() {
+        let rows = [line(1.0, 0.0, 1.0), line(2.0, 3.0, 1.0), line(3.0, 60.0, 1.0)];
+        let mut references = open(&format!("t_s,qw,qx,qy,qz\n{}", rows.concat())).unwrap();
+        let mut yaw = |t_ms: i64| yaw_deg(references.interpolate(t_ms * 1_000_000).unwrap());
+        assert!(yaw(1500).is_some_and(|deg| (deg - 1.5).abs() < 1e-9));
+        assert!(yaw(1990).is_some());
+        assert!(yaw(2010).is_some_and(|deg| (deg - 3.0).abs() < 1e-9), "its own time has just passed");
+        assert_eq!([yaw(2030), yaw(2990)], [None, None], "the rotation is large");
+        assert_eq!(yaw(3000).map(f64::round), Some(60.0));
     }
 
     #[test]

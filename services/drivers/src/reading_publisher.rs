@@ -9,6 +9,7 @@ use driver::{
     clock_fit::{ClockFit, ClockHealth},
 };
 use launch::{Clock, Stream};
+use mapping::counter::wrap_ns;
 use messages::{ReceiverReading, SensorReading};
 use runtime::{RuntimeError, ServiceContext};
 
@@ -19,6 +20,8 @@ pub(crate) struct ReadingPublisher {
     receiver: Publisher<ReceiverReading>,
     clock: Clock,
     fit: ClockFit,
+    /// Clock of the device, if its timestamps are used unchanged.
+    device_clock: DeviceClock,
     interval_s: f64,
     /// Number of readings without a device timestamp.
     unstamped_count: u64,
@@ -29,6 +32,25 @@ pub(crate) struct ReadingPublisher {
     /// source is not paced by ingest.
     max_in_flight: Option<u64>,
     sent: u64,
+}
+
+/// Clock of a device with a counter that wraps.
+#[derive(Debug, Default)]
+struct DeviceClock {
+    last_ns: Option<i64>,
+    offset_ns: i64,
+}
+
+impl DeviceClock {
+    /// Returns the timestamp, continued across wraps of the counter.
+    fn unwrapped_ns(&mut self, stamp: Stamp) -> i64 {
+        let period_ns = stamp.period_ns.and_then(|period_ns| i64::try_from(period_ns).ok());
+        let count_ns = stamp.count_ns.cast_signed();
+        let wrapped_ns = self.last_ns.and_then(|last_ns| wrap_ns(period_ns, last_ns, count_ns));
+        self.offset_ns = self.offset_ns.saturating_add(wrapped_ns.unwrap_or(0));
+        self.last_ns = Some(count_ns);
+        count_ns.saturating_add(self.offset_ns)
+    }
 }
 
 enum Outgoing {
@@ -52,6 +74,7 @@ impl ReadingPublisher {
             receiver: context.publisher()?,
             clock: stream.map_or(Clock::Host, |stream| stream.clock),
             fit: stream.map_or_else(ClockFit::new, |stream| ClockFit::with_rate(stream.rate_hz)),
+            device_clock: DeviceClock::default(),
             interval_s: stream.map_or(0.0, |stream| 1.0 / stream.rate_hz),
             unstamped_count: 0,
             field_ut: None,
@@ -141,7 +164,7 @@ impl ReadingPublisher {
             }
         });
         match (self.clock, stamp) {
-            (Clock::Device, Some(stamp)) => stamp.count_ns.cast_signed(),
+            (Clock::Device, Some(stamp)) => self.device_clock.unwrapped_ns(stamp),
             // If there is no timestamp, the time is derived from the reading number.
             (Clock::Device, None) => {
                 self.unstamped_count += 1;
@@ -154,5 +177,22 @@ impl ReadingPublisher {
     /// Restarts the clock fit, because measurements may be missing.
     pub(crate) fn mark_gap(&mut self) {
         self.fit.mark_gap();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn device_counter_continues_across_wraps() {
+        let mut clock = DeviceClock::default();
+        let mut at = |count_ns, period_ns| clock.unwrapped_ns(Stamp { count_ns, period_ns });
+        assert_eq!([at(900, Some(1000)), at(100, Some(1000)), at(300, Some(1000))], [900, 1100, 1300]);
+        let mut clock = DeviceClock::default();
+        let period_ns = (1 << 32) * 1000;
+        let mut at = |count_ns| clock.unwrapped_ns(Stamp { count_ns, period_ns: None });
+        assert_eq!([at(period_ns - 10), at(10)], [period_ns as i64 - 10, period_ns as i64 + 10]);
+        assert_eq!(at(5), period_ns as i64 + 5, "a step back stays one");
     }
 }

@@ -36,6 +36,14 @@ pub enum UpError {
     /// The system stopped prematurely.
     #[error(transparent)]
     Failed(#[from] Failure),
+    /// The source yielded no reading.
+    #[error(
+        "{source_name} yielded no reading: no line or message had rate and force; name the columns with map, such as map=gx=COLUMN,gy=COLUMN,…, or select another format"
+    )]
+    NoReadings {
+        /// Name of the source.
+        source_name: &'static str,
+    },
     /// The launch file lists a service that this executable lacks.
     #[error(
         "{file}: services lists {service:?}, which needs the feature `{feature}`, which this build lacks; remove {service:?}, or rebuild plumb with --features {feature}"

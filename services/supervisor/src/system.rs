@@ -409,6 +409,8 @@ impl System {
             cpu_s_per_s,
             services: services.collect(),
         };
+        let is_empty = totals.ticks_in == 0 && self.supervision.launch().ingest.source == launch::Source::Stdin;
+        let failure = failure.or_else(|| is_empty.then_some(UpError::NoReadings { source_name: "standard input" }));
         Report::new(collector, totals, failure)
     }
 

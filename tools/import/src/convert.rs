@@ -17,10 +17,15 @@ use crate::{
     csv_source::{CsvFiles, CsvSource},
     dataflash,
     force_aligner::ForceAligner,
-    row_writer::RowWriter,
-    source::{ReceiverFix, Source},
+    row_writer::{RowWriter, Sample, Samples, is_calm},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::{SegmentChoice, SegmentFinder, longest},
+    tlog::Tlog,
     ulog::Log,
 };
+
+/// Number of samples between two progress reports.
+const PROGRESS_INTERVAL_SAMPLES: u64 = 1024;
 
 /// Plausible range of the mean force, m/s². A mean outside this range indicates that the unit is
 /// wrong or that gravity has been removed.
@@ -33,6 +38,16 @@ pub struct Options {
     pub mapping: Option<Mapping>,
     /// Topics to read if several contain the same quantity. Allowed only for bags and MCAP files.
     pub topics: Vec<String>,
+    /// Number of the inertial sensor to read, from 0; the first that works if `None`.
+    pub imu: Option<usize>,
+    /// Number of the magnetometer to read, from 0.
+    pub mag: Option<usize>,
+    /// Number of the receiver to read, from 0.
+    pub gnss: Option<usize>,
+    /// Number of the segment to read, from 1; the longest one if `None`.
+    pub segment: Option<usize>,
+    /// Width of the times in bits if they are a wrapping counter.
+    pub time_bits: Option<u8>,
 }
 
 /// Progress of an import.
@@ -69,24 +84,51 @@ pub fn convert(
             return Err(ImportError::OutputIsInput { path: path.clone() });
         }
     }
-    import(&mut *open_source(format, paths, options)?, &paths[0], out, progress)
+    import(&mut *open_source(format, paths, options)?, &paths[0], options.segment, out, progress)
+}
+
+/// Returns the times of the first and the last row of a recording, ns, if it can be read without an
+/// import: every row is valid, and its clock neither wraps nor starts again.
+pub fn plain_recording_range_ns(path: &Path) -> Option<[i64; 2]> {
+    let mut finder = SegmentFinder::default();
+    for row in recording::Reader::open(path).ok()? {
+        finder.push(row.ok()?.t_ns);
+    }
+    match finder.segments() {
+        [segment] if finder.wraps == 0 => Some([segment.first_ns, segment.last_ns]),
+        _ => None,
+    }
+}
+
+/// Returns a note if no fix of the file is within the times of the rows.
+///
+/// # Errors
+///
+/// Returns an error if the fixes cannot be read.
+pub fn note_fixes_outside(fixes: &Path, rows_ns: [i64; 2]) -> Result<Option<Note>, ImportError> {
+    Ok(outside(gnss::range_ns(fixes)?, rows_ns))
+}
+
+fn outside(series_ns: [i64; 2], rows_ns: [i64; 2]) -> Option<Note> {
+    let is_outside = series_ns[1] < rows_ns[0] || series_ns[0] > rows_ns[1];
+    is_outside.then_some(Note::NoOverlap { what: "fixes", series_ns, rows_ns })
 }
 
 /// Returns the common format of all files, which must be supported and match the options.
 fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportError> {
     let mut first = None;
     for path in paths {
-        let format = match Format::detect(path)? {
-            Format::Recording if options.mapping.is_some() => Format::Csv,
-            format => format,
-        };
+        let format = Format::detect(path)?;
         if let Some(remedy) = format.remedy() {
-            return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy });
+            let remedy = remedy.replace("FILE", &path.display().to_string()).replace("FOLDER", &folder_name(path));
+            return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy: remedy.into() });
         }
-        if format != Format::Csv && paths.len() > 1 {
+        if !format.is_text() && paths.len() > 1 {
             return Err(ImportError::MultipleFiles { path: path.clone(), format, count: paths.len() });
         }
-        if format != Format::Csv && options.mapping.is_some() {
+        // Units and axes also apply to the messages of a bag.
+        let mapping = options.mapping.as_ref().filter(|mapping| mapping.is_explicit() || !format.has_topics());
+        if !format.is_text() && mapping.is_some() {
             return Err(ImportError::MappingNotApplicable { path: path.clone(), format });
         }
         if !format.has_topics() && !options.topics.is_empty() {
@@ -97,6 +139,12 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     first.ok_or(ImportError::NoFiles)
 }
 
+/// Returns the name of the folder into which a file is converted, or the folder itself.
+fn folder_name(path: &Path) -> String {
+    let folder = if path.is_dir() { path.to_owned() } else { path.with_extension("") };
+    folder.display().to_string()
+}
+
 fn open_source<'a>(
     format: Format,
     paths: &[PathBuf],
@@ -105,54 +153,157 @@ fn open_source<'a>(
     let path = &paths[0];
     Ok(match (format, &options.mapping) {
         (Format::Ulog, _) => Box::new(Log::open(path)?),
-        (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path)?),
-        (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, &options.topics)?),
-        (_, Some(mapping)) => Box::new(CsvSource::open(paths, mapping)?),
+        (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path, options)?),
+        (Format::Tlog, _) => Box::new(Tlog::open(path)?),
+        (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, options)?),
+        (_, Some(mapping)) => {
+            Box::new(CsvSource::open(paths, mapping.clone(), options.time_bits, common_text_format(format, mapping))?)
+        }
         (_, None) => {
-            return Err(ImportError::MappingRequired {
-                path: path.clone(),
-                columns: CsvFiles::open(paths)?.column_names(),
-            });
+            let files = CsvFiles::open(paths)?;
+            if !files.has_default_columns() {
+                return Err(ImportError::MappingRequired { path: path.clone(), columns: files.column_names() });
+            }
+            Box::new(CsvSource::open(paths, Mapping::default(), options.time_bits, format)?)
         }
     })
+}
+
+/// Returns the format of text with this mapping.
+fn common_text_format(format: Format, mapping: &Mapping) -> Format {
+    if mapping.is_explicit() { Format::Csv } else { format }
 }
 
 fn import(
     source: &mut dyn Source,
     path: &Path,
+    segment: Option<usize>,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ImportError> {
     let mut report = |done_bytes: u64, total_bytes: u64| {
         progress(Progress { done_bytes: done_bytes.min(total_bytes), total_bytes });
     };
-    let mut fixes = FixesFile::for_recording(out);
     let total_bytes = source.total_bytes();
-    let survey = source.survey(&mut |fix| fixes.write(fix), &mut |done_bytes| report(done_bytes, total_bytes))?;
+    let survey = source.survey(&mut |done_bytes| report(done_bytes, total_bytes))?;
     let total_bytes = source.total_bytes();
     let source = &*source;
+    let choice = choose_segment(path, segment, &survey)?;
     let layout = Layout { field: survey.has_field, reference: survey.has_reference };
-    let mut rows = RowWriter::new(Writer::create(out, layout)?, source.field_samples()?, source.reference_attitudes()?);
-    let aligner = source.write_rows(&mut rows, &mut |done_bytes| report(done_bytes, total_bytes))?;
-    rows.finish()?;
-    report(total_bytes, total_bytes);
-    if rows.rows == 0 {
-        let without_force = (aligner.rates_without_force > 0)
-            .then(|| format!("{} rate samples have no force sample nearby", aligner.rates_without_force).into());
-        let reason = survey.reason.or(without_force);
-        return Err(ImportError::NoRows { path: path.to_owned(), reason, expected: survey.expected });
+    let fields = choice.others(source.field_samples()?);
+    let attitudes = choice.others(source.reference_attitudes()?);
+    let interpolates_slow = is_calm(choice.others(source.reference_attitudes()?))?;
+    let mut rows = RowWriter::new(Writer::create(out, layout)?, fields, attitudes, interpolates_slow);
+    let mut aligner = ForceAligner::default();
+    let mut count = 0;
+    let mut push = |motion: Inertial, rows: &mut RowWriter<'_>| {
+        if count % PROGRESS_INTERVAL_SAMPLES == 0 {
+            report(source.read_bytes(), total_bytes);
+        }
+        count += 1;
+        motion.force.map_or(Ok(()), |force| aligner.push_force(force, rows))?;
+        motion.rate.map_or(Ok(()), |rate| aligner.push_rate(rate, rows))
+    };
+    match source.motion()? {
+        Motion::Joint(samples) => {
+            for motion in choice.rows(samples) {
+                push(motion?, &mut rows)?;
+            }
+        }
+        Motion::Separate { rates, forces } => {
+            for motion in merged(choice.rows(rates), choice.others(forces)) {
+                push(motion?, &mut rows)?;
+            }
+        }
     }
-    let mut notes = survey.notes;
-    let (fixes, fixes_file) = (fixes.count, fixes.finish()?);
+    aligner.finish(&mut rows)?;
+    rows.finish()?;
+    if rows.rows == 0 {
+        let missing = aligner.rates_without_force;
+        let reason = (missing > 0).then(|| format!("{missing} rate samples have no force sample nearby").into());
+        return Err(ImportError::NoRows {
+            path: path.to_owned(),
+            reason: survey.reason.or(reason),
+            expected: survey.expected,
+        });
+    }
+    let mut notes = survey.notes.clone();
+    if choice.segments.len() > 1 {
+        notes.insert(
+            0,
+            Note::Segments {
+                read: choice.index + 1,
+                is_requested: segment.is_some(),
+                segments: choice.segments.clone(),
+            },
+        );
+    }
+    if survey.wraps > 0 {
+        notes.insert(0, Note::Wrapped { count: survey.wraps });
+    }
+    let mut fixes = FixesFile::for_recording(out);
+    if survey.has_fixes {
+        for fix in choice.others(source.fixes()?) {
+            fixes.write(&fix?)?;
+        }
+    }
+    report(total_bytes, total_bytes);
+    notes.extend(fixes.notes(rows.range_ns()));
+    let fixes_count = fixes.count;
+    let fixes_file = fixes.finish()?;
     match &fixes_file {
         None => check_no_stale_fixes(out)?,
-        Some(fixes) if gnss::path_for(out).is_none() => notes.push(Note::FixesNotDiscoverable { fixes: fixes.clone() }),
+        Some(fixes) if gnss::path_for(out).as_ref() != Some(fixes) => {
+            notes.push(Note::FixesNotDiscoverable { fixes: fixes.clone() });
+        }
         Some(_) => {}
     }
-    let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligner, notes) };
+    let surveyed_rows = choice.segments.iter().map(|segment| segment.samples).sum::<u64>();
+    let source_rows = surveyed_rows.max(rows.rows) + survey.unreadable_rows;
+    let summary = Summary {
+        fixes: fixes_count,
+        fixes_file,
+        source_rows,
+        segments: choice.segments,
+        sensors: survey.sensors,
+        ..summary(source.format(), &mut rows, &aligner, notes)
+    };
     // The fixes are completed first, so that the recording never appears without them.
     rows.into_writer().finish()?;
     Ok(summary)
+}
+
+/// Returns the segment to read, by default the longest one.
+fn choose_segment(path: &Path, segment: Option<usize>, survey: &Survey) -> Result<SegmentChoice, ImportError> {
+    let segments = survey.segments.clone();
+    let index = match segment {
+        None => longest(&segments),
+        Some(number) if (1..=segments.len().max(1)).contains(&number) => number - 1,
+        Some(found) => {
+            return Err(ImportError::UnknownSegment { path: path.to_owned(), found, count: segments.len().max(1) });
+        }
+    };
+    Ok(SegmentChoice { clock: survey.clock.clone(), segments, index })
+}
+
+/// Merges the samples of two series in the order of time.
+fn merged<'a>(rates: Samples<'a, Sample>, forces: Samples<'a, Sample>) -> Samples<'a, Inertial> {
+    let (mut rates, mut forces) = (rates.peekable(), forces.peekable());
+    Box::new(std::iter::from_fn(move || {
+        let is_rate_first = match (rates.peek(), forces.peek()) {
+            (Some(Ok((rate_ns, _))), Some(Ok((force_ns, _)))) => rate_ns < force_ns,
+            (Some(_), Some(Ok(_)) | None) => true,
+            (_, Some(_)) => false,
+            (None, None) => return None,
+        };
+        let rate = |sample| Inertial { rate: Some(sample), force: None };
+        let force = |sample| Inertial { rate: None, force: Some(sample) };
+        if is_rate_first {
+            rates.next().map(|sample| sample.map(rate))
+        } else {
+            forces.next().map(|sample| sample.map(force))
+        }
+    }))
 }
 
 /// Fixes file, created when the first fix is written.
@@ -160,14 +311,25 @@ struct FixesFile {
     path: PathBuf,
     writer: Option<gnss::Writer>,
     count: u64,
+    /// First and last time, ns.
+    range_ns: Option<[i64; 2]>,
+    /// Number of fixes with non-increasing timestamps.
+    out_of_order: u64,
 }
 
 impl FixesFile {
     fn for_recording(recording: &Path) -> Self {
-        Self { path: fixes_path(recording), writer: None, count: 0 }
+        Self { path: fixes_path(recording), writer: None, count: 0, range_ns: None, out_of_order: 0 }
     }
 
+    /// Writes the fix if its timestamp increases.
     fn write(&mut self, fix: &ReceiverFix) -> Result<(), ImportError> {
+        if self.range_ns.is_some_and(|[_, last_ns]| fix.t_ns <= last_ns) {
+            self.out_of_order += 1;
+            return Ok(());
+        }
+        let first_ns = self.range_ns.map_or(fix.t_ns, |[first_ns, _]| first_ns);
+        self.range_ns = Some([first_ns, fix.t_ns]);
         let writer = match &mut self.writer {
             Some(writer) => writer,
             empty => empty.insert(gnss::Writer::create(&self.path)?),
@@ -178,6 +340,17 @@ impl FixesFile {
         writer.write(&Fix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         self.count += 1;
         Ok(())
+    }
+
+    /// Returns notes on fixes that are not used with rows of this time range.
+    fn notes(&self, rows_ns: [i64; 2]) -> Vec<Note> {
+        let mut notes = Vec::new();
+        if self.out_of_order > 0 {
+            let reason = "timestamps do not increase";
+            notes.push(Note::Skipped { what: "fixes", count: self.out_of_order, reason });
+        }
+        notes.extend(self.range_ns.and_then(|series_ns| outside(series_ns, rows_ns)));
+        notes
     }
 
     /// Completes the file and returns its path; `None` if there were no fixes.
@@ -212,6 +385,9 @@ fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut not
     Summary {
         format,
         rows: rows.rows,
+        source_rows: rows.rows,
+        segments: Vec::new(),
+        sensors: Vec::new(),
         rate_hz: rows.rate_hz(),
         duration_s: rows.duration_s(),
         mean_force_m_s2,

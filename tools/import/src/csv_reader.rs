@@ -1,13 +1,13 @@
-//! Reads a single CSV file in any dialect.
+//! Reads a single file of text with numbers, in any dialect.
 //!
-//! Input: text, plain or gzip, with a header line. Columns are separated by commas, semicolons or
-//! tabs, and numbers have a decimal point or a decimal comma. The dialect is detected from the
-//! content.
+//! Input: text, plain or gzip. The column names are in the line before the first row, which may be
+//! a comment; without names, the columns are those of a live stream. The rules for comments,
+//! separators, numbers and times are those of live streams ([`mapping::text`]).
 //!
 //! Output: records.
 //!
-//! Failure: the first line that is malformed or longer than [`MAX_LINE_BYTES`] is reported as an
-//! error with its position.
+//! Failure: a malformed line yields an error with its position, and reading continues with the next
+//! line. If the file is damaged, it ends at the damage ([`CsvReader::damage`]).
 
 use std::{
     cell::Cell,
@@ -18,7 +18,7 @@ use std::{
 };
 
 use foreign::ForeignText;
-use mapping::text::{fields, time_ns};
+use mapping::text::{Dialect, Expected, Line, Separator, Time, is_row, unnamed_columns};
 use recording::GzipReader;
 
 use crate::{
@@ -27,85 +27,116 @@ use crate::{
 };
 
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 const BUFFER_BYTES: usize = 1 << 16;
 const MAX_LINE_BYTES: usize = 1 << 16;
-/// Separators in order of preference.
-///
-/// The first one that splits the header and the first row into the same number of columns is used.
-/// Tabs and semicolons come first because they rarely occur in names, and because a comma in a file
-/// with one of these separators is a decimal comma.
-const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
+/// Description of a time that can be read.
+const TIME_EXPECTED: &str = "less than 9e9 s; set another unit with --units";
+/// Maximum number of lines before the first row.
+const MAX_HEADER_LINES: usize = 256;
 
 pub(crate) struct CsvReader {
     path: PathBuf,
     lines: Lines,
-    separator: u8,
     /// Column names of the header.
     pub(crate) names: Vec<ForeignText>,
-    /// First row, read in advance to detect the separator.
-    first_row: Option<(u64, Vec<u8>)>,
-    /// Decimal mark of the file; `None` until the first decimal fraction has been read.
-    decimal_mark: Cell<Option<u8>>,
+    /// First row, read in advance to detect the dialect.
+    first_row: Option<(u64, String)>,
+    dialect: Cell<Dialect>,
 }
 
 impl CsvReader {
-    /// Opens a file and reads its header.
+    /// Opens a file and reads its column names.
     ///
     /// The number of bytes read from the file is added to `read_bytes`.
     pub(crate) fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
         let mut lines = Lines::open(path, read_bytes)?;
-        let line_position = |line| TextPosition { line, column: None, name: None };
-        let Some((line, mut header)) = lines.next()? else {
-            return Err(malformed(path, line_position(1), "the end of the file", "the header line"));
+        let (header, first) = read_start(path, &mut lines)?;
+        let separator = match &header {
+            Some(names) => Separator::common(&[names, &first.1]).unwrap_or_else(|| Separator::of_line(names)),
+            None => Separator::ALL
+                .into_iter()
+                .find(|separator| unnamed_columns(separator.fields(&first.1).len()).is_some())
+                .unwrap_or_else(|| Separator::of_line(&first.1)),
         };
-        if header.starts_with(BYTE_ORDER_MARK) {
-            header.drain(..BYTE_ORDER_MARK.len());
-        }
-        let Some(first) = lines.next()? else {
-            return Err(malformed(path, line_position(line + 1), "the end of the file", "a row"));
+        let names = match &header {
+            Some(names) => separator.fields(names).into_iter().map(ForeignText::from).collect(),
+            None => {
+                let count = separator.fields(&first.1).len();
+                let numbered = || (1..=count).map(|number| ForeignText::from(number.to_string())).collect();
+                unnamed_columns(count)
+                    .map_or_else(numbered, |names| names.iter().copied().map(ForeignText::from).collect())
+            }
         };
-        let width = |text: &[u8], separator| fields(text, separator).count();
-        let separates = |separator: &u8| {
-            let columns = width(&header, *separator);
-            columns > 1 && columns == width(&first.1, *separator)
-        };
-        let separator = SEPARATORS.into_iter().find(separates);
-        // If no separator fits, the wrong number of columns is reported later, when the first row
-        // is read.
-        let header_separator = || SEPARATORS.into_iter().find(|separator| width(&header, *separator) > 1);
-        let separator = separator.or_else(header_separator).unwrap_or(b',');
-        let mut names = Vec::new();
-        for (index, name) in fields(&header, separator).enumerate() {
-            let place = || TextPosition { line, column: Some(index + 1), name: None };
-            let name = str::from_utf8(name).map_err(|_| malformed(path, place(), excerpt(name), "UTF-8 text"))?;
-            names.push(name.into());
-        }
-        Ok(Self {
-            path: path.to_owned(),
-            lines,
-            separator,
-            names,
-            first_row: Some(first),
-            decimal_mark: Cell::new(None),
-        })
+        let dialect = Cell::new(Dialect::new(separator));
+        Ok(Self { path: path.to_owned(), lines, names, first_row: Some(first), dialect })
     }
 
-    /// Returns the next row that is not blank, or `None` at the end of the file.
+    /// Returns the next row, or `None` at the end of the file.
     pub(crate) fn next(&mut self) -> Result<Option<CsvRecord<'_>>, ImportError> {
         let next = match self.first_row.take() {
             Some(first) => Some(first),
-            None => self.lines.next()?,
+            None => loop {
+                match self.lines.next()? {
+                    Some((_, OwnedLine::Comment(_))) => {}
+                    Some((line, OwnedLine::Content(row))) => break Some((line, row)),
+                    None => break None,
+                }
+            },
         };
         let Some((line, row)) = next else { return Ok(None) };
-        let (found, expected) = (fields(&row, self.separator).count(), self.names.len());
-        if found != expected {
+        let fields = self.dialect.get().separator.fields(&row);
+        let (found, expected) = (fields.len(), self.names.len());
+        let has_final_separator = found == expected + 1 && fields.last().is_some_and(|last| last.is_empty());
+        if found != expected && !has_final_separator {
             let index = found.min(expected);
             let position = TextPosition { line, column: Some(index + 1), name: self.names.get(index).cloned() };
             let (found, expected) = (format!("{found} fields"), format!("{expected} as in the header"));
             return Err(malformed(&self.path, position, found, expected));
         }
         Ok(Some(CsvRecord { reader: self, line, row }))
+    }
+
+    /// Returns the description of the damage at which reading ended, if any.
+    pub(crate) fn damage(&self) -> Option<&ForeignText> {
+        self.lines.damage.as_ref()
+    }
+}
+
+/// Lines of a file before its first row, and that row.
+type Start = (Option<String>, (u64, String));
+
+/// Reads the lines up to the first row. Returns the column names, if present, and the first row.
+///
+/// The names are in the last line before the first row that is not a comment, or else in the last
+/// comment with as many fields as the row. If no line is a row, the first two lines are taken.
+fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
+    let line_position = |line| TextPosition { line, column: None, name: None };
+    let (mut comment, mut header, mut error) = (None, None, None);
+    let mut first_two: Vec<(u64, String)> = Vec::new();
+    for _ in 0..MAX_HEADER_LINES {
+        match lines.next() {
+            Ok(None) => break,
+            Ok(Some((_, OwnedLine::Comment(text)))) => comment = Some(text),
+            Ok(Some((line, OwnedLine::Content(text)))) if is_row(&text) => {
+                let fits = |names: &String| Separator::common(&[names, &text]).is_some();
+                let names = header.clone().filter(fits).or_else(|| comment.filter(fits)).or(header);
+                return Ok((names, (line, text)));
+            }
+            Ok(Some((line, OwnedLine::Content(text)))) => {
+                header = Some(text.clone());
+                if first_two.len() < 2 {
+                    first_two.push((line, text));
+                }
+            }
+            Err(found) => error = error.or(Some(found)),
+        }
+    }
+    let mut first_two = first_two.into_iter();
+    match (first_two.next(), first_two.next(), error) {
+        (Some((_, names)), Some(row), _) => Ok((Some(names), row)),
+        (_, _, Some(error)) => Err(error),
+        (Some((line, _)), None, None) => Err(malformed(path, line_position(line + 1), "the end of the file", "a row")),
+        (None, _, None) => Err(malformed(path, line_position(1), "the end of the file", "the header line")),
     }
 }
 
@@ -127,72 +158,96 @@ fn malformed(
 pub(crate) struct CsvRecord<'a> {
     reader: &'a CsvReader,
     line: u64,
-    row: Vec<u8>,
+    row: String,
 }
 
 impl CsvRecord<'_> {
     /// Returns the numbers in these columns; `None` if one of them is blank or NaN.
     pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<Option<[f64; N]>, ImportError> {
         let mut values = [f64::NAN; N];
+        let fields = self.fields();
         for (value, index) in values.iter_mut().zip(indices) {
-            let text = self.decimal(index, "a number")?;
-            if !text.is_empty() {
-                *value = text.parse().map_err(|_| self.malformed(index, "a number"))?;
-            }
+            *value = self.parse(&fields, index, |dialect, field| dialect.number(field))?;
         }
         Ok((!values.iter().any(|value| value.is_nan())).then_some(values))
     }
 
-    /// Returns the time in a column, ns.
+    /// Returns the value of a column that holds 0 or 1.
+    pub(crate) fn flag(&self, index: usize) -> Result<bool, ImportError> {
+        match self.parse(&self.fields(), index, |dialect, field| dialect.number(field))? {
+            0.0 => Ok(false),
+            1.0 => Ok(true),
+            _ => {
+                let name = self.reader.names.get(index).cloned();
+                let position = TextPosition { line: self.line, column: Some(index + 1), name };
+                let field = self.fields().get(index).copied().unwrap_or_default().to_owned();
+                Err(malformed(&self.reader.path, position, excerpt(field.as_bytes()), "0 or 1"))
+            }
+        }
+    }
+
+    /// Returns the time in a column.
     ///
     /// `digits` is the number of decimal places of the column's unit that correspond to 1 ns: 9 for
     /// seconds, 0 for nanoseconds.
-    pub(crate) fn time_ns(&self, index: usize, digits: usize) -> Result<i64, ImportError> {
-        let unit = match digits {
-            9 => "a time in s",
-            6 => "a time in ms",
-            3 => "a time in us",
-            _ => "a time in ns",
-        };
-        let text = self.decimal(index, unit)?;
-        time_ns(&text, digits)
-            .ok_or_else(|| self.malformed(index, &format!("{unit}, less than 9e9 s; set another unit with --units")))
+    pub(crate) fn time(&self, index: usize, digits: usize) -> Result<Time, ImportError> {
+        let time = |dialect: &mut Dialect, field: &str| dialect.time(field, digits)?.ok_or(Expected::Time);
+        self.parse(&self.fields(), index, time).map_err(|error| match error {
+            ImportError::Malformed { path, position, found, expected } if expected == TIME_EXPECTED => {
+                let unit = match digits {
+                    9 => "s",
+                    6 => "ms",
+                    3 => "us",
+                    _ => "ns",
+                };
+                let expected = format!("a time in {unit}, {TIME_EXPECTED}");
+                ImportError::Malformed { path, position, found, expected }
+            }
+            error => error,
+        })
     }
 
-    /// Returns the text of a column with its decimal comma replaced by a point.
-    fn decimal(&self, index: usize, expected: &str) -> Result<String, ImportError> {
-        let field = fields(&self.row, self.reader.separator).nth(index).unwrap_or_default();
-        let mut text = str::from_utf8(field).map_err(|_| self.malformed(index, "UTF-8 text"))?.to_owned();
-        let Some(mark) = text.bytes().find(|byte| matches!(byte, b'.' | b',')) else { return Ok(text) };
-        match self.reader.decimal_mark.replace(self.reader.decimal_mark.get().or(Some(mark))) {
-            Some(b'.') if mark == b',' => {
-                return Err(self.malformed(index, &format!("{expected} with a decimal point, as before")));
-            }
-            Some(b',') if mark == b'.' => {
-                return Err(self.malformed(index, &format!("{expected} with a decimal comma, as before")));
-            }
-            _ => {}
-        }
-        // Text with several decimal marks is not a number and is rejected by the caller.
-        if mark == b',' && !text.contains('.') {
-            text = text.replacen(',', ".", 1);
-        }
-        Ok(text)
+    fn fields(&self) -> Vec<&str> {
+        self.reader.dialect.get().separator.fields(&self.row)
     }
 
-    fn malformed(&self, index: usize, expected: &str) -> ImportError {
-        let field = fields(&self.row, self.reader.separator).nth(index).unwrap_or_default();
-        let position =
-            TextPosition { line: self.line, column: Some(index + 1), name: self.reader.names.get(index).cloned() };
-        malformed(&self.reader.path, position, excerpt(field), expected)
+    fn parse<T>(
+        &self,
+        fields: &[&str],
+        index: usize,
+        parse: impl FnOnce(&mut Dialect, &str) -> Result<T, Expected>,
+    ) -> Result<T, ImportError> {
+        let mut dialect = self.reader.dialect.get();
+        let field = fields.get(index).copied().unwrap_or_default();
+        let value = parse(&mut dialect, field).map_err(|expected| {
+            let name = self.reader.names.get(index).cloned();
+            let position = TextPosition { line: self.line, column: Some(index + 1), name };
+            let expected = match expected {
+                Expected::Number => "a number",
+                Expected::Mark { is_comma: false } => "a number with a decimal point, as before",
+                Expected::Mark { is_comma: true } => "a number with a decimal comma, as before",
+                Expected::Time => TIME_EXPECTED,
+            };
+            malformed(&self.reader.path, position, excerpt(field.as_bytes()), expected)
+        })?;
+        self.reader.dialect.set(dialect);
+        Ok(value)
     }
 }
 
-/// Lines of a file, excluding blank lines and comments.
+/// Line that is not blank.
+enum OwnedLine {
+    Comment(String),
+    Content(String),
+}
+
+/// Lines of a file, without blank ones.
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
     line: u64,
+    /// Description of the damage at which reading ended.
+    damage: Option<ForeignText>,
 }
 
 impl Lines {
@@ -205,44 +260,64 @@ impl Lines {
         } else {
             Box::new(file)
         };
-        Ok(Self { path: path.to_owned(), inner, line: 0 })
+        Ok(Self { path: path.to_owned(), inner, line: 0, damage: None })
     }
 
-    fn next(&mut self) -> Result<Option<(u64, Vec<u8>)>, ImportError> {
+    /// Returns the next line, or `None` at the end of the file or at damage of a compressed one.
+    /// After an error, the next call continues with the next line.
+    fn next(&mut self) -> Result<Option<(u64, OwnedLine)>, ImportError> {
         let mut text = Vec::new();
-        loop {
-            self.line += 1;
+        while self.damage.is_none() {
             text.clear();
-            let line_position = || TextPosition { line: self.line, column: None, name: None };
-            let read = self.inner.by_ref().take(MAX_LINE_BYTES as u64 + 1).read_until(b'\n', &mut text);
-            match read {
+            self.line += 1;
+            let length = match self.read_line(&mut text) {
                 Ok(0) => return Ok(None),
-                Ok(length) if length > MAX_LINE_BYTES => {
-                    let found = format!("a line of more than {MAX_LINE_BYTES} bytes");
-                    return Err(malformed(&self.path, line_position(), found, "a readable line"));
+                Ok(length) => length,
+                Err(cause) => {
+                    let found = match cause.kind() {
+                        io::ErrorKind::UnexpectedEof => "the end of the file inside the gzip stream".into(),
+                        _ => cause.to_string(),
+                    };
+                    self.damage = Some(format!("line {}: {found}", self.line).into());
+                    // The part of the line before the damage has no end.
+                    return Ok(None);
                 }
-                Ok(_) => {}
-                Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
-                    let found = "the end of the file inside the gzip stream";
-                    return Err(malformed(
-                        &self.path,
-                        line_position(),
-                        found,
-                        "a complete stream; copy the file again",
-                    ));
-                }
-                Err(cause) => return Err(malformed(&self.path, line_position(), cause.to_string(), "a readable line")),
+            };
+            let position = TextPosition { line: self.line, column: None, name: None };
+            if length > MAX_LINE_BYTES {
+                let found = format!("a line of more than {MAX_LINE_BYTES} bytes");
+                return Err(malformed(&self.path, position, found, "a readable line"));
             }
-            let trimmed = text.trim_ascii();
             // A first line `sep=…` specifies the separator for Excel. It is skipped, because the
             // separator is detected from the content.
-            if trimmed.is_empty() || trimmed.starts_with(b"#") || (self.line == 1 && trimmed.starts_with(b"sep=")) {
+            if self.line == 1 && text.trim_ascii().starts_with(b"sep=") {
                 continue;
             }
-            while text.last().is_some_and(|end| matches!(end, b'\r' | b'\n')) {
-                text.pop();
+            match Line::parse(&text) {
+                Some(Line::Blank) => {}
+                Some(Line::Comment(comment)) => return Ok(Some((self.line, OwnedLine::Comment(comment.to_owned())))),
+                Some(Line::Content(line)) => return Ok(Some((self.line, OwnedLine::Content(line.to_owned())))),
+                None => return Err(malformed(&self.path, position, excerpt(&text), "UTF-8 text")),
             }
-            return Ok(Some((self.line, text)));
+        }
+        Ok(None)
+    }
+
+    /// Reads a line and returns its length. The bytes beyond [`MAX_LINE_BYTES`] are discarded.
+    fn read_line(&mut self, text: &mut Vec<u8>) -> io::Result<usize> {
+        let mut length = 0;
+        loop {
+            let buffer = self.inner.fill_buf()?;
+            let end = buffer.iter().position(|byte| *byte == b'\n').map(|end| end + 1);
+            let part = &buffer[..end.unwrap_or(buffer.len())];
+            let room = MAX_LINE_BYTES.saturating_sub(text.len()).min(part.len());
+            text.extend_from_slice(&part[..room]);
+            let count = part.len();
+            length += count;
+            self.inner.consume(count);
+            if end.is_some() || count == 0 {
+                return Ok(length);
+            }
         }
     }
 }

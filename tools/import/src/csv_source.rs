@@ -6,161 +6,248 @@
 //!
 //! Time: each file has its own time column. All files share one clock.
 //!
-//! Failure: a missing column and the first malformed line are errors.
+//! Failure: a missing column is an error, and so is a file without a valid row. Single malformed
+//! rows are skipped and counted.
 
 use std::{
     cell::Cell,
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
     rc::Rc,
 };
 
 use foreign::ForeignText;
-use mapping::{FIELD, FORCE, POSITION, RATE, REFERENCE, names::nearest};
+use mapping::{
+    FIELD, FORCE, POSITION, RATE, REFERENCE, SCORED,
+    names::nearest,
+    text::{DAY_NS, Time, without_unit},
+};
 use recording::Reference;
 
 use crate::{
     Format, ImportError, Mapping, Note,
-    csv_reader::CsvReader,
-    error::open_error,
-    force_aligner::ForceAligner,
+    csv_reader::{CsvReader, CsvRecord},
+    error::{TextPosition, open_error},
     row_writer::Sample,
-    row_writer::{Attitude, RowWriter, Samples},
-    source::{FixSink, ReceiverFix, Source, Survey},
+    row_writer::{Attitude, Samples},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::{SegmentFinder, SourceClock},
 };
 
+/// Number of rows between two progress reports.
+const PROGRESS_INTERVAL_ROWS: u64 = 1024;
+
 /// CSV files with a mapping of their columns.
-pub(crate) struct CsvSource<'a> {
+pub(crate) struct CsvSource {
     files: CsvFiles,
     groups: ColumnGroups,
-    mapping: &'a Mapping,
+    mapping: Mapping,
+    time_bits: Option<u8>,
+    format: Format,
     length_bytes: u64,
 }
 
-impl<'a> CsvSource<'a> {
+impl CsvSource {
     /// Opens the files, reads their headers and resolves the mapping.
-    pub(crate) fn open(paths: &[PathBuf], mapping: &'a Mapping) -> Result<Self, ImportError> {
-        let files = CsvFiles::open(paths)?;
-        let groups = files.column_groups(mapping)?;
-        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| open_error(path, cause));
-        let length_bytes = files.read_bytes() + groups.paths().map(length).sum::<Result<u64, _>>()?;
-        Ok(Self { files, groups, mapping, length_bytes })
-    }
-}
-
-impl CsvSource<'_> {
-    /// Reads the fixes in a column group and returns the number of skipped fixes.
     ///
-    /// A fix is skipped if its timestamp does not increase. If the fixes are in the same file as
-    /// the rates, several rows repeat one fix, which is then passed on only once.
-    fn read_fixes(
+    /// `time_bits` is the width of the time in bits if it is a wrapping counter.
+    pub(crate) fn open(
+        paths: &[PathBuf],
+        mapping: Mapping,
+        time_bits: Option<u8>,
+        format: Format,
+    ) -> Result<Self, ImportError> {
+        let files = CsvFiles::open(paths)?;
+        let groups = files.column_groups(&mapping)?;
+        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| open_error(path, cause));
+        let surveyed = groups.files().into_iter().map(length).sum::<Result<u64, _>>()?;
+        let length_bytes = files.read_bytes() + surveyed + groups.paths().map(length).sum::<Result<u64, _>>()?;
+        Ok(Self { files, groups, mapping, time_bits, format, length_bytes })
+    }
+
+    /// Reads all rows of a file and checks the mapped columns.
+    fn check_file(
         &self,
-        group: &ColumnGroup<3>,
-        position: [Option<usize>; 3],
-        on_fix: &mut FixSink<'_>,
-    ) -> Result<u64, ImportError> {
-        let mut reader = CsvReader::open(&group.path, &self.files.read_bytes)?;
-        let is_repeated = group.path == self.groups.rate.path;
-        let (mut last, mut out_of_order) = (None, 0);
-        while let Some(record) = reader.next()? {
-            let Some(velocity) = record.numbers(group.indices)? else { continue };
-            let t_ns = record.time_ns(group.time, self.mapping.time_digits())?;
-            let mut location = [f64::NAN; 3];
-            for (part, index) in location.iter_mut().zip(position) {
-                if let Some([number]) = index.map(|index| record.numbers([index])).transpose()?.flatten() {
-                    *part = number;
+        path: &Path,
+        survey: &mut Survey,
+        finder: &mut Option<SegmentFinder>,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<(), ImportError> {
+        let is_rate_file = self.groups.rate.path == path;
+        let mut reader = CsvReader::open(path, &self.files.read_bytes)?;
+        let (mut rows, mut malformed_rows, mut first_error) = (0u64, 0, None);
+        for count in 0u64.. {
+            if count.is_multiple_of(PROGRESS_INTERVAL_ROWS) {
+                progress(self.files.read_bytes());
+            }
+            let checked = match reader.next() {
+                Ok(None) => break,
+                Ok(Some(record)) => self.check_row(path, &record),
+                Err(error @ ImportError::Malformed { .. }) => Err(error),
+                Err(error) => return Err(error),
+            };
+            match checked {
+                Ok((time, has_rate)) => {
+                    rows += 1;
+                    if let (Some(time), true, true) = (time, is_rate_file, has_rate) {
+                        let period_ns = || match (time, self.time_bits) {
+                            (Time::OfDay(_), _) => Some(DAY_NS),
+                            (_, Some(bits)) => {
+                                self.mapping.wrap_period_ns(bits.into()).and_then(|ns| i64::try_from(ns).ok())
+                            }
+                            _ => None,
+                        };
+                        let finder = finder.get_or_insert_with(|| {
+                            survey.clock = SourceClock { period_ns: period_ns() };
+                            SegmentFinder::new(&survey.clock)
+                        });
+                        finder.push(time.ns());
+                    }
+                }
+                Err(error) => {
+                    malformed_rows += 1;
+                    first_error = first_error.or(Some(error));
                 }
             }
-            if last.is_some_and(|(last_ns, _, _)| t_ns <= last_ns) {
-                out_of_order += 1;
-                continue;
-            }
-            let values = (velocity.map(f64::to_bits), location.map(f64::to_bits));
-            if is_repeated && last.is_some_and(|(_, found, place)| (found, place) == values) {
-                continue;
-            }
-            last = Some((t_ns, values.0, values.1));
-            let [latitude_deg, longitude_deg, altitude_m] = location;
-            let velocity_m_s = self.mapping.velocity_m_s(velocity);
-            on_fix(&ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         }
-        Ok(out_of_order)
+        progress(self.files.read_bytes());
+        if let Some(found) = reader.damage() {
+            let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
+            survey.notes.push(Note::DamagedFile { file, found: found.clone() });
+        }
+        match first_error {
+            Some(error) if rows == 0 => return Err(error),
+            Some(ImportError::Malformed { position, found, expected, .. }) => {
+                let TextPosition { line, .. } = *position;
+                survey.notes.push(Note::MalformedRows { count: malformed_rows, line, found, expected });
+                survey.unreadable_rows += if is_rate_file { malformed_rows } else { 0 };
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Checks the mapped columns of a row. Returns its time, and `true` if it has a rate.
+    fn check_row(&self, path: &Path, record: &CsvRecord<'_>) -> Result<(Option<Time>, bool), ImportError> {
+        let groups = &self.groups;
+        let mut time_column = None;
+        let mut has_rate = false;
+        let vectors = [Some(&groups.rate), Some(&groups.force), groups.field.as_ref()];
+        let velocity = groups.velocity.as_ref().map(|(_, group)| group);
+        for (index, group) in vectors.into_iter().chain([velocity]).enumerate() {
+            if let Some(group) = group.filter(|group| group.path == path) {
+                let numbers = record.numbers(group.indices)?;
+                has_rate |= index == 0 && numbers.is_some();
+                time_column = Some(group.time);
+            }
+        }
+        if let Some(group) = groups.reference.as_ref().filter(|group| group.path == path) {
+            record.numbers(group.indices)?;
+            time_column = Some(group.time);
+        }
+        if let Some((_, index)) = groups.scored.as_ref().filter(|(scored, _)| scored == path) {
+            record.flag(*index)?;
+        }
+        let time = time_column.map(|column| record.time(column, self.mapping.time_digits())).transpose()?;
+        Ok((time, has_rate))
     }
 }
 
-impl Source for CsvSource<'_> {
+impl Source for CsvSource {
     fn format(&self) -> Format {
-        Format::Csv
+        self.format
     }
 
-    /// Returns the number of bytes to read: the headers, then the file of each column group once.
+    /// Returns the number of bytes to read: the headers, each file once for the survey, then the
+    /// file of each column group once.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
 
-    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        let mut notes = Vec::new();
-        if let Some((position, group)) = &self.groups.velocity {
-            let out_of_order = self.read_fixes(group, *position, on_fix)?;
-            progress(self.files.read_bytes());
-            if out_of_order > 0 {
-                let reason = "timestamps do not increase";
-                notes.push(Note::Skipped { what: "fixes", count: out_of_order, reason });
-            }
+    fn read_bytes(&self) -> u64 {
+        self.files.read_bytes()
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let ColumnGroups { field, reference, velocity, .. } = &self.groups;
+        let mut survey = Survey {
+            has_field: field.is_some(),
+            has_reference: reference.is_some(),
+            has_fixes: velocity.is_some(),
+            expected: "numbers in the mapped columns, with times of one clock".into(),
+            ..Survey::default()
+        };
+        let mut finder = None;
+        for path in self.groups.files() {
+            self.check_file(path, &mut survey, &mut finder, progress)?;
         }
-        let expected = "numbers in the mapped columns, with times of one clock".into();
-        let ColumnGroups { field, reference, .. } = &self.groups;
-        Ok(Survey { has_field: field.is_some(), has_reference: reference.is_some(), notes, reason: None, expected })
+        if let Some(finder) = finder {
+            survey.segments = finder.segments().to_vec();
+            survey.wraps = finder.wraps;
+        }
+        Ok(survey)
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        let Some(group) = &self.groups.field else { return Ok(Box::new(std::iter::empty())) };
-        let mapping = self.mapping;
-        let convert = |t_ns, found| Some((t_ns, mapping.field_ut(found)));
-        Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
+        let Some(group) = &self.groups.field else { return Ok(Box::new(iter::empty())) };
+        let mapping = &self.mapping;
+        self.files.samples(group, mapping.time_digits(), move |_, t_ns, found| Some((t_ns, mapping.field_ut(found))))
     }
 
     fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        let Some(group) = &self.groups.reference else { return Ok(Box::new(std::iter::empty())) };
-        let mapping = self.mapping;
-        let convert = |t_ns, found| {
-            let reference = Reference { quaternion: mapping.reference(found)?, scored: true };
+        let Some(group) = &self.groups.reference else { return Ok(Box::new(iter::empty())) };
+        let mapping = &self.mapping;
+        let scored = self.groups.scored.as_ref().filter(|(path, _)| *path == group.path).map(|(_, index)| *index);
+        self.files.samples(group, mapping.time_digits(), move |record, t_ns, found| {
+            let scored = scored.is_none_or(|index| record.flag(index).unwrap_or(false));
+            let reference = Reference { quaternion: mapping.reference(found)?, scored };
             Some(Attitude { t_ns, reference, reset_counter: Some(0) })
-        };
-        Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
+        })
     }
 
-    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let (digits, mapping) = (self.mapping.time_digits(), self.mapping);
-        let mut rates =
-            self.files.samples(&self.groups.rate, digits, |t_ns, found| Some((t_ns, mapping.rate_rad_s(found))))?;
-        let mut forces =
-            self.files.samples(&self.groups.force, digits, |t_ns, found| Some((t_ns, mapping.force_m_s2(found))))?;
-        let mut aligner = ForceAligner::default();
-        let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
-        for count in 0u64.. {
-            if count.is_multiple_of(1024) {
-                progress(self.files.read_bytes());
+    fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
+        let Some((position, group)) = &self.groups.velocity else { return Ok(Box::new(iter::empty())) };
+        let (mapping, position) = (&self.mapping, *position);
+        // If the fixes are in the same file as the rates, several rows repeat one fix, which is
+        // then passed on only once.
+        let is_repeated = group.path == self.groups.rate.path;
+        let mut last = None;
+        self.files.samples(group, mapping.time_digits(), move |record, t_ns, velocity| {
+            let number = |index| record.numbers([index]).ok().flatten().map_or(f64::NAN, |[number]| number);
+            let location = position.map(|index| index.map_or(f64::NAN, number));
+            let values = (velocity.map(f64::to_bits), location.map(f64::to_bits));
+            if is_repeated && last.replace(values) == Some(values) {
+                return None;
             }
-            match (rate, force) {
-                (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
-                    aligner.push_rate(sample, rows)?;
-                    rate = rates.next().transpose()?;
+            let [latitude_deg, longitude_deg, altitude_m] = location;
+            let velocity_m_s = mapping.velocity_m_s(velocity);
+            Some(ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })
+        })
+    }
+
+    fn motion(&self) -> Result<Motion<'_>, ImportError> {
+        let (digits, mapping, groups) = (self.mapping.time_digits(), &self.mapping, &self.groups);
+        if groups.rate.path == groups.force.path {
+            let force = groups.force.indices;
+            // A row may have one of both vectors.
+            return Ok(Motion::Joint(self.files.rows(&groups.rate.path, groups.rate.time, digits, {
+                let rate = groups.rate.indices;
+                move |record, t_ns| {
+                    let vector = |indices| record.numbers(indices).ok().flatten();
+                    let rate = vector(rate).map(|found| (t_ns, mapping.rate_rad_s(found)));
+                    let force = vector(force).map(|found| (t_ns, mapping.force_m_s2(found)));
+                    (rate.is_some() || force.is_some()).then_some(Inertial { rate, force })
                 }
-                (_, Some(sample)) => {
-                    aligner.push_force(sample, rows)?;
-                    force = forces.next().transpose()?;
-                }
-                (Some(sample), None) => {
-                    aligner.push_rate(sample, rows)?;
-                    rate = rates.next().transpose()?;
-                }
-                (None, None) => break,
-            }
+            })?));
         }
-        aligner.finish(rows)?;
-        progress(self.files.read_bytes());
-        Ok(aligner)
+        Ok(Motion::Separate {
+            rates: self
+                .files
+                .samples(&groups.rate, digits, |_, t_ns, found| Some((t_ns, mapping.rate_rad_s(found))))?,
+            forces: self
+                .files
+                .samples(&groups.force, digits, |_, t_ns, found| Some((t_ns, mapping.force_m_s2(found))))?,
+        })
     }
 }
 
@@ -185,6 +272,8 @@ struct ColumnGroups {
     reference: Option<ColumnGroup<4>>,
     /// Position columns, and the velocity columns in the same file.
     velocity: Option<([Option<usize>; 3], ColumnGroup<3>)>,
+    /// File and index of the column that is 1 in rows that are scored.
+    scored: Option<(PathBuf, usize)>,
 }
 
 impl ColumnGroups {
@@ -193,6 +282,17 @@ impl ColumnGroups {
         let velocity = self.velocity.iter().map(|(_, group)| group);
         let vectors = [&self.rate, &self.force].into_iter().chain(&self.field).chain(velocity);
         vectors.map(|group| &group.path).chain(self.reference.iter().map(|group| &group.path)).map(PathBuf::as_path)
+    }
+
+    /// Returns the path of each file that is read.
+    fn files(&self) -> Vec<&Path> {
+        let mut files: Vec<&Path> = Vec::new();
+        for path in self.paths() {
+            if !files.contains(&path) {
+                files.push(path);
+            }
+        }
+        files
     }
 }
 
@@ -220,47 +320,93 @@ impl CsvFiles {
         self.read_bytes.get()
     }
 
+    /// Returns `true` if the files have all columns of a recording, with their default names.
+    pub(crate) fn has_default_columns(&self) -> bool {
+        self.column_groups(&Mapping::default()).is_ok()
+    }
+
     fn column_groups(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
-        let field = mapping.has_field().then(|| self.column_group(mapping, FIELD)).transpose()?;
-        let reference = mapping.has_reference().then(|| self.column_group(mapping, REFERENCE)).transpose()?;
-        let velocity = mapping.velocity().map(|targets| self.column_group(mapping, targets)).transpose()?;
+        // A mapping that was not given by the user applies to the columns that exist.
+        let is_wanted = |targets: &[&'static str]| {
+            let exists = |target: &&'static str| {
+                let columns = self.columns.iter().flat_map(|(_, names)| names);
+                columns.into_iter().any(|name| mapping.matches(target, name.raw()))
+            };
+            mapping.is_explicit() || targets.iter().all(exists)
+        };
+        let field =
+            (mapping.has_field() && is_wanted(&FIELD)).then(|| self.column_group(mapping, FIELD)).transpose()?;
+        let reference = (mapping.has_reference() && is_wanted(&REFERENCE))
+            .then(|| self.column_group(mapping, REFERENCE))
+            .transpose()?;
+        let velocity = mapping.velocity().filter(|targets| is_wanted(targets));
+        let velocity = velocity.map(|targets| self.column_group(mapping, targets)).transpose()?;
         let velocity = match velocity {
-            Some(group) => Some((self.position_columns(mapping, &group.path)?, group)),
+            Some(group) => Some((self.position_columns(mapping, &group.path, &is_wanted)?, group)),
             None => None,
         };
+        let scored = mapping.column(SCORED).filter(|_| is_wanted(&[SCORED]));
+        let scored = scored.map(|column| self.find_column(mapping, SCORED, column, None)).transpose()?;
+        let scored = scored.and_then(|(file, index)| Some((self.columns.get(file)?.0.clone(), index)));
         let (rate, force) = (self.column_group(mapping, RATE)?, self.column_group(mapping, FORCE)?);
-        Ok(ColumnGroups { rate, force, field, reference, velocity })
+        Ok(ColumnGroups { rate, force, field, reference, velocity, scored })
     }
 
     /// Returns the samples of a group in file order.
     ///
-    /// Rows for which `convert` returns `None` are skipped.
-    fn samples<const N: usize, T, F: Fn(i64, [f64; N]) -> Option<T>>(
+    /// Rows for which `convert` returns `None` and malformed rows are skipped.
+    fn samples<'a, const N: usize, T: 'a>(
         &self,
         group: &ColumnGroup<N>,
         time_digits: usize,
-        convert: F,
-    ) -> Result<impl Iterator<Item = Result<T, ImportError>> + use<N, T, F>, ImportError> {
-        let mut reader = CsvReader::open(&group.path, &self.read_bytes)?;
-        let (time, indices) = (group.time, group.indices);
+        mut convert: impl FnMut(&CsvRecord<'_>, i64, [f64; N]) -> Option<T> + 'a,
+    ) -> Result<Samples<'a, T>, ImportError> {
+        let indices = group.indices;
+        self.rows(&group.path, group.time, time_digits, move |record, t_ns| {
+            convert(record, t_ns, record.numbers(indices).ok().flatten()?)
+        })
+    }
+
+    /// Returns what `convert` makes of the rows of a file, in file order.
+    ///
+    /// Rows for which `convert` returns `None` and malformed rows are skipped. The survey has
+    /// counted the malformed ones.
+    fn rows<'a, T: 'a>(
+        &self,
+        path: &Path,
+        time: usize,
+        time_digits: usize,
+        mut convert: impl FnMut(&CsvRecord<'_>, i64) -> Option<T> + 'a,
+    ) -> Result<Samples<'a, T>, ImportError> {
+        let mut reader = CsvReader::open(path, &self.read_bytes)?;
         let mut next = move || -> Result<Option<T>, ImportError> {
-            while let Some(record) = reader.next()? {
-                if let Some(values) = record.numbers(indices)?
-                    && let Some(sample) = convert(record.time_ns(time, time_digits)?, values)
-                {
-                    return Ok(Some(sample));
+            loop {
+                let record = match reader.next() {
+                    Ok(Some(record)) => record,
+                    Ok(None) => return Ok(None),
+                    Err(ImportError::Malformed { .. }) => continue,
+                    Err(error) => return Err(error),
+                };
+                let time = record.time(time, time_digits).ok();
+                if let Some(converted) = time.and_then(|time| convert(&record, time.ns())) {
+                    return Ok(Some(converted));
                 }
             }
-            Ok(None)
         };
-        Ok(std::iter::from_fn(move || next().transpose()))
+        Ok(Box::new(iter::from_fn(move || next().transpose())))
     }
 
     /// Returns the position columns, which must be in the same file as the velocity.
-    fn position_columns(&self, mapping: &Mapping, path: &Path) -> Result<[Option<usize>; 3], ImportError> {
+    fn position_columns(
+        &self,
+        mapping: &Mapping,
+        path: &Path,
+        is_wanted: &dyn Fn(&[&'static str]) -> bool,
+    ) -> Result<[Option<usize>; 3], ImportError> {
         let file = self.columns.iter().position(|(other, _)| other == path);
         let find = |target: &'static str| -> Result<Option<usize>, ImportError> {
-            let column = mapping.column(target).map(|column| self.find_column(target, column, file));
+            let column = mapping.column(target).filter(|_| is_wanted(&[target]));
+            let column = column.map(|column| self.find_column(mapping, target, column, file));
             Ok(column.transpose()?.map(|(_, index)| index))
         };
         let [latitude, longitude, altitude] = POSITION.map(find);
@@ -274,14 +420,14 @@ impl CsvFiles {
     ) -> Result<ColumnGroup<N>, ImportError> {
         let mut positions = [(0, 0); N];
         for (position, target) in positions.iter_mut().zip(group) {
-            *position = self.find_column(target, mapping.column(target).unwrap_or_default(), None)?;
+            *position = self.find_column(mapping, target, mapping.column(target).unwrap_or_default(), None)?;
         }
         let file = positions[0].0;
         if positions.iter().any(|(other, _)| *other != file) {
             let files = positions.map(|(file, _)| file_name(&self.columns[file].0));
             return Err(ImportError::SplitVector { group: group.into(), files: files.map(ForeignText::from).into() });
         }
-        let (_, time) = self.find_column("t", mapping.column("t").unwrap_or_default(), Some(file))?;
+        let (_, time) = self.find_column(mapping, "t", mapping.column("t").unwrap_or_default(), Some(file))?;
         Ok(ColumnGroup { path: self.columns[file].0.clone(), time, indices: positions.map(|(_, index)| index) })
     }
 
@@ -290,23 +436,30 @@ impl CsvFiles {
     /// The name must be unique in the file `only`, or among all files if `only` is `None`.
     fn find_column(
         &self,
+        mapping: &Mapping,
         target: &'static str,
         found: &str,
         only: Option<usize>,
     ) -> Result<(usize, usize), ImportError> {
-        let matching_columns = |name: &str, in_file: Option<&str>| -> Vec<(usize, usize)> {
+        let matching_columns = |is_match: &dyn Fn(&str) -> bool, in_file: Option<&str>| -> Vec<(usize, usize)> {
             let files = self.columns.iter().enumerate().filter(|(index, (path, _))| {
                 only.is_none_or(|only| *index == only) && in_file.is_none_or(|named| matches_name(path, named))
             });
             let positions = files.flat_map(|(file, (_, names))| {
-                let indices = names.iter().enumerate().filter(|(_, other)| **other == *name);
+                let indices = names.iter().enumerate().filter(|(_, name)| is_match(name.raw()));
                 indices.map(move |(index, _)| (file, index))
             });
             positions.collect()
         };
-        let mut positions = matching_columns(found, None);
-        if let (true, Some((file, name))) = (positions.is_empty(), found.rsplit_once(':')) {
-            positions = matching_columns(name, Some(file));
+        let mut positions = matching_columns(&|name| name == found, None);
+        if positions.is_empty() {
+            positions = matching_columns(&|name| mapping.matches(target, name), None);
+        }
+        if let (true, Some((file, column))) = (positions.is_empty(), found.rsplit_once(':')) {
+            positions = matching_columns(&|name| name == column, Some(file));
+            if positions.is_empty() {
+                positions = matching_columns(&|name| without_unit(name) == column, Some(file));
+            }
         }
         match positions[..] {
             [position] => Ok(position),

@@ -21,16 +21,44 @@ const PREFIX_BYTES: u64 = 4096;
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 /// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
-const MAGIC_NUMBERS: [(&[u8], Format); 5] = [
+const MAGIC_NUMBERS: [(&[u8], Format); 16] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
     (b"\x89MCAP0\r\n", Format::Mcap),
     (ARDUPILOT_MAGIC, Format::ArduPilot),
     (b"SQLite format 3\0", Format::Sqlite),
+    (b"#ROSBAG V", Format::Ros1Bag),
+    (b"H Product:Blackbox", Format::Blackbox),
+    (b"PAR1", Format::Parquet),
+    (b"\x89HDF\r\n", Format::Hdf5),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Format::Spreadsheet),
     (b"PK\x03\x04", Format::Zip),
+    (b"7z\xbc\xaf\x27\x1c", Format::SevenZip),
+    (b"Rar!\x1a\x07", Format::Rar),
+    (b"\x28\xb5\x2f\xfd", Format::Zstd),
+    (b"\xfd7zXZ\0", Format::Xz),
+    (b"BZh", Format::Bzip2),
+    (b"\x04\x22\x4d\x18", Format::Lz4),
 ];
+/// Names of the first files in a zip archive that is a spreadsheet of Excel or LibreOffice.
+const SPREADSHEET_ENTRIES: [&[u8]; 4] =
+    [b"[Content_Types].xml", b"xl/", b"_rels/.rels", b"mimetypeapplication/vnd.oasis.opendocument.spreadsheet"];
+/// Position and bytes of the mark of a tar archive.
+const TAR_MAGIC: (usize, &[u8]) = (257, b"ustar");
+/// Start of the first message of the text form of an ArduPilot log.
+const ARDUPILOT_TEXT: &[u8] = b"FMT, 128, 89, FMT,";
+/// Byte order marks of UTF-16.
+const UTF_16_MARKS: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
+/// First bytes of MAVLink messages, versions 1 and 2.
+const MAVLINK_MAGIC: [u8; 2] = [0xfe, 0xfd];
+/// Length of the time of arrival before each message of a telemetry log, bytes.
+const TLOG_STAMP_BYTES: usize = 8;
+/// Plausible times of arrival, µs since 1970: 2001 to 2100.
+const TLOG_TIMES_US: std::ops::Range<u64> = 1_000_000_000_000_000..4_102_444_800_000_000;
 
 /// File present in every ROS 2 bag folder. It contains [`BAG_METADATA_KEY`].
 const BAG_METADATA_FILE: &str = "metadata.yaml";
+/// Maximum number of entries of a folder that are inspected.
+const MAX_ENTRIES: usize = 10_000;
 const BAG_METADATA_KEY: &[u8] = b"rosbag2_bagfile_information";
 
 impl Format {
@@ -48,6 +76,9 @@ impl Format {
         if file_type.is_dir() && is_bag(path) {
             return Ok(Self::Bag);
         }
+        if file_type.is_dir() && has_bag_files(path) {
+            return Ok(Self::BagWithoutMetadata);
+        }
         if !file_type.is_file() && !file_type.is_dir() {
             return Err(failed(io::Error::new(io::ErrorKind::NotSeekable, "pipes and devices cannot be read twice")));
         }
@@ -62,8 +93,7 @@ impl Format {
                 _ => Some(Self::Gzip),
             }
         } else {
-            let magic = MAGIC_NUMBERS.iter().find(|(magic, _)| start.starts_with(magic)).map(|&(_, format)| format);
-            magic.or(is_text(&start).then_some(Self::Csv))
+            detect_by_start(&start)
         };
         match found {
             Some(Self::Csv) if Reader::open(path).is_ok() => Ok(Self::Recording),
@@ -71,16 +101,45 @@ impl Format {
             None => Err(ImportError::UnknownFormat { path: path.to_owned() }),
         }
     }
+}
 
-    /// Returns the remedy for a format that is not supported; `None` for a supported format.
-    pub fn remedy(self) -> Option<&'static str> {
-        match self {
-            Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,
-            Self::Recording => Some("no import is needed; to change its axes or units, map its columns with --map"),
-            Self::Zip => Some("unpack it and import the files in it"),
-            Self::Gzip => Some("unpack it (gunzip) and import the file in it"),
+/// Detects the format of a file that is not compressed by its first bytes.
+fn detect_by_start(start: &[u8]) -> Option<Format> {
+    let contains = |part: &[u8]| start.windows(part.len()).any(|window| window == part);
+    let magic = MAGIC_NUMBERS.iter().find(|(magic, _)| start.starts_with(magic)).map(|&(_, format)| format);
+    let (tar_offset, tar_magic) = TAR_MAGIC;
+    match magic {
+        Some(Format::Zip) if SPREADSHEET_ENTRIES.iter().any(|entry| contains(entry)) => Some(Format::Spreadsheet),
+        Some(format) => Some(format),
+        None if start.get(tar_offset..).is_some_and(|rest| rest.starts_with(tar_magic)) => Some(Format::Tar),
+        None if UTF_16_MARKS.iter().any(|mark| start.starts_with(mark)) || is_utf_16(start) => Some(Format::Utf16),
+        None if is_tlog(start) => Some(Format::Tlog),
+        None if start.starts_with(ARDUPILOT_TEXT) || contains(&[b"\n", ARDUPILOT_TEXT].concat()) => {
+            Some(Format::ArduPilotText)
         }
+        None => is_text(start).then_some(Format::Csv),
     }
+}
+
+/// Returns `true` for text in UTF-16 without a byte order mark: every other byte is zero.
+fn is_utf_16(start: &[u8]) -> bool {
+    let zeros = |parity: usize| start.iter().skip(parity).step_by(2).filter(|byte| **byte == 0).count();
+    let half = start.len() / 2;
+    half >= 8 && [zeros(0), zeros(1)].contains(&half) && [zeros(0), zeros(1)].contains(&0)
+}
+
+/// Returns `true` if a time of arrival is followed by the start of a MAVLink message.
+fn is_tlog(start: &[u8]) -> bool {
+    let stamp = start.first_chunk().map(|stamp| u64::from_be_bytes(*stamp));
+    let has_magic = start.get(TLOG_STAMP_BYTES).is_some_and(|byte| MAVLINK_MAGIC.contains(byte));
+    has_magic && stamp.is_some_and(|stamp| TLOG_TIMES_US.contains(&stamp))
+}
+
+/// Returns `true` if the folder contains a file of a ROS 2 bag.
+fn has_bag_files(folder: &Path) -> bool {
+    let is_bag_file = |path: &Path| path.extension().is_some_and(|end| end == "mcap" || end == "db3");
+    let mut entries = fs::read_dir(folder).into_iter().flatten().take(MAX_ENTRIES).flatten();
+    entries.any(|entry| is_bag_file(&entry.path()))
 }
 
 /// Returns `true` if the folder contains the metadata of a ROS 2 bag.
@@ -97,8 +156,10 @@ fn read_prefix(file: &mut impl Read) -> io::Result<Vec<u8>> {
     Ok(start)
 }
 
-/// Returns `true` for non-empty text in an 8-bit encoding. UTF-16 is not text.
+/// Returns `true` for text in an 8-bit encoding. Rows may be damaged, so only the first two lines
+/// must be text.
 fn is_text(start: &[u8]) -> bool {
-    let is_readable = |&byte: &u8| byte >= b' ' || matches!(byte, b'\t' | b'\r' | b'\n' | 0x0c);
-    !start.is_empty() && !start.starts_with(b"\xff\xfe") && start.iter().all(is_readable)
+    let is_readable = |byte: &u8| *byte >= b' ' || matches!(byte, b'\t' | b'\r' | b'\n' | 0x0c);
+    let mut lines = start.split(|byte| *byte == b'\n').take(2);
+    !start.is_empty() && lines.all(|line| line.iter().all(is_readable))
 }

@@ -42,7 +42,7 @@ pub enum ImportError {
     },
     /// The format of the file is unknown.
     #[error(
-        "importing {}: unknown format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log or UTF-8 CSV (save text as \"CSV UTF-8\")",
+        "importing {}: unknown format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log, a tlog or UTF-8 CSV (save text as \"CSV UTF-8\")",
         foreign::path(path)
     )]
     UnknownFormat {
@@ -56,8 +56,8 @@ pub enum ImportError {
         path: PathBuf,
         /// Format of the file.
         format: Format,
-        /// Suggested remedy.
-        remedy: &'static str,
+        /// Suggested remedy, with the command that converts the file.
+        remedy: ForeignText,
     },
     /// A log is given together with other files.
     #[error(
@@ -223,6 +223,34 @@ pub enum ImportError {
         /// Description of the data that provides rate and force.
         expected: ForeignText,
     },
+    /// The requested segment does not exist.
+    #[error(
+        "reading {}: no segment {found}, expected 1 to {count}; `plumb info` lists the segments",
+        foreign::path(path)
+    )]
+    UnknownSegment {
+        /// Path of the file.
+        path: PathBuf,
+        /// Number of the requested segment.
+        found: usize,
+        /// Number of segments.
+        count: usize,
+    },
+    /// The requested sensor does not exist.
+    #[error("reading {}: {what} {found}: no such sensor, expected {}", foreign::path(path), match count {
+        0 => "a log with several sensors; leave out the option".to_owned(),
+        count => format!("0 to {}", count - 1),
+    })]
+    UnknownSensor {
+        /// Path of the file.
+        path: PathBuf,
+        /// Option that requested it.
+        what: &'static str,
+        /// Number of the requested sensor.
+        found: usize,
+        /// Number of sensors.
+        count: usize,
+    },
     /// The output would overwrite an input.
     #[error("writing {}: the output is also an input; choose another name", foreign::path(path))]
     OutputIsInput {
@@ -269,6 +297,8 @@ impl ImportError {
             | Self::UnknownColumn { .. }
             | Self::AmbiguousColumn { .. }
             | Self::SplitVector { .. }
+            | Self::UnknownSegment { .. }
+            | Self::UnknownSensor { .. }
             | Self::OutputIsInput { .. }
             | Self::StaleFixes { .. } => 2,
             Self::Open { .. }

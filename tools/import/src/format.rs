@@ -1,4 +1,4 @@
-//! Formats of files and folders.
+//! Formats of files and folders, and the ways to convert those that are not read.
 
 use std::fmt;
 
@@ -20,31 +20,126 @@ pub enum Format {
     ArduPilot,
     /// SQLite database, as used by ROS 2 bags.
     Sqlite,
+    /// Telemetry log of a ground station: MAVLink messages with their times of arrival.
+    Tlog,
+    /// Folder with files of a ROS 2 bag, but without `metadata.yaml`.
+    BagWithoutMetadata,
+    /// ROS 1 bag.
+    Ros1Bag,
+    /// Log of Betaflight, INAV or Cleanflight.
+    Blackbox,
+    /// Text form of an ArduPilot log.
+    ArduPilotText,
+    /// Text in UTF-16.
+    Utf16,
+    /// Spreadsheet of Excel or LibreOffice.
+    Spreadsheet,
+    /// Apache Parquet.
+    Parquet,
+    /// HDF5, also as `.mat` of MATLAB 7.3.
+    Hdf5,
     /// Zip archive.
     Zip,
+    /// Tar archive.
+    Tar,
+    /// 7z archive.
+    SevenZip,
+    /// RAR archive.
+    Rar,
     /// gzip file that does not contain text.
     Gzip,
+    /// zstd file.
+    Zstd,
+    /// xz file.
+    Xz,
+    /// bzip2 file.
+    Bzip2,
+    /// LZ4 file.
+    Lz4,
 }
+
+/// Name of each format and, if it is not read, the command that converts it.
+const TABLE: [(Format, &str, Option<&str>); 25] = [
+    (Format::Recording, "Plumbline recording", None),
+    (Format::Csv, "CSV", None),
+    (Format::Ulog, "ULog", None),
+    (Format::Mcap, "MCAP", None),
+    (Format::Bag, "ROS 2 bag", None),
+    (Format::ArduPilot, "ArduPilot log (BIN)", None),
+    (Format::Sqlite, "SQLite database (ROS 2 db3)", None),
+    (Format::Tlog, "MAVLink telemetry log (tlog)", None),
+    (
+        Format::BagWithoutMetadata,
+        "ROS 2 bag without metadata.yaml",
+        Some("restore it with `ros2 bag reindex FOLDER`, or name the .mcap or .db3 file in it"),
+    ),
+    (
+        Format::Ros1Bag,
+        "ROS 1 bag",
+        Some("convert it with `rosbags-convert --src FILE --dst FOLDER` (pip install rosbags)"),
+    ),
+    (
+        Format::Blackbox,
+        "Betaflight blackbox log",
+        Some("convert it with `blackbox_decode FILE`, then map the columns of the CSV with --map"),
+    ),
+    (
+        Format::ArduPilotText,
+        "text form of an ArduPilot log",
+        Some(
+            "use the .BIN that it was made from, or convert it with `mavlogdump.py --format csv --types IMU FILE` (pip install pymavlink)",
+        ),
+    ),
+    (Format::Utf16, "text in UTF-16", Some("convert it with `iconv -f UTF-16 -t UTF-8 FILE -o FILE.csv`")),
+    (
+        Format::Spreadsheet,
+        "spreadsheet",
+        Some("convert it with `soffice --headless --convert-to csv FILE`, or save it as \"CSV UTF-8\""),
+    ),
+    (
+        Format::Parquet,
+        "Parquet file",
+        Some(
+            "convert it with `python3 -c \"import pandas; pandas.read_parquet('FILE').to_csv('FILE.csv', index=False)\"`",
+        ),
+    ),
+    (
+        Format::Hdf5,
+        "HDF5 file",
+        Some(
+            "convert a table of it with `python3 -c \"import pandas; pandas.read_hdf('FILE').to_csv('FILE.csv', index=False)\"`",
+        ),
+    ),
+    (Format::Zip, "zip archive", Some("unpack it with `unzip FILE` and name the file in it")),
+    (Format::Tar, "tar archive", Some("unpack it with `tar xf FILE` and name the file in it")),
+    (Format::SevenZip, "7z archive", Some("unpack it with `7z x FILE` and name the file in it")),
+    (Format::Rar, "RAR archive", Some("unpack it with `unrar x FILE` and name the file in it")),
+    (Format::Gzip, "gzip file without text", Some("unpack it with `gunzip FILE` and name the file in it")),
+    (Format::Zstd, "zstd file", Some("unpack it with `zstd -d FILE` and name the file in it")),
+    (Format::Xz, "xz file", Some("unpack it with `unxz FILE` and name the file in it")),
+    (Format::Bzip2, "bzip2 file", Some("unpack it with `bunzip2 FILE` and name the file in it")),
+    (Format::Lz4, "LZ4 file", Some("unpack it with `unlz4 FILE` and name the file in it")),
+];
 
 impl Format {
     /// Returns `true` if the format has topics that can be selected.
     pub fn has_topics(self) -> bool {
         matches!(self, Self::Mcap | Self::Bag | Self::Sqlite)
     }
+
+    /// Returns `true` for text with columns.
+    pub fn is_text(self) -> bool {
+        matches!(self, Self::Recording | Self::Csv)
+    }
+
+    /// Returns the remedy for a format that is not supported; `None` for a supported format.
+    pub fn remedy(self) -> Option<&'static str> {
+        TABLE.iter().find(|(format, ..)| *format == self).and_then(|(_, _, remedy)| *remedy)
+    }
 }
 
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Recording => "Plumbline recording",
-            Self::Csv => "CSV",
-            Self::Ulog => "ULog",
-            Self::Mcap => "MCAP",
-            Self::ArduPilot => "ArduPilot log (BIN)",
-            Self::Bag => "ROS 2 bag",
-            Self::Sqlite => "SQLite database (ROS 2 db3)",
-            Self::Zip => "zip archive",
-            Self::Gzip => "gzip file without text",
-        })
+        f.write_str(TABLE.iter().find(|(format, ..)| format == self).map_or("file", |(_, name, _)| name))
     }
 }

@@ -1,7 +1,7 @@
 //! Import of recordings made by other systems.
 //!
-//! Input: a PX4 ULog, an ArduPilot log, an MCAP file, a ROS 2 bag, or CSV files with a [`Mapping`]
-//! of their columns.
+//! Input: a PX4 ULog, an ArduPilot log, a MAVLink telemetry log, an MCAP file, a ROS 2 bag, or CSV
+//! files with a [`Mapping`] of their columns.
 //!
 //! Output: a recording that [`recording::Reader`] reads, a file of GNSS fixes next to it, and a
 //! [`Summary`] with notes on skipped or missing data. Axes: body right, forward, up; earth east,
@@ -25,6 +25,8 @@
 //! | `bag` | topics of MCAP files and ROS 2 bags |
 //! | `csv_source` | mapped columns of CSV files, joined by time |
 //! | `csv_reader` | reader for one CSV file |
+//! | `tlog` | MAVLink messages of a telemetry log |
+//! | `timeline` | wraps and restarts of a clock |
 //! | `force_aligner` | force interpolated at the times of the rate samples |
 //! | `row_writer` | field and reference merged into the rows |
 #![forbid(unsafe_code)]
@@ -43,10 +45,13 @@ pub mod ros_messages;
 mod row_writer;
 mod source;
 pub mod summary;
+mod timeline;
+mod tlog;
 mod ulog;
 
-pub use convert::{Options, Progress, convert};
+pub use convert::{Options, Progress, convert, note_fixes_outside, plain_recording_range_ns};
 pub use error::ImportError;
 pub use format::Format;
 pub use mapping::{Mapping, MappingError};
-pub use summary::{Note, Summary};
+pub use summary::{Note, Sensor, Summary};
+pub use timeline::Segment;

@@ -9,7 +9,7 @@
 //! Failure: `None` if the message is malformed, contains a value that is not finite, or is marked
 //! as not measured.
 
-use crate::bag::ros;
+use crate::bag::ros::{self, Convention};
 
 /// Sample of rate and force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,11 +24,11 @@ pub struct Imu {
 
 /// Decodes a `sensor_msgs/msg/Imu`. The orientation is ignored.
 pub fn imu(data: &[u8]) -> Option<Imu> {
-    let inertial = ros::inertial(data)?;
-    Some(Imu { t_ns: inertial.t_ns, rate_rad_s: inertial.rate_rad_s, force_m_s2: inertial.force_m_s2 })
+    let inertial = ros::inertial(data, &Convention::default())?;
+    Some(Imu { t_ns: inertial.t_ns, rate_rad_s: inertial.rate_rad_s?, force_m_s2: inertial.force_m_s2? })
 }
 
 /// Decodes a `sensor_msgs/msg/MagneticField` and returns the field, µT.
 pub fn field_ut(data: &[u8]) -> Option<[f64; 3]> {
-    ros::field(data).map(|(_, field_ut)| field_ut)
+    ros::field(data, &Convention::default()).map(|(_, field_ut)| field_ut)
 }

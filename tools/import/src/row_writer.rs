@@ -13,15 +13,30 @@ use std::iter::Peekable;
 
 use recording::{Reference, Row, Writer};
 
-use crate::ImportError;
+use crate::{ImportError, timeline::Timed};
 
 /// Time in ns and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
 
 /// Maximum distance between a field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
-/// Maximum gap between two reference attitudes across which the reference is interpolated, ns.
+/// Maximum gap between two reference attitudes across which the reference is always interpolated,
+/// ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
+/// Maximum gap between two reference attitudes across which the reference is interpolated if the
+/// rotation between them is small, ns. It allows for references at 1 Hz.
+const MAX_SLOW_REFERENCE_GAP_NS: u64 = 1_100_000_000;
+/// Cosine of half the largest rotation across which a slow reference is interpolated: 5°.
+const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
+/// Maximum number of attitudes by which a series is judged.
+const MAX_JUDGED_ATTITUDES: usize = 10_000;
+/// Number of attitudes after which a series that is not slow is recognised.
+const MIN_JUDGED_ATTITUDES: usize = 100;
+/// Maximum share of large rotations in a slow series that is interpolated.
+///
+/// If only the calm parts of a motion were interpolated, they would outweigh the others in the
+/// errors.
+const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;
 /// Maximum number of row intervals from which the median interval is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
 /// Threshold for the value of 1 − cos(θ/2), where θ is the angle between two attitudes. Below the
@@ -31,6 +46,7 @@ const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
 /// Attitude at a time, in native axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Attitude {
+    /// Time, ns.
     pub(crate) t_ns: i64,
     pub(crate) reference: Reference,
     /// Number of attitude resets made by the estimator.
@@ -38,6 +54,16 @@ pub(crate) struct Attitude {
     /// The reference is interpolated only between attitudes whose counters are equal, and never if
     /// the counter is `None`.
     pub(crate) reset_counter: Option<u8>,
+}
+
+impl Timed for Attitude {
+    fn t_ns(&self) -> i64 {
+        self.t_ns
+    }
+
+    fn shift(&mut self, offset_ns: i64) {
+        self.t_ns = self.t_ns.saturating_add(offset_ns);
+    }
 }
 
 /// Samples of a series that is merged into the rows.
@@ -48,6 +74,8 @@ pub(crate) struct RowWriter<'a> {
     fields: Peekable<Samples<'a, Sample>>,
     last_field_ns: Option<i64>,
     attitudes: Peekable<Samples<'a, Attitude>>,
+    /// `true` if a slow reference is interpolated. Otherwise it is used at its own times.
+    interpolates_slow: bool,
     /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
     /// Last row. It is held back because a field sample that arrives later may be nearest to it.
@@ -71,9 +99,16 @@ pub(crate) struct RowWriter<'a> {
 }
 
 impl<'a> RowWriter<'a> {
-    pub(crate) fn new(writer: Writer, fields: Samples<'a, Sample>, attitudes: Samples<'a, Attitude>) -> Self {
+    /// Creates a writer. `interpolates_slow` is the result of [`is_calm`] for the attitudes.
+    pub(crate) fn new(
+        writer: Writer,
+        fields: Samples<'a, Sample>,
+        attitudes: Samples<'a, Attitude>,
+        interpolates_slow: bool,
+    ) -> Self {
         Self {
             writer,
+            interpolates_slow,
             fields: fields.peekable(),
             last_field_ns: None,
             attitudes: attitudes.peekable(),
@@ -103,7 +138,8 @@ impl<'a> RowWriter<'a> {
         self.last_ns = t_ns;
         self.rows += 1;
         self.force_sum_m_s2 += force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let reference = self.reference_at(t_ns)?;
+        let previous_ns = self.pending.map(|row| row.t_ns);
+        let reference = self.reference_at(previous_ns, t_ns, rate_rad_s)?;
         self.reference_rows += u64::from(reference.is_some());
         self.assign_fields(Some(t_ns))?;
         let row = Row { t_ns, rate_rad_s, force_m_s2, field_ut: None, reference };
@@ -118,6 +154,11 @@ impl<'a> RowWriter<'a> {
 
     pub(crate) fn into_writer(self) -> Writer {
         self.writer
+    }
+
+    /// Returns the times of the first and the last row, ns.
+    pub(crate) fn range_ns(&self) -> [i64; 2] {
+        [self.first_ns.unwrap_or(self.last_ns), self.last_ns]
     }
 
     pub(crate) fn duration_s(&self) -> f64 {
@@ -181,7 +222,16 @@ impl<'a> RowWriter<'a> {
         Ok(self.writer.write(&row)?)
     }
 
-    fn reference_at(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
+    /// Returns the reference at the time of a row.
+    ///
+    /// It is interpolated if the attitudes before and after the row are close to each other.
+    /// Otherwise, an attitude since the previous row is rotated on to the row by the rate.
+    fn reference_at(
+        &mut self,
+        previous_ns: Option<i64>,
+        t_ns: i64,
+        rate_rad_s: [f64; 3],
+    ) -> Result<Option<Reference>, ImportError> {
         // The condition is also true for an error, so that the `?` below ends the import.
         while let Some(attitude) =
             self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
@@ -193,20 +243,77 @@ impl<'a> RowWriter<'a> {
                 self.previous_attitude = Some(attitude);
             }
         }
-        let Some(Ok(after)) = self.attitudes.peek() else { return Ok(None) };
-        if after.t_ns == t_ns {
+        let after = self.attitudes.peek().and_then(|after| after.as_ref().ok()).copied();
+        if let Some(after) = after.filter(|after| after.t_ns == t_ns) {
             return Ok(Some(after.reference));
         }
         let Some(before) = self.previous_attitude else { return Ok(None) };
-        let gap_ns = after.t_ns.abs_diff(before.t_ns);
-        if gap_ns > MAX_REFERENCE_GAP_NS || after.reset_counter.is_none() || after.reset_counter != before.reset_counter
-        {
+        if let Some(after) = after.filter(|after| is_interpolated(&before, after, self.interpolates_slow)) {
+            let gap_ns = after.t_ns.abs_diff(before.t_ns);
+            let fraction = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
+            let quaternion = slerp(before.reference.quaternion, after.reference.quaternion, fraction);
+            return Ok(Some(Reference { quaternion, scored: before.reference.scored && after.reference.scored }));
+        }
+        let is_of_this_row = previous_ns.is_some_and(|previous_ns| before.t_ns > previous_ns);
+        if !is_of_this_row || before.reset_counter.is_none() {
             return Ok(None);
         }
-        let fraction = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
-        let quaternion = slerp(before.reference.quaternion, after.reference.quaternion, fraction);
-        Ok(Some(Reference { quaternion, scored: before.reference.scored && after.reference.scored }))
+        let dt_s = t_ns.abs_diff(before.t_ns) as f64 * 1e-9;
+        let quaternion = rotated(before.reference.quaternion, rate_rad_s.map(|part| part * dt_s));
+        Ok(Some(Reference { quaternion, ..before.reference }))
     }
+}
+
+/// Returns `true` if the reference is interpolated between two attitudes.
+fn is_interpolated(before: &Attitude, after: &Attitude, interpolates_slow: bool) -> bool {
+    if after.reset_counter.is_none() || after.reset_counter != before.reset_counter {
+        return false;
+    }
+    let gap_ns = after.t_ns.abs_diff(before.t_ns);
+    let is_slow_but_calm =
+        || interpolates_slow && gap_ns <= MAX_SLOW_REFERENCE_GAP_NS && !is_large_rotation(before, after);
+    gap_ns <= MAX_REFERENCE_GAP_NS || is_slow_but_calm()
+}
+
+fn is_large_rotation(before: &Attitude, after: &Attitude) -> bool {
+    let (a, b) = (before.reference.quaternion, after.reference.quaternion);
+    a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>().abs() < MIN_HALF_ROTATION_COS
+}
+
+/// Returns `true` unless the reference is slower than the limit and rotates far between two
+/// attitudes. Such a reference is used at its own times.
+pub(crate) fn is_calm(attitudes: Samples<'_, Attitude>) -> Result<bool, ImportError> {
+    let (mut before, mut slow, mut large) = (None::<Attitude>, 0usize, 0usize);
+    for (count, attitude) in attitudes.take(MAX_JUDGED_ATTITUDES).enumerate() {
+        let attitude = attitude?;
+        if let Some(before) = before.replace(attitude) {
+            let gap_ns = attitude.t_ns.abs_diff(before.t_ns);
+            slow += usize::from((MAX_REFERENCE_GAP_NS + 1..=MAX_SLOW_REFERENCE_GAP_NS).contains(&gap_ns));
+            large += usize::from(gap_ns > MAX_REFERENCE_GAP_NS && is_large_rotation(&before, &attitude));
+        }
+        if count == MIN_JUDGED_ATTITUDES && 2 * slow < count {
+            return Ok(true);
+        }
+    }
+    Ok(large as f64 <= MAX_LARGE_ROTATION_SHARE * slow as f64)
+}
+
+/// Rotates an attitude by a rotation vector in body axes, rad.
+fn rotated([w, x, y, z]: [f64; 4], rotation: [f64; 3]) -> [f64; 4] {
+    let angle = rotation.iter().map(|part| part * part).sum::<f64>().sqrt();
+    if !angle.is_finite() || angle == 0.0 {
+        return [w, x, y, z];
+    }
+    let (sin, c) = (angle / 2.0).sin_cos();
+    let [i, j, k] = rotation.map(|part| part / angle * sin);
+    let product = [
+        w * c - x * i - y * j - z * k,
+        w * i + x * c + y * k - z * j,
+        w * j - x * k + y * c + z * i,
+        w * k + x * j - y * i + z * c,
+    ];
+    let length = product.iter().map(|part| part * part).sum::<f64>().sqrt();
+    product.map(|part| part / length)
 }
 
 /// Interpolates spherically between two attitudes, along the shorter arc.

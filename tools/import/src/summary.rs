@@ -4,7 +4,10 @@ use std::{fmt, path::PathBuf};
 
 use foreign::ForeignText;
 
-use crate::Format;
+use crate::{Format, timeline::Segment};
+
+/// Maximum number of segments that a note lists.
+const MAX_LISTED_SEGMENTS: usize = 20;
 
 /// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +16,10 @@ pub struct Summary {
     pub format: Format,
     /// Number of rows written.
     pub rows: u64,
+    /// Number of rows of the source, including those that were not used.
+    pub source_rows: u64,
+    /// Parts of the source between restarts of its clock.
+    pub segments: Vec<Segment>,
     /// Sampling rate, Hz.
     ///
     /// Inverse of the median of the first 100,000 intervals; NaN if there is only one row.
@@ -31,8 +38,48 @@ pub struct Summary {
     pub fixes: u64,
     /// Path of the fixes file; `None` if there are no fixes.
     pub fixes_file: Option<PathBuf>,
+    /// Sensors of which one can be chosen.
+    pub sensors: Vec<Sensor>,
     /// Skipped, missing or implausible data, most important first.
     pub notes: Vec<Note>,
+}
+
+/// Inertial sensor, magnetometer or receiver of a log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Option that chooses the sensor and its number, such as `--imu 1`.
+    pub option: String,
+    /// Name of the sensor in the log.
+    pub name: ForeignText,
+    /// Number of samples.
+    pub samples: u64,
+    /// Mean rate, Hz; NaN if unknown.
+    pub rate_hz: f64,
+    /// State, such as `healthy`.
+    pub state: &'static str,
+    /// `true` if the sensor is read.
+    pub is_read: bool,
+}
+
+impl fmt::Display for Sensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { option, name, samples, rate_hz, state, is_read } = self;
+        let read = if *is_read { ", read" } else { "" };
+        write!(f, "{option}: {name}, {samples} samples at {rate_hz:.1} Hz, {state}{read}")
+    }
+}
+
+impl Summary {
+    /// Returns a warning if less than half of the source was used.
+    pub fn warning(&self) -> Option<String> {
+        let Self { rows, source_rows, .. } = *self;
+        if rows.saturating_mul(2) >= source_rows {
+            return None;
+        }
+        let reasons: Vec<_> = self.notes.iter().filter(|note| note.loses_rows()).map(Note::to_string).collect();
+        let reasons = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
+        Some(format!("used only {rows} of {source_rows} rows{reasons}"))
+    }
 }
 
 /// Skipped, missing or implausible data.
@@ -59,6 +106,59 @@ pub enum Note {
     ImplausibleForce {
         /// Mean magnitude of the force, m/s².
         mean_force_m_s2: f64,
+    },
+    /// Rows of text could not be read.
+    MalformedRows {
+        /// Number of rows.
+        count: u64,
+        /// Line number of the first of them, from 1.
+        line: u64,
+        /// Text found in it.
+        found: ForeignText,
+        /// Text expected.
+        expected: String,
+    },
+    /// The clock of the source went back, which separates the source into segments.
+    Segments {
+        /// Number of the segment that was read, from 1.
+        read: usize,
+        /// `true` if the segment was requested.
+        is_requested: bool,
+        /// All segments.
+        segments: Vec<Segment>,
+    },
+    /// The counter of the times wrapped. The times were continued.
+    Wrapped {
+        /// Number of wraps.
+        count: u64,
+    },
+    /// The times of the messages never change. The times at which they were logged were used.
+    LogTimes {
+        /// Name of the topic.
+        topic: ForeignText,
+    },
+    /// A sensor was passed over because all its samples are equal.
+    DeadSensor {
+        /// Name of the sensor.
+        sensor: ForeignText,
+        /// Name of the sensor that was read instead.
+        read: ForeignText,
+    },
+    /// Rate and force were read from two topics and joined by time.
+    Joined {
+        /// Topic of the rate.
+        rate: ForeignText,
+        /// Topic of the force.
+        force: ForeignText,
+    },
+    /// The times of a series do not overlap those of the rows.
+    NoOverlap {
+        /// Kind of samples, as a plural noun.
+        what: &'static str,
+        /// First and last time of the series, ns.
+        series_ns: [i64; 2],
+        /// First and last time of the rows, ns.
+        rows_ns: [i64; 2],
     },
     /// Samples were skipped.
     Skipped {
@@ -119,6 +219,17 @@ pub enum Note {
     },
 }
 
+impl Note {
+    /// Returns `true` if rows were not used for this reason.
+    fn loses_rows(&self) -> bool {
+        match self {
+            Self::MalformedRows { .. } | Self::Segments { .. } | Self::Damage { .. } | Self::DamagedFile { .. } => true,
+            Self::Skipped { what, .. } => what.starts_with("rate") || what.starts_with("messages"),
+            _ => false,
+        }
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -132,6 +243,44 @@ impl fmt::Display for Note {
                 f,
                 "mean force {mean_force_m_s2:.2} m/s², expected about 9.8; check its unit and that it includes gravity"
             ),
+            Self::MalformedRows { count, line, found, expected } => {
+                let rows = if *count == 1 { "row" } else { "rows" };
+                write!(f, "skipped {count} malformed {rows}, the first in line {line}: found {found}, expected {expected}")
+            }
+            Self::Segments { read, is_requested, segments } => {
+                write!(f, "the clock goes back, so the log has {} segments:", segments.len())?;
+                for (number, segment) in (1..=MAX_LISTED_SEGMENTS).zip(segments) {
+                    let Segment { first_ns, samples, .. } = segment;
+                    let (first_s, duration_s) = (*first_ns as f64 / 1e9, segment.duration_s());
+                    write!(f, " {number}: {samples} samples, {duration_s:.1} s from {first_s:.3} s;")?;
+                }
+                if segments.len() > MAX_LISTED_SEGMENTS {
+                    write!(f, " and {} more;", segments.len() - MAX_LISTED_SEGMENTS)?;
+                }
+                let choice = if *is_requested { "as requested" } else { "the longest" };
+                write!(f, " read segment {read}, {choice}; choose with --segment")
+            }
+            Self::Wrapped { count } => {
+                let times = if *count == 1 { "once" } else { "times" };
+                let count = if *count == 1 { String::new() } else { format!("{count} ") };
+                write!(f, "the counter of the times wrapped {count}{times}; the times were continued")
+            }
+            Self::LogTimes { topic } => write!(
+                f,
+                "the timestamps of {topic} never change; the times at which the messages were logged were used instead"
+            ),
+            Self::DeadSensor { sensor, read } => {
+                write!(f, "{sensor} is dead: its samples never change or are marked as unhealthy; read {read} instead")
+            }
+            Self::Joined { rate, force } => write!(f, "joined the rate of {rate} with the force of {force} by time"),
+            Self::NoOverlap { what, series_ns, rows_ns } => {
+                let [first_s, last_s, rows_first_s, rows_last_s] =
+                    [series_ns[0], series_ns[1], rows_ns[0], rows_ns[1]].map(|t_ns| t_ns as f64 / 1e9);
+                write!(
+                    f,
+                    "no {what} used: their times, {first_s:.3} to {last_s:.3} s, lie outside those of the samples, {rows_first_s:.3} to {rows_last_s:.3} s; give them the clock of the samples"
+                )
+            }
             Self::Skipped { what, count, reason } => write!(f, "skipped {count} {what}: {reason}"),
             Self::DamagedFile { file, found } => {
                 write!(f, "{file} is damaged: {found}; the rest was not read")

@@ -80,6 +80,7 @@ pub struct ErrorStats {
     course: SquareSum,
     gyro_bias: SquareSum,
     drift: DriftFit,
+    heading: CircularMean,
     ratios: RatioHistograms,
     /// `true` if the heading was known at the last scored tick; `None` before the first scored
     /// tick.
@@ -93,6 +94,12 @@ impl ErrorStats {
         self.heading_is_known
     }
 
+    /// Returns the mean heading error, degrees, if the error is nearly constant and not small. The
+    /// error is positive counter-clockwise seen from above.
+    pub fn constant_heading_error_deg(&self) -> Option<f64> {
+        self.heading.constant_deg().filter(|_| self.heading_is_known == Some(true))
+    }
+
     /// Adds a scored tick.
     pub fn update(&mut self, errors: &TickErrors, output: &AttitudeOutput, fused: &FusedState) {
         let TickErrors { attitude, angles, heading_error_deg, heading_is_known, course_is_known, gyro_bias_deg_s } =
@@ -102,6 +109,7 @@ impl ErrorStats {
         ratios.inclination.push(attitude.inclination_deg, fused.inclination_sd_rad.to_degrees());
         if *heading_is_known {
             ratios.heading.push(*heading_error_deg, fused.heading_sd_rad.to_degrees());
+            self.heading.push(*heading_error_deg);
         } else {
             self.drift.push(output.header.t_end_ns, *heading_error_deg);
         }
@@ -167,6 +175,37 @@ impl SquareSum {
     /// Returns the root mean square; `None` if there are no values.
     fn rms(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.sum / self.count as f64).sqrt())
+    }
+}
+
+/// Mean of angles.
+#[derive(Debug, Clone, Copy, Default)]
+struct CircularMean {
+    sin: f64,
+    cos: f64,
+    count: u64,
+}
+
+impl CircularMean {
+    /// Minimum number of angles.
+    const MIN_COUNT: u64 = 50;
+    /// Smallest mean that counts as an offset, degrees. Ordinary heading errors are smaller.
+    const MIN_OFFSET_DEG: f64 = 5.0;
+    /// Smallest ratio of the mean to the standard deviation of a constant error.
+    const MIN_RATIO: f64 = 3.0;
+
+    fn push(&mut self, deg: f64) {
+        let (sin, cos) = deg.to_radians().sin_cos();
+        (self.sin, self.cos, self.count) = (self.sin + sin, self.cos + cos, self.count + 1);
+    }
+
+    /// Returns the mean, degrees, if it is an offset and the angles vary little.
+    fn constant_deg(&self) -> Option<f64> {
+        let mean_deg = self.sin.atan2(self.cos).to_degrees();
+        let length = self.sin.hypot(self.cos) / self.count as f64;
+        let sd_deg = (-2.0 * length.min(1.0).ln()).sqrt().to_degrees();
+        let is_offset = mean_deg.abs() > Self::MIN_OFFSET_DEG.max(Self::MIN_RATIO * sd_deg);
+        (self.count >= Self::MIN_COUNT && is_offset).then_some(mean_deg)
     }
 }
 
@@ -249,6 +288,18 @@ mod tests {
         assert!((errors.drift_end_deg.unwrap() + 2.0 * 599.0).abs() < 1e-6, "{errors:?}");
         assert_eq!((errors.yaw, errors.course), (None, None));
         assert_eq!(errors.attitude, ErrorsDeg { inclination: Some(1.0), ..ErrorsDeg::default() });
+    }
+
+    #[test]
+    fn constant_heading_error_is_told_from_scatter() {
+        let constant = |errors: &[f64]| {
+            let mut mean = CircularMean::default();
+            (0..100).for_each(|n| mean.push(errors[n % errors.len()]));
+            mean.constant_deg()
+        };
+        assert!(constant(&[11.0, 13.0]).is_some_and(|deg| (deg - 12.0).abs() < 1e-9));
+        assert!(constant(&[179.0, -179.0]).is_some_and(|deg| (deg.abs() - 180.0).abs() < 1e-9));
+        assert_eq!([constant(&[3.0, 4.0]), constant(&[40.0, -20.0, 0.0])], [None, None]);
     }
 
     #[test]

@@ -274,6 +274,10 @@ fn run_trial(
         .chain(findings.iter().map(Diagnosis::to_string));
     let no_score_reason = if trial.name.raw().starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
+    let heading_offset = chain_runs.iter().find_map(|chain_run| chain_run.stats.constant_heading_error_deg());
+    // A wrong unit or axis explains an offset as well, and has its own remedy.
+    let heading_offset = heading_offset.filter(|_| findings.is_empty());
+    let warnings = warnings.chain(heading_offset.map(heading_offset_warning));
     let heading_is_known = chain_runs.iter().all(|chain_run| chain_run.stats.heading_is_known() != Some(false));
     if let Some(plotter) = plotter.filter(|_| is_first) {
         draw(request, plotter, trial, &configs, &mut chain_runs)?;
@@ -284,6 +288,28 @@ fn run_trial(
         .map(|(chain_run, ns)| chain_run.finish(trial, ns))
         .collect::<Result<_, _>>()?;
     Ok(TrialOutcome { scores, warnings: warnings.collect(), overlay, heading_is_known })
+}
+
+/// Returns the warning of a heading that differs from the reference by a constant angle, degrees,
+/// counter-clockwise.
+fn heading_offset_warning(offset_deg: f64) -> String {
+    /// Largest magnetic declination away from the poles, degrees.
+    const MAX_DECLINATION_DEG: f64 = 40.0;
+    /// Maximum distance from a multiple of 90° of an offset that exchanged axes cause, degrees.
+    const MAX_AXES_ERROR_DEG: f64 = 15.0;
+    let from_axes_deg = offset_deg - (offset_deg / 90.0).round() * 90.0;
+    let cause = if offset_deg.abs() < MAX_DECLINATION_DEG {
+        format!(
+            "\n    a reference relative to true north, whose declination is missing: `--set declination_deg={offset_deg:.1}`\n    a reference with its own zero of yaw: align it with north"
+        )
+    } else if from_axes_deg.abs() < MAX_AXES_ERROR_DEG {
+        "\n    axes that are exchanged (forward and right, or north and east): `--frame enu-flu` or `--frame ned-frd` of `plumb import`".to_owned()
+    } else {
+        "\n    a reference with its own zero of yaw: align it with north".to_owned()
+    };
+    format!(
+        "heading-offset: the heading differs from the reference by a constant {offset_deg:+.1}° (counter-clockwise){cause}"
+    )
 }
 
 /// Draws the figures of each chain, and those that compare the chains if there are several.

@@ -150,3 +150,28 @@ fn line_before_header_is_rejected_and_header_may_change() {
     assert_eq!(found, [row, row]);
     assert_eq!((counts.frames, counts.rejected), (4, 1));
 }
+
+#[test]
+fn header_may_be_a_comment_with_units() {
+    let maps = ["t=timestamp,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz"];
+    let row = imu(Some(DeviceTime::Unix { now_ns: 1_700_000_000_020_000_000 }), [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None);
+    for (header, row_text) in [
+        ("#timestamp [ns],wx [rad/s],wy [rad/s],wz [°/s],fx,fy,fz [m/s^2]", "1700000000020000000,1,2,3,4,5,6"),
+        ("% timestamp wx wy wz fx fy fz", "1700000000020000000 1,0 2,0 3 4 5 6"),
+        ("// timestamp;wx;wy;wz;fx;fy;fz", "1700000000020000000;1;2;3;4;5;6"),
+    ] {
+        let (found, counts) = read(&settings_of(&maps, "ns", "rfu"), &format!("{header}\n{row_text}\n"));
+        assert_eq!((found, counts.rejected), (vec![row], 0), "{header}");
+    }
+}
+
+#[test]
+fn dates_and_times_of_day_are_device_times() {
+    let times = |text: &str| {
+        let (found, _) = read(&LineSettings::default(), &format!("t,gx,gy,gz,ax,ay,az\n{text},0,0,0,0,0,9.8\n"));
+        found[0].time
+    };
+    assert_eq!(times("2023-11-14T22:13:20.5Z"), Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }));
+    let day = DeviceTime::Counter { now_ns: 47_100_020_000_000, period_ns: 86_400_000_000_000 };
+    assert_eq!(times("13:05:00.020"), Some(day));
+}

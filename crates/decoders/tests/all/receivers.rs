@@ -67,7 +67,7 @@ fn ubx_between_nmea_is_read_and_bad_length_rejected() {
     let endless = [0xb5, 0x62, 1, 7, 0xff, 0xff];
     let bytes = [&b"$GNGGA,1*00\r\n"[..], &other, &endless, &other].concat();
     let (found, counts) = decoded(Box::new(Framed::new(Ubx)), [&bytes[..]]);
-    assert_eq!(found, [], "the layout before u-blox 8 is not decoded");
+    assert_eq!(found, [], "no fix");
     assert_eq!((counts.frames, counts.rejected, counts.skipped_bytes), (2, 1, 13 + 6), "{counts:?}");
 }
 
@@ -95,6 +95,14 @@ const NAV_PVT: [u8; 100] = [
     0x02, 0x00, 0x79, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
     0x00, 0x00, 0xe2, 0xbd,
 ];
+
+#[test]
+fn short_nav_pvt_yields_the_same_fix() {
+    let payload = &NAV_PVT[6..98];
+    let [(long, _), (short, _)] =
+        [payload, &payload[..84]].map(|payload| decoded(Box::new(Framed::new(Ubx)), [&ubx_frame(1, 7, payload)[..]]));
+    assert_eq!((long.len(), &short), (1, &long), "the form of u-blox 7");
+}
 
 #[test]
 fn nav_pvt_fields_match_reference_frame() {

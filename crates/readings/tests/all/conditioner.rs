@@ -442,3 +442,24 @@ fn readings_are_calibrated_then_rotated_to_body_axes() {
     assert_eq!(sample.imu.force_m_s2, [-4.0, 1.0, 3.0]);
     assert_eq!(sample.mag.unwrap().field_ut, [-2.0, 1.0, 9.0]);
 }
+
+#[test]
+fn limits_of_raw_counts_apply_after_calibration() {
+    let text = "[ingest.calibration.gyro]\nscale = [0.001, 0.001, 0.001]\n[ingest.calibration.accel]\nscale = [0.005, 0.005, 0.005]\n";
+    let ingest = Launch::parse("launch.toml", text).unwrap().ingest;
+    let mut conditioner = Conditioner::new(&ingest, RATE_HZ, GyroSamples::Means).unwrap();
+    let counts = |count: i64, az: f64| Reading { force_m_s2: [count as f64, 0.0, az], ..reading(count) };
+    let flags = |conditioner: &mut Conditioner, reading: Reading| conditioner.condition(&reading).unwrap().imu;
+    let accepted = flags(&mut conditioner, counts(1, 2048.0));
+    assert_eq!((accepted.header.flags, accepted.force_m_s2[2]), (Flags::NONE, 10.24));
+    let clipped = flags(&mut conditioner, counts(2, 32_000.0));
+    assert_eq!(clipped.header.flags, Flags::FORCE_CLIPPED, "160 m/s² is more than 16 g");
+    let invalid = flags(&mut conditioner, counts(3, 400_000.0));
+    assert_eq!((invalid.header.flags, invalid.force_m_s2[2]), (Flags::FORCE_INVALID, 160.0));
+    // A calibration that leaves the unit unchanged does not move the range of the sensor.
+    let text = "[ingest.calibration.accel]\nscale = [0.98, 0.98, 0.98]\n";
+    let ingest = Launch::parse("launch.toml", text).unwrap().ingest;
+    let mut conditioner = Conditioner::new(&ingest, RATE_HZ, GyroSamples::Means).unwrap();
+    let clipped = flags(&mut conditioner, counts(1, 16.0 * 9.80665));
+    assert_eq!(clipped.header.flags, Flags::FORCE_CLIPPED);
+}

@@ -185,9 +185,10 @@ impl RecordHandler {
                 let topic = data.first_chunk().and_then(|id| self.topics.get(&u16::from_le_bytes(*id)));
                 if let Some(topic) = topic
                     && data.len() <= MAX_MESSAGE_BYTES
-                    && let Ok(Record::Message { data, .. }) = mcap::parse_record(kind, data)
+                    && let Ok(Record::Message { header, data }) = mcap::parse_record(kind, data)
                 {
-                    self.message = Some(Message { topic: topic.clone(), data: data.into_owned() });
+                    let log_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+                    self.message = Some(Message { topic: topic.clone(), log_ns, data: data.into_owned() });
                 }
             }
             // Malformed schemas and channels are ignored, and so are their messages.

@@ -10,6 +10,8 @@ use crate::{ImportError, row_writer::Attitude};
 /// Message on a readable topic.
 pub(super) struct Message {
     pub(super) topic: Rc<Topic>,
+    /// Time at which the message was logged, ns since 1970.
+    pub(super) log_ns: i64,
     pub(super) data: Vec<u8>,
 }
 
@@ -20,11 +22,13 @@ pub(super) enum ReadError {
     Damage(ForeignText),
 }
 
-/// Sample of rate and force in native axes, with the attitude from the same message, if any.
+/// Sample of rate, force or both in native axes, with the attitude from the same message, if any.
 pub(crate) struct InertialSample {
     pub(crate) t_ns: i64,
-    pub(crate) rate_rad_s: [f64; 3],
-    pub(crate) force_m_s2: [f64; 3],
+    /// Body rate, rad/s; `None` if it was not measured.
+    pub(crate) rate_rad_s: Option<[f64; 3]>,
+    /// Specific force, m/s²; `None` if it was not measured.
+    pub(crate) force_m_s2: Option<[f64; 3]>,
     /// `true` if the rate is the value at the end of the interval instead of its mean over the
     /// interval.
     pub(super) is_instant: bool,

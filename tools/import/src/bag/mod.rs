@@ -22,7 +22,7 @@ mod topics;
 
 use std::{
     cell::Cell,
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
     rc::Rc,
     vec,
@@ -31,18 +31,20 @@ use std::{
 use foreign::ForeignText;
 
 use crate::{
-    Format, ImportError, Note,
+    Format, ImportError, Note, Options,
     error::open_error,
-    force_aligner::ForceAligner,
     row_writer::Sample,
-    row_writer::{Attitude, RowWriter, Samples},
-    source::{FixSink, ReceiverFix, Source, Survey},
+    row_writer::{Attitude, Samples},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
 };
 use message::{InertialSample, Message, Position, ReadError, VelocityFix};
-use topics::{Kind, Role, Topic, Topics};
+use ros::Convention;
+use topics::{Kind, MotionTopics, Role, Topic, Topics};
 
 /// Number of messages between two progress reports.
 const PROGRESS_INTERVAL_MESSAGES: u64 = 1024;
+/// Number of equal timestamps from which on the times at which messages were logged are used.
+const MIN_CONSTANT_STAMPS: u64 = 10;
 /// Reason for skipping a chunk of an MCAP file.
 const DAMAGED_CHUNK: &str = "damaged, or too large when decompressed";
 /// Maximum number of directory entries that are inspected in a bag.
@@ -53,7 +55,8 @@ pub(crate) struct Bag<'a> {
     path: PathBuf,
     format: Format,
     files: Vec<(PathBuf, Format)>,
-    requested_topics: &'a [String],
+    options: &'a Options,
+    convention: Convention,
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
     /// Topics selected by the survey; `None` until the survey has finished.
@@ -62,22 +65,27 @@ pub(crate) struct Bag<'a> {
 
 #[derive(Default)]
 struct Selection {
-    rows: Option<Topic>,
+    rows: Option<MotionTopics>,
     field: Option<Topic>,
     /// Topics from which the reference is computed.
     reference: Vec<Topic>,
+    /// Topics from which the fixes are computed.
+    fixes: Vec<Topic>,
+    /// `true` if the times at which messages were logged replace their timestamps.
+    uses_log_times: bool,
 }
 
 impl<'a> Bag<'a> {
-    /// Opens a bag or a single file. `requested_topics` take precedence over other topics.
-    pub(crate) fn open(path: &Path, format: Format, requested_topics: &'a [String]) -> Result<Self, ImportError> {
+    /// Opens a bag or a single file. The requested topics take precedence over other topics.
+    pub(crate) fn open(path: &Path, format: Format, options: &'a Options) -> Result<Self, ImportError> {
         let files = if format == Format::Bag { bag_files(path)? } else { vec![(path.to_owned(), format)] };
         let length = |(path, _): &(PathBuf, Format)| {
             fs::metadata(path).map(|found| found.len()).map_err(|cause| open_error(path, cause))
         };
         let length_bytes = files.iter().map(length).sum::<Result<_, _>>()?;
         let (path, read_bytes) = (path.to_owned(), Rc::default());
-        Ok(Self { path, format, files, requested_topics, length_bytes, read_bytes, selection: None })
+        let convention = options.mapping.as_ref().map_or_else(Convention::default, Convention::new);
+        Ok(Self { path, format, files, options, convention, length_bytes, read_bytes, selection: None })
     }
 
     /// Returns a reader for the messages of the `wanted` topics, or of all readable topics if
@@ -95,42 +103,45 @@ impl Source for Bag<'_> {
     }
 
     fn total_bytes(&self) -> u64 {
-        let series = self
-            .selection
-            .as_ref()
-            .map_or(2, |selection| u64::from(selection.field.is_some()) + u64::from(!selection.reference.is_empty()));
-        (2 + series) * self.length_bytes
+        let series = self.selection.as_ref().map_or(3, |selection| {
+            let Selection { rows, field, reference, fixes, .. } = selection;
+            let is_joined = rows.as_ref().is_some_and(|rows| rows.force.is_some());
+            let read = [field.is_some(), !reference.is_empty(), !fixes.is_empty(), is_joined];
+            read.into_iter().filter(|is_read| *is_read).count()
+        });
+        (2 + series as u64) * self.length_bytes
     }
 
-    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        let mut topics = Topics::new(self.requested_topics);
+    fn read_bytes(&self) -> u64 {
+        self.read_bytes.get()
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let mut topics = Topics::new(&self.options.topics);
         let mut messages = self.read_messages(None);
-        let mut fixes = FixCollector::default();
         let mut has_instant_rates = false;
         for index in 0u64.. {
             if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
                 progress(self.read_bytes.get());
             }
-            let Some(Message { topic, data }) = messages.next()? else { break };
-            let inertial = match topic.kind {
-                Kind::Imu => ros::inertial(&data),
-                Kind::PlumblineImu => plumbline::inertial(&data).map(|(_, inertial)| inertial),
-                _ => None,
-            };
+            let Some(Message { topic, log_ns, data }) = messages.next()? else { break };
+            let inertial = self.inertial(&topic, &data);
             has_instant_rates |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
             let is_valid = match topic.kind {
                 Kind::Imu | Kind::PlumblineImu => inertial.is_some(),
-                Kind::MagneticField => ros::field(&data).is_some(),
+                Kind::MagneticField => ros::field(&data, &self.convention).is_some(),
                 Kind::PlumblineMag => plumbline::field(&data).is_some(),
                 Kind::PlumblineReference => plumbline::reference(&data).is_some(),
-                Kind::Twist => fixes.push(&topic, ros::velocity(&data), topics.is_requested(&topic), on_fix)?,
-                Kind::PlumblineFix => fixes.push(&topic, plumbline::fix(&data), true, on_fix)?,
-                Kind::NavSatFix => fixes.push_position(&topic, ros::position(&data)),
+                Kind::Twist => ros::velocity(&data).is_some(),
+                Kind::PlumblineFix => plumbline::fix(&data).is_some(),
+                Kind::NavSatFix => ros::position(&data).is_some(),
             };
             let Some(counts) = topics.counts_mut(&topic) else { continue };
             counts.samples += u64::from(is_valid);
             counts.rejected += u64::from(!is_valid);
-            counts.attitudes += u64::from(inertial.is_some_and(|inertial| inertial.attitude.is_some()));
+            if let Some(inertial) = &inertial {
+                counts.push_inertial(inertial, log_ns);
+            }
         }
         progress(self.read_bytes.get());
         topics.check_requested(&self.path)?;
@@ -139,18 +150,15 @@ impl Source for Bag<'_> {
         if has_instant_rates {
             notes.push(Note::InstantRates);
         }
-        let rows = topics.select(Role::Rows, &mut notes).cloned();
-        let field = topics.select(Role::Field, &mut notes).cloned();
-        topics.select(Role::Velocity, &mut notes);
-        if fixes.out_of_order > 0 {
-            let reason = "timestamps do not increase";
-            notes.push(Note::Skipped { what: "fixes", count: fixes.out_of_order, reason });
-        }
+        let rows = topics.select_motion(&self.path, self.options.imu, &mut notes)?;
+        let field = topics.select_numbered(&self.path, Role::Field, self.options.mag, &mut notes)?;
+        let velocity = topics.select_numbered(&self.path, Role::Velocity, self.options.gnss, &mut notes)?;
+        let position = topics.select(Role::Position, &mut Vec::new()).cloned();
         let reference = match &rows {
-            Some(rows) if rows.kind == Kind::PlumblineImu => {
-                topics.select(Role::Reference, &mut notes).map(|reference| vec![rows.clone(), reference.clone()])
+            Some(MotionTopics { rate, .. }) if rate.kind == Kind::PlumblineImu => {
+                topics.select(Role::Reference, &mut notes).map(|reference| vec![rate.clone(), reference.clone()])
             }
-            Some(rows) if topics.has_attitudes(rows) => Some(vec![rows.clone()]),
+            Some(MotionTopics { rate, .. }) if topics.has_attitudes(rate) => Some(vec![rate.clone()]),
             _ => None,
         };
         if reference.is_none() {
@@ -166,63 +174,139 @@ impl Source for Bag<'_> {
         };
         let reason =
             notes.iter().find(|note| matches!(note, Note::DamagedFile { .. })).map(|note| note.to_string().into());
-        let selection = Selection { rows, field, reference: reference.unwrap_or_default() };
-        let (has_field, has_reference) = (selection.field.is_some(), !selection.reference.is_empty());
+        let counts = rows.as_ref().and_then(|rows| topics.counts(&rows.rate));
+        let uses_log_times =
+            counts.is_some_and(|counts| !counts.has_moving_stamps && counts.samples >= MIN_CONSTANT_STAMPS);
+        if let Some(rows) = rows.as_ref().filter(|_| uses_log_times) {
+            notes.insert(0, Note::LogTimes { topic: rows.rate.name.clone() });
+        }
+        let finder = counts.map(|counts| &counts.segments[usize::from(uses_log_times)]);
+        let segments = finder.map_or_else(Vec::new, |finder| finder.segments().to_vec());
+        let wraps = finder.map_or(0, |finder| finder.wraps);
+        let sensors = topics.sensors(rows.as_ref().map(|rows| &rows.rate), uses_log_times);
+        let fixes = velocity.map_or_else(Vec::new, |velocity| iter::once(velocity).chain(position).collect());
+        let selection = Selection { rows, field, reference: reference.unwrap_or_default(), fixes, uses_log_times };
+        let survey = Survey {
+            has_field: selection.field.is_some(),
+            has_reference: !selection.reference.is_empty(),
+            has_fixes: !selection.fixes.is_empty(),
+            notes,
+            sensors,
+            reason,
+            expected,
+            segments,
+            wraps,
+            ..Survey::default()
+        };
         self.selection = Some(selection);
-        Ok(Survey { has_field, has_reference, notes, reason, expected })
+        Ok(survey)
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
         let Some(topic) = self.selection.as_ref().and_then(|selection| selection.field.clone()) else {
-            return Ok(Box::new(std::iter::empty()));
+            return Ok(Box::new(iter::empty()));
         };
-        let is_plumbline = topic.kind == Kind::PlumblineMag;
-        let decode = move |data: &[u8]| if is_plumbline { plumbline::field(data) } else { ros::field(data) };
+        let (is_plumbline, convention) = (topic.kind == Kind::PlumblineMag, self.convention);
+        let uses_log_times = self.uses_log_times();
+        let decode = move |Message { data, log_ns, .. }: Message| {
+            let sample = if is_plumbline { plumbline::field(&data) } else { ros::field(&data, &convention) };
+            sample.map(|(t_ns, field_ut)| (if uses_log_times { log_ns } else { t_ns }, field_ut))
+        };
         let messages = self.read_messages(Some(vec![topic]));
-        Ok(Box::new(messages.filter_map(move |message| message.map(|message| decode(&message.data)).transpose())))
+        Ok(Box::new(messages.filter_map(move |message| message.map(decode).transpose())))
     }
 
     fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
         let topics = self.selection.as_ref().map_or_else(Vec::new, |selection| selection.reference.clone());
+        let (convention, uses_log_times) = (self.convention, self.uses_log_times());
         let mut join = plumbline::ReferenceJoin::default();
-        let mut decode = move |Message { topic, data }: &Message| match topic.kind {
+        let mut decode = move |Message { topic, log_ns, data }: &Message| match topic.kind {
             Kind::PlumblineImu => {
                 plumbline::inertial(data).and_then(|(tick, sample)| join.push_sample(tick, sample.t_ns))
             }
             Kind::PlumblineReference => plumbline::reference(data).and_then(|reference| join.push_reference(reference)),
-            _ => ros::inertial(data)?.attitude,
+            _ => {
+                let attitude = ros::inertial(data, &convention)?.attitude?;
+                Some(if uses_log_times { Attitude { t_ns: *log_ns, ..attitude } } else { attitude })
+            }
         };
         if topics.is_empty() {
-            return Ok(Box::new(std::iter::empty()));
+            return Ok(Box::new(iter::empty()));
         }
         let messages = self.read_messages(Some(topics));
         Ok(Box::new(messages.filter_map(move |message| message.map(|message| decode(&message)).transpose())))
     }
 
-    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let mut aligner = ForceAligner::default();
-        let Some(topic) = self.selection.as_ref().and_then(|selection| selection.rows.clone()) else {
-            return Ok(aligner);
-        };
-        let is_plumbline = topic.kind == Kind::PlumblineImu;
-        let mut messages = self.read_messages(Some(vec![topic]));
-        for index in 0u64.. {
-            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
-                progress(self.read_bytes.get());
-            }
-            let Some(Message { data, .. }) = messages.next()? else { break };
-            let inertial = if is_plumbline {
-                plumbline::inertial(&data).map(|(_, inertial)| inertial)
-            } else {
-                ros::inertial(&data)
-            };
-            if let Some(InertialSample { t_ns, rate_rad_s, force_m_s2, .. }) = inertial {
-                aligner.push_force((t_ns, force_m_s2), rows)?;
-                aligner.push_rate((t_ns, rate_rad_s), rows)?;
-            }
+    fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
+        let topics = self.selection.as_ref().map_or_else(Vec::new, |selection| selection.fixes.clone());
+        if topics.is_empty() {
+            return Ok(Box::new(iter::empty()));
         }
-        aligner.finish(rows)?;
-        Ok(aligner)
+        let uses_log_times = self.uses_log_times();
+        // A fix without a position gets the newest position received before it.
+        let mut newest = None;
+        let mut decode = move |Message { topic, log_ns, data }: &Message| {
+            let VelocityFix { t_ns, velocity_m_s, position } = match topic.kind {
+                Kind::NavSatFix => {
+                    newest = ros::position(data);
+                    return None;
+                }
+                Kind::PlumblineFix => plumbline::fix(data)?,
+                _ => ros::velocity(data)?,
+            };
+            let unknown = Position { latitude_deg: f64::NAN, longitude_deg: f64::NAN, altitude_m: f64::NAN };
+            let Position { latitude_deg, longitude_deg, altitude_m } = position.or(newest).unwrap_or(unknown);
+            let t_ns = if uses_log_times { *log_ns } else { t_ns };
+            Some(ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })
+        };
+        let messages = self.read_messages(Some(topics));
+        Ok(Box::new(messages.filter_map(move |message| message.map(|message| decode(&message)).transpose())))
+    }
+
+    fn motion(&self) -> Result<Motion<'_>, ImportError> {
+        let Some(MotionTopics { rate, force }) = self.selection.as_ref().and_then(|selection| selection.rows.clone())
+        else {
+            return Ok(Motion::Joint(Box::new(iter::empty())));
+        };
+        Ok(match force {
+            None => Motion::Joint(self.inertial_samples(rate, |t_ns, sample| {
+                Some(Inertial::joint(t_ns, sample.rate_rad_s?, sample.force_m_s2?))
+            })),
+            Some(force) => Motion::Separate {
+                rates: self.inertial_samples(rate, |t_ns, sample| Some((t_ns, sample.rate_rad_s?))),
+                forces: self.inertial_samples(force, |t_ns, sample| Some((t_ns, sample.force_m_s2?))),
+            },
+        })
+    }
+}
+
+impl Bag<'_> {
+    fn uses_log_times(&self) -> bool {
+        self.selection.as_ref().is_some_and(|selection| selection.uses_log_times)
+    }
+
+    /// Decodes a message with rate or force.
+    fn inertial(&self, topic: &Topic, data: &[u8]) -> Option<InertialSample> {
+        match topic.kind {
+            Kind::Imu => ros::inertial(data, &self.convention),
+            Kind::PlumblineImu => plumbline::inertial(data).map(|(_, inertial)| inertial),
+            _ => None,
+        }
+    }
+
+    /// Returns what `convert` makes of the samples of a topic.
+    fn inertial_samples<T>(
+        &self,
+        topic: Topic,
+        convert: impl Fn(i64, &InertialSample) -> Option<T> + 'static,
+    ) -> Samples<'_, T> {
+        let uses_log_times = self.uses_log_times();
+        let messages = self.read_messages(Some(vec![topic]));
+        let decode = move |Message { topic, log_ns, data }: Message| {
+            let sample = self.inertial(&topic, &data)?;
+            convert(if uses_log_times { log_ns } else { sample.t_ns }, &sample)
+        };
+        Box::new(messages.filter_map(move |message| message.map(&decode).transpose()))
     }
 }
 
@@ -344,61 +428,5 @@ impl Iterator for MessageReader {
 
     fn next(&mut self) -> Option<Self::Item> {
         Self::next(self).transpose()
-    }
-}
-
-/// Collects the fixes of one topic. A fix that has no position gets the newest position received
-/// before it.
-#[derive(Default)]
-struct FixCollector {
-    topic: Option<Rc<Topic>>,
-    position_topic: Option<Rc<Topic>>,
-    position: Option<Position>,
-    last_ns: Option<i64>,
-    out_of_order: u64,
-}
-
-impl FixCollector {
-    /// Passes the fix to `on_fix` if it belongs to the first topic that has fixes and its timestamp
-    /// increases.
-    ///
-    /// Returns `true` if `fix` is `Some`, even if it is not passed on.
-    fn push(
-        &mut self,
-        topic: &Rc<Topic>,
-        fix: Option<VelocityFix>,
-        is_read: bool,
-        on_fix: &mut FixSink<'_>,
-    ) -> Result<bool, ImportError> {
-        let Some(fix) = fix else { return Ok(false) };
-        if !is_read || *self.topic.get_or_insert_with(|| topic.clone()) != *topic {
-            return Ok(true);
-        }
-        if self.last_ns.is_some_and(|last_ns| fix.t_ns <= last_ns) {
-            self.out_of_order += 1;
-            return Ok(true);
-        }
-        self.last_ns = Some(fix.t_ns);
-        let unknown = Position { latitude_deg: f64::NAN, longitude_deg: f64::NAN, altitude_m: f64::NAN };
-        let Position { latitude_deg, longitude_deg, altitude_m } = fix.position.or(self.position).unwrap_or(unknown);
-        on_fix(&ReceiverFix {
-            t_ns: fix.t_ns,
-            velocity_m_s: fix.velocity_m_s,
-            latitude_deg,
-            longitude_deg,
-            altitude_m,
-        })?;
-        Ok(true)
-    }
-
-    /// Stores the position if it belongs to the first topic that has positions.
-    ///
-    /// Returns `true` if `position` is `Some`.
-    fn push_position(&mut self, topic: &Rc<Topic>, position: Option<Position>) -> bool {
-        let is_some = position.is_some();
-        if is_some && *self.position_topic.get_or_insert_with(|| topic.clone()) == *topic {
-            self.position = position;
-        }
-        is_some
     }
 }

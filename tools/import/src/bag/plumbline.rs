@@ -25,6 +25,7 @@ const MAX_PENDING: usize = 4096;
 pub(super) fn inertial(data: &[u8]) -> Option<(u64, InertialSample)> {
     let ImuSample { header, rate_rad_s, force_m_s2 } = ImuSample::from_bytes(data).ok()?;
     let is_instant = header.flags.any(Flags::RATE_INSTANT);
+    let (rate_rad_s, force_m_s2) = (Some(rate_rad_s), Some(force_m_s2));
     Some((header.tick, InertialSample { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, is_instant, attitude: None }))
 }
 

@@ -16,7 +16,10 @@ use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
 use super::message::{InertialSample, Position, VelocityFix};
-use crate::row_writer::{Attitude, Sample};
+use crate::{
+    Mapping,
+    row_writer::{Attitude, Sample},
+};
 
 const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;
@@ -75,31 +78,73 @@ struct NavSatFix {
     altitude: f64,
 }
 
-/// Decodes a `sensor_msgs/msg/Imu`, with its attitude if present.
-pub(crate) fn inertial(data: &[u8]) -> Option<InertialSample> {
+/// Units and axes of ROS messages.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Convention {
+    /// Factors that convert rate, force and field to rad/s, m/s² and µT.
+    rate: f64,
+    force: f64,
+    field: f64,
+    body: Body,
+    earth: Earth,
+}
+
+impl Default for Convention {
+    fn default() -> Self {
+        Self { rate: 1.0, force: 1.0, field: UT_PER_T, body: Body::Flu, earth: Earth::Enu }
+    }
+}
+
+impl Convention {
+    /// Returns the units and axes that the user named, and those of REP 103 for the rest.
+    pub(crate) fn new(mapping: &Mapping) -> Self {
+        let (standard, units, (body, earth)) = (Self::default(), mapping.units(), mapping.frame());
+        Self {
+            rate: units.rate.unwrap_or(standard.rate),
+            force: units.force.unwrap_or(standard.force),
+            field: units.field.unwrap_or(standard.field),
+            body: body.unwrap_or(standard.body),
+            earth: earth.unwrap_or(standard.earth),
+        }
+    }
+
+    fn to_native(self, vector: [f64; 3], factor: f64) -> Option<[f64; 3]> {
+        Some(self.body.to_native(finite(vector)?.map(|part| part * factor)))
+    }
+}
+
+/// Decodes a `sensor_msgs/msg/Imu`, with its attitude if present. Returns `None` if it has neither
+/// a rate nor a force.
+pub(crate) fn inertial(data: &[u8], convention: &Convention) -> Option<InertialSample> {
     let imu: Imu = decode(data)?;
     let t_ns = imu.header.stamp.ns()?;
     let is_measured = |covariance: &[f64; 9]| covariance[0] != NOT_MEASURED;
-    if !is_measured(&imu.angular_velocity_covariance) || !is_measured(&imu.linear_acceleration_covariance) {
-        return None;
-    }
     let [x, y, z, w] = imu.orientation;
     let has_attitude = is_measured(&imu.orientation_covariance) && is_rotation([w, x, y, z]);
-    let reference =
-        Reference { quaternion: frames::quaternion_to_native(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
+    let quaternion = frames::quaternion_to_native(convention.earth, convention.body, [w, x, y, z]);
+    let reference = Reference { quaternion, scored: true };
+    let measured = |vector, covariance, factor| match is_measured(covariance) {
+        true => convention.to_native(vector, factor).map(Some),
+        false => Some(None),
+    };
+    let rate_rad_s = measured(imu.angular_velocity, &imu.angular_velocity_covariance, convention.rate)?;
+    let force_m_s2 = measured(imu.linear_acceleration, &imu.linear_acceleration_covariance, convention.force)?;
+    if rate_rad_s.is_none() && force_m_s2.is_none() {
+        return None;
+    }
     Some(InertialSample {
         t_ns,
-        rate_rad_s: Body::Flu.to_native(finite(imu.angular_velocity)?),
-        force_m_s2: Body::Flu.to_native(finite(imu.linear_acceleration)?),
+        rate_rad_s,
+        force_m_s2,
         is_instant: false,
         attitude: has_attitude.then_some(Attitude { t_ns, reference, reset_counter: Some(0) }),
     })
 }
 
 /// Decodes a `sensor_msgs/msg/MagneticField`.
-pub(crate) fn field(data: &[u8]) -> Option<Sample> {
+pub(crate) fn field(data: &[u8], convention: &Convention) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decode(data)?;
-    Some((header.stamp.ns()?, Body::Flu.to_native(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
+    Some((header.stamp.ns()?, convention.to_native(magnetic_field, convention.field)?))
 }
 
 /// Decodes a `geometry_msgs/msg/TwistStamped`.

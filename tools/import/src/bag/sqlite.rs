@@ -91,6 +91,7 @@ struct Row {
     id: i64,
     topic: Option<i64>,
     data: Option<Vec<u8>>,
+    log_ns: i64,
 }
 
 /// Reading progress, estimated from the row numbers of the messages.
@@ -140,7 +141,7 @@ impl Cursor {
         let ids: Vec<_> = topics.keys().map(i64::to_string).collect();
         let query = format!(
             "SELECT rowid, topic_id, CASE WHEN topic_id IN ({}) AND typeof(data) = 'blob' \
-             AND length(data) <= {MAX_MESSAGE_BYTES} THEN data END \
+             AND length(data) <= {MAX_MESSAGE_BYTES} THEN data END, timestamp \
              FROM messages WHERE rowid > ?1 ORDER BY rowid LIMIT {BATCH_MESSAGES}",
             ids.join(",")
         );
@@ -206,7 +207,9 @@ impl Cursor {
             self.losses.add_missing(self.last_row_id, row.id.saturating_sub(1));
             self.last_row_id = row.id;
             match (row.topic.and_then(|id| self.topics.get(&id)), row.data) {
-                (Some(topic), Some(data)) => self.batch.push_back(Message { topic: topic.clone(), data }),
+                (Some(topic), Some(data)) => {
+                    self.batch.push_back(Message { topic: topic.clone(), log_ns: row.log_ns, data });
+                }
                 (Some(_), None) => self.losses.without_data += 1,
                 (None, _) => {
                     let is_known = row.topic.is_some_and(|id| self.topic_ids.contains(&id));
@@ -233,7 +236,7 @@ impl Cursor {
 impl Row {
     fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Self> {
         // A damaged row can have a topic of another type.
-        Ok(Self { id: row.get(0)?, topic: row.get(1).ok(), data: row.get(2)? })
+        Ok(Self { id: row.get(0)?, topic: row.get(1).ok(), data: row.get(2)?, log_ns: row.get(3).unwrap_or(0) })
     }
 }
 

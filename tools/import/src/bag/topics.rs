@@ -5,11 +5,17 @@ use std::{collections::BTreeMap, path::Path};
 use foreign::ForeignText;
 use mapping::names::nearest;
 
-use crate::{ImportError, Note};
+use super::message::InertialSample;
+use crate::{
+    ImportError, Note, Sensor,
+    timeline::{Segment, SegmentFinder},
+};
 
 /// Maximum number of topics for which messages are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
+/// Number of equal samples from which on a sensor is considered dead.
+const MIN_CONSTANT_SAMPLES: u64 = 50;
 
 /// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -97,6 +103,70 @@ pub(super) struct MessageCounts {
     pub(super) rejected: u64,
     /// Number of samples with an attitude.
     pub(super) attitudes: u64,
+    /// Number of samples with both rate and force.
+    joint: u64,
+    /// Number of samples with a rate that is not zero.
+    pub(super) rates: u64,
+    /// Number of samples with a force that is not zero.
+    pub(super) forces: u64,
+    /// First and last timestamp of the samples, ns.
+    pub(super) stamps_ns: Option<[i64; 2]>,
+    /// `true` if the timestamp of a sample differs from that of another.
+    pub(super) has_moving_stamps: bool,
+    /// Rate and force of the first sample.
+    first: Option<[Option<[f64; 3]>; 2]>,
+    /// `true` if a sample differs from the first one.
+    pub(super) varies: bool,
+    /// Segments of the samples, by timestamp and by log time.
+    pub(super) segments: [SegmentFinder; 2],
+}
+
+impl MessageCounts {
+    /// Adds a sample of rate and force.
+    pub(super) fn push_inertial(&mut self, sample: &InertialSample, log_ns: i64) {
+        let is_non_zero = |vector: Option<[f64; 3]>| vector.is_some_and(|vector| vector != [0.0; 3]);
+        self.rates += u64::from(is_non_zero(sample.rate_rad_s));
+        self.forces += u64::from(is_non_zero(sample.force_m_s2));
+        self.joint += u64::from(sample.rate_rad_s.is_some() && sample.force_m_s2.is_some());
+        self.attitudes += u64::from(sample.attitude.is_some());
+        let values = [sample.rate_rad_s, sample.force_m_s2];
+        self.varies |= *self.first.get_or_insert(values) != values;
+        let [first_ns, _] = self.stamps_ns.unwrap_or([sample.t_ns; 2]);
+        self.has_moving_stamps |= sample.t_ns != first_ns;
+        self.stamps_ns = Some([first_ns, sample.t_ns]);
+        let [by_stamp, by_log_time] = &mut self.segments;
+        by_stamp.push(sample.t_ns);
+        by_log_time.push(log_ns);
+    }
+
+    /// Returns `true` if the messages of the topic declare both rate and force as measured.
+    fn is_complete(&self) -> bool {
+        self.joint > 0
+    }
+
+    /// Returns `true` if the topic has rates and no forces.
+    fn has_rates_only(&self) -> bool {
+        self.rates > 0 && self.forces == 0
+    }
+
+    /// Returns `true` if the topic has forces and no rates.
+    fn has_forces_only(&self) -> bool {
+        self.forces > 0 && self.rates == 0
+    }
+
+    /// Returns `true` if the samples are those of a working sensor, which are never all equal.
+    fn is_healthy(&self) -> bool {
+        self.varies || self.samples < MIN_CONSTANT_SAMPLES
+    }
+}
+
+/// Topics from which rate and force are read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct MotionTopics {
+    /// Topic of the rate.
+    pub(super) rate: Topic,
+    /// Topic of the force, if it is another one.
+    pub(super) force: Option<Topic>,
 }
 
 /// Readable topics of a bag, and the topics that the user requested.
@@ -140,7 +210,13 @@ impl<'a> Topics<'a> {
                 .counts
                 .keys()
                 .find(|other| other.kind.role() == role && before.iter().any(|name| other.name == **name));
-            if let Some(first) = same {
+            // Rate and force may be on two topics.
+            let is_pair = |first: &Topic| {
+                let counts = [self.counts.get(first), self.counts.get(topic)];
+                role == Role::Rows
+                    && counts.into_iter().flatten().all(|counts| counts.has_rates_only() || counts.has_forces_only())
+            };
+            if let Some(first) = same.filter(|first| !is_pair(first)) {
                 let (first, second) = (first.name.raw().to_owned(), name.clone());
                 return Err(ImportError::ConflictingTopics { path: path.into(), first, second, what: role.label() });
             }
@@ -175,11 +251,107 @@ impl<'a> Topics<'a> {
                 notes.push(Note::OtherTopics { what: role.label(), read: selected.name.clone(), others });
             }
         }
-        if let Some(MessageCounts { rejected: count @ 1.., .. }) = self.counts.get(selected) {
-            let reason = "malformed, or marked as not measured";
-            notes.push(Note::Skipped { what: "messages of the topics read", count: *count, reason });
-        }
+        self.note_rejected(selected, notes);
         Some(selected)
+    }
+
+    /// Selects the topic with this number for a role, else as [`Topics::select`].
+    pub(super) fn select_numbered(
+        &self,
+        path: &Path,
+        role: Role,
+        number: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Option<Topic>, ImportError> {
+        let Some(number) = number else { return Ok(self.select(role, notes).cloned()) };
+        let with_samples =
+            || self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
+        let what = if role == Role::Field { "--mag" } else { "--gnss" };
+        let unknown = || {
+            let count = with_samples().count();
+            ImportError::UnknownSensor { path: path.into(), what, found: number, count }
+        };
+        with_samples().nth(number).map(|(topic, _)| Some(topic.clone())).ok_or_else(unknown)
+    }
+
+    /// Selects the topics of rate and force: the sensor with this number, else the first one that
+    /// works, else two topics of which one has rates and the other one forces.
+    pub(super) fn select_motion(
+        &self,
+        path: &Path,
+        number: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Option<MotionTopics>, ImportError> {
+        let is_wanted = {
+            let any_requested =
+                self.counts.keys().any(|topic| topic.kind.role() == Role::Rows && self.is_requested(topic));
+            move |topic: &Topic| !any_requested || self.is_requested(topic)
+        };
+        let rows = || {
+            let counts = self.counts.iter().filter(|(topic, _)| topic.kind.role() == Role::Rows);
+            counts.filter(|(topic, counts)| counts.samples > 0 && is_wanted(topic))
+        };
+        let complete = || rows().filter(|(_, counts)| counts.is_complete());
+        let single = |topic: &Topic| MotionTopics { rate: topic.clone(), force: None };
+        if let Some(number) = number {
+            let count = complete().count();
+            let found = complete().nth(number).map(|(topic, _)| single(topic));
+            let unknown = || ImportError::UnknownSensor { path: path.into(), what: "--imu", found: number, count };
+            return found.ok_or_else(unknown).map(Some);
+        }
+        let has_both = rows().any(|(_, counts)| counts.rates > 0 && counts.forces > 0);
+        let rate = rows().find(|(_, counts)| counts.has_rates_only());
+        let force = rows().find(|(_, counts)| counts.has_forces_only());
+        if let (false, Some((rate, _)), Some((force, _))) = (has_both, rate, force) {
+            notes.push(Note::Joined { rate: rate.name.clone(), force: force.name.clone() });
+            return Ok(Some(MotionTopics { rate: rate.clone(), force: Some(force.clone()) }));
+        }
+        let first = complete().find(|(_, counts)| counts.is_healthy()).or_else(|| complete().next());
+        let Some((topic, _)) = first.or_else(|| rows().next()) else { return Ok(None) };
+        for (dead, _) in complete().take_while(|(other, _)| *other != topic) {
+            notes.push(Note::DeadSensor { sensor: dead.name.clone(), read: topic.name.clone() });
+        }
+        let others: Vec<_> =
+            rows().filter(|(other, _)| *other != topic).map(|(other, _)| other.name.clone()).take(8).collect();
+        if !others.is_empty() && !self.is_requested(topic) {
+            notes.push(Note::OtherTopics { what: Role::Rows.label(), read: topic.name.clone(), others });
+        }
+        self.note_rejected(topic, notes);
+        Ok(Some(single(topic)))
+    }
+
+    /// Returns the complete inertial sensors, of which `read` is read.
+    pub(super) fn sensors(&self, read: Option<&Topic>, uses_log_times: bool) -> Vec<Sensor> {
+        let counts =
+            self.counts.iter().filter(|(topic, counts)| topic.kind.role() == Role::Rows && counts.is_complete());
+        let sensors = (0..).zip(counts).map(|(number, (topic, counts)): (usize, _)| {
+            let segments = counts.segments[usize::from(uses_log_times)].segments();
+            Sensor {
+                option: format!("--imu {number}"),
+                name: topic.name.clone(),
+                samples: counts.samples,
+                rate_hz: counts.samples.saturating_sub(1) as f64
+                    / segments.iter().map(Segment::duration_s).sum::<f64>(),
+                state: if counts.is_healthy() { "healthy" } else { "dead: constant" },
+                is_read: read == Some(topic),
+            }
+        });
+        sensors.collect()
+    }
+
+    /// Returns the counts of a topic.
+    pub(super) fn counts(&self, topic: &Topic) -> Option<&MessageCounts> {
+        self.counts.get(topic)
+    }
+
+    fn note_rejected(&self, topic: &Topic, notes: &mut Vec<Note>) {
+        let Some(counts) = self.counts.get(topic) else { return };
+        let partial = if topic.kind.role() == Role::Rows { counts.samples - counts.joint } else { 0 };
+        let count = counts.rejected + partial;
+        if count > 0 {
+            let reason = "malformed, or marked as not measured";
+            notes.push(Note::Skipped { what: "messages of the topics read", count, reason });
+        }
     }
 
     pub(super) fn has_attitudes(&self, topic: &Topic) -> bool {

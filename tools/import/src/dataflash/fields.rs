@@ -44,8 +44,17 @@ impl Estimator {
 /// Content of a message in native axes and units.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Measurement {
-    Inertial { t_ns: i64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3] },
-    Field { t_ns: i64, field_ut: [f64; 3] },
+    Inertial {
+        t_ns: i64,
+        rate_rad_s: [f64; 3],
+        force_m_s2: [f64; 3],
+        /// `true` unless the autopilot marks gyro or accelerometer as unhealthy.
+        is_healthy: bool,
+    },
+    Field {
+        t_ns: i64,
+        field_ut: [f64; 3],
+    },
     Fix(ReceiverFix),
     Attitude(Attitude),
 }
@@ -74,7 +83,7 @@ enum Time {
 }
 
 enum Fields {
-    Inertial { rate: [Field; 3], force: [Field; 3] },
+    Inertial { rate: [Field; 3], force: [Field; 3], health: [Option<Field>; 2] },
     Field([Field; 3]),
     Fix { status: Field, speed: Field, course: Field, down: Field, position: Option<[Field; 3]> },
     Quaternion([Field; 4]),
@@ -91,7 +100,8 @@ impl Layout {
         let (kind, instance, fields) = match name {
             b"IMU" => {
                 let [rate, force] = [["GyrX", "GyrY", "GyrZ"], ["AccX", "AccY", "AccZ"]].map(find_vector);
-                (Kind::Inertial, "I", Fields::Inertial { rate: rate?, force: force? })
+                let health = [find("GH"), find("AH")];
+                (Kind::Inertial, "I", Fields::Inertial { rate: rate?, force: force?, health })
             }
             b"MAG" => (Kind::Field, "I", Fields::Field(find_vector(["MagX", "MagY", "MagZ"])?)),
             b"GPS" => {
@@ -107,7 +117,10 @@ impl Layout {
             b"AHR2" => (Kind::Attitude(Estimator::Secondary), "", quaternion().or_else(angles)?),
             _ => return None,
         };
-        let time = find("TimeUS").map(Time::Us).or_else(|| find("TimeMS").map(Time::Ms))?;
+        // In old logs, TimeMS of GPS is the time of the GPS week and T that of the board.
+        let is_old_gps = name == b"GPS" && find("TimeUS").is_none();
+        let board_time = find("T").filter(|_| is_old_gps).map(Time::Ms);
+        let time = board_time.or_else(|| find("TimeUS").map(Time::Us)).or_else(|| find("TimeMS").map(Time::Ms))?;
         Some(Self { kind, time, instance: find(instance), fields })
     }
 
@@ -122,10 +135,11 @@ impl Layout {
         let t_ns = self.t_ns(message)?;
         let finite_vector = |fields: &[Field; 3]| finite(fields.map(|field| field.number(message)));
         Some(match &self.fields {
-            Fields::Inertial { rate, force } => {
+            Fields::Inertial { rate, force, health } => {
                 let [rate_rad_s, force_m_s2] =
                     [Body::Frd.to_native(finite_vector(rate)?), Body::Frd.to_native(finite_vector(force)?)];
-                Measurement::Inertial { t_ns, rate_rad_s, force_m_s2 }
+                let is_healthy = health.iter().flatten().all(|health| health.unsigned(message) != Some(0));
+                Measurement::Inertial { t_ns, rate_rad_s, force_m_s2, is_healthy }
             }
             Fields::Field(field) => Measurement::Field {
                 t_ns,

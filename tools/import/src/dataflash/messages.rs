@@ -7,8 +7,8 @@
 //! Memory: one buffer.
 //!
 //! Failure: only file errors. Bytes that are not part of a message are skipped and counted.
-//! Messages have no checksum, so a message is accepted only if another message or the end of the
-//! log follows it.
+//! Messages have no checksum, so a message is accepted only if another message, the end of the log
+//! or a long damaged part follows it.
 //!
 //! The available parser crate is not used, because it stops silently after 256 consecutive faults,
 //! does not report skipped bytes, and allocates for each field of each message.
@@ -31,6 +31,8 @@ const HEADER_BYTES: usize = 3;
 const FMT: u8 = 0x80;
 const FMT_BYTES: usize = 89;
 const BUFFER_BYTES: usize = 1 << 16;
+/// Number of bytes searched for a message after the last one.
+const SEARCHED_BYTES: usize = 1 << 12;
 
 /// Length and layout of a message type.
 pub(super) struct Format {
@@ -83,7 +85,7 @@ impl MessageReader {
             let available = self.fill(length_bytes + MESSAGE_MAGIC.len())?;
             let next = &self.buffer[self.start..self.end][length_bytes.min(available)..];
             let is_followed = next.len() < MESSAGE_MAGIC.len() || next.starts_with(&MESSAGE_MAGIC);
-            if available < length_bytes || !is_followed {
+            if available < length_bytes || !(is_followed || self.is_last(length_bytes)?) {
                 self.skip(1);
                 continue;
             }
@@ -96,6 +98,14 @@ impl MessageReader {
                 return Ok(layout.map(|layout| (layout, &self.buffer[message])));
             }
         }
+    }
+
+    /// Returns `true` if no message starts within [`SEARCHED_BYTES`] after the next `length_bytes`
+    /// bytes, so that these are the last message before a damaged part.
+    fn is_last(&mut self, length_bytes: usize) -> io::Result<bool> {
+        self.fill(length_bytes + SEARCHED_BYTES)?;
+        let rest = &self.buffer[self.start..self.end][length_bytes..];
+        Ok(!rest.windows(MESSAGE_MAGIC.len()).any(|window| window == MESSAGE_MAGIC))
     }
 
     /// Registers the format described by the FMT message at `start`. An inconsistent format is

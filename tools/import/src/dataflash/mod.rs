@@ -18,18 +18,18 @@ mod messages;
 use std::{
     cell::Cell,
     collections::BTreeMap,
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
     rc::Rc,
 };
 
 use crate::{
-    Format, ImportError, Note,
+    Format, ImportError, Note, Options, Sensor,
     error::open_error,
-    force_aligner::ForceAligner,
     row_writer::Sample,
-    row_writer::{Attitude, RowWriter, Samples},
-    source::{FixSink, Source, Survey},
+    row_writer::{Attitude, Samples},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::{Segment, SegmentFinder, SourceClock},
 };
 use fields::{Estimator, Kind, Measurement};
 use messages::MessageReader;
@@ -40,6 +40,8 @@ const PROGRESS_INTERVAL_MESSAGES: u64 = 4096;
 /// DataFlash log, and the instances selected from it.
 pub(crate) struct Log {
     path: PathBuf,
+    /// Requested instances of IMU, MAG and GPS.
+    requested: [Option<usize>; 3],
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
     /// Instances selected by the survey; `None` until the survey has finished.
@@ -51,15 +53,62 @@ struct Selection {
     inertial: Option<u8>,
     field: Option<u8>,
     attitude: Option<(Estimator, u8)>,
+    receiver: Option<u8>,
+}
+
+/// Number of equal samples from which on a sensor is considered dead.
+const MIN_CONSTANT_SAMPLES: u64 = 50;
+
+/// State of an IMU over the log.
+#[derive(Debug, Clone, Copy, Default)]
+struct ImuState {
+    samples: u64,
+    /// Number of samples that the autopilot marks as unhealthy.
+    unhealthy: u64,
+    first: Option<[[f64; 3]; 2]>,
+    /// `true` if a sample differs from the first one.
+    varies: bool,
+}
+
+impl ImuState {
+    fn push(&mut self, values: [[f64; 3]; 2], is_healthy: bool) {
+        self.samples += 1;
+        self.unhealthy += u64::from(!is_healthy);
+        self.varies |= *self.first.get_or_insert(values) != values;
+    }
+
+    fn is_healthy(&self) -> bool {
+        2 * self.unhealthy <= self.samples && (self.varies || self.samples < MIN_CONSTANT_SAMPLES)
+    }
 }
 
 /// Counts of valid and rejected messages, by kind and instance.
 type Counts = BTreeMap<Kind, BTreeMap<u8, (u64, u64)>>;
+/// Segments of the inertial samples, by instance.
+type Segments = BTreeMap<u8, SegmentFinder>;
 
 impl Log {
-    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn open(path: &Path, options: &Options) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), read_bytes: Rc::default(), selection: None })
+        let requested = [options.imu, options.mag, options.gnss];
+        let (path, read_bytes) = (path.to_owned(), Rc::default());
+        Ok(Self { path, requested, length_bytes: found.len(), read_bytes, selection: None })
+    }
+
+    /// Returns the requested instance of a kind, which must exist.
+    fn requested(
+        &self,
+        counts: &Counts,
+        kind: Kind,
+        requested: Option<usize>,
+        what: &'static str,
+    ) -> Result<Option<u8>, ImportError> {
+        let Some(found) = requested else { return Ok(None) };
+        let instances = counts.get(&kind);
+        let instance =
+            u8::try_from(found).ok().filter(|instance| instances.is_some_and(|all| all.contains_key(instance)));
+        let count = instances.map_or(0, BTreeMap::len);
+        instance.map(Some).ok_or_else(|| ImportError::UnknownSensor { path: self.path.clone(), what, found, count })
     }
 
     fn messages(&self) -> Result<MessageReader, ImportError> {
@@ -94,18 +143,22 @@ impl Source for Log {
     }
 
     fn total_bytes(&self) -> u64 {
-        let series = self
-            .selection
-            .as_ref()
-            .map_or(2, |selection| u64::from(selection.field.is_some()) + u64::from(selection.attitude.is_some()));
-        (2 + series) * self.length_bytes
+        let series = self.selection.as_ref().map_or(3, |selection| {
+            let Selection { field, attitude, receiver, .. } = selection;
+            [field.is_some(), attitude.is_some(), receiver.is_some()].into_iter().filter(|is_read| *is_read).count()
+        });
+        (2 + series as u64) * self.length_bytes
     }
 
-    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+    fn read_bytes(&self) -> u64 {
+        self.read_bytes.get()
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let mut counts = Counts::new();
+        let (mut segments, mut imus) = (Segments::new(), BTreeMap::<u8, ImuState>::new());
         let mut messages = self.messages()?;
         let mut receiver = None;
-        let (mut last_ns, mut fixes_out_of_order) = (None, 0);
         for index in 0u64.. {
             if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
                 progress(self.read_bytes.get());
@@ -116,16 +169,17 @@ impl Source for Log {
             let (samples, rejected) = counts.entry(layout.kind).or_default().entry(instance).or_default();
             *samples += u64::from(measurement.is_some());
             *rejected += u64::from(measurement.is_none());
-            // If there are several receivers, the one with the first fix is used.
-            if let Some(Measurement::Fix(fix)) = measurement
-                && *receiver.get_or_insert(instance) == instance
-            {
-                if last_ns.is_some_and(|last_ns| fix.t_ns <= last_ns) {
-                    fixes_out_of_order += 1;
-                } else {
-                    last_ns = Some(fix.t_ns);
-                    on_fix(&fix)?;
+            match measurement {
+                Some(Measurement::Inertial { t_ns, rate_rad_s, force_m_s2, is_healthy }) => {
+                    let new = || SegmentFinder::new(&SourceClock::default());
+                    segments.entry(instance).or_insert_with(new).push(t_ns);
+                    imus.entry(instance).or_default().push([rate_rad_s, force_m_s2], is_healthy);
                 }
+                // If there are several receivers, the one with the first fix is used.
+                Some(Measurement::Fix(_)) => {
+                    receiver.get_or_insert(instance);
+                }
+                _ => {}
             }
         }
         progress(self.read_bytes.get());
@@ -135,13 +189,21 @@ impl Source for Log {
             let reason = "not a message, or damaged";
             notes.push(Note::Skipped { what: "bytes", count: messages.skipped_bytes, reason });
         }
-        let inertial = select_instance(&counts, Kind::Inertial, "IMU", None, &mut notes);
-        let field = select_instance(&counts, Kind::Field, "MAG", None, &mut notes);
-        select_instance(&counts, Kind::Fix, "GPS", receiver, &mut notes);
-        if fixes_out_of_order > 0 {
-            let reason = "timestamps do not increase";
-            notes.push(Note::Skipped { what: "fixes", count: fixes_out_of_order, reason });
+        let [imu, mag, gnss] = self.requested;
+        let imu = self.requested(&counts, Kind::Inertial, imu, "--imu")?;
+        let healthy = imus.iter().find(|(_, state)| state.is_healthy()).map(|(instance, _)| *instance);
+        let first = imus.keys().next().copied();
+        if let (None, Some(first), Some(read)) = (imu, first, healthy)
+            && first != read
+        {
+            let [sensor, read] = [first, read].map(|instance| format!("IMU {instance}").into());
+            notes.push(Note::DeadSensor { sensor, read });
         }
+        let inertial = select_instance(&counts, Kind::Inertial, "IMU", imu.or(healthy), &mut notes);
+        let mag = self.requested(&counts, Kind::Field, mag, "--mag")?;
+        let field = select_instance(&counts, Kind::Field, "MAG", mag, &mut notes);
+        let receiver = self.requested(&counts, Kind::Fix, gnss, "--gnss")?.or(receiver);
+        select_instance(&counts, Kind::Fix, "GPS", receiver, &mut notes);
         let attitude = Estimator::ALL.into_iter().find_map(|(estimator, topic)| {
             let instance = select_instance(&counts, Kind::Attitude(estimator), topic, None, &mut notes)?;
             Some((estimator, instance))
@@ -155,9 +217,32 @@ impl Source for Log {
             }
         }
         let (has_field, has_reference) = (field.is_some(), attitude.is_some());
-        self.selection = Some(Selection { inertial, field, attitude });
-        let expected = "IMU with GyrX and AccX".into();
-        Ok(Survey { has_field, has_reference, notes, reason: None, expected })
+        let duration_s = |instance: &u8| {
+            let segments = segments.get(instance).map_or(&[][..], SegmentFinder::segments);
+            segments.iter().map(Segment::duration_s).sum::<f64>()
+        };
+        let sensors = imus.iter().map(|(instance, state)| Sensor {
+            option: format!("--imu {instance}"),
+            name: format!("IMU {instance}").into(),
+            samples: state.samples,
+            rate_hz: state.samples.saturating_sub(1) as f64 / duration_s(instance),
+            state: if state.is_healthy() { "healthy" } else { "dead: constant, or marked as unhealthy" },
+            is_read: inertial == Some(*instance),
+        });
+        let sensors = sensors.collect();
+        self.selection = Some(Selection { inertial, field, attitude, receiver });
+        let finder = inertial.and_then(|instance| segments.remove(&instance)).unwrap_or_default();
+        Ok(Survey {
+            has_field,
+            has_reference,
+            has_fixes: receiver.is_some(),
+            notes,
+            sensors,
+            expected: "IMU with GyrX and AccX".into(),
+            segments: finder.segments().to_vec(),
+            wraps: finder.wraps,
+            ..Survey::default()
+        })
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
@@ -184,22 +269,30 @@ impl Source for Log {
         })))
     }
 
-    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let mut aligner = ForceAligner::default();
-        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.inertial) else {
-            return Ok(aligner);
+    fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
+        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.receiver) else {
+            return Ok(Box::new(iter::empty()));
         };
-        for (index, measurement) in (0u64..).zip(self.measurements(Kind::Inertial, instance)?) {
-            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
-                progress(self.read_bytes.get());
+        let measurements = self.measurements(Kind::Fix, instance)?;
+        Ok(Box::new(measurements.filter_map(|measurement| match measurement {
+            Ok(Measurement::Fix(fix)) => Some(Ok(fix)),
+            Ok(_) => None,
+            Err(error) => Some(Err(error)),
+        })))
+    }
+
+    fn motion(&self) -> Result<Motion<'_>, ImportError> {
+        let Some(instance) = self.selection.as_ref().and_then(|selection| selection.inertial) else {
+            return Ok(Motion::Joint(Box::new(iter::empty())));
+        };
+        let measurements = self.measurements(Kind::Inertial, instance)?;
+        Ok(Motion::Joint(Box::new(measurements.filter_map(|measurement| match measurement {
+            Ok(Measurement::Inertial { t_ns, rate_rad_s, force_m_s2, .. }) => {
+                Some(Ok(Inertial::joint(t_ns, rate_rad_s, force_m_s2)))
             }
-            if let Measurement::Inertial { t_ns, rate_rad_s, force_m_s2 } = measurement? {
-                aligner.push_force((t_ns, force_m_s2), rows)?;
-                aligner.push_rate((t_ns, rate_rad_s), rows)?;
-            }
-        }
-        aligner.finish(rows)?;
-        Ok(aligner)
+            Ok(_) => None,
+            Err(error) => Some(Err(error)),
+        }))))
     }
 }
 

@@ -21,15 +21,19 @@ use attitude::frames::Body;
 use std::{
     fs, iter,
     path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use crate::{
     Format, ImportError, Note,
     error::open_error,
-    force_aligner::ForceAligner,
     row_writer::Sample,
-    row_writer::{Attitude, RowWriter, Samples},
-    source::{FixSink, Source, Survey},
+    row_writer::{Attitude, Samples},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::{SegmentFinder, SourceClock, Timed},
 };
 use fields::{AttitudeFields, CombinedFields, FieldSample, MagnetometerFields, ReceiverFields};
 use messages::LogStatus;
@@ -47,6 +51,8 @@ const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
+    /// Number of bytes read by the pass for the rows.
+    row_bytes: Arc<AtomicU64>,
     /// Topics selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,
 }
@@ -54,6 +60,8 @@ pub(crate) struct Log {
 /// Topics and instances selected by the survey, with counts of skipped samples.
 struct Selection {
     combined: Series,
+    /// Segments of the rate samples.
+    segments: SegmentFinder,
     /// Field samples from the magnetometer topic, or from `sensor_combined` in an old log.
     fields: Series,
     attitudes: Series,
@@ -64,7 +72,7 @@ struct Selection {
 impl Log {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), selection: None })
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), row_bytes: Arc::default(), selection: None })
     }
 
     /// Makes the first pass. `progress` receives the bytes read so far.
@@ -76,14 +84,20 @@ impl Log {
         let mut attitudes = Series::new(ATTITUDE, "reference attitudes");
         let mut blended = Series::new(RECEIVER, "fixes");
         let mut raw = Series::new(RECEIVER_RAW, "fixes");
+        let mut segments = SegmentFinder::new(&SourceClock::default());
         let (mut combined_fields, mut magnetometer_fields, mut attitude_fields) = (None, None, None);
         let (mut blended_fields, mut raw_fields) = (None, None);
         let status = messages::read(path, &TOPICS, progress, &mut |message| {
             match message.flattened_format.message_name() {
                 COMBINED if combined.accept_instance(message) => {
                     let layout = cached_fields(&mut combined_fields, || CombinedFields::new(path, message))?;
-                    if layout.rate(message.data).is_none() {
-                        combined.reject();
+                    if combined.messages == 1 {
+                        // A lower instance has replaced the previous one.
+                        segments = SegmentFinder::new(&SourceClock::default());
+                    }
+                    match layout.motion(message.data) {
+                        Some(motion) => segments.push(motion.t_ns()),
+                        None => combined.reject(),
                     }
                     if combined_field_series.accept_instance(message) {
                         push_combined_field(&mut combined_field_series, layout, message.data);
@@ -111,30 +125,7 @@ impl Log {
         })?;
         let fields = if combined_field_series.accepted == 0 { fields } else { combined_field_series };
         let fixes = if blended.accepted == 0 { raw } else { blended };
-        Ok(Selection { combined, fields, attitudes, fixes, status })
-    }
-
-    /// Reads the fixes of the selected receiver.
-    fn read_fixes(
-        &self,
-        fixes: &Series,
-        on_fix: &mut FixSink<'_>,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<(), ImportError> {
-        let (mut series, mut receiver_fields) = (fixes.restarted(), None);
-        messages::read(&self.path, &[fixes.topic], progress, &mut |message| {
-            if !series.accept_instance(message) {
-                return Ok(());
-            }
-            let layout = cached_fields(&mut receiver_fields, || ReceiverFields::new(&self.path, message))?;
-            series.push(layout.fix(message.data), |fix| fix.t_ns).map_or(Ok(()), |fix| on_fix(&fix))
-        })?;
-        Ok(())
-    }
-
-    /// Returns the number of passes over the log that precede the pass for the rows.
-    fn passes_before_rows(&self) -> u64 {
-        1 + u64::from(self.selection.as_ref().is_none_or(|selection| selection.fixes.accepted > 0))
+        Ok(Selection { combined, segments, fields, attitudes, fixes, status })
     }
 }
 
@@ -143,15 +134,18 @@ impl Source for Log {
         Format::Ulog
     }
 
+    /// Returns the number of bytes of the survey and the pass for the rows. The other passes run
+    /// alongside the latter.
     fn total_bytes(&self) -> u64 {
-        (self.passes_before_rows() + 1) * self.length_bytes
+        2 * self.length_bytes
     }
 
-    fn survey(&mut self, on_fix: &mut FixSink<'_>, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+    fn read_bytes(&self) -> u64 {
+        self.length_bytes + self.row_bytes.load(Ordering::Relaxed)
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let selection = self.survey_topics(progress)?;
-        if selection.fixes.accepted > 0 {
-            self.read_fixes(&selection.fixes, on_fix, &mut |bytes| progress(self.length_bytes + bytes))?;
-        }
         let Selection { combined, fields, attitudes, status: ending, .. } = &selection;
         let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}").into());
         let expected = if combined.messages == 0 {
@@ -162,9 +156,13 @@ impl Source for Log {
         let survey = Survey {
             has_field: fields.accepted > 0,
             has_reference: attitudes.accepted > 0,
+            has_fixes: selection.fixes.accepted > 0,
+            segments: selection.segments.segments().to_vec(),
+            wraps: selection.segments.wraps,
             notes: selection.notes(self.length_bytes),
             reason: damage.filter(|_| combined.messages == 0),
             expected: expected.into(),
+            ..Survey::default()
         };
         self.selection = Some(selection);
         Ok(survey)
@@ -178,7 +176,7 @@ impl Source for Log {
         };
         let (path, mut series) = (self.path.clone(), fields.restarted());
         let (mut combined_fields, mut magnetometer_fields) = (None, None);
-        Ok(stream(path.clone(), fields.topic, move |message| {
+        Ok(stream(path.clone(), fields.topic, Arc::default(), move |message| {
             if !series.accept_instance(message) {
                 return Ok(None);
             }
@@ -198,7 +196,7 @@ impl Source for Log {
             return Ok(Box::new(iter::empty()));
         };
         let (path, mut series, mut attitude_fields) = (self.path.clone(), selection.attitudes.restarted(), None);
-        Ok(stream(path.clone(), ATTITUDE, move |message| {
+        Ok(stream(path.clone(), ATTITUDE, Arc::default(), move |message| {
             if !series.accept_instance(message) {
                 return Ok(None);
             }
@@ -208,32 +206,42 @@ impl Source for Log {
         }))
     }
 
-    fn write_rows(&self, rows: &mut RowWriter, progress: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
-        let mut aligner = ForceAligner::default();
-        let Some(selection) = &self.selection else { return Ok(aligner) };
-        let (mut combined, mut combined_fields) = (selection.combined.restarted(), None);
-        let bytes_read_before = self.passes_before_rows() * self.length_bytes;
-        messages::read(&self.path, &[COMBINED], &mut |bytes| progress(bytes_read_before + bytes), &mut |message| {
+    fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
+        let Some(selection) = self.selection.as_ref().filter(|topics| topics.fixes.accepted > 0) else {
+            return Ok(Box::new(iter::empty()));
+        };
+        let (path, mut series, mut receiver_fields) = (self.path.clone(), selection.fixes.restarted(), None);
+        Ok(stream(path.clone(), selection.fixes.topic, Arc::default(), move |message| {
+            if !series.accept_instance(message) {
+                return Ok(None);
+            }
+            let layout = cached_fields(&mut receiver_fields, || ReceiverFields::new(&path, message))?;
+            Ok(series.push(layout.fix(message.data), |fix| fix.t_ns))
+        }))
+    }
+
+    fn motion(&self) -> Result<Motion<'_>, ImportError> {
+        let Some(selection) = &self.selection else { return Ok(Motion::Joint(Box::new(iter::empty()))) };
+        let (path, mut combined, mut combined_fields) = (self.path.clone(), selection.combined.restarted(), None);
+        Ok(Motion::Joint(stream(path.clone(), COMBINED, self.row_bytes.clone(), move |message| {
             if !combined.accept_instance(message) {
-                return Ok(());
+                return Ok(None);
             }
-            let layout = cached_fields(&mut combined_fields, || CombinedFields::new(&self.path, message))?;
-            if let Some(force) = layout.force(message.data) {
-                aligner.push_force(force, rows)?;
-            }
-            match layout.rate(message.data) {
-                Some(rate) => aligner.push_rate(rate, rows),
-                None => Ok(()),
-            }
-        })?;
-        aligner.finish(rows)?;
-        Ok(aligner)
+            Ok(cached_fields(&mut combined_fields, || CombinedFields::new(&path, message))?.motion(message.data))
+        })))
+    }
+}
+
+impl CombinedFields {
+    /// Returns rate and force; `None` if the time of the rate is invalid.
+    fn motion(&self, data: &[u8]) -> Option<Inertial> {
+        Some(Inertial { rate: Some(self.rate(data)?), force: self.force(data) })
     }
 }
 
 impl Selection {
     fn notes(&self, length_bytes: u64) -> Vec<Note> {
-        let Self { combined, fields, attitudes, fixes, status: ending } = self;
+        let Self { combined, fields, attitudes, fixes, status: ending, .. } = self;
         let LogStatus { damage, dropouts, dropouts_ms, malformed } = ending;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
@@ -262,7 +270,7 @@ impl Selection {
     }
 }
 
-/// Adds a field sample. Returns the sample if it is finite and its timestamp increases.
+/// Adds a field sample. Returns the sample if it is finite.
 fn push_field(series: &mut Series, field: Option<FieldSample>) -> Option<FieldSample> {
     series.push(field.filter(FieldSample::is_finite), |field| field.t_ns)
 }

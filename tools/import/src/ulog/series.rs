@@ -2,7 +2,7 @@
 //!
 //! Input: messages of a log, or the log itself.
 //!
-//! Output: samples of the first instance in time order, and counts of skipped samples.
+//! Output: samples of the first instance in log order, and counts of skipped samples.
 //!
 //! Memory: up to [`MAX_QUEUED`] samples between the reading thread and the consumer.
 //!
@@ -11,7 +11,11 @@
 use std::{
     io,
     path::PathBuf,
-    sync::mpsc::{SyncSender, sync_channel},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{SyncSender, sync_channel},
+    },
     thread,
 };
 
@@ -36,7 +40,6 @@ pub(super) struct Series {
     pub(super) messages: u64,
     /// Number of messages of other instances.
     other_messages: u64,
-    out_of_order: u64,
     rejected: u64,
 }
 
@@ -44,17 +47,7 @@ impl Series {
     /// Creates a series for the lowest instance that occurs in the log.
     pub(super) fn new(topic: &'static str, what: &'static str) -> Self {
         let instance = None;
-        Self {
-            topic,
-            what,
-            instance,
-            last_ns: None,
-            accepted: 0,
-            messages: 0,
-            other_messages: 0,
-            out_of_order: 0,
-            rejected: 0,
-        }
+        Self { topic, what, instance, last_ns: None, accepted: 0, messages: 0, other_messages: 0, rejected: 0 }
     }
 
     /// Returns an empty series for the same instance.
@@ -84,7 +77,7 @@ impl Series {
         true
     }
 
-    /// Returns the sample if its timestamp increases.
+    /// Returns the sample and notes its time.
     ///
     /// A `sample` of `None` is invalid and is counted as rejected.
     pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
@@ -92,12 +85,7 @@ impl Series {
             self.reject();
             return None;
         };
-        let t_ns = t_ns(&sample);
-        if self.last_ns.is_some_and(|last_ns| t_ns <= last_ns) {
-            self.out_of_order += 1;
-            return None;
-        }
-        self.last_ns = Some(t_ns);
+        self.last_ns = Some(t_ns(&sample));
         self.accepted += 1;
         Some(sample)
     }
@@ -112,10 +100,8 @@ impl Series {
         if let (1.., Some(read)) = (self.other_messages, self.instance) {
             notes.push(Note::OtherInstances { topic, read, others: self.other_messages });
         }
-        for (count, reason) in [(self.rejected, rejection_reason), (self.out_of_order, "timestamps do not increase")] {
-            if count > 0 {
-                notes.push(Note::Skipped { what, count, reason });
-            }
+        if self.rejected > 0 {
+            notes.push(Note::Skipped { what, count: self.rejected, reason: rejection_reason });
         }
     }
 }
@@ -123,10 +109,11 @@ impl Series {
 /// Returns the decoded messages of a topic.
 ///
 /// A separate thread reads the log, independently of the pass that merges the samples into the
-/// rows.
+/// rows. The number of bytes read is stored in `read_bytes`.
 pub(super) fn stream<T: Send + 'static>(
     path: PathBuf,
     topic: &'static str,
+    read_bytes: Arc<AtomicU64>,
     mut decode: impl FnMut(&DataMessage) -> Result<Option<T>, ImportError> + Send + 'static,
 ) -> Samples<'static, T> {
     let (sender, samples) = sync_channel(MAX_QUEUED);
@@ -136,7 +123,8 @@ pub(super) fn stream<T: Send + 'static>(
             // merely ends this thread.
             sender.send(sample).map_err(|_| open_error(&path, io::ErrorKind::BrokenPipe.into()))
         };
-        let read = messages::read(&path, &[topic], &mut |_| {}, &mut |message| {
+        let mut progress = |bytes| read_bytes.store(bytes, Ordering::Relaxed);
+        let read = messages::read(&path, &[topic], &mut progress, &mut |message| {
             decode(message)?.map_or(Ok(()), |sample| send(&sender, Ok(sample)))
         });
         if let Err(error) = read {

@@ -2,10 +2,11 @@
 
 use std::{path::PathBuf, slice::from_ref};
 
-use import::{ImportError, Mapping, Options, convert};
+use import::{ImportError, Mapping, Note, Options, convert};
 
 use crate::common::{ATTITUDE, COMBINED, Folder, Log};
 
+const TIME: &str = "a time in s, less than 9e9 s; set another unit with --units";
 const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
 
 fn mapping_error(maps: &[&str], units: &str, frame: &str) -> String {
@@ -22,11 +23,11 @@ fn mapping_invalid_rejected() {
     for (maps, expected) in [
         (
             &["gyro"][..],
-            "reading --map: found \"gyro\", expected TARGET=COLUMN with TARGET one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+            "reading --map: found \"gyro\", expected TARGET=COLUMN with TARGET one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt, mov",
         ),
         (
             &["gxx=a"],
-            "reading --map: found \"gxx\" (did you mean \"gx\"?), expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+            "reading --map: found \"gxx\" (did you mean \"gx\"?), expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt, mov",
         ),
         (&[NAMES, "gx=a"], "reading --map: found gx twice, expected one column for it"),
         (&["t=t,gx=p,gy=q"], "reading --map: found no gz, ax, ay, az, expected all of t, gx, gy, gz, ax, ay, az"),
@@ -34,7 +35,7 @@ fn mapping_invalid_rejected() {
     ] {
         assert_eq!(mapping_error(maps, "", "rfu"), expected);
     }
-    let units = "expected one of rad/s, deg/s, m/s2, g, uT, nT, gauss, mT, s, ms, us, ns";
+    let units = "expected one of rad/s, deg/s, m/s2, g, mg, uT, nT, gauss, mT, s, ms, us, ns";
     assert_eq!(
         mapping_error(&[NAMES], "deg/s,degs", "rfu"),
         format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
@@ -85,37 +86,42 @@ fn unknown_column_reports_similar_and_available_names() {
 fn invalid_value_reported_with_position() {
     let folder = Folder::new();
     let header = "t;p;q;r;u;v;w\n";
-    for (rows, expected) in [
-        ("0;1;2;3;4;5;6\n\n1;1;2;x;4;5;6\n", "line 4, column 4 (r): found \"x\", expected a number"),
-        (
-            "0;1.5;2;3;4;5;6\n1;1,5;2;3;4;5;6\n",
-            "line 3, column 2 (p): found \"1,5\", expected a number with a decimal point, as before",
-        ),
-        (
-            "0;1,5;2;3;4;5;6\n1;1.5;2;3;4;5;6\n",
-            "line 3, column 2 (p): found \"1.5\", expected a number with a decimal comma, as before",
-        ),
-        ("0;1,234.5;2;3;4;5;6\n", "line 2, column 2 (p): found \"1,234.5\", expected a number"),
-        (
-            "2026-11-23 10:00;1;2;3;4;5;6\n",
-            "line 2, column 1 (t): found \"2026-11-23 10:00\", expected a time in s, less than 9e9 s; set another unit with --units",
-        ),
-        (
-            "1700000000000;1;2;3;4;5;6\n",
-            "line 2, column 1 (t): found \"1700000000000\", expected a time in s, less than 9e9 s; set another unit with --units",
-        ),
-        ("0;1;2;3;4;5;6\n1;1;2\n", "line 3, column 4 (r): found 3 fields, expected 7 as in the header"),
-        ("0;1;2;3;4;5;6\n1;1;2;3;4;5;6;7\n", "line 3, column 8: found 8 fields, expected 7 as in the header"),
-        ("0;1;2\n", "line 2, column 4 (r): found 3 fields, expected 7 as in the header"),
-        ("", "line 2: found the end of the file, expected a row"),
+    let good = "0;1.5;2;3;4;5;6\n";
+    for (row, position, found, expected) in [
+        ("1;1;2;x;4;5;6\n", "line 2, column 4 (r)", "\"x\"", "a number"),
+        ("1;1,234.5;2;3;4;5;6\n", "line 2, column 2 (p)", "\"1,234.5\"", "a number"),
+        ("2026-11-23 10;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"2026-11-23 10\"", TIME),
+        ("1700000000000;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"1700000000000\"", TIME),
+        (";1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"\"", TIME),
+        ("1;1;2\n", "line 2, column 4 (r)", "3 fields", "7 as in the header"),
+        ("1;1;2;3;4;5;6;7\n", "line 2, column 8", "8 fields", "7 as in the header"),
     ] {
-        let path = folder.file("a.csv", format!("{header}{rows}"));
-        assert_eq!(import_error(&folder, &[path], &[NAMES]), format!("reading a.csv: {expected}"));
+        let path = folder.file("a.csv", format!("{header}{row}"));
+        let message = import_error(&folder, &[path], &[NAMES]);
+        assert_eq!(message, format!("reading a.csv: {position}: found {found}, expected {expected}"));
+        // If another row is valid, only the malformed one is lost.
+        let path = folder.file("a.csv", format!("{header}{good}{row}{row}"));
+        let imported = folder.import(&[path], Some(Mapping::parse(&[NAMES], None, None).unwrap())).unwrap();
+        let note = Note::MalformedRows { count: 2, line: 3, found: found.into(), expected: expected.into() };
+        assert!(imported.summary.notes.contains(&note), "{:?}", imported.summary.notes);
+        assert_eq!((imported.rows.len(), imported.summary.source_rows), (1, 3));
+        assert!(imported.summary.warning().is_some_and(|warning| warning.contains("used only 1 of 3 rows")));
     }
+    for (mark, other) in [("1.5", "1,5"), ("1,5", "1.5")] {
+        let path = folder.file("a.csv", format!("{header}0;{mark};2;3;4;5;6\n1;{other};2;3;4;5;6\n"));
+        let imported = folder.import(&[path], Some(Mapping::parse(&[NAMES], None, None).unwrap())).unwrap();
+        assert_eq!(imported.rows.len(), 1, "all numbers have one decimal mark");
+    }
+    std::fs::remove_file(folder.path("out_imu.csv")).unwrap();
+    let path = folder.file("a.csv", header);
+    assert_eq!(
+        import_error(&folder, &[path], &[NAMES]),
+        "reading a.csv: line 2: found the end of the file, expected a row"
+    );
     let path = folder.file("a.csv", [header.as_bytes(), b"0;\xb5;0;0;0;0;0\n"].concat());
     assert_eq!(
         import_error(&folder, &[path], &[NAMES]),
-        "reading a.csv: line 2, column 2 (p): found \"\u{fffd}\", expected UTF-8 text"
+        "reading a.csv: line 2: found \"0;\u{fffd};0;0;0;0;0\\n\", expected UTF-8 text"
     );
     let path = folder.file("a.csv", [header.as_bytes(), &[b'0'; 1 << 17]].concat());
     assert_eq!(

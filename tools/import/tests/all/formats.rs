@@ -19,8 +19,6 @@ fn gzip(contents: &[u8]) -> Vec<u8> {
 fn format_detected_by_content_under_any_name() {
     let folder = Folder::new();
     for (contents, format, remedy) in [
-        (RECORDING.into(), Format::Recording, "found Plumbline recording; no import is needed"),
-        (gzip(RECORDING.as_bytes()), Format::Recording, "found Plumbline recording; no import is needed"),
         (b"time,x,y,z\n0,1,2,3\n".into(), Format::Csv, "its columns is unknown; map them with --map"),
         (gzip(b"time;x;y;z\n0;1;2;3\n"), Format::Csv, "available columns: \"time\", \"x\", \"y\", \"z\""),
         (Log::new(&[COMBINED]).0, Format::Ulog, "found no sample of rate and force"),
@@ -31,8 +29,22 @@ fn format_detected_by_content_under_any_name() {
             "found no sample of rate and force, expected IMU with GyrX and AccX",
         ),
         (b"SQLite format 3\0\x10\0".into(), Format::Sqlite, "found no sample of rate and force"),
-        (b"PK\x03\x04\x14\0".into(), Format::Zip, "zip archive; unpack it"),
-        (gzip(&Log::new(&[COMBINED]).0), Format::Gzip, "gzip file without text; unpack it (gunzip)"),
+        (b"PK\x03\x04\x14\0".into(), Format::Zip, "zip archive; unpack it with `unzip "),
+        (b"PK\x03\x04\x14\0[Content_Types].xml".into(), Format::Spreadsheet, "spreadsheet; convert it with `soffice"),
+        (gzip(&Log::new(&[COMBINED]).0), Format::Gzip, "gzip file without text; unpack it with `gunzip "),
+        (b"#ROSBAG V2.0\n".into(), Format::Ros1Bag, "ROS 1 bag; convert it with `rosbags-convert --src "),
+        (b"H Product:Blackbox flight data".into(), Format::Blackbox, "blackbox log; convert it with `blackbox_decode"),
+        (
+            b"ArduCopter\n\nFMT, 128, 89, FMT, BBnNZ, Type\nIMU, 1, 2\n".into(),
+            Format::ArduPilotText,
+            "text form of an ArduPilot log; use the .BIN",
+        ),
+        (b"\xff\xfet\0,\0".into(), Format::Utf16, "text in UTF-16; convert it with `iconv"),
+        (b"t\0,\0x\0,\0y\0,\0z\0\n\0".into(), Format::Utf16, "text in UTF-16"),
+        (b"PAR1\x15\x04".into(), Format::Parquet, "Parquet file; convert it with `python3"),
+        ([&[b'a'; 257][..], b"ustar\0"].concat(), Format::Tar, "tar archive; unpack it with `tar xf"),
+        (b"7z\xbc\xaf\x27\x1c\0\x04".into(), Format::SevenZip, "7z archive; unpack it with `7z x"),
+        (b"\x28\xb5\x2f\xfd\x24".into(), Format::Zstd, "zstd file; unpack it with `zstd -d"),
     ] {
         for name in ["a.csv", "a.ulg", "a"] {
             let path = folder.file(name, &contents);
@@ -42,7 +54,18 @@ fn format_detected_by_content_under_any_name() {
             assert!(message.contains(&expected), "{format:?}: {message}");
         }
     }
-    for contents in [&b""[..], b"\x00\x01\x02", b"\xff\xfet\0,\0"] {
+    let recordings = [RECORDING.into(), gzip(RECORDING.as_bytes())];
+    for contents in recordings {
+        let path = folder.file("a.bin", contents);
+        assert_eq!(Format::detect(&path).unwrap(), Format::Recording);
+        assert_eq!(folder.import(&[path], None).unwrap().rows.len(), 1);
+    }
+    let bag = folder.path("bag");
+    std::fs::create_dir(&bag).unwrap();
+    std::fs::write(bag.join("bag_0.db3"), "").unwrap();
+    let message = folder.message(&folder.import(&[bag], None).unwrap_err());
+    assert!(message.contains("without metadata.yaml; restore it with `ros2 bag reindex "), "{message}");
+    for contents in [&b""[..], b"\x00\x01\x02"] {
         let error = Format::detect(&folder.file("a.csv", contents)).unwrap_err();
         let message = folder.message(&error);
         assert!(message.starts_with("importing a.csv: unknown format, expected ULog"), "{message}");

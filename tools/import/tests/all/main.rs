@@ -11,6 +11,7 @@ mod errors;
 mod flights;
 mod formats;
 mod fuzz;
+mod logs;
 mod pipeline;
 #[path = "../../../../tests/common/python.rs"]
 mod python;

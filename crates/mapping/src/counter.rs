@@ -1,0 +1,36 @@
+//! Wraps of the counters that devices use as clocks.
+
+/// Periods of the counters that are recognised by their step: 32-bit counters of µs and ms, ns.
+pub const COUNTER_PERIODS_NS: [i64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_000];
+/// Maximum step across the wrap of a counter of unknown period, ns.
+const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;
+
+/// Returns the period of the counter if it has wrapped between `last_ns` and the earlier `t_ns`.
+///
+/// `period_ns` is the period if it is known. Otherwise, a wrap of a 32-bit counter of µs or ms is
+/// recognised by its step.
+pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
+    let known = period_ns.map(|period_ns| (period_ns, period_ns / 2));
+    let guessed = COUNTER_PERIODS_NS.map(|period_ns| (period_ns, MAX_WRAP_STEP_NS));
+    let mut periods = known.into_iter().chain(guessed.into_iter().filter(|_| known.is_none()));
+    periods.find_map(|(period_ns, max_step_ns)| {
+        let step_ns = t_ns.checked_add(period_ns)?.checked_sub(last_ns)?;
+        (t_ns < last_ns && (1..=max_step_ns).contains(&step_ns)).then_some(period_ns)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wraps_are_told_from_restarts() {
+        let [us, ms] = COUNTER_PERIODS_NS;
+        assert_eq!(wrap_ns(None, us - 5, 5), Some(us));
+        assert_eq!(wrap_ns(None, ms - 5, 5), Some(ms));
+        assert_eq!(wrap_ns(None, us / 2, 5), None, "a restart");
+        assert_eq!(wrap_ns(None, 10, 5), None, "out of order");
+        assert_eq!(wrap_ns(Some(1000), 900, 100), Some(1000));
+        assert_eq!(wrap_ns(Some(1000), 900, 800), None, "out of order");
+    }
+}

@@ -1,0 +1,225 @@
+//! Inputs that users of comparable projects report are read, or refused with a working remedy.
+use std::{
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+    process::{Output, Stdio},
+};
+
+use flate2::{Compression, write::GzEncoder};
+use serde_json::Value;
+
+use crate::common::{System, attitudes, data, plumb};
+
+/// Mapping of the columns of most inputs.
+const MAP: &str = "gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz";
+const ROWS: usize = 400;
+
+fn input(name: &str) -> Option<PathBuf> {
+    Some(data()?.join("reports").join(name)).filter(|path| path.exists())
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn run(command: &str, file: &Path, arguments: &[&str]) -> Output {
+    plumb(&[command]).arg(file).args(arguments).output().unwrap()
+}
+
+/// Imports a file. Returns the times of its rows, s, and the summary.
+fn imported(system: &System, file: &Path, arguments: &[&str]) -> (Vec<f64>, String) {
+    let out = system.path("imported_imu.csv");
+    let output = run("import", file, &[arguments, &["-o", out.to_str().unwrap()]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let rows = fs::read_to_string(&out).unwrap();
+    let times = rows.lines().skip(1).map(|row| row.split(',').next().unwrap().parse().unwrap()).collect();
+    (times, text(&output.stdout) + &text(&output.stderr))
+}
+
+/// Returns the number of ticks of a replay, and its standard error.
+fn replayed(system: &System, file: &Path, arguments: &[&str]) -> (usize, String) {
+    let out = system.path("out.csv");
+    let replay = ["--replay", file.to_str().unwrap(), "--in-process", "--speed", "max", "--out", out.to_str().unwrap()];
+    let run = system.run(&[&replay, arguments].concat());
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    (attitudes(&out).len(), run.stderr)
+}
+
+/// Scores a file. Returns the JSON and standard error.
+fn scored(file: &Path, arguments: &[&str]) -> (Value, String) {
+    let output = run("score", file, &[arguments, &["--json"]].concat());
+    let stderr = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    (serde_json::from_slice(&output.stdout).unwrap(), stderr)
+}
+
+fn error_deg(scores: &Value, stage: usize, key: &str) -> f64 {
+    let path = format!("/stages/{stage}/trials/0/{key}");
+    scores.pointer(&path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {key}: {scores}"))
+}
+
+/// Asserts that a file is read with these arguments by `import`, `score`, `info` and `up --replay`,
+/// with [`ROWS`] rows at 50 Hz of which the first is at `first_s`.
+fn assert_read(system: &System, file: &Path, arguments: &[&str], first_s: f64, note: &str) {
+    let (times, summary) = imported(system, file, arguments);
+    assert_eq!((times.len(), times[0]), (ROWS, first_s), "{summary}");
+    assert!(times.windows(2).all(|pair| (pair[1] - pair[0] - 0.02).abs() < 1e-6), "{summary}");
+    assert!(summary.contains(note), "no {note:?} in {summary}");
+    let (ticks, stderr) = replayed(system, file, arguments);
+    assert!(ticks == ROWS && stderr.contains(note), "{stderr}");
+    let (_, stderr) = scored(file, arguments);
+    assert!(!stderr.contains("warning"), "{stderr}");
+    let info = run("info", file, arguments);
+    assert!(text(&info.stdout).contains("400 samples at 50.0 Hz"), "{}", text(&info.stdout));
+}
+
+/// Returns the number of ticks and the exit code of a system that reads the text from standard
+/// input.
+fn piped(system: &System, contents: &[u8], source: &str) -> (u64, Option<i32>, String) {
+    let mut command = system.command(&["--source", source, "--speed", "max"]);
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(contents).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    (report["ticks_in"].as_u64().unwrap(), output.status.code(), text(&output.stderr))
+}
+
+#[test]
+fn text_of_loggers_is_read_as_files() {
+    let system = System::new("");
+    let map = |time: &str| format!("t={time},{MAP}");
+    for (name, time, units, first_s, note) in [
+        ("hash_header.csv", "timestamp", "ns", 1_700_000_000.0, ""),
+        ("blanks.txt", "timestamp", "s", 0.0, ""),
+        ("cut_tail.csv", "timestamp", "s", 0.0, "skipped 1 malformed row, the first in line 402"),
+        ("micros_wrap.csv", "micros", "us", 4290.967_296, "the counter of the times wrapped once"),
+        ("milli_g.csv", "ms", "ms,deg/s,mg", 0.0, ""),
+        ("wall_clock.csv", "rtcTime", "s", 47_100.0, ""),
+    ] {
+        let Some(file) = input(name) else { return };
+        assert_read(&system, &file, &["--map", &map(time), "--units", units], first_s, note);
+        // A compressed file that is cut is read up to the damage.
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
+        gzip.write_all(&fs::read(&file).unwrap()).unwrap();
+        let packed = gzip.finish().unwrap();
+        let cut = system.path("cut.csv.gz");
+        fs::write(&cut, &packed[..packed.len() * 3 / 4]).unwrap();
+        let (times, summary) = imported(&system, &cut, &["--map", &map(time), "--units", units]);
+        assert!((150..ROWS).contains(&times.len()) && summary.contains("is damaged"), "{name}: {summary}");
+    }
+    let Some(file) = input("own_degrees.csv") else { return };
+    assert_read(&system, &file, &["--units", "deg/s"], 0.0, "");
+}
+
+#[test]
+fn text_of_loggers_is_read_from_standard_input() {
+    let system = System::new("");
+    for (name, time, units, rows) in [
+        ("hash_header.csv", "timestamp", "ns", ROWS as u64),
+        ("blanks.txt", "timestamp", "s", ROWS as u64),
+        ("micros_wrap.csv", "micros", "us", ROWS as u64),
+        ("milli_g.csv", "ms", "ms,deg/s,mg", ROWS as u64),
+        ("wall_clock.csv", "rtcTime", "s", ROWS as u64),
+    ] {
+        let Some(file) = input(name) else { return };
+        let contents = fs::read(&file).unwrap();
+        let source = format!("stdin?map=t={time},{MAP}&units={units}&clock=device&rate_hz=50");
+        let (ticks, code, stderr) = piped(&system, &contents, &source);
+        assert_eq!((ticks, code), (rows, Some(0)), "{name}: {stderr}");
+    }
+    let (ticks, code, stderr) = piped(&system, b"t,a,b\n0,1,2\n", "stdin?rate_hz=50");
+    assert_eq!((ticks, code), (0, Some(1)), "{stderr}");
+    assert!(stderr.contains("yielded no reading") && stderr.contains("name the columns with map"), "{stderr}");
+}
+
+#[test]
+fn restart_of_the_clock_separates_segments() {
+    let system = System::new("");
+    let Some(file) = input("reboot.csv") else { return };
+    let arguments = ["--map", &format!("t=millis,{MAP}"), "--units", "ms"];
+    let (ticks, stderr) = replayed(&system, &file, &arguments);
+    assert!(ticks == 300 && stderr.contains("the log has 2 segments"), "{stderr}");
+    assert!(stderr.contains("read segment 1, the longest"), "{stderr}");
+    let (ticks, stderr) = replayed(&system, &file, &[&arguments[..], &["--segment", "2"]].concat());
+    assert!(ticks == 100 && stderr.contains("warning: used only 100 of 400 rows"), "{stderr}");
+    let (scores, _) = scored(&file, &arguments);
+    let ticks: Vec<_> = [0, 1].map(|trial| scores.pointer(&format!("/stages/0/trials/{trial}/ticks")).cloned()).into();
+    assert_eq!(ticks, [Some(300.into()), Some(100.into())], "each segment is scored");
+    let info = text(&run("info", &file, &arguments).stdout);
+    assert!(info.contains("1: 300 samples, 6.0 s from 500.000 s; 2: 100 samples"), "{info}");
+    let output = run("info", &file, &[&arguments[..], &["--segment", "3"]].concat());
+    assert!(text(&output.stderr).contains("no segment 3, expected 1 to 2"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn references_and_fixes_of_logs_are_used() {
+    let Some(file) = input("old_gps_clock.bin") else { return };
+    let system = System::new("");
+    imported(&system, &file, &[]);
+    let fixes = fs::read_to_string(system.path("imported_gnss.csv")).unwrap();
+    let times: Vec<f64> = fixes.lines().skip(1).map(|row| row.split(',').next().unwrap().parse().unwrap()).collect();
+    assert_eq!((times[0], times[times.len() - 1].round()), (50.005, 64.0), "{times:?}");
+    let (scores, _) = scored(&file, &["--fuser", "multiple-model", "--fuser", "aided"]);
+    let [total, aided] = [0, 1].map(|stage| error_deg(&scores, stage, "total"));
+    println!("old GPS clock: multiple-model {total:.2}°, aided {aided:.2}°");
+    assert!(total < 2.3 && aided < 1.7, "{total} {aided}");
+    let file = input("slow_attitude.bin").unwrap();
+    let (scores, stderr) = scored(&file, &[]);
+    let total = error_deg(&scores, 0, "total");
+    println!("slow attitude: {total:.2}°");
+    assert!((1.5..2.4).contains(&total) && stderr.contains("140 with reference"), "{total} {stderr}");
+}
+
+#[test]
+fn raw_counts_with_scales_score_like_si_units() {
+    let Some(file) = input("counts.csv") else { return };
+    let system = System::new("");
+    let launch = system.path("counts.toml");
+    let (gyro, accel) = (0.001_065_264_436_03, 0.004_788_403_32);
+    let scale =
+        |sensor: &str, scale: f64| format!("[ingest.calibration.{sensor}]\nscale = [{scale}, {scale}, {scale}]\n");
+    fs::write(&launch, scale("gyro", gyro) + &scale("accel", accel)).unwrap();
+    let (scores, stderr) = scored(&file, &["--launch", launch.to_str().unwrap()]);
+    let inclination = error_deg(&scores, 0, "inclination");
+    println!("counts: inclination {inclination:.3}°");
+    assert!(inclination < 0.1 && !stderr.contains("warning"), "{inclination} {stderr}");
+}
+
+#[test]
+fn units_of_bags_are_named_and_corrected() {
+    let Some(file) = input("field_gauss.mcap") else { return };
+    let (_, stderr) = scored(&file, &[]);
+    assert!(stderr.contains("field-unit") && stderr.contains("`--units gauss`"), "{stderr}");
+    let (scores, stderr) = scored(&file, &["--units", "gauss"]);
+    assert!(!stderr.contains("warning") && error_deg(&scores, 0, "heading") < 1.0, "{scores} {stderr}");
+    let file = input("zero_stamps.mcap").unwrap();
+    let (scores, stderr) = scored(&file, &[]);
+    assert!(stderr.contains("timestamps of /imu/data never change"), "{stderr}");
+    assert_eq!(scores.pointer("/stages/0/trials/0/ticks").and_then(Value::as_u64), Some(200));
+}
+
+#[test]
+fn unsupported_formats_are_named_in_the_same_words() {
+    let system = System::new("");
+    for (name, words) in [
+        ("ros1.bag", "found ROS 1 bag; convert it with `rosbags-convert --src "),
+        (
+            "dataflash.log",
+            "found text form of an ArduPilot log; use the .BIN that it was made from, or convert it with",
+        ),
+    ] {
+        let Some(file) = input(name) else { return };
+        let out = system.path("out_imu.csv");
+        let commands = [
+            plumb(&["score"]).arg(&file).output().unwrap(),
+            plumb(&["info"]).arg(&file).output().unwrap(),
+            plumb(&["import", "-o"]).arg(&out).arg(&file).output().unwrap(),
+            plumb(&["up", "--in-process", "--replay"]).arg(&file).output().unwrap(),
+        ];
+        for output in commands {
+            let stderr = text(&output.stderr);
+            assert!(output.status.code() == Some(3) && stderr.contains(words), "{name}: {stderr}");
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! Source that reads telemetry logs of ground stations (tlog).
+//!
+//! Input: MAVLink messages, each after its time of arrival in µs since 1970, big-endian.
+//!
+//! Output: rate, force, field and fixes of the autopilot that the MAVLink decoder chooses.
+//!
+//! Time: the autopilot's clock. A fix, whose message may have another clock, is placed by the times
+//! of arrival of the fix and of the latest sample.
+//!
+//! Memory: a buffer for each series.
+//!
+//! Failure: bytes that are not part of a message are skipped and counted.
+
+use std::{
+    cell::Cell,
+    fs::{self, File},
+    io::{self, Read},
+    iter,
+    path::{Path, PathBuf},
+    rc::Rc,
+};
+
+use decoders::{
+    DeviceTime, Format as _, Measurement, Value,
+    framed::ParseOutcome,
+    mavlink::{Mavlink, MavlinkSettings, RawScale},
+};
+
+use crate::{
+    Format, ImportError, Note,
+    csv_reader::CountingReader,
+    error::open_error,
+    row_writer::{Attitude, Sample, Samples},
+    source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::{SegmentFinder, SourceClock},
+};
+
+const STAMP_BYTES: usize = 8;
+const BUFFER_BYTES: usize = 1 << 16;
+/// Maximum length of a message with its time of arrival, bytes.
+const MAX_RECORD_BYTES: usize = STAMP_BYTES + 280 + 1;
+const STX_V1: u8 = 0xfe;
+const STX_V2: u8 = 0xfd;
+/// Number of messages between two progress reports.
+const PROGRESS_INTERVAL_MESSAGES: u64 = 4096;
+
+/// Telemetry log.
+pub(crate) struct Tlog {
+    path: PathBuf,
+    length_bytes: u64,
+    read_bytes: Rc<Cell<u64>>,
+}
+
+/// Measurement with its time on the clock of the samples, ns.
+struct TimedValue {
+    t_ns: i64,
+    value: Value,
+}
+
+impl Tlog {
+    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+        let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), read_bytes: Rc::default() })
+    }
+
+    fn messages(&self) -> Result<MessageReader, ImportError> {
+        MessageReader::open(&self.path, &self.read_bytes).map_err(|cause| open_error(&self.path, cause))
+    }
+
+    /// Returns what `convert` makes of the measurements.
+    fn values<T>(&self, convert: impl Fn(TimedValue) -> Option<T> + 'static) -> Result<Samples<'_, T>, ImportError> {
+        let mut messages = self.messages()?;
+        let mut next = move || -> Result<Option<T>, ImportError> {
+            while let Some(value) = messages.next().map_err(|cause| open_error(&self.path, cause))? {
+                if let Some(converted) = convert(value) {
+                    return Ok(Some(converted));
+                }
+            }
+            Ok(None)
+        };
+        Ok(Box::new(iter::from_fn(move || next().transpose())))
+    }
+}
+
+impl Source for Tlog {
+    fn format(&self) -> Format {
+        Format::Tlog
+    }
+
+    fn total_bytes(&self) -> u64 {
+        4 * self.length_bytes
+    }
+
+    fn read_bytes(&self) -> u64 {
+        self.read_bytes.get()
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let mut messages = self.messages()?;
+        let mut finder = SegmentFinder::new(&SourceClock::default());
+        let mut survey = Survey { expected: "HIGHRES_IMU, SCALED_IMU or RAW_IMU".into(), ..Survey::default() };
+        for index in 0u64.. {
+            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
+                progress(self.read_bytes.get());
+            }
+            let next = messages.next().map_err(|cause| open_error(&self.path, cause))?;
+            let Some(TimedValue { t_ns, value }) = next else { break };
+            match value {
+                Value::Imu { field_ut, .. } => {
+                    finder.push(t_ns);
+                    survey.has_field |= field_ut.is_some();
+                }
+                Value::Field(_) => survey.has_field = true,
+                Value::Fix { .. } => survey.has_fixes = true,
+            }
+        }
+        progress(self.read_bytes.get());
+        for (count, what, reason) in [
+            (messages.skipped_bytes, "bytes", "not a message, or damaged"),
+            (messages.foreign, "messages", "of another system, component or IMU"),
+        ] {
+            if count > 0 {
+                survey.notes.push(Note::Skipped { what, count, reason });
+            }
+        }
+        survey.notes.push(Note::Missing { what: "reference attitude" });
+        survey.segments = finder.segments().to_vec();
+        survey.wraps = finder.wraps;
+        Ok(survey)
+    }
+
+    fn motion(&self) -> Result<Motion<'_>, ImportError> {
+        Ok(Motion::Joint(self.values(|TimedValue { t_ns, value }| match value {
+            Value::Imu { rate_rad_s, force_m_s2, .. } => Some(Inertial::joint(t_ns, rate_rad_s, force_m_s2)),
+            _ => None,
+        })?))
+    }
+
+    fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        self.values(|TimedValue { t_ns, value }| match value {
+            Value::Imu { field_ut, .. } => Some((t_ns, field_ut?)),
+            Value::Field(field_ut) => Some((t_ns, field_ut)),
+            Value::Fix { .. } => None,
+        })
+    }
+
+    fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        Ok(Box::new(iter::empty()))
+    }
+
+    fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
+        self.values(|TimedValue { t_ns, value }| match value {
+            Value::Fix { velocity_m_s, position, .. } => {
+                let degrees = |angle: Option<f64>| angle.map_or(f64::NAN, f64::to_degrees);
+                let [latitude_deg, longitude_deg] = [position.latitude_rad, position.longitude_rad].map(degrees);
+                let altitude_m = position.altitude_m.unwrap_or(f64::NAN);
+                Some(ReceiverFix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })
+            }
+            _ => None,
+        })
+    }
+}
+
+/// Reader of the messages of a log.
+struct MessageReader {
+    file: CountingReader,
+    buffer: Vec<u8>,
+    start: usize,
+    has_ended: bool,
+    format: Mavlink,
+    pending: Vec<Measurement>,
+    arrival_ns: i64,
+    /// Time of the latest sample minus its time of arrival, ns.
+    offset_ns: i64,
+    skipped_bytes: u64,
+    foreign: u64,
+}
+
+impl MessageReader {
+    fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> io::Result<Self> {
+        let settings = MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), ..MavlinkSettings::default() };
+        Ok(Self {
+            file: CountingReader::new(File::open(path)?, read_bytes),
+            buffer: Vec::new(),
+            start: 0,
+            has_ended: false,
+            format: Mavlink::new(settings),
+            pending: Vec::new(),
+            arrival_ns: 0,
+            offset_ns: 0,
+            skipped_bytes: 0,
+            foreign: 0,
+        })
+    }
+
+    /// Returns the next measurement, or `None` at the end of the log.
+    fn next(&mut self) -> io::Result<Option<TimedValue>> {
+        loop {
+            if let Some(Measurement { time, value }) = self.pending.pop() {
+                if let (Value::Imu { .. } | Value::Field(_), Some(time)) = (&value, time) {
+                    let t_ns = match time {
+                        DeviceTime::Counter { now_ns, .. }
+                        | DeviceTime::SinceBoot { now_ns }
+                        | DeviceTime::Unix { now_ns } => now_ns.cast_signed(),
+                    };
+                    self.offset_ns = t_ns.saturating_sub(self.arrival_ns);
+                }
+                return Ok(Some(TimedValue { t_ns: self.arrival_ns.saturating_add(self.offset_ns), value }));
+            }
+            if !self.read_record()? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Reads the next record. Returns `false` at the end of the log.
+    fn read_record(&mut self) -> io::Result<bool> {
+        self.fill()?;
+        let rest = &self.buffer[self.start..];
+        let Some((stamp, message)) = rest.split_first_chunk::<STAMP_BYTES>() else {
+            self.skipped_bytes += rest.len() as u64;
+            return Ok(false);
+        };
+        if message.is_empty() {
+            self.skipped_bytes += STAMP_BYTES as u64;
+            return Ok(false);
+        }
+        let first = self.pending.len();
+        let length = match self.format.parse(message, &mut self.pending) {
+            ParseOutcome::Frame(length) => Some(length),
+            ParseOutcome::Foreign(length) => {
+                self.foreign += 1;
+                Some(length)
+            }
+            _ => {
+                self.pending.truncate(first);
+                unknown_message_bytes(message)
+            }
+        };
+        match length {
+            Some(length) => {
+                let arrival_us = i64::try_from(u64::from_be_bytes(*stamp)).unwrap_or(0);
+                self.arrival_ns = arrival_us.saturating_mul(1000);
+                self.start += STAMP_BYTES + length;
+            }
+            None => {
+                self.skipped_bytes += 1;
+                self.start += 1;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Reads on until a complete record is buffered or the file ends.
+    fn fill(&mut self) -> io::Result<()> {
+        // The start of the record after the next one is needed as well.
+        if self.has_ended || self.buffer.len() - self.start >= 2 * MAX_RECORD_BYTES {
+            return Ok(());
+        }
+        self.buffer.drain(..self.start);
+        self.start = 0;
+        let mut part = vec![0; BUFFER_BYTES];
+        while !self.has_ended && self.buffer.len() < 2 * MAX_RECORD_BYTES {
+            let count = self.file.read(&mut part)?;
+            self.has_ended = count == 0;
+            self.buffer.extend_from_slice(&part[..count]);
+        }
+        Ok(())
+    }
+}
+
+/// Returns the length of a message that the decoder does not know, if another record follows it.
+fn unknown_message_bytes(message: &[u8]) -> Option<usize> {
+    let payload_bytes = usize::from(*message.get(1)?);
+    let is_signed = message.get(2).is_some_and(|flags| flags & 1 != 0);
+    let length = match message.first()? {
+        &STX_V1 => 8 + payload_bytes,
+        &STX_V2 => 12 + payload_bytes + if is_signed { 13 } else { 0 },
+        _ => return None,
+    };
+    let next = message.get(length..)?;
+    let is_followed = next.is_empty() || next.get(STAMP_BYTES).is_some_and(|byte| [STX_V1, STX_V2].contains(byte));
+    is_followed.then_some(length)
+}

@@ -1,0 +1,243 @@
+//! Clocks, segments and sensors of logs, in several formats.
+
+use decoders::mavlink::frame::{STX_V1, STX_V2, checksum, crc_extra};
+use import::{Format, Mapping, Note, Options};
+
+use crate::common::{ATTITUDE, COMBINED, Folder, Imported, Log};
+
+const MS: i64 = 1_000_000;
+const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
+
+fn notes(imported: &Imported) -> String {
+    imported.summary.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}
+
+fn times_ms(imported: &Imported) -> Vec<i64> {
+    imported.rows.iter().map(|row| row.t_ns / MS).collect()
+}
+
+/// Returns a MAVLink message of version 1 or 2 after its time of arrival.
+fn tlog_record(arrival_us: u64, version: u8, message: u32, payload: &[u8]) -> Vec<u8> {
+    let length = u8::try_from(payload.len()).unwrap();
+    let id = message.to_le_bytes();
+    let head = match version {
+        1 => vec![STX_V1, length, 0, 1, 1, id[0]],
+        _ => vec![STX_V2, length, 0, 0, 0, 1, 1, id[0], id[1], id[2]],
+    };
+    let frame = [&head[..], payload].concat();
+    let sum = checksum(&frame[1..], crc_extra(message).unwrap()).to_le_bytes();
+    [&arrival_us.to_be_bytes()[..], &frame, &sum].concat()
+}
+
+fn scaled_imu(t_ms: u32, numbers: [i16; 9]) -> Vec<u8> {
+    let numbers = numbers.iter().flat_map(|number| number.to_le_bytes());
+    t_ms.to_le_bytes().into_iter().chain(numbers).collect()
+}
+
+#[test]
+fn telemetry_logs_of_both_versions_are_read() {
+    for version in [1, 2] {
+        let mut log = Vec::new();
+        for n in 0..100u32 {
+            let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_300;
+            log.extend(tlog_record(arrival_us, version, 0, &[0, 0, 0, 0, 1, 3, 81, 4, 3]));
+            log.extend(tlog_record(
+                arrival_us,
+                version,
+                26,
+                &scaled_imu(5000 + 20 * n, [0, 0, -1000, 100, 0, 0, 200, 0, 430]),
+            ));
+            if n % 10 == 5 {
+                // GPS_RAW_INT of the same instant, with a UNIX time.
+                let mut payload = vec![0; 30];
+                payload[..8].copy_from_slice(&1_600_000_000_000_000u64.to_le_bytes());
+                payload[24..26].copy_from_slice(&500u16.to_le_bytes());
+                payload[28] = 3;
+                log.extend(tlog_record(arrival_us, version, 24, &payload));
+            }
+        }
+        log.extend([0; 40]);
+        let folder = Folder::new();
+        let path = folder.file("a.tlog", &log);
+        assert_eq!(Format::detect(&path).unwrap(), Format::Tlog);
+        let imported = folder.import(&[path], None).unwrap();
+        assert_eq!(times_ms(&imported), (0..100).map(|n| 5000 + 20 * n).collect::<Vec<_>>(), "version {version}");
+        let row = imported.rows[0];
+        assert!((row.force_m_s2[2] - 9.80665).abs() < 1e-9 && (row.rate_rad_s[1] - 0.1).abs() < 1e-9, "{row:?}");
+        assert_eq!(imported.summary.field_rows, 100);
+        let fixes: Vec<_> = imported.fixes.iter().map(|fix| (fix.t_ns / MS, fix.velocity_m_s[1])).collect();
+        assert_eq!(fixes, (0..10).map(|n| (5100 + 200 * n, 5.0)).collect::<Vec<_>>());
+        assert!(notes(&imported).contains("skipped 40 bytes"), "{}", notes(&imported));
+    }
+}
+
+#[test]
+fn segments_of_logs_never_mix() {
+    let mut log = Log::new(&[COMBINED, ATTITUDE]);
+    for (start_ms, count) in [(500_000u64, 50u64), (100, 30)] {
+        for n in 0..count {
+            let t_us = (start_ms + 20 * n) * 1000;
+            log.combined(t_us, [0.0; 3], 0, [0.0, 0.0, -9.8]);
+            log.sample(1, t_us, &[&[1.0f32, 0.0, 0.0, 0.0], &0u8]);
+        }
+    }
+    let folder = Folder::new();
+    let path = folder.file("a.ulg", log.0);
+    for (segment, first_ms, count) in [(None, 500_000, 50), (Some(1), 500_000, 50), (Some(2), 100, 30)] {
+        let options = Options { segment, ..Options::default() };
+        let imported = folder.import_with(std::slice::from_ref(&path), &options).unwrap();
+        assert_eq!(times_ms(&imported), (0..count).map(|n| first_ms + 20 * n).collect::<Vec<_>>());
+        assert_eq!(imported.summary.reference_rows, count as u64);
+        assert!(notes(&imported).contains("the log has 2 segments"), "{}", notes(&imported));
+    }
+    let options = Options { segment: Some(3), ..Options::default() };
+    let error = folder.import_with(&[path], &options).unwrap_err();
+    assert!(error.to_string().contains("no segment 3, expected 1 to 2") && error.exit_code() == 2, "{error}");
+}
+
+#[test]
+fn segments_of_two_files_are_joined_by_number() {
+    let folder = Folder::new();
+    let row = |t: i64, value: i64| format!("{t},{value},0,9\n");
+    let both = |value: i64| {
+        let times = (0..40).map(|n| 1000 + 20 * n).chain((0..60).map(|n| 10 + 20 * n));
+        times.enumerate().map(|(n, t)| row(t, if n < 40 { value } else { value + 1 })).collect::<String>()
+    };
+    let gyro = folder.file("gyro.csv", format!("t,p,q,r\n{}", both(1)));
+    let force = folder.file("force.csv", format!("t,u,v,w\n{}", both(5)));
+    let mapping = Mapping::parse(&[NAMES], Some("ms"), None).unwrap();
+    for (segment, first_ms, count, values) in [(Some(1), 1000, 40, [1.0, 5.0]), (Some(2), 10, 60, [2.0, 6.0])] {
+        let options = Options { mapping: Some(mapping.clone()), segment, ..Options::default() };
+        let imported = folder.import_with(&[gyro.clone(), force.clone()], &options).unwrap();
+        assert_eq!(times_ms(&imported), (0..count).map(|n| first_ms + 20 * n).collect::<Vec<_>>());
+        assert!(imported.rows.iter().all(|row| [row.rate_rad_s[0], row.force_m_s2[0]] == values), "{segment:?}");
+    }
+}
+
+#[test]
+fn counters_and_times_of_day_are_continued() {
+    let folder = Folder::new();
+    let table = |times: &[String]| {
+        let rows: String = times.iter().map(|t| format!("{t},0,0,0,0,0,9.8\n")).collect();
+        folder.file("a.csv", format!("t,p,q,r,u,v,w\n{rows}"))
+    };
+    let wrapped =
+        |bits: u32, start: u64| (0..50u64).map(|n| ((start + 20 * n) % (1 << bits)).to_string()).collect::<Vec<_>>();
+    for (times, units, time_bits) in [
+        (wrapped(32, (1 << 32) - 500), "ms", None),
+        (wrapped(32, (1 << 32) - 500), "ms", Some(32)),
+        (wrapped(16, (1 << 16) - 500), "ms", Some(16)),
+        ((0..50).map(|n| format!("{:02}:59:59.{:03}", 23, n * 20)).take(50).collect(), "s", None),
+    ] {
+        let mapping = Some(Mapping::parse(&[NAMES], Some(units), None).unwrap());
+        let options = Options { mapping, time_bits, ..Options::default() };
+        let imported = folder.import_with(&[table(&times)], &options).unwrap();
+        let times = times_ms(&imported);
+        assert!(
+            times.len() == 50 && times.windows(2).all(|pair| (19..=21).contains(&(pair[1] - pair[0]))),
+            "{times:?}"
+        );
+    }
+    let midnight: Vec<_> = ["23:59:59.98", "00:00:00.00", "00:00:00.02"].map(str::to_owned).into();
+    let mapping = Some(Mapping::parse(&[NAMES], None, None).unwrap());
+    let imported = folder.import(&[table(&midnight)], mapping).unwrap();
+    assert_eq!(times_ms(&imported), [86_399_980, 86_400_000, 86_400_020]);
+}
+
+/// Returns a `sensor_msgs/msg/Imu` in CDR with rate z and force z.
+fn imu(t_ms: u32, rate: f64, force: f64) -> Vec<u8> {
+    let mut message = vec![0, 1, 0, 0];
+    for word in [10 + t_ms / 1000, t_ms % 1000 * 1_000_000, 4, u32::from_le_bytes(*b"imu\0")] {
+        message.extend(word.to_le_bytes());
+    }
+    let mut numbers = [0.0_f64; 37];
+    (numbers[3], numbers[15], numbers[27]) = (1.0, rate, force);
+    message.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    message
+}
+
+/// Writes an MCAP file with one message of each topic every 20 ms.
+fn mcap(folder: &Folder, topics: &[(&str, &dyn Fn(u32) -> Vec<u8>)]) -> std::path::PathBuf {
+    let path = folder.path("bag.mcap");
+    let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
+    let schema = writer.add_schema("sensor_msgs/msg/Imu", "ros2msg", b"").unwrap();
+    for (name, message) in topics {
+        let channel_id = writer.add_channel(schema, name, "cdr", &Default::default()).unwrap();
+        for n in 0..100u32 {
+            let log_time = 1_700_000_000_000_000_000 + u64::from(n) * 20_000_000;
+            let header = mcap::records::MessageHeader { channel_id, sequence: n, log_time, publish_time: log_time };
+            writer.write_to_known_channel(&header, &message(n)).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    path
+}
+
+#[test]
+fn rate_and_force_of_two_topics_are_joined() {
+    let folder = Folder::new();
+    let gyro = |n: u32| imu(20 * n, 0.1, 0.0);
+    let accel = |n: u32| imu(20 * n + 7, 0.0, 9.8);
+    let path = mcap(&folder, &[("/camera/gyro/sample", &gyro), ("/camera/accel/sample", &accel)]);
+    let imported = folder.import(&[path], None).unwrap();
+    assert!(
+        imported.rows.len() >= 99
+            && imported.rows.iter().all(|row| (row.rate_rad_s[2], row.force_m_s2[2]) == (0.1, 9.8))
+    );
+    assert!(notes(&imported).contains("joined the rate of /camera/gyro/sample with the force of /camera/accel/sample"));
+}
+
+#[test]
+fn dead_sensor_is_passed_over_and_can_be_chosen() {
+    let folder = Folder::new();
+    let dead = |n: u32| imu(20 * n, 0.5, 9.8);
+    let good = |n: u32| imu(20 * n, f64::from(n), 9.8);
+    let path = mcap(&folder, &[("/a", &dead), ("/b", &good)]);
+    let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+    assert_eq!(imported.rows[1].rate_rad_s[2], 1.0);
+    assert!(notes(&imported).contains("/a is dead"), "{}", notes(&imported));
+    let sensors: Vec<_> = imported.summary.sensors.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        sensors,
+        ["--imu 0: /a, 100 samples at 50.0 Hz, dead: constant", "--imu 1: /b, 100 samples at 50.0 Hz, healthy, read"]
+    );
+    let chosen = |imu| Options { imu: Some(imu), ..Options::default() };
+    assert_eq!(folder.import_with(std::slice::from_ref(&path), &chosen(0)).unwrap().rows[1].rate_rad_s[2], 0.5);
+    let error = folder.import_with(&[path], &chosen(2)).unwrap_err();
+    assert!(error.to_string().contains("--imu 2: no such sensor, expected 0 to 1"), "{error}");
+}
+
+#[test]
+fn log_times_replace_constant_timestamps() {
+    let folder = Folder::new();
+    let zero = |n: u32| imu(0, f64::from(n), 9.8);
+    let path = mcap(&folder, &[("/imu", &zero)]);
+    let imported = folder.import(&[path], None).unwrap();
+    let expected: Vec<_> = (0..100).map(|n| 1_700_000_000_000 + 20 * n).collect();
+    assert_eq!(times_ms(&imported), expected);
+    assert!(notes(&imported).contains("the timestamps of /imu never change"), "{}", notes(&imported));
+}
+
+#[test]
+fn units_and_axes_of_bags_are_changed() {
+    let folder = Folder::new();
+    let degrees = |n: u32| imu(20 * n, 90.0, 1.0);
+    let path = mcap(&folder, &[("/imu", &degrees)]);
+    let mapping = Mapping::parse::<&str>(&[], Some("deg/s,g"), Some("frd")).unwrap();
+    let imported = folder.import(std::slice::from_ref(&path), Some(mapping)).unwrap();
+    let row = imported.rows[0];
+    assert_eq!((row.rate_rad_s[2], row.force_m_s2[2]), (-90f64.to_radians(), -9.80665));
+    let error = folder.import(&[path], Some(Mapping::parse(&[NAMES], None, None).unwrap())).unwrap_err();
+    assert!(error.to_string().contains("defines its own columns"), "{error}");
+}
+
+#[test]
+fn fixes_outside_of_the_samples_are_reported() {
+    let folder = Folder::new();
+    let rows = folder.file("rows.csv", "t,p,q,r,u,v,w\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n");
+    let fixes = folder.file("fixes.csv", "t,e,n,z\n1000,1,2,3\n1001,1,2,3\n");
+    let mapping = Mapping::parse(&[NAMES, "ve=e,vn=n,vu=z"], None, None).unwrap();
+    let imported = folder.import(&[rows, fixes], Some(mapping)).unwrap();
+    let note = Note::NoOverlap { what: "fixes", series_ns: [1_000_000 * MS, 1_001_000 * MS], rows_ns: [0, 10 * MS] };
+    assert!(imported.summary.notes.contains(&note), "{}", notes(&imported));
+}
