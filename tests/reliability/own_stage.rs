@@ -230,6 +230,32 @@ fn hung_program_and_its_children_end_with_the_system() {
 }
 
 #[test]
+fn replay_starts_no_program_of_an_untrusted_flight() {
+    let system = system_with_stage("python3", &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
+    let run = system.run(&["--for", "1s", "--record", system.path("flights").to_str().unwrap()]);
+    let flight = fs::read_dir(system.path("flights")).unwrap().next().unwrap().unwrap().path();
+    println!("{:?}", run.code);
+    let (program, trace) = (system.path("my-fuser/my_fuser.py"), system.path("started"));
+    let text = fs::read_to_string(&program).unwrap();
+    fs::write(&program, format!("open({:?}, 'w').close()\n{text}", trace.to_str().unwrap())).unwrap();
+    let replay = |arguments: &[&str]| {
+        let mut command = plumb(&["up", "--speed", "max", "--json", "--replay", flight.to_str().unwrap()]);
+        let output = command.args(arguments).current_dir(trace.parent().unwrap()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap(), trace.exists())
+    };
+    // `launch.toml` of the current folder is not used either.
+    let (code, stderr, started) = replay(&[]);
+    assert_eq!((code, started), (Some(2), false), "{stderr}");
+    assert!(stderr.contains("`python3 my-fuser/my_fuser.py`") && stderr.contains("--trust-programs"), "{stderr}");
+    let (_, stderr, started) = replay(&["--trust-programs"]);
+    assert!(started, "{stderr}");
+    fs::remove_file(&trace).unwrap();
+    let launch = system.path("launch.toml");
+    let (_, stderr, started) = replay(&["--", launch.to_str().unwrap()]);
+    assert!(started, "{stderr}");
+}
+
+#[test]
 fn external_stage_reports_difference_as_shadow() {
     // The low rate lets a stage in Python keep up on a busy machine.
     let system = system_with_stage("python3", "[ingest.sim]\nrate_hz = 50\n");
