@@ -1,10 +1,8 @@
 //! Reports of a failed command, and its exit code.
 
-use std::{
-    fmt::Display,
-    io::{self, Write},
-    process::ExitCode,
-};
+use std::{fmt::Display, process::ExitCode};
+
+use crate::stdout::write_line;
 
 /// Reports the failure of a command that has not printed a result.
 pub(crate) fn fail(error: &dyn Display, code: u8) -> ExitCode {
@@ -22,6 +20,6 @@ pub(crate) fn fail_after_result(error: &dyn Display, code: u8) -> ExitCode {
 pub(crate) fn print_error_object(error: &dyn Display) {
     if std::env::args_os().any(|argument| argument == "--json") {
         // If the output is closed, the exit code still reports the failure.
-        let _ = writeln!(io::stdout(), "{}", serde_json::json!({ "error": error.to_string().trim_end() }));
+        let _ = write_line(&serde_json::json!({ "error": error.to_string().trim_end() }));
     }
 }

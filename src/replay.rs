@@ -8,7 +8,10 @@ use messages::{Flags, FusedState, SystemEvent, TakenReading};
 use supervisor::{Flight, Report, Request, UpError};
 
 /// Replays a flight. A replay has no bus, so it cannot be recorded.
-pub(crate) fn replay_flight(request: &Request, path: &Path) -> Result<Report, Box<UpError>> {
+///
+/// The flight's own launch file may name any program as a stage. Such programs are started only if
+/// `trust_programs` is `true`, in the current folder.
+pub(crate) fn replay_flight(request: &Request, path: &Path, trust_programs: bool) -> Result<Report, Box<UpError>> {
     if request.record.is_some() {
         return Err(UpError::NoBus.into());
     }
@@ -31,6 +34,15 @@ pub(crate) fn replay_flight(request: &Request, path: &Path) -> Result<Report, Bo
     }
     let readings = Box::new(readings.map(|taken| taken.map_err(|error| error.to_string())));
     let mut flight = Flight::new(launch, &events, readings)?;
+    if request.launch.is_none() {
+        match flight.external_stage() {
+            Some((name, stage)) if !trust_programs => {
+                let (stage, command) = (name.into(), stage.command.join(" ").into());
+                return Err(UpError::UntrustedProgram { stage, command }.into());
+            }
+            _ => flight.launch.stages.values_mut().for_each(|stage| stage.folder = ".".into()),
+        }
+    }
     if let Some(tick) = first_incomplete_tick {
         flight
             .schedule

@@ -1,17 +1,38 @@
 //! Standard output.
 //!
-//! A closed pipe, as with `head`, ends the output without an error.
+//! - Failure: a closed pipe, as with `head`, ends the output without an error. While a pipe or
+//!   terminal is full, a signal ends the process. If the signal came earlier and has ended a run,
+//!   the rest of the output is dropped after a time limit.
 
 use std::{
     fmt::Display,
     io::{self, ErrorKind, Write},
     ops::ControlFlow,
+    os::fd::AsFd as _,
     process::ExitCode,
+    sync::{Arc, atomic::AtomicBool},
+    time::{Duration, Instant},
 };
 
 use console::Term;
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+use signal_hook::{
+    consts::{SIGHUP, SIGINT, SIGTERM},
+    flag::register_conditional_default,
+};
 
 use crate::failure::fail_after_result;
+
+/// Number of bytes per write. A pipe that has room accepts this many without blocking (`PIPE_BUF`
+/// on Linux).
+const CHUNK_BYTES: usize = 4096;
+/// Time limit for blocked output after a signal has ended the run.
+const STOPPED_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval between two checks for a signal while the output is blocked.
+const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 
 /// Prints the result of a command, or the last of several results, and returns the exit code.
 pub(crate) fn print(text: &dyn Display) -> ExitCode {
@@ -20,13 +41,52 @@ pub(crate) fn print(text: &dyn Display) -> ExitCode {
 
 /// Prints one of several results. Breaks with the exit code if the output is closed or fails.
 pub(crate) fn print_item(text: &dyn Display) -> ControlFlow<ExitCode> {
-    match writeln!(io::stdout(), "{text}") {
+    match write_line(text) {
         Ok(()) => ControlFlow::Continue(()),
         Err(cause) if cause.kind() == ErrorKind::BrokenPipe => ControlFlow::Break(ExitCode::SUCCESS),
         Err(cause) => {
             ControlFlow::Break(fail_after_result(&format_args!("cannot write to standard output: {cause}"), 1))
         }
     }
+}
+
+/// Writes a line to standard output. While the output is blocked, signals have their default
+/// effect, which is to end the process.
+pub(crate) fn write_line(text: &dyn Display) -> io::Result<()> {
+    let mut stdout = io::stdout();
+    for chunk in format!("{text}\n").as_bytes().chunks(CHUNK_BYTES) {
+        if !has_room()? {
+            restore_default_signals()?;
+            let blocked = Instant::now();
+            while !has_room()? {
+                if supervisor::is_stop_requested() && blocked.elapsed() >= STOPPED_TIMEOUT {
+                    return Err(io::Error::new(ErrorKind::TimedOut, "its reader does not read"));
+                }
+            }
+        }
+        stdout.write_all(chunk)?;
+        stdout.flush()?;
+    }
+    Ok(())
+}
+
+/// Waits for room in standard output, for a short time.
+fn has_room() -> io::Result<bool> {
+    let stdout = io::stdout();
+    match poll(&mut [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::OUT)], Some(&POLL_INTERVAL)) {
+        Ok(ready) => Ok(ready > 0),
+        Err(Errno::INTR) => Ok(false),
+        Err(cause) => Err(cause.into()),
+    }
+}
+
+/// Gives the signals that end a command their default effect, also after the command has installed
+/// handlers.
+fn restore_default_signals() -> io::Result<()> {
+    let always = Arc::new(AtomicBool::new(true));
+    [SIGTERM, SIGINT, SIGHUP]
+        .into_iter()
+        .try_for_each(|signal| register_conditional_default(signal, always.clone()).map(drop))
 }
 
 /// Returns the width of the terminal, columns, or `None` if standard output is not a terminal.

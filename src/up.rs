@@ -65,6 +65,9 @@ pub(crate) struct Up {
     /// Publish raw readings, from which a recorded flight can be replayed
     #[arg(long)]
     readings: bool,
+    /// Run the programs that a replayed flight's launch file names as stages
+    #[arg(long, requires = "replay")]
+    trust_programs: bool,
     /// Print one JSON object, or an error object, as the last line
     #[arg(long)]
     json: bool,
@@ -88,6 +91,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         record,
         cold,
         readings,
+        trust_programs,
         json,
         reading,
         sensors,
@@ -121,7 +125,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         publish_readings: readings,
         absent_services: absent_services(),
     };
-    let report = report(request, &reading, sensors);
+    let report = report(request, &reading, sensors, trust_programs);
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -131,12 +135,14 @@ pub(crate) fn run(up: Up) -> ExitCode {
 
 /// Replays a flight, or runs the system. If the source is a foreign recording, it is imported
 /// first.
-fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers) -> Report {
+fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, trust_programs: bool) -> Report {
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
     }
     let result = match request.replay.clone() {
-        Some(path) if flight::is_flight(&path) => replay::replay_flight(&request, &path).map_err(|error| *error),
+        Some(path) if flight::is_flight(&path) => {
+            replay::replay_flight(&request, &path, trust_programs).map_err(|error| *error)
+        }
         replay => {
             // An imported recording is a temporary file that is removed on drop, so it is kept
             // until the end of the run.

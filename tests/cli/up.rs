@@ -11,7 +11,7 @@ use std::{
 use crate::common::{Run, Running, System, is_alive, plumb, signal, wait_for};
 use flate2::{Compression, write::GzEncoder};
 use rustix::{
-    fs::{OFlags, fcntl_setfl},
+    fs::{Mode, OFlags, fcntl_setfl},
     pipe::pipe,
     process::{Pid, Signal, kill_process_group},
 };
@@ -437,6 +437,54 @@ fn ctrl_c_stops_run_at_max_speed() {
     run.assert_complete();
     assert!(services.iter().all(|(_, pid)| !is_alive(*pid)), "{services:?}");
     assert_eq!(system.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn sigterm_ends_run_whose_output_is_not_read() {
+    for blocked_first in [false, true] {
+        let system = System::new("");
+        let (reader, writer) = std::io::pipe().unwrap();
+        let mut filler = writer.try_clone().unwrap();
+        rustix::io::ioctl_fionbio(&filler, true).unwrap();
+        while std::io::Write::write(&mut filler, &[b'x']).is_ok() {}
+        rustix::io::ioctl_fionbio(&filler, false).unwrap();
+        let end = if blocked_first { "100ms" } else { "1h" };
+        let mut command = system.command(&["--for", end]);
+        let mut process = command.stdout(writer).stderr(std::process::Stdio::null()).spawn().unwrap();
+        drop(command);
+        if blocked_first {
+            wait_for("the system to start", || !system.leftovers().is_empty());
+            wait_for("the system to end", || system.leftovers().is_empty());
+        } else {
+            system.wait_until_running();
+        }
+        signal(process.id(), Signal::TERM);
+        wait_for("the process to end", || process.try_wait().unwrap().is_some());
+        assert_eq!(system.leftovers(), Vec::<String>::new());
+        drop(reader);
+    }
+}
+
+#[test]
+fn pipe_without_writer_does_not_block_the_end() {
+    let system = System::new("");
+    let pipe = system.path("pipe.csv");
+    rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, Mode::from(0o600), 0).unwrap();
+    let pipe = pipe.to_str().unwrap();
+    for arguments in [&["--replay", pipe][..], &["--replay", pipe, "--in-process"]] {
+        let run = system.run(arguments);
+        assert_eq!(run.code, Some(3), "{}", run.stderr);
+        assert!(run.stderr.contains("not a regular file"), "{}", run.stderr);
+    }
+    // A launch file may be a pipe, so the command waits for its text until a signal ends it.
+    let mut process = crate::common::plumb(&["up", pipe]).spawn().unwrap();
+    let mut writer = None;
+    wait_for("the process to open the pipe", || {
+        writer = rustix::fs::open(pipe, OFlags::WRONLY | OFlags::NONBLOCK, Mode::empty()).ok();
+        writer.is_some()
+    });
+    signal(process.id(), Signal::TERM);
+    wait_for("the process to end", || process.try_wait().unwrap().is_some());
 }
 
 #[test]

@@ -197,6 +197,64 @@ fn program_ends_with_its_service() {
     wait_for("no program to be left", || programs.iter().all(|program| !crate::common::is_alive(*program)));
 }
 
+/// Stage program that starts a process in another session and never responds. It writes both
+/// process identifiers to a file.
+const HUNG_PROGRAM: &str = "\
+import os, time
+child = os.fork()
+if child == 0:
+    os.setsid()
+else:
+    with open('pids', 'a') as file: file.write(f'{os.getpid()} {child} ')
+time.sleep(3600)
+";
+
+#[test]
+fn hung_program_and_its_children_end_with_the_system() {
+    let system = System::new(&format!(
+        "{SIM}[fuser]\nstage = \"hung\"\n[restart]\nlimit = 100\n\
+         [stages.hung]\nslot = \"fuser\"\ncommand = [\"python3\", \"hung.py\"]\n"
+    ));
+    fs::write(system.path("hung.py"), HUNG_PROGRAM).unwrap();
+    let pids = || -> Vec<u32> {
+        let text = fs::read_to_string(system.path("pids")).unwrap_or_default();
+        text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
+    };
+    let running = system.start(&[]);
+    // The supervisor starts every stage once itself, and the service starts it again.
+    wait_for("the service to start the program", || pids().len() >= 4);
+    running.interrupt();
+    running.wait();
+    wait_for("no process to be left", || pids().into_iter().all(|pid| !crate::common::is_alive(pid)));
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn replay_starts_no_program_of_an_untrusted_flight() {
+    let system = system_with_stage("python3", &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
+    let run = system.run(&["--for", "1s", "--record", system.path("flights").to_str().unwrap()]);
+    let flight = fs::read_dir(system.path("flights")).unwrap().next().unwrap().unwrap().path();
+    println!("{:?}", run.code);
+    let (program, trace) = (system.path("my-fuser/my_fuser.py"), system.path("started"));
+    let text = fs::read_to_string(&program).unwrap();
+    fs::write(&program, format!("open({:?}, 'w').close()\n{text}", trace.to_str().unwrap())).unwrap();
+    let replay = |arguments: &[&str]| {
+        let mut command = plumb(&["up", "--speed", "max", "--json", "--replay", flight.to_str().unwrap()]);
+        let output = command.args(arguments).current_dir(trace.parent().unwrap()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap(), trace.exists())
+    };
+    // `launch.toml` of the current folder is not used either.
+    let (code, stderr, started) = replay(&[]);
+    assert_eq!((code, started), (Some(2), false), "{stderr}");
+    assert!(stderr.contains("`python3 my-fuser/my_fuser.py`") && stderr.contains("--trust-programs"), "{stderr}");
+    let (_, stderr, started) = replay(&["--trust-programs"]);
+    assert!(started, "{stderr}");
+    fs::remove_file(&trace).unwrap();
+    let launch = system.path("launch.toml");
+    let (_, stderr, started) = replay(&["--", launch.to_str().unwrap()]);
+    assert!(started, "{stderr}");
+}
+
 #[test]
 fn external_stage_reports_difference_as_shadow() {
     // The low rate lets a stage in Python keep up on a busy machine.

@@ -4,7 +4,7 @@ use std::{
     io,
     os::{
         fd::{AsFd, OwnedFd},
-        unix::process::CommandExt,
+        unix::process::{CommandExt, ExitStatusExt},
     },
     process::{Child as Process, Command, ExitStatus, Stdio},
     time::{Duration, Instant},
@@ -17,6 +17,7 @@ use rustix::{
         AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socketpair,
         sockopt::{Timeout, set_socket_timeout},
     },
+    process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
 };
 use sdk::frame::{FrameError, FrameHeader, MAX_FRAME_BYTES, RequestKind};
 
@@ -30,6 +31,10 @@ const START_REMEDY: &str = "check that it responds to its first request";
 /// Remedy for a program that has responded before. The timeout of its responses is a share of
 /// `silence_s`.
 const RUN_REMEDY: &str = "if it is slow, raise silence_s in [restart] of the launch file";
+/// Time allowed for a program to exit after SIGTERM before its process group is killed.
+const TERMINATE_TIMEOUT: Duration = Duration::from_millis(100);
+/// Interval between two checks for the exit of a program.
+const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Failure of an external stage.
 #[derive(Debug, thiserror::Error)]
@@ -79,7 +84,10 @@ pub enum HostError {
     CloneFailed(String),
 }
 
-/// Running program and the host's end of the socket pair. Dropping it kills the process.
+/// Running program and the host's end of the socket pair.
+///
+/// Dropping it ends the program and its process group, which contains the processes that the
+/// program has started.
 #[derive(Debug)]
 pub(crate) struct Child {
     program: ForeignText,
@@ -107,7 +115,8 @@ impl Child {
         // socket and carries only frames.
         let stdout = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
         command.stdin(child_socket).stdout(stdout).stderr(Stdio::inherit());
-        // The program has its own process group, so that Ctrl-C reaches only the host.
+        // The program has its own process group, so that Ctrl-C reaches only the host and the whole
+        // group can be ended.
         let process = command.process_group(0).spawn().map_err(failed)?;
         drop(command);
         let response = vec![0; MAX_FRAME_BYTES];
@@ -205,23 +214,49 @@ impl Child {
 
     /// Builds the error for a closed connection. Waits briefly for the exit status.
     fn ended(&mut self, kind: RequestKind) -> HostError {
-        let started = Instant::now();
-        let status: Option<ExitStatus> = loop {
-            match self.process.try_wait() {
-                Ok(None) if started.elapsed() < EXIT_STATUS_TIMEOUT => std::thread::sleep(Duration::from_millis(1)),
-                status => break status.ok().flatten(),
-            }
-        };
+        let status = self.wait_for_exit(EXIT_STATUS_TIMEOUT);
         let status = status.map_or("its standard input closed".into(), |status| status.to_string());
         HostError::Exited { program: self.program.clone(), status, request: request_name(kind) }
     }
 }
 
+impl Child {
+    /// Waits for the exit of the program and returns its status, or `None` on a timeout.
+    ///
+    /// The process is not reaped. Until it is, no other process group has its number.
+    fn wait_for_exit(&self, timeout: Duration) -> Option<ExitStatus> {
+        let id = WaitId::Pid(Pid::from_raw(self.process.id() as i32)?);
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let started = Instant::now();
+        loop {
+            if let Ok(Some(status)) = waitid(id.clone(), options) {
+                let raw = status.exit_status().map(|code| code << 8).or(status.terminating_signal())?;
+                return Some(ExitStatus::from_raw(raw));
+            }
+            if started.elapsed() >= timeout {
+                return None;
+            }
+            std::thread::sleep(EXIT_POLL_INTERVAL);
+        }
+    }
+
+    /// Sends a signal to the program and to the processes that it has started.
+    fn signal_group(&self, signal: Signal) {
+        if let Some(group) = Pid::from_raw(self.process.id() as i32) {
+            // An error means that every process of the group has exited.
+            let _ = kill_process_group(group, signal);
+        }
+    }
+}
+
 impl Drop for Child {
     fn drop(&mut self) {
-        // The state of the program is not needed any more. Errors mean that the process has already
-        // exited.
-        let _ = self.process.kill();
+        self.signal_group(Signal::TERM);
+        self.wait_for_exit(TERMINATE_TIMEOUT);
+        // The group is killed even if the program has exited, because the processes that it has
+        // started may remain.
+        self.signal_group(Signal::KILL);
+        // The process has been killed, so this waits only for the kernel.
         let _ = self.process.wait();
     }
 }

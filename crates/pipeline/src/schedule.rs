@@ -84,6 +84,11 @@ impl Schedule {
         self.end_tick
     }
 
+    /// Returns the names of the stages that the flight changed to.
+    pub fn stage_names(&self) -> impl Iterator<Item = &str> {
+        self.slots.values().flat_map(|slot| slot.activations.values()).map(|activation| activation.stage.stage.as_str())
+    }
+
     /// Returns the stage changes of a slot, or `None` if it kept its stage.
     pub(crate) fn slot(&self, slot: Slot) -> Option<&SlotSchedule> {
         self.slots.get(&slot).filter(|slot| !slot.owner_changes.is_empty())

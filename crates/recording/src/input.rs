@@ -12,7 +12,7 @@ use crate::{
 };
 use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator};
 use std::{
-    fs::File,
+    fs::{self, File},
     io::{self, Read},
     path::Path,
 };
@@ -28,11 +28,13 @@ pub(crate) struct Lines {
 
 impl Lines {
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        let mut file = File::open(path)?;
-        let file_type = file.metadata()?.file_type();
+        // The file type is checked before opening, because opening a pipe blocks until it has a
+        // writer.
+        let file_type = fs::metadata(path)?.file_type();
         if !file_type.is_file() && !file_type.is_dir() {
             return Err(io::Error::new(io::ErrorKind::NotSeekable, "not a regular file (recordings are read twice)"));
         }
+        let mut file = File::open(path)?;
         let mut magic = Vec::new();
         file.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut magic)?;
         let is_gzip = magic == GZIP_MAGIC;

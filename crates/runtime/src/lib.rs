@@ -52,7 +52,7 @@ pub mod stderr_tail;
 pub use error::RuntimeError;
 pub use join::{Join, JoinInput, JoinInputs, Joined};
 pub use ordered_subscriber::{OrderedSubscriber, SlotInput};
-pub use prior::{Prior, PriorEstimate};
+pub use prior::{ImplausibleValue, Prior, PriorEstimate};
 pub use service::{SlotLoop, serve};
 pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;

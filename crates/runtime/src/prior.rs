@@ -71,6 +71,28 @@ const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.
 /// would follow a temperature change of a few degrees too slowly.
 const MIN_SCALE_SD: f64 = 0.002;
 
+/// Quantity, largest plausible magnitude, its factor from the unit of the estimate, and unit of
+/// each estimate.
+///
+/// A larger value is a damaged or forged file rather than a sensor: the zero-rate level of consumer
+/// gyros is within a few °/s, a field of 1000 µT exceeds that of the Earth 20 times, and scale
+/// errors are a few per cent.
+const PLAUSIBLE: [(&str, f64, f64, &str); 3] = [
+    ("gyro bias", 15.0, 180.0 / std::f64::consts::PI, "°/s"),
+    ("hard iron", 1000.0, 1.0, "µT"),
+    ("gyro scale error", 10.0, 100.0, "%"),
+];
+
+/// Value of a prior that no sensor has.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("its {quantity} of {found:.1} {unit} is implausible; the limit is ±{limit} {unit}")]
+pub struct ImplausibleValue {
+    quantity: &'static str,
+    found: f64,
+    limit: f64,
+    unit: &'static str,
+}
+
 /// Names of the values of each estimate: three components and the standard deviation.
 const VALUE_NAMES: [[&str; 4]; 3] = [
     ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s", "bias_sd_rad_s"],
@@ -101,7 +123,7 @@ impl Prior {
             // deviation, so the minimum over the axes is used.
             gyro_scale: informative(scale.into(), gyro_scale.sd.min(), SCALE),
         };
-        (prior.has_estimate() && prior.is_valid()).then_some(prior)
+        (prior.has_estimate() && prior.is_valid() && prior.implausible_value().is_none()).then_some(prior)
     }
 
     /// Returns this prior. If it has no scale error, the result has that of `before`.
@@ -137,6 +159,15 @@ impl Prior {
     /// Returns `true` if all values are within their ranges.
     pub fn is_valid(&self) -> bool {
         self.estimates().into_iter().flatten().all(|estimate| estimate.sd > 0.0) && self.estimate().validate().is_ok()
+    }
+
+    /// Returns a value that is larger than that of any plausible sensor.
+    pub fn implausible_value(&self) -> Option<ImplausibleValue> {
+        self.estimates().into_iter().zip(PLAUSIBLE).find_map(|(estimate, (quantity, limit, factor, unit))| {
+            let values = estimate?.mean.map(|value| value * factor);
+            let found = values.into_iter().find(|value| value.abs() > limit)?;
+            Some(ImplausibleValue { quantity, found, limit, unit })
+        })
     }
 
     /// Returns the values of the estimates that are present, with their names.

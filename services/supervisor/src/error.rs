@@ -5,6 +5,7 @@ use std::{io, path::PathBuf};
 use bus::BusError;
 use control::ControlError;
 use flight::FlightError;
+use foreign::ForeignText;
 use launch::LaunchError;
 use pipeline::CollectorError;
 use readings::{flight_replay::FlightReplayError, source::SourceError};
@@ -27,6 +28,16 @@ pub enum UpError {
     /// The recorded flight cannot be replayed.
     #[error("{0}")]
     Flight(String),
+    /// The launch file in a flight names a program.
+    #[error(
+        "the flight's own launch file runs the program `{command}` as stage {stage}, and can name any program; if you trust it, add --trust-programs, or name your own launch file: plumb up LAUNCH --replay FLIGHT"
+    )]
+    UntrustedProgram {
+        /// Name of the stage.
+        stage: ForeignText,
+        /// Command line of the program.
+        command: ForeignText,
+    },
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
@@ -161,7 +172,12 @@ impl UpError {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
             Self::AbsentService { .. } | Self::NoDate | Self::NoModel { .. } => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::Receiver | Self::NoBus => 2,
+            Self::UntrustedProgram { .. }
+            | Self::OutIsReplay { .. }
+            | Self::Split { .. }
+            | Self::Terminal
+            | Self::Receiver
+            | Self::NoBus => 2,
             _ => 1,
         }
     }

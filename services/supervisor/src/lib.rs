@@ -15,6 +15,7 @@
 //! | [`report`] | report of a run, as JSON and as text |
 //! | `recorder` | recording of a run |
 //! | `processes` | start, termination and reaping of processes |
+//! | `orphans` | end of processes that killed services leave behind |
 //! | `warm` | state kept across restarts of the whole system |
 //! | `reaper` | removal of what killed services leave on the bus |
 //! | `scheduling` | scheduling priorities of the processes |
@@ -24,6 +25,7 @@ mod error;
 pub mod in_process;
 mod input;
 mod notify;
+mod orphans;
 pub mod plan;
 mod processes;
 mod reaper;
@@ -36,9 +38,14 @@ mod terminal;
 mod view;
 mod warm;
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::sync::{
+    Arc, OnceLock,
+    atomic::{AtomicBool, Ordering},
+};
 
 use runtime::RuntimeError;
+
+use orphans::Orphans;
 
 pub use error::UpError;
 pub use plan::{Plan, Request};
@@ -57,9 +64,12 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     if request.in_process && request.record.is_some() {
         return Err(UpError::NoBus);
     }
-    // Signals received after this point end the run with a report.
-    let stop_requested = install_signal_handlers()?;
+    // A signal received while files are read ends the process, because a launch file can be a pipe
+    // without a writer. Signals received after this point end the run with a report.
     let plan = Plan::new(request)?;
+    let stop_requested = install_signal_handlers()?;
+    // Dropped last, so that what an external stage has started ends with the run.
+    let _orphans = Orphans::default();
     // If there are external stages, all stages are created once here, so that invalid parameters
     // are rejected before any service starts. Other errors are ignored here, because the restart
     // rule handles a stage that fails to start.
@@ -87,12 +97,22 @@ pub fn replay(request: &Request, flight: Flight) -> Result<Report, UpError> {
         return Err(UpError::OutIsReplay { path: out.clone() });
     }
     let stop_requested = install_signal_handlers()?;
+    let _orphans = Orphans::default();
     in_process::replay(&Plan::from_flight(request, &flight), flight, &stop_requested)
+}
+
+/// Flag that the signal handlers set.
+static STOP_REQUESTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// Returns `true` if a signal has requested the end of the run. Signals are not observed before a
+/// run starts.
+pub fn is_stop_requested() -> bool {
+    STOP_REQUESTED.get().is_some_and(|flag| flag.load(Ordering::SeqCst))
 }
 
 /// Installs handlers for SIGTERM, SIGINT and SIGHUP and returns the flag that they set.
 fn install_signal_handlers() -> Result<Arc<AtomicBool>, UpError> {
-    let stop_requested = Arc::new(AtomicBool::new(false));
+    let stop_requested = STOP_REQUESTED.get_or_init(Arc::default).clone();
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop_requested.clone())
             .map_err(|cause| UpError::System { action: "installing signal handlers".into(), cause })?;

@@ -36,7 +36,10 @@ use rustix::{
     process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, WaitIdStatus, kill_process, pidfd_open, waitid},
 };
 
-use crate::scheduling::{self, SchedulingClass};
+use crate::{
+    orphans::Orphans,
+    scheduling::{self, SchedulingClass},
+};
 
 /// Number of clock ticks per second. CPU times in `/proc/PID/stat` are in clock ticks.
 const USER_HZ: f64 = 100.0;
@@ -61,6 +64,7 @@ pub(crate) struct Processes {
     /// Thread that reaps exited processes. Reaping can take seconds while another process reads the
     /// exited process's `/proc` directory.
     reaper: Option<ReaperThread>,
+    orphans: Orphans,
 }
 
 #[derive(Debug)]
@@ -106,6 +110,7 @@ impl Processes {
         let failed = |cause| format!("cannot start service {service}: {cause}");
         let process = Process::start(service, config).map_err(failed)?;
         let pid = process.pid;
+        self.orphans.add_known(pid);
         scheduling::set_class(pid, class);
         self.all.insert(config.incarnation, process);
         Ok(pid)
@@ -128,6 +133,7 @@ impl Processes {
         });
         let children: Vec<_> = ended.map(|(_, process)| process.child).collect();
         children.into_iter().for_each(|child| self.reap_in_background(child));
+        self.orphans.poll();
         exits
     }
 

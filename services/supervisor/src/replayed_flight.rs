@@ -4,7 +4,7 @@
 //! - Output: the launch file, the tick of each stage's takeover, and the prior of the run.
 //! - Failure: a flight without a start event is rejected.
 
-use launch::{Date, Launch, Source};
+use launch::{Date, ExternalStage, Launch, Slot, Source};
 use messages::{EventKind, SystemEvent, TakenReading};
 use pipeline::Schedule;
 use runtime::Prior;
@@ -85,6 +85,13 @@ impl Flight {
             None => None,
         };
         Ok(Self { launch, rate_hz, prior, schedule: Schedule::from_events(events), readings })
+    }
+
+    /// Returns a program that the replay would start as a stage, with the name of the stage.
+    pub fn external_stage(&self) -> Option<(&str, &ExternalStage)> {
+        let configured = Slot::ALL.into_iter().map(|slot| self.launch.stage(slot).stage.as_str());
+        let mut names = configured.chain(self.schedule.stage_names());
+        names.find_map(|name| self.launch.stages.get_key_value(name)).map(|(name, stage)| (name.as_str(), stage))
     }
 }
 

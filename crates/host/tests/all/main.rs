@@ -16,7 +16,7 @@ const TIMEOUT: Duration = Duration::from_millis(300);
 /// Accelerometer stage that stores the number of its steps as its state. The third step causes
 /// `fault`.
 const PROGRAM: &str = r#"
-import socket, struct, sys, time
+import os, socket, struct, sys, time
 requests, steps, fault = socket.socket(fileno=0), 0.0, sys.argv[1]
 while request := requests.recv(16384):
     version, kind, _, number = struct.unpack_from("<HHIQ", request)
@@ -31,6 +31,7 @@ while request := requests.recv(16384):
         if steps == 3.0:
             if fault == "dies": sys.exit(7)
             if fault == "hangs": time.sleep(3600)
+            if fault == "forks" and os.fork() == 0: sys.stdin.close(); requests.close(); time.sleep(3600)
             if fault == "shortens": numbers.pop()
             if fault == "lengthens": numbers *= 90
             if fault == "repeats": number -= 1
@@ -100,6 +101,31 @@ fn invalid_response_fails_permanently_with_reason() {
         assert!(stage.clone().failure().is_some_and(|copy| copy.to_string() == reason), "{fault}");
         println!("{fault}: {waited:?}");
     }
+}
+
+/// Returns the state of a process as in proc(5), or `None` if the process does not exist.
+fn process_state(pid: u32) -> Option<String> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    stat.rsplit_once(") ")?.1.split(' ').next().map(str::to_owned)
+}
+
+#[test]
+fn processes_started_by_the_program_end_with_it() {
+    let mut stage = start("forks").unwrap();
+    let program = stage.pid().unwrap();
+    [1, 2, 3].map(|_| steps(&mut stage));
+    let children = std::fs::read_to_string(format!("/proc/{program}/task/{program}/children")).unwrap();
+    let forked: u32 = children.trim().parse().unwrap();
+    assert!(process_state(forked).is_some());
+    drop(stage);
+    assert_eq!(process_state(program), None);
+    let started = Instant::now();
+    // The init process reaps the child. Until then it is a zombie (Z).
+    let has_ended = || process_state(forked).is_none_or(|state| state == "Z" || state == "X");
+    while !has_ended() && started.elapsed() < Duration::from_secs(10) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(has_ended(), "{forked} still runs");
 }
 
 #[test]

@@ -4,7 +4,7 @@
 
 use launch::{Ingest, Source};
 use messages::{HASH_START, hash};
-use runtime::Prior;
+use runtime::{ImplausibleValue, Prior};
 use serde::{Deserialize, Serialize};
 
 use super::clock::{Age, Timestamp};
@@ -33,6 +33,8 @@ pub(super) enum StateError {
     OtherVersion(String),
     #[error("it is damaged")]
     Damaged,
+    #[error("{0}")]
+    Implausible(ImplausibleValue),
     #[error("it is from other sensors: source, calibration or mounting changed since it was written")]
     OtherSensors,
     #[error("it is {} old, too old for the sensor errors to be valid", format_age(*.0))]
@@ -69,7 +71,8 @@ pub(super) fn encode(prior: Prior, sensors: u64, kept: Timestamp) -> Result<Stri
 ///
 /// # Errors
 ///
-/// Returns an error if the text is damaged, from other sensors, of unknown age or too old.
+/// Returns an error if the text is damaged, implausible, from other sensors, too old or of unknown
+/// age.
 pub(super) fn decode(text: &str, sensors: u64, now: &Timestamp) -> Result<(Prior, f64), StateError> {
     let (head, body) =
         text.strip_prefix(MAGIC).and_then(|rest| rest.split_once('\n')).ok_or(StateError::NotStateFile)?;
@@ -94,6 +97,9 @@ pub(super) fn decode(text: &str, sensors: u64, now: &Timestamp) -> Result<(Prior
     }
     if !record.prior.is_valid() {
         return Err(StateError::Damaged);
+    }
+    if let Some(value) = record.prior.implausible_value() {
+        return Err(StateError::Implausible(value));
     }
     let prior = record.prior.aged(age_s, power_lost);
     if prior.has_estimate() { Ok((prior, age_s)) } else { Err(StateError::TooOld(age_s)) }
@@ -222,6 +228,25 @@ mod tests {
         ] {
             assert!(body.contains(from), "{from} in {body}");
             assert_eq!(rejection(&with_body(&body.replacen(from, to, 1))), StateError::Damaged, "{from} → {to}");
+        }
+    }
+
+    #[test]
+    fn absurd_value_with_correct_checksum_is_rejected() {
+        let now = timestamp("a", 1001.0, 1.7e9, true);
+        let body = state_text().split_once('\n').unwrap().1.to_owned();
+        let decoded = |from: &str, to: &str| {
+            assert!(body.contains(from), "{from} in {body}");
+            decode(&with_body(&body.replacen(from, to, 1)), SENSORS, &now).map_err(|error| error.to_string())
+        };
+        for (from, valid, absurd, message) in [
+            ("0.001", "0.26", "0.27", "its gyro bias of 15.5 °/s is implausible; the limit is ±15 °/s"),
+            ("-0.002", "-0.26", "-5.0", "its gyro bias of -286.5 °/s is implausible; the limit is ±15 °/s"),
+            ("-7.5", "-999.0", "-1001.0", "its hard iron of -1001.0 µT is implausible; the limit is ±1000 µT"),
+            ("-0.004", "-0.05", "-0.11", "its gyro scale error of -11.0 % is implausible; the limit is ±10 %"),
+        ] {
+            assert!(decoded(from, valid).is_ok(), "{from} → {valid}: {:?}", decoded(from, valid));
+            assert_eq!(decoded(from, absurd).unwrap_err(), message);
         }
     }
 
