@@ -1,14 +1,14 @@
 //! Rest detector: gyro and accelerometer have stayed close to their own means for a while.
 //!
-//! The gyro is checked at each sample, the accelerometer at each update. A mean rate within 2 °/s of
-//! zero or of the known bias is taken for a bias. A larger one is taken for a bias only while the
-//! bias is unknown, and only if neither the specific force nor the magnetic field has turned as it
-//! would if the body rotated at that rate.
+//! The gyro is checked at each sample, the accelerometer at each update. A mean rate within 2 °/s
+//! of zero or of the known bias is taken for a bias. A larger one is taken for a bias only while
+//! the bias is unknown, and only if neither the specific force nor the magnetic field has turned as
+//! it would if the body rotated at that rate.
 //!
 //! Failure: a steady rotation about the vertical at less than 2 °/s looks like rest. So does a
 //! steady rotation about the vertical at up to 11 °/s if the bias is unknown and there is no
-//! magnetometer, for example on a turntable that turns from the start. The rate is then mistaken for
-//! a bias. This affects the heading, but not the tilt.
+//! magnetometer, for example on a turntable that turns from the start. The rate is then mistaken
+//! for a bias. This affects the heading, but not the tilt.
 
 use crate::{Vector3, scalars::scalars};
 
@@ -217,15 +217,15 @@ mod tests {
     const DT_S: f64 = 0.01;
     const FIELD_UT: [f64; 3] = [4.0, 18.0, -42.0];
 
-    /// Returns the time at which a rest is detected, s, up to 20 s. The body rotates at `rate_rad_s`,
-    /// and the gyro reads `bias_rad_s` too much.
+    /// Returns the time at which a rest is detected, s, up to 20 s. The body rotates at
+    /// `rate_rad_s`, and the gyro reads `bias_rad_s` too much.
     fn detected_s(rate_rad_s: Vector3<f64>, bias_rad_s: Vector3<f64>, with_field: bool) -> Option<f64> {
         let mut detector = RestDetector::default();
         (1..2000).map(|tick| f64::from(tick) * DT_S).find(|t_s| {
             let rotation = nalgebra::Rotation3::new(rate_rad_s * -*t_s);
             let field_ut = with_field.then(|| rotation * Vector3::from(FIELD_UT));
             detector.observe(rate_rad_s + bias_rad_s, field_ut, DT_S);
-            if (t_s / DT_S).round() as u32 % 20 == 0 {
+            if ((t_s / DT_S).round() as u32).is_multiple_of(20) {
                 let force_m_s2 = rotation * Vector3::z() * GRAVITY_M_S2;
                 detector.update(&RestInput { force_m_s2, known_bias_rad_s: None, interval_s: 0.2 });
             }
@@ -254,7 +254,7 @@ mod tests {
             assert_eq!(detected_s(rate_rad_s, still, true), None, "{rate_rad_s}");
         }
         assert_eq!(detected_s(deg_s(4.0, 0.0, 0.0), still, false), None);
-        // Without a magnetometer, a rotation about the vertical cannot be told from a bias.
+        // Without a magnetometer, a rotation about the vertical looks like a bias.
         assert!(detected_s(deg_s(0.0, 0.0, 5.0), still, false).is_some());
     }
 }

@@ -631,14 +631,14 @@ impl GyroErrorFilter {
         LoopError { tilt: Complex::new(0.0, 0.0), velocity: loop_velocity_s - tilt_rad * T1_S }
     }
 
-    /// Returns `true` if a bias measured at rest differs so much from the estimate that the effects of
-    /// the estimate cannot be corrected linearly.
+    /// Returns `true` if a bias measured at rest differs so much from the estimate that the effects
+    /// of the estimate cannot be corrected linearly.
     fn is_new_bias(&self, bias_rad_s: Vector3<f64>) -> bool {
         (bias_rad_s - self.bias_rad_s).amax() > MAX_LINEAR_BIAS_CHANGE_RAD_S
     }
 
-    /// Restarts the filter with a bias measured at rest and returns the error of the loop, which the
-    /// force shows at rest.
+    /// Restarts the filter with a bias measured at rest and returns the error of the loop, which
+    /// the force shows at rest.
     #[cold]
     fn restart_at_rest(
         &mut self,

@@ -16,8 +16,8 @@ use scores::{Scores, SetScores, mean, run};
 /// comparison.
 const STAGES: [&str; 4] = ["multiple-model", "wz", "vqf", "madgwick"];
 const VQF: usize = 2;
-/// Trials in which the default fuser is worse than VQF by more than 0.3° and 15 %, and the quantity.
-/// Their reported standard deviations are of the size of the errors.
+/// Trials in which the default fuser is worse than VQF by more than 0.3° and 15 %, and the
+/// quantity. Their reported standard deviations are of the size of the errors.
 const WORSE_THAN_VQF: [(&str, &str); 2] =
     [("nexus5_magnets_front_pocket", "heading"), ("iphone5_calm_texting", "heading")];
 
@@ -98,17 +98,20 @@ fn with_bias(set: &str, bias_deg_s: [f64; 3]) -> Option<Vec<Recording>> {
 /// turn detection, which uses the bias of `aided`, mistakes a few seconds of BROAD for a turn.
 #[test]
 fn large_gyro_bias_is_found() {
-    for (set, bias_deg_s, [max_inclination_deg, max_heading_deg]) in [
-        ("BROAD", [10.0, 10.0, -10.0], [0.56, 1.75]),
-        ("BROAD", [3.0, -4.0, 2.5], [0.65, 1.75]),
-        ("TUM VI", [3.0, -3.0, 3.0], [1.7, f64::NAN]),
-        ("TUM VI", [10.0, 10.0, -10.0], [7.5, f64::NAN]),
+    for (set, bias_deg_s, (max_inclination_deg, max_heading_deg)) in [
+        ("BROAD", [10.0, 10.0, -10.0], (0.56, Some(1.75))),
+        ("BROAD", [3.0, -4.0, 2.5], (0.65, Some(1.75))),
+        ("TUM VI", [3.0, -3.0, 3.0], (1.7, None)),
+        ("TUM VI", [10.0, 10.0, -10.0], (7.5, None)),
     ] {
         let Some(recordings) = with_bias(set, bias_deg_s) else { return };
         let scores = scores_of(&recordings);
         let means = mean(&scores.iter().map(|scores| &scores[0]).collect::<Vec<_>>());
         println!("{set} with {bias_deg_s:?} °/s: {means}");
         assert!(means.inclination < max_inclination_deg, "{set} with {bias_deg_s:?} °/s: {means}");
-        assert!(!(means.heading > max_heading_deg), "{set} with {bias_deg_s:?} °/s: {means}");
+        assert!(
+            max_heading_deg.is_none_or(|max_deg| means.heading < max_deg),
+            "{set} with {bias_deg_s:?} °/s: {means}"
+        );
     }
 }

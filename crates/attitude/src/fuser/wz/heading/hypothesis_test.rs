@@ -52,8 +52,8 @@ const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// Time for which another field must be steady to replace a well supported one, s. Every state that
-/// concerns the field is also reset after so much time outside the gate, which is counted only while
-/// the body turns or the main filter is on probation.
+/// concerns the field is also reset after so much time outside the gate, which is counted only
+/// while the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time of use from which the field of M is well supported, s. Like the times below, it is counted
 /// only while the body turns.
@@ -61,7 +61,7 @@ const WELL_SUPPORTED_S: f64 = 20.0;
 /// Shortest time for which another field must be steady to replace that of M, s. Hypothesis B needs
 /// less time to recognise a field that is fixed to the body.
 const MIN_NEW_FIELD_S: f64 = 10.0;
-/// As [`MIN_NEW_FIELD_S`], while M is on probation, s. A magnet passes in less time.
+/// [`MIN_NEW_FIELD_S`] for a main filter on probation, s. A magnet passes in less time.
 const MIN_NEW_FIELD_ON_PROBATION_S: f64 = 3.0;
 /// Averaging time of the roughness, s.
 const ROUGHNESS_MEMORY_S: f64 = 40.0;
@@ -73,8 +73,8 @@ const MIN_ROUGHNESS: f64 = 0.85;
 const MAX_ROUGHNESS: f64 = 9.0;
 /// Number of components of an innovation.
 const DEGREES_OF_FREEDOM: f64 = 3.0;
-/// Standard deviation of the heading of a body that has not moved yet, rad (29°). Iron beside a
-/// parked vehicle turns the field by tens of degrees.
+/// Standard deviation of the heading before the body has moved, rad (29°). Iron near a parked
+/// vehicle rotates the field by tens of degrees.
 const UNMOVED_SD_RAD: f64 = 0.5;
 /// Time of use in which the movement confirms the field, s. [`UNMOVED_SD_RAD`] decays with this
 /// time constant.

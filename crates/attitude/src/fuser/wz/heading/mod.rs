@@ -35,15 +35,15 @@
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
-//! - A main hypothesis that rejects everything is replaced only by a field that is steady. Replacing
-//!   it by whatever field there is after some time costs 4° among magnets (Nexus 5: 8.5° instead of
-//!   4.5°).
+//! - A main hypothesis that rejects everything is replaced only by a field that is steady.
+//!   Replacing it by whatever field there is after some time costs 4° among magnets (Nexus 5: 8.5°
+//!   instead of 4.5°).
 //!
 //! Without effect or worse, heading on Nexus 5 among magnets (4.5°) and BROAD (1.63°):
 //!
 //! - local disturbance enlarged by the innovations (roughness, 40 s): 6.3°, crossed trials 1.25°
-//!   instead of 1.19°, a changed ambient field 5.5° instead of 1.4°; the roughness is therefore only
-//!   reported;
+//!   instead of 1.19°, a changed ambient field 5.5° instead of 1.4°; the roughness is therefore
+//!   only reported;
 //! - drift rate not updated within 2 s after a rejection: 5.3°, and 57° instead of 10° on iPhone 5;
 //! - a smaller prior of the drift rate, 0.002 rad/s: 4.7°, otherwise unchanged.
 
@@ -138,7 +138,8 @@ pub(super) struct Heading {
     /// Part of the correction that the attitude does not contain yet, rad.
     pending_rad: f64,
     sd_rad: f64,
-    /// Standard deviation with allowances for a field that the main hypothesis does not explain, rad.
+    /// Standard deviation with allowances for a field that the main hypothesis does not explain,
+    /// rad.
     credible_sd_rad: f64,
     /// Standard deviation of the gyro heading's drift rate before the first field sample, rad/s.
     drift_sd_rad_s: f64,
@@ -196,8 +197,8 @@ impl Heading {
         self.sd_rad
     }
 
-    /// Returns the standard deviation of the heading, rad, with allowances for a field that the main
-    /// hypothesis does not explain.
+    /// Returns the standard deviation of the heading, rad, with allowances for a field that the
+    /// main hypothesis does not explain.
     #[inline]
     pub(super) fn credible_sd_rad(&self) -> f64 {
         self.credible_sd_rad

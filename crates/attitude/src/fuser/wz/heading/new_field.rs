@@ -1,6 +1,7 @@
 //! Detects a steady field other than the one that the heading relies on.
 //!
-//! Input: the fields that the main hypothesis has rejected while the body turned, in reference axes.
+//! Input: the fields that the main hypothesis has rejected while the body turned, in reference
+//! axes.
 //!
 //! Output: the mean of these fields and the time for which they have been steady.
 //!
@@ -9,8 +10,8 @@
 //! Failure: a magnet that stays beside the body for longer than the earth's field was used is taken
 //! for the earth's field.
 //!
-//! A field that is steady in reference axes while the body turns is not fixed to the body. Fields of
-//! passing magnets are not steady.
+//! A field that is steady in reference axes while the body turns is not fixed to the body. Fields
+//! of passing magnets are not steady.
 
 use crate::scalars::scalars;
 
