@@ -273,9 +273,9 @@ impl MessageReader {
 fn unknown_message_bytes(message: &[u8]) -> Option<usize> {
     let payload_bytes = usize::from(*message.get(1)?);
     let is_signed = message.get(2).is_some_and(|flags| flags & 1 != 0);
-    let length = match message.first()? {
-        &STX_V1 => 8 + payload_bytes,
-        &STX_V2 => 12 + payload_bytes + if is_signed { 13 } else { 0 },
+    let length = match *message.first()? {
+        STX_V1 => 8 + payload_bytes,
+        STX_V2 => 12 + payload_bytes + if is_signed { 13 } else { 0 },
         _ => return None,
     };
     let next = message.get(length..)?;

@@ -156,8 +156,11 @@ fn imu(t_ms: u32, rate: f64, force: f64) -> Vec<u8> {
     message
 }
 
+/// Name of a topic and its messages by number.
+type TopicMessages<'a> = (&'a str, &'a dyn Fn(u32) -> Vec<u8>);
+
 /// Writes an MCAP file with one message of each topic every 20 ms.
-fn mcap(folder: &Folder, topics: &[(&str, &dyn Fn(u32) -> Vec<u8>)]) -> std::path::PathBuf {
+fn mcap(folder: &Folder, topics: &[TopicMessages<'_>]) -> std::path::PathBuf {
     let path = folder.path("bag.mcap");
     let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
     let schema = writer.add_schema("sensor_msgs/msg/Imu", "ros2msg", b"").unwrap();
