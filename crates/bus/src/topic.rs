@@ -227,7 +227,7 @@ impl<M: Message> Subscriber<M> {
         self.observed.set(self.waker.current());
         let published = self.waker.published();
         let drains = self.drains.get();
-        let is_full = drains < FULL_DRAINS_AT_START || drains % FULL_DRAIN_INTERVAL == 0;
+        let is_full = drains < FULL_DRAINS_AT_START || drains.is_multiple_of(FULL_DRAIN_INTERVAL);
         let unread = if is_full { u64::MAX } else { published.wrapping_sub(self.read.get()) };
         let limit = limit as u64;
         let mut is_empty = unread <= limit;
