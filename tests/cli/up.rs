@@ -446,7 +446,7 @@ fn sigterm_ends_run_whose_output_is_not_read() {
         let (reader, writer) = std::io::pipe().unwrap();
         let mut filler = writer.try_clone().unwrap();
         rustix::io::ioctl_fionbio(&filler, true).unwrap();
-        while std::io::Write::write(&mut filler, &[b'x']).is_ok() {}
+        while std::io::Write::write(&mut filler, b"x").is_ok() {}
         rustix::io::ioctl_fionbio(&filler, false).unwrap();
         let end = if blocked_first { "100ms" } else { "1h" };
         let mut command = system.command(&["--for", end]);
