@@ -22,6 +22,9 @@ const MAX_DEVIATION_FROM_BIAS_RAD_S: f64 = 0.034_906_585;
 /// Largest component of the mean rate that is accepted as a bias, rad/s (11 °/s). Data sheets of
 /// consumer MEMS gyros allow a bias of 10 °/s.
 const MAX_BIAS_RAD_S: f64 = 0.191_986_218;
+/// Interval from which a large mean rate is not taken for a bias, s. The samples of a longer
+/// interval, such as one with a jump of the timestamps, do not show whether the body has rotated.
+const MAX_INTERVAL_S: f64 = 0.5;
 /// Fraction of the change by a real rotation up to which force and field count as unchanged.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
 /// Change of the magnetic field by a real rotation from which the field shows whether the body
@@ -135,7 +138,8 @@ impl RestDetector {
         let is_near =
             |bias_rad_s: Vector3<f64>| (self.rate_mean_rad_s - bias_rad_s).amax() < MAX_DEVIATION_FROM_BIAS_RAD_S;
         let is_small = is_near(Vector3::zeros()) || known_bias_rad_s.is_some_and(is_near);
-        let is_credible = is_small || known_bias_rad_s.is_none() && self.rate_mean_rad_s.amax() < MAX_BIAS_RAD_S;
+        let may_be_large = known_bias_rad_s.is_none() && interval_s < MAX_INTERVAL_S;
+        let is_credible = is_small || may_be_large && self.rate_mean_rad_s.amax() < MAX_BIAS_RAD_S;
         if core::mem::take(&mut self.moved) || !is_credible {
             self.quiet_s = 0.0;
             return;
@@ -244,6 +248,17 @@ mod tests {
                 let detected_s = detected_s(Vector3::zeros(), bias_rad_s, with_field);
                 assert!(detected_s.is_some_and(|t_s| t_s <= 2.0), "{bias_rad_s}, field {with_field}: {detected_s:?}");
             }
+        }
+    }
+
+    #[test]
+    fn large_rate_over_long_intervals_is_no_bias() {
+        let mut detector = RestDetector::default();
+        for _ in 0..10 {
+            detector.observe(deg_s(5.0, 0.0, 5.0), None, 10.0);
+            let force_m_s2 = Vector3::z() * GRAVITY_M_S2;
+            detector.update(&RestInput { force_m_s2, known_bias_rad_s: None, interval_s: 10.0 });
+            assert!(!detector.is_detected());
         }
     }
 
