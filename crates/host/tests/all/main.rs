@@ -113,7 +113,7 @@ fn process_state(pid: u32) -> Option<String> {
 fn processes_started_by_the_program_end_with_it() {
     let mut stage = start("forks").unwrap();
     let program = stage.pid().unwrap();
-    [1, 2, 3].map(|_| steps(&mut stage));
+    assert_eq!([1, 2, 3].map(|_| steps(&mut stage)), [1.0, 2.0, 3.0]);
     let children = std::fs::read_to_string(format!("/proc/{program}/task/{program}/children")).unwrap();
     let forked: u32 = children.trim().parse().unwrap();
     assert!(process_state(forked).is_some());
