@@ -93,7 +93,7 @@ fn text_of_loggers_is_read_as_files() {
         ("hash_header.csv", "timestamp", "ns", 1_700_000_000.0, ""),
         ("blanks.txt", "timestamp", "s", 0.0, ""),
         ("cut_tail.csv", "timestamp", "s", 0.0, "skipped 1 malformed row, the first in line 402"),
-        ("micros_wrap.csv", "micros", "us", 4290.967_296, "the counter of the times wrapped once"),
+        ("micros_wrap.csv", "micros", "us", 4_290.967_296, "the counter of the times wrapped once"),
         ("milli_g.csv", "ms", "ms,deg/s,mg", 0.0, ""),
         ("wall_clock.csv", "rtcTime", "s", 47_100.0, ""),
     ] {
