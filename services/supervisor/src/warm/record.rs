@@ -243,11 +243,11 @@ mod tests {
             ("0.001", "0.26", "0.27", "its gyro bias of 15.5 °/s is implausible; the limit is ±15 °/s"),
             ("-0.002", "-0.26", "-5.0", "its gyro bias of -286.5 °/s is implausible; the limit is ±15 °/s"),
             ("-7.5", "-999.0", "-1001.0", "its hard iron of -1001.0 µT is implausible; the limit is ±1000 µT"),
-            ("-0.004", "-0.05", "-0.11", "its gyro scale error of -11.0 % is implausible; the limit is ±10 %"),
         ] {
             assert!(decoded(from, valid).is_ok(), "{from} → {valid}: {:?}", decoded(from, valid));
             assert_eq!(decoded(from, absurd).unwrap_err(), message);
         }
+        assert_eq!(decoded("-0.004", "-0.11").unwrap_err(), StateError::Damaged.to_string());
     }
 
     #[test]
