@@ -22,10 +22,13 @@ fn from_name(name: &str) -> Fuser {
     Fuser::from_name(name).unwrap()
 }
 
-fn inputs(trial: &[Row], magnetic: bool) -> Vec<FuserInput> {
+/// Returns the inputs of a trial without the ticks for which `is_missing` is true. The rotation
+/// during a gap is computed from the rate after it.
+fn inputs(trial: &[Row], magnetic: bool, is_missing: impl Fn(usize) -> bool) -> Vec<FuserInput> {
     let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
+    let mut previous = 0;
     let input = |(index, row): (usize, &Row)| {
-        let dt_s = if index == 0 { 0.0 } else { DT_S };
+        let dt_s = (index - std::mem::replace(&mut previous, index)) as f64 * DT_S;
         FuserInput {
             motion: Some(gyro.step(&RateSample { rate_rad_s: row.rate_rad_s, dt_s, kind: RateKind::Mean })),
             inclination: Some(accel.step(&row.force_m_s2)),
@@ -35,7 +38,7 @@ fn inputs(trial: &[Row], magnetic: bool) -> Vec<FuserInput> {
             ..FuserInput::default()
         }
     };
-    trial.iter().enumerate().map(input).collect()
+    trial.iter().enumerate().filter(|(index, _)| !is_missing(*index)).map(input).collect()
 }
 
 #[test]
@@ -44,8 +47,23 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
     for (index, trial) in trials.iter().enumerate() {
         for magnetic in [false, true] {
             let (mut multiple_model, mut wz) = (from_name("multiple-model"), from_name("wz"));
-            for (tick, input) in inputs(trial, magnetic).iter().enumerate() {
+            for (tick, input) in inputs(trial, magnetic, |_| false).iter().enumerate() {
                 assert_eq!(multiple_model.step(input), wz.step(input), "trial {index}, field {magnetic}, tick {tick}");
+            }
+        }
+    }
+}
+
+#[test]
+fn gaps_in_motion_are_not_taken_for_turns() {
+    let Some(trials) = broad() else { return };
+    for (index, trial) in trials.iter().enumerate() {
+        for gap_s in [0.3, 0.5, 0.7] {
+            let is_missing = |tick: usize| tick as f64 * DT_S > 20.0 && tick as f64 * DT_S % 20.0 < gap_s;
+            let (mut multiple_model, mut wz) = (from_name("multiple-model"), from_name("wz"));
+            for (tick, input) in inputs(trial, true, is_missing).iter().enumerate() {
+                let [up, expected] = [&mut multiple_model, &mut wz].map(|stage| stage.step(input).attitude.up);
+                assert_eq!(up, expected, "trial {index}, gaps of {gap_s} s, tick {tick}");
             }
         }
     }

@@ -23,8 +23,9 @@
 //!
 //! Time: the interval of the motion.
 //!
-//! Failure: a missing or implausible force, or a rate that cannot be trusted, ends the turn. A tick
-//! without a motion, or with an implausible rate, is ignored. In the first minute a turn with a
+//! Failure: a missing or implausible force, or a rate that cannot be trusted, ends the turn. An
+//! interval that is too long ends the turn and restarts the averages, because its rotation is
+//! inaccurate. A tick without a motion, or with an implausible rate, is ignored. In the first minute a turn with a
 //! bank below 22° is not detected, because the scale of the accelerometer is not known yet.
 
 use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::scalars};
@@ -68,6 +69,8 @@ const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 const MIN_FORCE_M_S2: f64 = 1.0;
 /// Largest plausible force of a vehicle, m/s² (30 g).
 const MAX_FORCE_M_S2: f64 = 300.0;
+/// Longest interval with an accurate rotation, s.
+const MAX_INTERVAL_S: f64 = 0.25;
 /// Largest plausible rate of a vehicle, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
 
@@ -169,6 +172,10 @@ impl TurnDetector {
         let Some(motion) = input.motion.filter(|motion| motion.rate_rad_s.amax() < MAX_RATE_RAD_S) else {
             return false;
         };
+        if motion.dt_s > MAX_INTERVAL_S {
+            *self = Self { line: self.line.clone(), ..Self::default() };
+            return false;
+        }
         let force = input.inclination.filter(|inclination| inclination.norm_m_s2 < MAX_FORCE_M_S2);
         let (Some(inclination), true) = (force, input.rate_credible) else {
             self.turn_s = 0.0;
