@@ -73,7 +73,7 @@ pub(crate) struct Score {
     /// Use of the magnetic field, or number of the magnetometer of a log
     #[arg(long, value_name = "on|off|N", default_value = "on", value_parser = parse_mag)]
     mag: MagChoice,
-    /// GNSS fixes; auto is NAME_gnss.csv in the folder of NAME_imu.csv.gz; N a receiver of a log
+    /// GNSS fixes: auto is NAME_gnss.csv of NAME_imu.csv.gz, N a receiver
     #[arg(long, value_name = "FILE|auto|off|N", default_value = "auto", value_parser = parse_gnss)]
     gnss: GnssChoice,
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)

@@ -149,6 +149,9 @@ impl Scratch {
             (0..300).fold(format!("{header}\n"), |text, row| text + &format!("{},{columns}\n", row * step))
         };
         self.write("phone.csv", &phone("time,wx,wy,wz,fx,fy,fz", 10, "0,0,1,0,0,1"));
+        // The clock goes back once.
+        let [first, second] = [phone("millis,wx,wy,wz,fx,fy,fz", 10, "0,0,0,0,0,9.8"), phone("", 10, "0,0,0,0,0,9.8")];
+        self.write("log.csv", &(first + second.trim_start()));
         self.write("Gyroscope.csv", &phone("seconds,x,y,z", 1, "0,0,0.1"));
         self.write("Accelerometer.csv", &phone("seconds,x,y,z", 1, "0,0,9.8"));
         let compress = "gzip -k broad/trial.csv flight.csv && rm broad/trial.csv && cp flight.csv.gz flight_imu.csv.gz";

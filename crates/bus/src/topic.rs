@@ -97,8 +97,16 @@ impl Bus {
     fn subscribe<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
         let port = BusTopic::open_or_create::<M>(&self.node, buffer)?.subscriber(buffer, history)?;
         let waker = self.waker(M::TOPIC);
-        let (observed, read) = (Cell::new(waker.current()), Cell::new(waker.published()));
-        Ok(Subscriber { port, waker, observed, read, drains: Cell::new(0), payload_type: PhantomData })
+        let (wake_count, published) = (waker.current(), waker.published());
+        Ok(Subscriber {
+            port,
+            waker,
+            observed: Cell::new(wake_count),
+            read: Cell::new(published),
+            drains: Cell::new(0),
+            drained_at: Cell::new(wake_count),
+            payload_type: PhantomData,
+        })
     }
 
     fn waker(&self, topic: &Entry) -> TopicWaker {
@@ -192,6 +200,8 @@ pub struct Subscriber<M: Message> {
     read: Cell<u64>,
     /// Number of times that all messages have been read.
     drains: Cell<u32>,
+    /// Value of the wake word when all messages had been read.
+    drained_at: Cell<u32>,
     payload_type: PhantomData<M>,
 }
 
@@ -224,10 +234,13 @@ impl<M: Message> Subscriber<M> {
     /// [`FULL_DRAIN_INTERVAL`] calls. This concerns the history of a topic and the last message of
     /// a publisher that was killed. `handle` must not receive from this subscriber.
     pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
-        self.observed.set(self.waker.current());
+        let wake_count = self.waker.current();
+        self.observed.set(wake_count);
         let published = self.waker.published();
         let drains = self.drains.get();
-        let is_full = drains < FULL_DRAINS_AT_START || drains.is_multiple_of(FULL_DRAIN_INTERVAL);
+        // A publisher that is not part of the system wakes without counting.
+        let is_uncounted_wake = published == self.read.get() && wake_count != self.drained_at.get();
+        let is_full = is_uncounted_wake || drains < FULL_DRAINS_AT_START || drains.is_multiple_of(FULL_DRAIN_INTERVAL);
         let unread = if is_full { u64::MAX } else { published.wrapping_sub(self.read.get()) };
         let limit = limit as u64;
         let mut is_empty = unread <= limit;
@@ -239,6 +252,7 @@ impl<M: Message> Subscriber<M> {
         }
         if is_empty {
             self.read.set(published);
+            self.drained_at.set(wake_count);
             self.drains.set(drains.wrapping_add(1));
         } else {
             // Messages may remain, so the next wait must return immediately.

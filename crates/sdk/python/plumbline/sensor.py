@@ -31,6 +31,9 @@ SHARED_MEMORY = "/dev/shm"
 CHECK_INTERVAL_S = 0.1
 """Interval at which a publisher checks that the system it joined is still running."""
 
+WORD_BYTES = 8
+"""Bytes of the words that a message consists of."""
+
 # Layout of the state that all processes of a system share. The run identifier is at byte 8. From
 # byte 64 on, each topic has 64 bytes, which begin with the wake word of the topic.
 SHARED_STATE_BYTES = 64 * 64
@@ -111,7 +114,7 @@ class _Joined:
             self._node = _node(iox, system)
             service = self._open_topic(iox, system, name, layout)
             self.capacity = service.static_config.subscriber_max_buffer_size
-            builder = service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(message_bytes)
+            builder = service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(message_bytes // WORD_BYTES)
             self._publisher = builder.create()
         except BaseException:
             self.close()
@@ -133,7 +136,7 @@ class _Joined:
             return True
 
     def publish(self, message):
-        sample = self._publisher.loan_slice_uninit(len(message))
+        sample = self._publisher.loan_slice_uninit(len(message) // WORD_BYTES)
         ctypes.memmove(sample.payload_ptr, message, len(message))
         sample.assume_init().send()
         # The kernel increments the wake word and wakes the waiting subscribers.
@@ -170,9 +173,9 @@ class _Joined:
         return False
 
     def _open_topic(self, iox, system, name, layout):
-        builder = self._node.service_builder(iox.ServiceName.new(name)).publish_subscribe(iox.Slice[ctypes.c_uint8])
+        builder = self._node.service_builder(iox.ServiceName.new(name)).publish_subscribe(iox.Slice[ctypes.c_uint64])
         try:
-            service = builder.payload_alignment(iox.Alignment.new(8)).open()
+            service = builder.open()
         except iox.PublishSubscribeOpenError as cause:
             if "DoesNotExist" not in str(cause):
                 raise FeedError(f"opening the topic `{name}`: {cause}") from cause
