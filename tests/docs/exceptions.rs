@@ -47,6 +47,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb calibrate clock", "needs a rotated magnetometer; tested by `cli`"),
     ("plumb calibrate gyro --live", "needs a sensor at rest; tested by `cli`"),
     ("plumb score flight.bin", "needs an ArduPilot log; tested by tools/import"),
+    ("plumb info flight.bin", "needs an ArduPilot log; tested by tools/import"),
     ("plumb import flight.bin", "needs an ArduPilot log; tested by tools/import"),
     ("plumb score walk.mcap", "needs an MCAP file; tested by tools/import"),
     ("plumb score bag/", "needs a ROS 2 bag; tested by tools/import"),
