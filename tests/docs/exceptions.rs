@@ -49,6 +49,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb score flight.bin", "needs an ArduPilot log; tested by tools/import"),
     ("plumb info flight.bin", "needs an ArduPilot log; tested by tools/import"),
     ("plumb import flight.bin", "needs an ArduPilot log; tested by tools/import"),
+    ("plumb score flight.tlog", "needs the log of a ground station; tested by tools/import"),
     ("plumb score walk.mcap", "needs an MCAP file; tested by tools/import"),
     ("plumb score bag/", "needs a ROS 2 bag; tested by tools/import"),
     ("plumb import bag/", "needs a ROS 2 bag; tested by tools/import"),
