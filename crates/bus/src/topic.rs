@@ -230,9 +230,9 @@ impl<M: Message> Subscriber<M> {
 
     /// Passes up to `limit` unread messages to `handle`, oldest first.
     ///
-    /// A message that was not counted when it was published is passed after at most
-    /// [`FULL_DRAIN_INTERVAL`] calls. This concerns the history of a topic and the last message of
-    /// a publisher that was killed. `handle` must not receive from this subscriber.
+    /// A message that was not counted when it was published is passed after at most 16 calls. This
+    /// concerns the history of a topic and the last message of a publisher that was killed.
+    /// `handle` must not receive from this subscriber.
     pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
         let wake_count = self.waker.current();
         self.observed.set(wake_count);

@@ -25,9 +25,9 @@
 //!
 //! Failure: a missing or implausible force, or a rate that cannot be trusted, ends the turn. An
 //! interval that is too long ends the turn and restarts the averages, because its rotation is
-//! inaccurate. A tick without a motion, or with an implausible rate, is ignored. In the first minute
-//! a turn with a bank below 22° is not detected, because the scale of the accelerometer is not yet
-//! known.
+//! inaccurate. A tick without a motion, or with an implausible rate, is ignored. In the first
+//! minute a turn with a bank below 22° is not detected, because the scale of the accelerometer is
+//! not yet known.
 
 use crate::{GRAVITY_M_S2, Vector3, fuser::input::FuserInput, gyro::Motion, scalars::scalars};
 
