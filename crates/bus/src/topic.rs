@@ -24,10 +24,10 @@ use crate::{
     wake::TopicWaker,
 };
 
-/// Every call of [`Subscriber::drain`] with a multiple of this number also reads messages that were
-/// not counted.
+/// Interval, in calls of [`Subscriber::drain`], at which uncounted messages are read as well.
 const FULL_DRAIN_INTERVAL: u32 = 16;
-/// Number of the first calls that do the same, because history is delivered at the start.
+/// Number of calls at the start that all read uncounted messages, because history is delivered
+/// then.
 const FULL_DRAINS_AT_START: u32 = 64;
 
 /// Membership of a process in the bus of a system.

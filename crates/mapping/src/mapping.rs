@@ -211,7 +211,7 @@ impl Mapping {
     /// With several files the column is given as `FILE:COLUMN`. `units` is a list in any order,
     /// such as `deg/s,g,gauss,ms`; the defaults are rad/s, m/s2, uT and s. `frame` names the body
     /// axes of the file, by default `rfu`. If a reference is mapped, it also names the earth axes,
-    /// as in `ned-frd`. If `maps` is empty, each target is mapped to the column of its own name.
+    /// as in `ned-frd`. If `maps` is empty, each target is mapped to the column with the same name.
     ///
     /// # Errors
     ///
@@ -222,7 +222,7 @@ impl Mapping {
 
     /// Parses the mapping of a live text stream, which need not contain a time.
     ///
-    /// If `maps` is empty, each target is mapped to the column of its own name.
+    /// If `maps` is empty, each target is mapped to the column with the same name.
     ///
     /// # Errors
     ///

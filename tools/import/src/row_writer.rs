@@ -224,8 +224,8 @@ impl<'a> RowWriter<'a> {
 
     /// Returns the reference at the time of a row.
     ///
-    /// It is interpolated if the attitudes before and after the row are close to each other.
-    /// Otherwise, an attitude since the previous row is rotated on to the row by the rate.
+    /// The attitudes before and after the row are interpolated if the rotation between them is
+    /// small. Otherwise an attitude since the previous row is propagated to the row with the rate.
     fn reference_at(
         &mut self,
         previous_ns: Option<i64>,

@@ -19,7 +19,7 @@
 //! The force in a long bend of a vehicle also looks like the effect of a bias. The second filter
 //! restarts from the first one at regular intervals, and after a gyro outage or a tilt fault, whose
 //! force would look like the effect of a bias. If the biases already differ significantly at a tilt
-//! fault, the second filter goes on, because the bias has probably caused the fault.
+//! fault, the second filter continues, because the bias has probably caused the fault.
 //!
 //! A wide prior of 0.05 instead of 0.1 rad/s finds a bias of 10 °/s on each axis in motion later or
 //! not at all: on TUM VI, the mean inclination error is 12.3° instead of 6.8°.

@@ -268,7 +268,7 @@ impl HypothesisTest {
 
     /// Returns the standard deviation of the heading, rad, given that of M.
     ///
-    /// - It increases with the roughness of the field.
+    /// - A rough field increases the deviation.
     /// - The new field is the earth's field with a probability that depends on the times for which
     ///   the two fields were observed. The heading would then be wrong by the angle between them.
     /// - The field of a place where the body has not moved yet may be that of iron nearby.
