@@ -129,17 +129,18 @@ fn stage_in_any_language_swaps_without_loss() {
     }
 }
 
-/// Returns the output of the stage over 4800 ticks, and the messages on standard error.
-fn output_bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (Vec<u8>, String) {
+/// Runs the stage with the given arguments until `end` has returned and the run has ended. Returns
+/// its output, the number of ticks and the messages on standard error.
+fn output_bytes(compiler: &str, arguments: &[&str], end: impl FnOnce(&System, &Running)) -> (Vec<u8>, usize, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");
-    let running = system.start(&[&["--for", "24s", "--out", out.to_str().unwrap()], arguments].concat());
-    disturb(&system);
+    let running = system.start(&[&["--out", out.to_str().unwrap()], arguments].concat());
+    end(&system, &running);
     let run = running.wait();
     run.assert_complete();
-    assert_eq!(assert_in_order(&out), 4800);
+    let ticks = assert_in_order(&out);
     assert_eq!(system.leftovers(), Vec::<String>::new());
-    (fs::read(out).unwrap(), run.stderr)
+    (fs::read(out).unwrap(), ticks, run.stderr)
 }
 
 #[test]
@@ -152,8 +153,7 @@ fn killed_or_frozen_stage_changes_no_byte() {
 }
 
 fn assert_output_unaffected_by_faults(compiler: &str) {
-    let (undisturbed, _) = output_bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
-    let (disturbed, stderr) = output_bytes(compiler, &[], |system| {
+    let (disturbed, ticks, stderr) = output_bytes(compiler, &[], |system, running| {
         system.wait_until_running();
         for (program, how) in [(false, Signal::KILL), (true, Signal::KILL), (false, Signal::STOP), (true, Signal::STOP)]
         {
@@ -167,7 +167,11 @@ fn assert_output_unaffected_by_faults(compiler: &str) {
         // A busy machine may have caused more restarts.
         assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
         assert_eq!(swap_stage(system, "fuser", "my-fuser")["jump_deg"], 0.0);
+        running.interrupt();
     });
+    let duration = format!("{}ms", 5 * ticks);
+    let undisturbed = ["--in-process", "--speed", "max", "--for", &duration];
+    let (undisturbed, ..) = output_bytes(compiler, &undisturbed, |_, _| {});
     for text in
         ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"]
     {

@@ -83,6 +83,10 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
             (ErrorKind::WouldBlock, Some(timeout)) => {
                 ControlError::Timeout { name: name.into(), timeout_s: timeout.as_secs_f64() }
             }
+            // The supervisor ended before it had read the request.
+            (ErrorKind::ConnectionReset | ErrorKind::BrokenPipe, _) => {
+                ControlError::NotRunning { name: name.into(), cause }
+            }
             _ => ControlError::Failed { name: name.into(), cause: cause.to_string() },
         }
     };

@@ -138,6 +138,23 @@ fn full_queue_fails_without_blocking() {
 }
 
 #[test]
+fn client_of_an_ended_supervisor_finds_it_not_running() {
+    let system = TestSystem::new();
+    let path = system.0.control_socket_path().unwrap();
+    thread::scope(|scope| {
+        let client = scope.spawn(|| send_request::<u32>(&system.1, &ControlRequest::Status).unwrap_err());
+        // The kernel lists the path once for the listener and once for the waiting connection.
+        let sockets = || std::fs::read_to_string("/proc/net/unix").unwrap();
+        while sockets().matches(path.to_str().unwrap()).count() < 2 {
+            thread::yield_now();
+        }
+        drop(system.2);
+        let error = client.join().unwrap();
+        assert!(matches!(error, ControlError::NotRunning { .. }), "{error}");
+    });
+}
+
+#[test]
 fn notification_is_repeated_until_it_is_answered() {
     let mut system = TestSystem::new();
     let TestSystem(_, name, socket, _) = &mut system;
