@@ -5,6 +5,7 @@ mod absent;
 mod bench;
 mod bridge;
 mod calibrate;
+mod demo;
 mod doctor;
 mod duration;
 mod failure;
@@ -70,6 +71,8 @@ struct Cli {
 enum Command {
     /// Run a system until its source ends or Ctrl-C (default command)
     Up(up::Up),
+    /// Show a tumble, kills and swaps, explained in a minute
+    Demo(demo::DemoCommand),
     /// Score stages on recordings: errors and cost per update
     Score(Box<score::Score>),
     /// Reproduce the figures and tables of the source papers
@@ -195,6 +198,7 @@ pub fn main() -> ExitCode {
     };
     match cli.command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
+        Command::Demo(demo) => demo::run(&demo),
         Command::Score(score) => score::run(*score),
         Command::Paper(command) => paper::run(&command),
         Command::Import(import) => import::run(import),

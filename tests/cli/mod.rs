@@ -1,6 +1,7 @@
 //! Command-line interface: arguments, output, messages and exit codes.
 
 mod calibrate;
+mod demo;
 mod help;
 mod keys;
 mod observers;
