@@ -15,7 +15,7 @@ use core::fmt;
 
 use nalgebra::{Rotation3, UnitQuaternion};
 
-use crate::{Matrix3, Quaternion, Vector3, angles::Angles, state::Attitude};
+use crate::{Matrix3, Quaternion, Vector3, angles::Angles, frames::Body, state::Attitude};
 
 /// Maximum deviation of an element of M Mᵀ from the identity, with M the matrix of a mounting. The
 /// limit admits rotations given to three decimals.
@@ -122,6 +122,12 @@ impl Mounting {
         let axes = directions.and_then(|(x, y)| Some((direction(x)?, direction(y)?)));
         let (x, y) = axes.filter(|(x, y)| x.dot(y) == 0.0).ok_or(CalibrationError::UnknownName)?;
         Ok(Self { matrix: Matrix3::from_columns(&[x, y, x.cross(&y)]) })
+    }
+
+    /// Creates the mounting of a sensor whose axes have the directions of `axes`.
+    pub fn from_axes(axes: Body) -> Self {
+        let column = |axis: Vector3<f64>| axes.to_native(axis.into()).into();
+        Self { matrix: Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(column)) }
     }
 
     /// Creates a mounting from the attitude of the sensor in the body.

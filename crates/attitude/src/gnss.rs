@@ -1,6 +1,6 @@
 //! Fixes of a satellite receiver.
 
-use crate::{Vector3, scalars::scalars};
+use crate::{Vector3, scalars::scalars, state_words::StateWords};
 
 /// Largest plausible component of a vehicle's velocity over ground, m/s.
 pub const MAX_SPEED_M_S: f64 = 3000.0;
@@ -16,6 +16,23 @@ pub struct Fix {
     pub age_s: Option<f64>,
     /// Geodetic latitude, rad, north positive, if known.
     pub latitude_rad: Option<f64>,
+}
+
+/// Fix of a satellite receiver, with longitude and altitude.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ReceiverFix {
+    /// Part of the fix that stages use.
+    pub fix: Fix,
+    /// Longitude, rad, east positive, if known.
+    pub longitude_rad: Option<f64>,
+    /// Altitude as reported by the receiver, m, if known.
+    pub altitude_m: Option<f64>,
+}
+
+impl From<Fix> for ReceiverFix {
+    fn from(fix: Fix) -> Self {
+        Self { fix, longitude_rad: None, altitude_m: None }
+    }
 }
 
 impl Fix {
@@ -39,3 +56,19 @@ impl Fix {
 }
 
 scalars!(Fix: velocity_m_s, sd_m_s, age_s, latitude_rad);
+
+impl StateWords for Fix {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { velocity_m_s, sd_m_s, age_s, latitude_rad } = self;
+        velocity_m_s.visit(visit);
+        [sd_m_s, age_s, latitude_rad].into_iter().for_each(|number| number.visit(visit));
+    }
+}
+
+impl StateWords for ReceiverFix {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { fix, longitude_rad, altitude_m } = self;
+        fix.visit(visit);
+        [longitude_rad, altitude_m].into_iter().for_each(|number| number.visit(visit));
+    }
+}

@@ -30,7 +30,10 @@
 //! | [`stage`] | contract of a stage and its snapshot |
 //! | [`resetting`] | reset of a stage after an invalid output |
 //! | [`scalars`] | traversal of the numbers that make up a value |
+//! | [`state_words`] | state as 64-bit words |
 //! | [`parameters`] | adjustable parameters of a stage |
+//! | [`conditioner`] | checked samples from readings |
+//! | [`flags`] | faults and events of a tick |
 //! | [`calibration`] | sensor calibration and mounting |
 //! | [`gnss`] | satellite fixes |
 //! | [`magnetometer`] | new samples of a magnetometer that repeats them |
@@ -43,7 +46,9 @@
 pub mod accel;
 pub mod angles;
 pub mod calibration;
+pub mod conditioner;
 pub mod course;
+pub mod flags;
 pub mod frames;
 pub mod fuser;
 pub mod gnss;
@@ -58,6 +63,7 @@ pub mod rotation;
 pub mod scalars;
 pub mod stage;
 pub mod state;
+pub mod state_words;
 
 pub use nalgebra::{Complex, Matrix3, Quaternion, Vector3};
 

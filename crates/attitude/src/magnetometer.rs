@@ -8,7 +8,7 @@
 //! until the next one arrives. A fuser would take every repetition for a measurement at its own
 //! tick.
 
-use crate::Vector3;
+use crate::{Vector3, state_words::StateWords};
 
 /// Filter that removes repeated magnetometer samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -20,6 +20,12 @@ impl RepeatFilter {
     /// Returns the field, µT, or `None` if it is missing or equal to the previous one.
     pub fn new_sample(&mut self, field_ut: Option<Vector3<f64>>) -> Option<Vector3<f64>> {
         field_ut.filter(|field_ut| self.previous_ut.replace(*field_ut) != Some(*field_ut))
+    }
+}
+
+impl StateWords for RepeatFilter {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.previous_ut.visit(visit);
     }
 }
 

@@ -12,7 +12,7 @@ use core::fmt;
 use crate::stage::{Snapshot, Stage, Validate};
 
 /// Stage that is reset to its initial state if it returns an invalid output.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ResettingStage<S> {
     /// The wrapped stage.
     pub stage: S,

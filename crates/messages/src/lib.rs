@@ -12,7 +12,6 @@
 #![forbid(unsafe_code)]
 
 mod binding;
-mod flags;
 mod layout;
 mod payloads;
 
@@ -21,7 +20,7 @@ pub use graph;
 
 use graph::{Entry, Topic};
 
-pub use flags::Flags;
+pub use attitude::flags::Flags;
 pub use layout::{Field, Layout};
 pub use payloads::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,

@@ -12,13 +12,11 @@
 //! | --- | --- |
 //! | [`source`] | simulations and recordings as sources of readings |
 //! | [`mod@conditioner`] | conversion of readings to samples |
-//! | `channel` | checks of one sensor |
 //! | `fault_injection` | faults that the launch file injects |
 //! | `raw_readings` | readings as messages, for the replay of a flight |
 //! | [`flight_replay`] | samples of a flight from its recorded readings |
 #![forbid(unsafe_code)]
 
-mod channel;
 pub mod conditioner;
 mod fault_injection;
 pub mod flight_replay;

@@ -2,10 +2,10 @@
 //!
 //! Missing values of a message are NaN.
 
-use attitude::gnss::Fix;
+use attitude::gnss::{Fix, ReceiverFix};
 use messages::TakenReading;
 
-use crate::source::{Reading, ReceiverFix, Truth};
+use crate::source::{Reading, Truth};
 
 impl From<&Reading> for TakenReading {
     fn from(reading: &Reading) -> Self {

@@ -2,7 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use attitude::{calibration::CalibrationError, gnss::Fix};
+use attitude::{
+    calibration::CalibrationError,
+    conditioner,
+    gnss::{Fix, ReceiverFix},
+};
 use launch::{Gnss, Launch, Replay, Source};
 use messages::{ReceiverReading, SensorReading};
 use recording::{
@@ -30,49 +34,18 @@ pub struct Reading {
     pub reference: Option<Truth>,
 }
 
-/// Fix of a satellite receiver, with longitude and altitude.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReceiverFix {
-    /// Part of the fix that stages use.
-    pub fix: Fix,
-    /// Longitude, rad, east positive, if known.
-    pub longitude_rad: Option<f64>,
-    /// Altitude as reported by the receiver, m, if known.
-    pub altitude_m: Option<f64>,
-}
-
-impl From<Fix> for ReceiverFix {
-    fn from(fix: Fix) -> Self {
-        Self { fix, longitude_rad: None, altitude_m: None }
-    }
-}
-
 impl Reading {
-    /// Returns the reading with each −0 replaced by 0.
-    ///
-    /// This is necessary because protobuf omits the sign of zero, and a flight replay must process
-    /// the same bits.
+    /// Returns the values of the sensors, without the true attitude.
+    pub fn sensors(&self) -> conditioner::Reading {
+        let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference: _ } = *self;
+        conditioner::Reading { t_ns, rate_rad_s, force_m_s2, field_ut, fix }
+    }
+
+    /// Returns the reading with each −0 of the sensors replaced by 0.
     pub fn without_negative_zero(&self) -> Self {
-        let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference } = *self;
-        let vector = |values: [f64; 3]| values.map(|value| value + 0.0);
-        let optional = |value: Option<f64>| value.map(|value| value + 0.0);
-        Self {
-            t_ns,
-            rate_rad_s: vector(rate_rad_s),
-            force_m_s2: vector(force_m_s2),
-            field_ut: field_ut.map(vector),
-            fix: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| ReceiverFix {
-                fix: Fix {
-                    velocity_m_s: vector(fix.velocity_m_s.into()).into(),
-                    sd_m_s: optional(fix.sd_m_s),
-                    age_s: optional(fix.age_s),
-                    latitude_rad: optional(fix.latitude_rad),
-                },
-                longitude_rad: optional(longitude_rad),
-                altitude_m: optional(altitude_m),
-            }),
-            reference,
-        }
+        let conditioner::Reading { t_ns, rate_rad_s, force_m_s2, field_ut, fix } =
+            self.sensors().without_negative_zero();
+        Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference: self.reference }
     }
 }
 

@@ -6,10 +6,13 @@
 //! - Failure: checkpoints are not trusted. If one is invalid, the slot is left unchanged and the
 //!   cause is returned.
 
-use attitude::stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage};
+use attitude::{
+    stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage},
+    state_words::StateWords,
+};
 use messages::{CHECKPOINT_WORDS, Checkpoint};
 
-use crate::{slot::SlotProcessor, state_words::StateWords};
+use crate::slot::SlotProcessor;
 
 /// Part of the state that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

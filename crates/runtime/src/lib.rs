@@ -9,7 +9,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`slot`] | processing in a slot, independent of clock and bus |
-//! | [`state_words`], [`checkpoint`] | state of a slot, and resuming from it in another process |
+//! | [`checkpoint`] | state of a slot, and resuming from it in another process |
 //! | [`join`] | join of several inputs by tick |
 //! | [`prior`] | estimates of sensor errors from an earlier run |
 //! | [`convert`] | conversion between payloads and mathematical types |
@@ -46,7 +46,6 @@ pub mod shadow;
 pub mod slot;
 pub mod slot_service;
 pub mod stage;
-pub mod state_words;
 pub mod stderr_tail;
 
 pub use error::RuntimeError;

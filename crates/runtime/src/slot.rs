@@ -3,12 +3,13 @@
 use attitude::{
     resetting::ResettingStage,
     stage::{Stage, Validate},
+    state_words::StateWords,
 };
 use launch::Slot;
 use messages::{Header, Ticked};
 use swap::Sequence;
 
-use crate::{comparable::Comparable, state_words::StateWords};
+use crate::comparable::Comparable;
 
 /// Processing in a slot. Outputs depend only on the messages that were offered.
 pub trait SlotProcessor {

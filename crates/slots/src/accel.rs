@@ -6,10 +6,7 @@
 //!
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 
-use attitude::{
-    accel::{Accelerometer, MIN_FORCE_M_S2},
-    resetting::ResettingStage,
-};
+use attitude::{accel::Accelerometer, resetting::ResettingStage};
 use host::AnyStage;
 use launch::Slot;
 use messages::{AccelPoint, Flags, Header, ImuSample};
@@ -44,8 +41,7 @@ impl TickProcessor for AccelProcessor {
 
     fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
         let (inclination, was_reset) = self.stage.step(&input.force_m_s2.into())?;
-        header.flags |= Flags::RESET.when(was_reset);
-        header.flags |= Flags::FORCE_SMALL.when(inclination.norm_m_s2 < MIN_FORCE_M_S2);
+        header.flags |= Flags::RESET.when(was_reset) | inclination.flags();
         Some(AccelPoint {
             header,
             w: complex_to_payload(inclination.up.w),

@@ -8,19 +8,18 @@
 //! - Failure: if a fused state is invalid, the previous attitude is published again with a flag.
 
 use attitude::{
-    Vector3,
-    course::{Course, CourseInput},
+    course::{
+        Course, SupervisedCourse,
+        supervised::{CourseTick, SupervisedCourseState, SupervisedReading},
+    },
     gnss::Fix,
-    resetting::ResettingStage,
-    rotation::Rotation,
-    state::Attitude,
+    state_words::StateWords,
 };
 use host::AnyStage;
 use launch::Slot;
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
     Join, Joined, RuntimeError, Sequence, ServiceConfig, SlotProcessor, convert, join::MAX_QUEUED, join_inputs, stage,
-    state_words::StateWords,
 };
 
 use crate::true_north::TrueNorth;
@@ -55,14 +54,9 @@ join_inputs! {
 #[derive(Debug)]
 pub struct CourseSlot {
     join: Join<Inputs>,
-    stage: ResettingStage<AnyStage<Course>>,
-    attitude: Attitude,
-    /// Number of resets of the fuser, followed by the number of resets of the course.
-    reset_counts: [u64; 2],
-    jump: [f64; 4],
+    course: SupervisedCourse<AnyStage<Course>>,
     /// Epoch of the fuser's last output.
     epoch: u32,
-    swap_count: u64,
     north: TrueNorth,
 }
 
@@ -75,12 +69,8 @@ pub struct CourseSlot {
 pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     Ok(CourseSlot {
         join: Join::new(Inputs::default(), config.lateness_ticks()),
-        stage: ResettingStage::new(stage::build_stage(Slot::Course, &config.launch, Course::from_name)?),
-        attitude: Attitude::default(),
-        reset_counts: [0; 2],
-        jump: [1.0, 0.0, 0.0, 0.0],
+        course: SupervisedCourse::new(stage::build_stage(Slot::Course, &config.launch, Course::from_name)?),
         epoch: runtime::service_config::FIRST_EPOCH,
-        swap_count: 0,
         north: TrueNorth::new(&config.launch.north)
             .map_err(|cause| RuntimeError::StageFailed { slot: Slot::Course, cause })?,
     })
@@ -121,30 +111,30 @@ impl SlotProcessor for CourseSlot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.stage.failure().map(|failure| failure.to_string())
+        self.course.resetting.failure().map(|failure| failure.to_string())
     }
 
     fn stage(&self) -> &AnyStage<Course> {
-        &self.stage.stage
+        &self.course.resetting.stage
     }
 
     fn stage_mut(&mut self) -> &mut AnyStage<Course> {
-        &mut self.stage.stage
+        &mut self.course.resetting.stage
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.join.sequence_mut().visit(visit);
-        self.attitude.visit(visit);
-        self.reset_counts.visit(visit);
-        self.jump.visit(visit);
+        let SupervisedCourseState { attitude, reset_counts, jump, swap_count } = self.course.state_mut();
+        attitude.visit(visit);
+        reset_counts.visit(visit);
+        jump.visit(visit);
         self.epoch.visit(visit);
-        self.swap_count.visit(visit);
+        swap_count.visit(visit);
         self.north.visit(visit);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        let is_finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
-        (!is_finite).then_some("a number that is not finite").or(self.north.validation_error())
+        self.course.state().validation_error().or(self.north.validation_error())
     }
 
     fn expect_backlog(&mut self, tick: u64) {
@@ -154,34 +144,24 @@ impl SlotProcessor for CourseSlot {
 
 impl CourseSlot {
     fn compute(&mut self, input: &FusedState, mut header: Header, fix: Option<Fix>) -> Option<AttitudeOutput> {
-        let received = convert::attitude(input);
-        header.flags |= Flags::RESET.when(received.is_none());
-        let attitude = received.unwrap_or(self.attitude);
+        let attitude = convert::attitude(input);
+        header.flags |= Flags::RESET.when(attitude.is_none());
         let is_swapped = header.flags.any(Flags::SWAPPED) && header.epoch != self.epoch;
-        let is_reset = input.reset_counter != self.reset_counts[0] || is_swapped;
         self.epoch = header.epoch;
-        if is_reset {
-            let rotation_rad = Vector3::from(input.rate_rad_s) * header.dt_s();
-            let expected = self.attitude.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
-            let jump = Rotation::between(expected, attitude).quaternion();
-            self.jump = [jump.w, jump.i, jump.j, jump.k];
-            self.reset_counts[0] = input.reset_counter;
-            self.swap_count += u64::from(is_swapped);
-        }
-        self.attitude = attitude;
-        let (reading, is_stage_reset) = self.stage.step(&CourseInput {
+        let tick = CourseTick {
             attitude,
+            rate_rad_s: input.rate_rad_s,
             reference: convert::course_reference_from_payload(input.course_reference),
             heading_sd_rad: input.heading_sd_rad,
+            reset_counter: input.reset_counter,
+            is_swapped,
             fix,
             dt_s: header.dt_s(),
-        })?;
-        let reading = self.north.apply(reading);
-        // If the attitude and the course are reset at the same tick, only one reset is counted.
-        self.reset_counts[1] += u64::from(reading.aligned && !is_reset);
-        header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal)
-            | Flags::ALIGNED.when(reading.aligned)
-            | Flags::RESET.when(is_stage_reset);
+        };
+        let Self { course, north, .. } = self;
+        let SupervisedReading { reading, is_reset, reset_counter, jump } =
+            course.step(&tick, |reading| north.apply(reading))?;
+        header.flags |= reading.flags() | Flags::RESET.when(is_reset);
         let q = reading.quaternion;
         Some(AttitudeOutput {
             header,
@@ -195,8 +175,8 @@ impl CourseSlot {
             declination_rad: reading.declination_rad,
             rate_rad_s: input.rate_rad_s,
             inclination_sd_rad: input.inclination_sd_rad,
-            reset_counter: self.reset_counts.iter().sum::<u64>() + self.swap_count,
-            jump: self.jump,
+            reset_counter,
+            jump,
         })
     }
 }

@@ -11,18 +11,18 @@ use attitude::{
     accel::Inclination,
     fuser::{
         Fuser, FuserStage, SupervisedFuser,
-        supervised::{ForceFaults, RateFaults, SensorTick, SupervisedFused},
+        supervised::{SensorTick, SupervisedFused},
     },
+    state_words::StateWords,
 };
 use host::AnyStage;
 use launch::{Service, Slot};
-use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
+use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, MagSample, Ticked};
 use runtime::{
     Join, Joined, RuntimeError, Sequence, ServiceConfig, SlotProcessor,
     convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
     join::MAX_QUEUED,
     join_inputs, stage,
-    state_words::StateWords,
 };
 
 /// Message received on one of the slot's inputs.
@@ -181,19 +181,16 @@ impl FuserSlot {
             inclination: accel.as_ref().and_then(inclination),
             field_ut: mag.as_ref().and_then(convert::field_ut),
             fix: gnss.as_ref().and_then(convert::fix),
-            ..sensor_tick(&header)
+            ..SensorTick::from_flags(header.t_start_ns, header.t_end_ns, header.flags)
         };
         let is_aiding_missing = header.flags.any(Flags::FIELD) && tick.field_ut.is_none()
             || header.flags.any(Flags::FIX) && tick.fix.is_none();
-        let SupervisedFused { fused, is_aligned, is_reset, reset_counter } = self.fuser.step(&tick)?;
+        let output = self.fuser.step(&tick)?;
         header.flags |= Flags::GYRO_MISSING.when(tick.motion.is_none())
             | Flags::ACCEL_MISSING.when(accel.is_none())
             | Flags::AIDING_MISSING.when(is_aiding_missing)
-            | Flags::RESET.when(is_reset)
-            | Flags::ALIGNED.when(fused.corrections.aligned)
-            | Flags::UNALIGNED.when(!is_aligned)
-            | Flags::AT_REST.when(fused.corrections.rest)
-            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
+            | output.flags();
+        let SupervisedFused { fused, reset_counter, .. } = output;
         Some(FusedState {
             header,
             w: complex_to_payload(fused.attitude.up.w),
@@ -207,28 +204,6 @@ impl FuserSlot {
             course_reference: course_reference_to_payload(fused.reference),
             reset_counter,
         })
-    }
-}
-
-/// Returns the interval and the faults of a tick, without its sensor values.
-fn sensor_tick(header: &Header) -> SensorTick {
-    let any = |flags: Flags| header.flags.any(flags);
-    SensorTick {
-        t_start_ns: header.t_start_ns,
-        t_end_ns: header.t_end_ns,
-        is_after_gap: any(Flags::GAP | Flags::LOST_BEFORE),
-        is_sensor_stage_reset: any(Flags::RESET),
-        rate_faults: RateFaults {
-            is_invalid: any(Flags::RATE_INVALID),
-            is_clipped: any(Flags::RATE_CLIPPED),
-            is_stuck: any(Flags::RATE_STUCK),
-        },
-        force_faults: ForceFaults {
-            is_invalid: any(Flags::FORCE_INVALID),
-            is_small: any(Flags::FORCE_SMALL),
-            is_stuck: any(Flags::FORCE_STUCK),
-        },
-        ..SensorTick::default()
     }
 }
 

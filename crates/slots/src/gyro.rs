@@ -6,16 +6,12 @@
 //!
 //! Time: the timestamps of the samples.
 //!
-//! Failure: missing ticks are bridged with the mean of the adjacent rates, up to
-//! [`MAX_BRIDGED_GAP_S`]. Over a longer gap the attitude is held.
+//! Failure: see [`attitude::gyro::supervised`].
 
 use attitude::{
-    Vector3,
-    accel::MIN_FORCE_M_S2,
-    gyro::{Gyro, GyroStage, MAX_BRIDGED_GAP_S, RateKind, RateSample},
-    point::Point,
+    gyro::{Gyro, SupervisedGyro, supervised::GyroTick},
     resetting::ResettingStage,
-    state::Attitude,
+    state_words::StateWords,
 };
 use host::AnyStage;
 use launch::Slot;
@@ -24,15 +20,12 @@ use runtime::{
     RuntimeError, ServiceConfig, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
     stage,
-    state_words::StateWords,
 };
 
 /// Message processor of the slot `gyro`.
 #[derive(Debug)]
 pub struct GyroProcessor {
-    stage: ResettingStage<AnyStage<Gyro>>,
-    is_aligned: bool,
-    t_end_ns: Option<i64>,
+    gyro: SupervisedGyro<AnyStage<Gyro>>,
 }
 
 /// Creates the slot with the stage that `config` names.
@@ -41,21 +34,8 @@ pub struct GyroProcessor {
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
-    Ok(SingleInputSlot::new(GyroProcessor { stage, is_aligned: false, t_end_ns: None }))
-}
-
-impl GyroProcessor {
-    /// Aligns the open-loop attitude with the first force that has a direction.
-    fn align_level(&mut self, input: &ImuSample) -> Option<Attitude> {
-        let force_m_s2 = Vector3::from(input.force_m_s2);
-        let usable = !input.header.flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL);
-        let up = Point::from_direction(force_m_s2).filter(|_| usable && force_m_s2.norm() >= MIN_FORCE_M_S2)?;
-        let level = Attitude::from_up(up);
-        self.stage.stage.align(level);
-        self.is_aligned = true;
-        Some(level)
-    }
+    let gyro = SupervisedGyro::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
+    Ok(SingleInputSlot::new(GyroProcessor { gyro }))
 }
 
 impl TickProcessor for GyroProcessor {
@@ -66,16 +46,10 @@ impl TickProcessor for GyroProcessor {
     type Stage = AnyStage<Gyro>;
 
     fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<GyroStep> {
-        let previous_ns = self.t_end_ns.replace(header.t_end_ns).unwrap_or(header.t_start_ns);
-        let dt_s = (header.t_end_ns - previous_ns) as f64 * 1e-9;
-        let kind = if header.flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
-        let dt_s = if dt_s <= MAX_BRIDGED_GAP_S { dt_s } else { 0.0 };
-        let (mut motion, was_reset) =
-            self.stage.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind })?;
+        let Header { t_start_ns, t_end_ns, flags, .. } = header;
+        let ImuSample { rate_rad_s, force_m_s2, .. } = *input;
+        let (motion, was_reset) = self.gyro.step(&GyroTick { t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2 })?;
         header.flags |= Flags::RESET.when(was_reset);
-        if !self.is_aligned {
-            motion.attitude = self.align_level(input).unwrap_or(motion.attitude);
-        }
         Some(GyroStep {
             header,
             w: complex_to_payload(motion.attitude.up.w),
@@ -88,16 +62,15 @@ impl TickProcessor for GyroProcessor {
     }
 
     fn resetting_stage(&self) -> &ResettingStage<AnyStage<Gyro>> {
-        &self.stage
+        &self.gyro.resetting
     }
 
     fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Gyro>> {
-        &mut self.stage
+        &mut self.gyro.resetting
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        self.is_aligned.visit(visit);
-        self.t_end_ns.visit(visit);
+        self.gyro.state_mut().visit(visit);
     }
 }
 

@@ -7,10 +7,12 @@
 
 use std::f64::consts::{PI, TAU};
 
-use attitude::course::{CourseReading, CourseReference};
+use attitude::{
+    course::{CourseReading, CourseReference},
+    state_words::StateWords,
+};
 use launch::{Date, MODEL_YEARS, NorthReference, Position};
 use messages::GnssFix;
-use runtime::state_words::StateWords;
 use world_magnetic_model::{
     GeomagneticField, time,
     uom::si::{

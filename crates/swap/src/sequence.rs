@@ -1,5 +1,6 @@
 //! Position and counters of a stream of ticks.
 
+use attitude::state_words::StateWords;
 use messages::{Flags, Header};
 
 /// Position and counters of a stream of ticks.
@@ -55,5 +56,13 @@ impl Sequence {
     pub fn mark_header(&self, header: Header, missing: u64) -> Header {
         let flags = header.flags | Flags::LOST_BEFORE.when(missing > 0);
         Header { lost_upstream: self.lost, flags, ..header }
+    }
+}
+impl StateWords for Sequence {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        // The publisher is left out. A resumed service reads its inputs again from their oldest
+        // message, and repetitions by the last publisher must not count as duplicates.
+        let Self { next_tick, ticks, lost, duplicated, repeated, publisher: _ } = self;
+        [next_tick, ticks, lost, duplicated, repeated].into_iter().for_each(visit);
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::{
     GRAVITY_M_S2, Vector3,
+    flags::Flags,
     point::Point,
     scalars::scalars,
     stage::{Validate, attitude_validation_error},
@@ -28,6 +29,13 @@ pub struct Inclination {
     /// It is 0 if `up` was not computed from this force. It rates a single instant only. To
     /// suppress forces due to motion, averaging works better than rejecting samples with low trust.
     pub trust: f64,
+}
+
+impl Inclination {
+    /// Returns [`Flags::FORCE_SMALL`] if the force is too small to have a direction.
+    pub fn flags(&self) -> Flags {
+        Flags::FORCE_SMALL.when(self.norm_m_s2 < MIN_FORCE_M_S2)
+    }
 }
 
 impl Validate for Inclination {

@@ -37,6 +37,7 @@ mod continuity;
 mod input;
 mod reading;
 mod reference;
+pub mod supervised;
 mod track;
 
 pub use angles::{AnglesCourse, AnglesSettings};
@@ -44,6 +45,7 @@ pub(crate) use continuity::GIMBAL_RAD;
 pub use input::CourseInput;
 pub use reading::{CourseEstimate, CourseReading, LastReading};
 pub use reference::CourseReference;
+pub use supervised::SupervisedCourse;
 pub use track::{TrackCourse, TrackSettings};
 
 use crate::{
@@ -58,6 +60,13 @@ pub enum Course {
     Angles(AnglesCourse),
     /// `track`
     Track(TrackCourse),
+}
+
+impl Default for Course {
+    /// Returns the stage `angles`.
+    fn default() -> Self {
+        Self::Angles(AnglesCourse::default())
+    }
 }
 
 impl Course {

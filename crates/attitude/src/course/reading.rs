@@ -6,6 +6,7 @@ use super::reference::CourseReference;
 use crate::{
     Quaternion,
     angles::Angles,
+    flags::Flags,
     scalars::scalars,
     stage::{RestoreError, UNIT_NORM_SQUARED_TOLERANCE, Validate},
 };
@@ -30,6 +31,13 @@ pub struct CourseReading {
     pub near_gimbal: bool,
     /// Set if the course was realigned, so that it jumps without a rotation of the body.
     pub aligned: bool,
+}
+
+impl CourseReading {
+    /// Returns the flags of the reading.
+    pub fn flags(&self) -> Flags {
+        Flags::NEAR_GIMBAL.when(self.near_gimbal) | Flags::ALIGNED.when(self.aligned)
+    }
 }
 
 impl Validate for CourseReading {

@@ -168,6 +168,19 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     }
 }
 
+/// Implements [`FuserStage`] with the method of the stage that has the same name.
+macro_rules! fuser_stages {
+    ($($Stage:ident)+) => {
+        $(impl FuserStage for $Stage {
+            fn realign(&mut self) {
+                $Stage::realign(self);
+            }
+        })+
+    };
+}
+
+fuser_stages! { MultipleModel Wz WzClosed WzOpen Madgwick Levelling LevellingUnified LevellingPi Aided Vqf }
+
 impl FuserStage for Fuser {
     fn realign(&mut self) {
         each!(self, stage => stage.realign());

@@ -18,6 +18,7 @@ use super::{Fused, FuserInput, FuserStage, innovation_rad};
 use crate::{
     Vector3,
     accel::Inclination,
+    flags::Flags,
     gnss::Fix,
     gyro::{MAX_BRIDGED_GAP_S, Motion},
     resetting::{ResettingStage, StageFailure},
@@ -60,6 +61,29 @@ pub struct SensorTick {
     pub fix: Option<Fix>,
 }
 
+impl SensorTick {
+    /// Returns the interval and the faults of a tick, without its sensor values.
+    pub fn from_flags(t_start_ns: i64, t_end_ns: i64, flags: Flags) -> Self {
+        Self {
+            t_start_ns,
+            t_end_ns,
+            is_after_gap: flags.any(Flags::GAP | Flags::LOST_BEFORE),
+            is_sensor_stage_reset: flags.any(Flags::RESET),
+            rate_faults: RateFaults {
+                is_invalid: flags.any(Flags::RATE_INVALID),
+                is_clipped: flags.any(Flags::RATE_CLIPPED),
+                is_stuck: flags.any(Flags::RATE_STUCK),
+            },
+            force_faults: ForceFaults {
+                is_invalid: flags.any(Flags::FORCE_INVALID),
+                is_small: flags.any(Flags::FORCE_SMALL),
+                is_stuck: flags.any(Flags::FORCE_STUCK),
+            },
+            ..Self::default()
+        }
+    }
+}
+
 /// Faults of a rate sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RateFaults {
@@ -95,8 +119,20 @@ pub struct SupervisedFused {
     pub reset_counter: u64,
 }
 
+impl SupervisedFused {
+    /// Returns the flags of the output.
+    pub fn flags(&self) -> Flags {
+        let Self { fused, is_aligned, is_reset, .. } = self;
+        Flags::RESET.when(*is_reset)
+            | Flags::ALIGNED.when(fused.corrections.aligned)
+            | Flags::UNALIGNED.when(!is_aligned)
+            | Flags::AT_REST.when(fused.corrections.rest)
+            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed)
+    }
+}
+
 /// Fuser stage with the supervision of its inputs and outputs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SupervisedFuser<S> {
     resetting: ResettingStage<S>,
     state: SupervisedState,

@@ -11,8 +11,10 @@
 
 mod coning;
 mod motion;
+pub mod supervised;
 
 pub use motion::{Motion, RateKind, RateSample};
+pub use supervised::SupervisedGyro;
 
 use crate::{
     Vector3, kinematics,
@@ -57,6 +59,19 @@ pub struct Gyro {
     coning: Coning,
 }
 
+impl Default for Gyro {
+    /// Returns the stage `mobius`.
+    fn default() -> Self {
+        Self {
+            method: Method::Mobius,
+            attitude: Attitude::default(),
+            previous_rate_rad_s: Vector3::zeros(),
+            started: false,
+            coning: Coning::default(),
+        }
+    }
+}
+
 impl Gyro {
     /// Names of the stages; the first is the default.
     pub const NAMES: [&'static str; 4] = ["mobius", "mobius-coning", "rk4", "euler"];
@@ -70,13 +85,7 @@ impl Gyro {
             "euler" => Method::Euler,
             _ => return None,
         };
-        Some(Self {
-            method,
-            attitude: Attitude::default(),
-            previous_rate_rad_s: Vector3::zeros(),
-            started: false,
-            coning: Coning::default(),
-        })
+        Some(Self { method, ..Self::default() })
     }
 
     /// Returns the open-loop attitude.

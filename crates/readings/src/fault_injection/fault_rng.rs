@@ -1,8 +1,11 @@
 //! Random numbers for the fault injector.
 
-use attitude::{Vector3, gnss::Fix};
+use attitude::{
+    Vector3,
+    gnss::{Fix, ReceiverFix},
+};
 
-use crate::source::{Reading, ReceiverFix};
+use crate::source::Reading;
 
 /// Random number generator with the same sequence on every machine: splitmix64.
 #[derive(Debug, Clone)]

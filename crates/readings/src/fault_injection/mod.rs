@@ -23,10 +23,10 @@
 mod delay_line;
 mod fault_rng;
 
-use attitude::gnss::Fix;
+use attitude::gnss::{Fix, ReceiverFix};
 use launch::{Fault, FaultKind, Sensor};
 
-use crate::source::{Reading, ReceiverFix};
+use crate::source::Reading;
 use {delay_line::DelayLine, fault_rng::FaultRng};
 
 /// Longest step between timestamps that counts as elapsed time, ns. A longer step is a leap of the

@@ -1,10 +1,13 @@
 //! Tests the effect of injected faults on the samples of the conditioner.
-use attitude::{Vector3, gnss::Fix};
+use attitude::{
+    Vector3,
+    gnss::{Fix, ReceiverFix},
+};
 use launch::{Fault, FaultKind, GyroSamples, Launch, Sensor};
 use messages::Flags;
 use readings::{
     conditioner::{Conditioner, Sample},
-    source::{Reading, ReceiverFix},
+    source::Reading,
 };
 
 const RATE_HZ: f64 = 100.0;

@@ -3,7 +3,8 @@
 use core::{fmt, ops};
 
 /// Set of flags of a tick, passed on from ingest to the last service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "bytemuck", derive(bytemuck::Pod, bytemuck::Zeroable))]
 #[repr(transparent)]
 pub struct Flags(pub u64);
 

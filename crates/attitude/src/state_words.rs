@@ -3,15 +3,13 @@
 //! - Input, output: plain values.
 //! - Failure: conversion never fails. The slot validates restored values.
 
-use attitude::{
+use crate::{
     Quaternion, Vector3,
     course::{CourseEstimate, CourseReference, LastReading},
     fuser::{Estimate, supervised::SupervisedState},
     point::{Chart, Point},
     state::Attitude,
 };
-
-use swap::Sequence;
 
 /// Value with a state that can be read and replaced word by word.
 pub trait StateWords {
@@ -77,15 +75,6 @@ impl<A: StateWords, B: StateWords> StateWords for (A, B) {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.0.visit(visit);
         self.1.visit(visit);
-    }
-}
-
-impl StateWords for Sequence {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The publisher is left out. A resumed service reads its inputs again from their oldest
-        // message, and repetitions by the last publisher must not count as duplicates.
-        let Self { next_tick, ticks, lost, duplicated, repeated, publisher: _ } = self;
-        [next_tick, ticks, lost, duplicated, repeated].into_iter().for_each(visit);
     }
 }
 

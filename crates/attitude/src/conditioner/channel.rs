@@ -7,14 +7,13 @@
 //! Time: the duration of constant or invalid values is the sum of the intervals that the caller
 //! passes.
 
-use attitude::{
+use crate::{
     calibration::Calibration,
-    gnss::{Fix, MAX_SPEED_M_S},
+    flags::Flags,
+    gnss::{Fix, MAX_SPEED_M_S, ReceiverFix},
     magnetometer::RepeatFilter,
+    state_words::StateWords,
 };
-use messages::Flags;
-
-use crate::source::ReceiverFix;
 
 /// Multiple of the measuring range beyond which a value is invalid rather than clipped.
 const SANITY_FACTOR: f64 = 10.0;
@@ -22,7 +21,7 @@ const SANITY_FACTOR: f64 = 10.0;
 const MAX_ALTITUDE_M: f64 = 1e6;
 
 /// Returns the fix without implausible values, or `None` with a flag if its velocity is invalid.
-pub(crate) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
+pub(super) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
     let Some(ReceiverFix { fix, longitude_rad, altitude_m }) = fix else { return (None, Flags::NONE) };
     // The comparison also rejects NaN.
     if !fix.velocity_m_s.iter().all(|x| x.abs() < MAX_SPEED_M_S) {
@@ -33,22 +32,27 @@ pub(crate) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags
         velocity_m_s: fix.velocity_m_s,
         sd_m_s: plausible(fix.sd_m_s, MAX_SPEED_M_S).filter(|sd| *sd > 0.0),
         age_s: plausible(fix.age_s, 10.0).filter(|age| *age >= 0.0),
-        latitude_rad: plausible(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
+        latitude_rad: plausible(fix.latitude_rad, core::f64::consts::FRAC_PI_2),
     };
-    let longitude_rad = plausible(longitude_rad, std::f64::consts::PI);
+    let longitude_rad = plausible(longitude_rad, core::f64::consts::PI);
     (Some(ReceiverFix { fix, longitude_rad, altitude_m: plausible(altitude_m, MAX_ALTITUDE_M) }), Flags::FIX)
 }
 
 /// Magnetometer channel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct FieldChannel {
-    pub(crate) limit_ut: f64,
-    pub(crate) repeat_filter: RepeatFilter,
+pub(super) struct FieldChannel {
+    limit_ut: f64,
+    repeat_filter: RepeatFilter,
 }
 
 impl FieldChannel {
+    /// Creates a channel that rejects components of `limit_ut` and above.
+    pub(super) fn new(limit_ut: f64) -> Self {
+        Self { limit_ut, repeat_filter: RepeatFilter::default() }
+    }
+
     /// Returns the field, in the units of the sensor, if it is a new valid sample, with its flags.
-    pub(crate) fn check(&mut self, field_ut: Option<[f64; 3]>, calibration: &Calibration) -> (Option<[f64; 3]>, Flags) {
+    pub(super) fn check(&mut self, field_ut: Option<[f64; 3]>, calibration: &Calibration) -> (Option<[f64; 3]>, Flags) {
         let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
         if !in_range_units(field_ut, calibration).iter().all(|x| x.abs() < self.limit_ut) {
             return (None, Flags::FIELD_INVALID);
@@ -59,7 +63,7 @@ impl FieldChannel {
 }
 
 /// Factors of a calibration that leave the unit unchanged.
-const SAME_UNIT_FACTORS: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+const SAME_UNIT_FACTORS: core::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// Returns a value in the units of the sensor's range.
 ///
@@ -73,21 +77,21 @@ fn in_range_units(value: [f64; 3], calibration: &Calibration) -> [f64; 3] {
 
 /// Channel of one vector: rate or force.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct VectorChannel {
-    pub(crate) limit: f64,
-    pub(crate) invalid: Flags,
-    pub(crate) clipped: Flags,
-    pub(crate) stuck: Flags,
-    pub(crate) stuck_ns: i64,
-    pub(crate) last_valid: [f64; 3],
-    pub(crate) repeated_ns: i64,
-    pub(crate) invalid_ns: i64,
+pub(super) struct VectorChannel {
+    pub(super) limit: f64,
+    pub(super) invalid: Flags,
+    pub(super) clipped: Flags,
+    pub(super) stuck: Flags,
+    pub(super) stuck_ns: i64,
+    pub(super) last_valid: [f64; 3],
+    pub(super) repeated_ns: i64,
+    pub(super) invalid_ns: i64,
 }
 
 impl VectorChannel {
     /// Returns the value to use, in the units of the sensor, and its flags. An invalid value is
     /// replaced by the last valid one.
-    pub(crate) fn check(&mut self, value: [f64; 3], calibration: &Calibration, dt_ns: i64) -> ([f64; 3], Flags) {
+    pub(super) fn check(&mut self, value: [f64; 3], calibration: &Calibration, dt_ns: i64) -> ([f64; 3], Flags) {
         let calibrated = in_range_units(value, calibration);
         if !calibrated.iter().all(|x| x.abs() < self.limit * SANITY_FACTOR) {
             self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
@@ -98,5 +102,22 @@ impl VectorChannel {
         self.last_valid = value;
         let is_clipped = calibrated.iter().any(|x| x.abs() >= self.limit);
         (value, self.clipped.when(is_clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
+    }
+}
+
+impl StateWords for VectorChannel {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { limit: _, invalid: _, clipped: _, stuck: _, stuck_ns: _, last_valid, repeated_ns, invalid_ns } =
+            self;
+        last_valid.visit(visit);
+        repeated_ns.visit(visit);
+        invalid_ns.visit(visit);
+    }
+}
+
+impl StateWords for FieldChannel {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { limit_ut: _, repeat_filter } = self;
+        repeat_filter.visit(visit);
     }
 }

@@ -1,0 +1,255 @@
+//! The filter: checks of the samples, and the stages of the four slots.
+
+use core::fmt;
+
+use attitude::{
+    accel::Accelerometer,
+    conditioner::{Conditioner, Reading, Sample},
+    course::{
+        Course, CourseReading, SupervisedCourse,
+        supervised::{CourseTick, SupervisedReading},
+    },
+    flags::Flags,
+    fuser::{Estimate, Fuser, FuserStage, SupervisedFuser, multiple_model::MultipleModel, supervised::SensorTick},
+    gnss::{Fix, ReceiverFix},
+    gyro::{Gyro, Motion, SupervisedGyro, supervised::GyroTick},
+    resetting::{ResettingStage, StageFailure},
+    stage::RestoreError,
+};
+
+use crate::{AhrsBuilder, Attitude, BuildError};
+
+/// Velocity over ground from a satellite receiver.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GnssFix {
+    /// Velocity, m/s: east, north, up.
+    pub velocity_m_s: [f64; 3],
+    /// Standard deviation of each component, m/s, if the receiver reports it.
+    pub velocity_sd_m_s: Option<f64>,
+    /// Age of the velocity on arrival, s, if known.
+    pub age_s: Option<f64>,
+    /// Geodetic latitude, rad, north positive, if known.
+    pub latitude_rad: Option<f64>,
+}
+
+/// Attitude and heading reference system.
+///
+/// `F` is the stage that fuses the sensors; see [`stages`](crate::stages). The default stage
+/// suits every combination of sensors.
+///
+/// A value is about 100 kB large and holds its whole state; a clone continues independently.
+#[derive(Clone)]
+pub struct Ahrs<F = MultipleModel> {
+    pub(crate) conditioner: Conditioner,
+    pub(crate) gyro: SupervisedGyro<Gyro>,
+    pub(crate) accel: ResettingStage<Accelerometer>,
+    pub(crate) fuser: SupervisedFuser<F>,
+    pub(crate) course: SupervisedCourse<Course>,
+    /// Sensor time of the newest reading, ns.
+    pub(crate) t_ns: i64,
+    /// Field for the next reading.
+    pub(crate) pending_field_ut: Option<[f64; 3]>,
+    /// Fix for the next reading.
+    pub(crate) pending_fix: Option<ReceiverFix>,
+    pub(crate) attitude: Attitude,
+}
+
+impl Ahrs {
+    /// Creates a filter with the default stages.
+    pub fn new() -> Self {
+        AhrsBuilder::new().build()
+    }
+
+    /// Returns a builder with the default stages, for sensors whose properties are to be set.
+    pub fn builder() -> AhrsBuilder {
+        AhrsBuilder::new()
+    }
+}
+
+impl Ahrs<Fuser> {
+    /// Creates a filter whose fuser stage has the given name, such as `"wz"` or `"vqf"`.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] with the names of all stages if there is no such stage.
+    pub fn with_stage(name: &str) -> Result<Self, BuildError> {
+        Ok(AhrsBuilder::new().fuser_stage(name)?.build())
+    }
+}
+
+impl Default for Ahrs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<F: FuserStage> Ahrs<F> {
+    /// Processes a sample of all sensors and returns the attitude after it.
+    ///
+    /// - `gyro_rad_s`: body rate, rad/s.
+    /// - `accel_m_s2`: specific force, m/s²; points up at rest.
+    /// - `field_ut`: magnetic field, µT, or `None` without a new sample. A field that equals the
+    ///   previous one counts as repeated and is not used twice.
+    /// - `dt_s`: time since the previous sample, s. A value that is 0, negative or not finite marks
+    ///   a late or repeated sample. The first sample only starts the clock.
+    ///
+    /// If the sample is rejected, the attitude is unchanged, including its
+    /// [`tick`](Attitude::tick).
+    pub fn update(
+        &mut self,
+        gyro_rad_s: [f64; 3],
+        accel_m_s2: [f64; 3],
+        field_ut: Option<[f64; 3]>,
+        dt_s: f64,
+    ) -> Attitude {
+        // The conversion saturates, and NaN becomes 0.
+        let t_ns = self.t_ns.saturating_add(libm::round(dt_s * 1e9) as i64);
+        self.update_at(gyro_rad_s, accel_m_s2, field_ut, t_ns)
+    }
+
+    /// Processes a sample of all sensors with its time stamp, and returns the attitude after it.
+    ///
+    /// `t_ns` is the end of the sample's interval on the clock of the sensors, ns. The other
+    /// arguments are those of [`update`](Self::update).
+    pub fn update_at(
+        &mut self,
+        gyro_rad_s: [f64; 3],
+        accel_m_s2: [f64; 3],
+        field_ut: Option<[f64; 3]>,
+        t_ns: i64,
+    ) -> Attitude {
+        self.t_ns = t_ns;
+        let pending_ut = self.pending_field_ut.take();
+        let reading = Reading {
+            t_ns,
+            rate_rad_s: gyro_rad_s,
+            force_m_s2: accel_m_s2,
+            field_ut: field_ut.or(pending_ut),
+            fix: self.pending_fix.take(),
+        };
+        if let Some(attitude) =
+            self.conditioner.condition(&reading.without_negative_zero()).and_then(|sample| self.process(&sample))
+        {
+            self.attitude = attitude;
+        }
+        self.attitude
+    }
+
+    /// Processes a sample of gyro and accelerometer, and returns the attitude after it.
+    ///
+    /// The newest field and fix since the previous sample take effect. The arguments are those of
+    /// [`update`](Self::update).
+    pub fn update_imu(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], dt_s: f64) -> Attitude {
+        self.update(gyro_rad_s, accel_m_s2, None, dt_s)
+    }
+
+    /// Processes a sample of gyro and accelerometer with its time stamp, ns, and returns the
+    /// attitude after it. The arguments are those of [`update_at`](Self::update_at).
+    pub fn update_imu_at(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], t_ns: i64) -> Attitude {
+        self.update_at(gyro_rad_s, accel_m_s2, None, t_ns)
+    }
+
+    /// Passes on a sample of the magnetometer, µT. It takes effect with the next sample of gyro and
+    /// accelerometer.
+    pub fn update_mag(&mut self, field_ut: [f64; 3]) {
+        self.pending_field_ut = Some(field_ut);
+    }
+
+    /// Passes on a velocity of the satellite receiver. It takes effect with the next sample of gyro
+    /// and accelerometer.
+    pub fn update_gnss(&mut self, fix: &GnssFix) {
+        let GnssFix { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad } = *fix;
+        let fix = Fix { velocity_m_s: velocity_m_s.into(), sd_m_s: velocity_sd_m_s, age_s, latitude_rad };
+        self.pending_fix = Some(fix.into());
+    }
+
+    /// Returns the newest attitude. Before the first sample it is level, and flagged as unaligned.
+    pub fn attitude(&self) -> Attitude {
+        self.attitude
+    }
+
+    /// Returns the number of rejected samples so far.
+    pub fn rejected(&self) -> u64 {
+        self.conditioner.rejected()
+    }
+
+    /// Returns the cause if a stage has failed permanently, else `None`. The attitude then no
+    /// longer changes.
+    ///
+    /// The stages of this crate do not fail. A stage of your own fails if its output is invalid
+    /// even after a reset.
+    pub fn failure(&self) -> Option<StageFailure<'_>> {
+        self.gyro
+            .resetting
+            .failure()
+            .or_else(|| self.accel.failure())
+            .or_else(|| self.fuser.failure())
+            .or_else(|| self.course.resetting.failure())
+    }
+
+    /// Returns the fuser stage.
+    pub fn fuser(&self) -> &F {
+        self.fuser.stage()
+    }
+
+    /// Returns the estimate that a filter with another fuser stage can adopt: the attitude and the
+    /// errors of the sensors with their standard deviations.
+    pub fn estimate(&self) -> Estimate {
+        self.fuser.stage().common()
+    }
+
+    /// Starts with sensor errors that an earlier run has estimated: gyro bias, gyro scale and hard
+    /// iron. The attitude of `prior` is not used.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if `prior` is invalid. The filter is then unchanged.
+    pub fn seed_sensor_errors(&mut self, prior: &Estimate) -> Result<(), RestoreError> {
+        self.fuser.stage_mut().seed_sensor_errors(prior)
+    }
+
+    /// Passes a sample through the slots. Returns `None` once a stage has failed.
+    fn process(&mut self, sample: &Sample) -> Option<Attitude> {
+        let Sample { tick, t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2, field_ut, fix } = *sample;
+        let (inclination, is_accel_reset) = self.accel.step(&force_m_s2.into())?;
+        let (motion, is_gyro_reset) =
+            self.gyro.step(&GyroTick { t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2 })?;
+        let mut flags = flags | inclination.flags() | Flags::RESET.when(is_accel_reset || is_gyro_reset);
+        let dt_s = (t_end_ns - t_start_ns) as f64 * 1e-9;
+        let fix = fix.map(|received| received.fix);
+        let fused = self.fuser.step(&SensorTick {
+            motion: Some(Motion { dt_s, ..motion }),
+            force_m_s2: Some(force_m_s2.into()),
+            inclination: Some(inclination),
+            field_ut: field_ut.map(Into::into),
+            fix,
+            ..SensorTick::from_flags(t_start_ns, t_end_ns, flags)
+        })?;
+        flags |= fused.flags();
+        let reset_counter = fused.reset_counter;
+        let fused = fused.fused;
+        let course_tick = CourseTick {
+            attitude: Some(fused.attitude),
+            rate_rad_s: fused.rate_rad_s.into(),
+            reference: fused.reference,
+            heading_sd_rad: fused.heading_sd_rad,
+            reset_counter,
+            is_swapped: false,
+            fix,
+            dt_s,
+        };
+        let SupervisedReading { reading, is_reset, reset_counter, jump } =
+            self.course.step(&course_tick, core::convert::identity::<CourseReading>)?;
+        flags |= reading.flags() | Flags::RESET.when(is_reset);
+        Some(Attitude { tick, t_ns: t_end_ns, flags, fused, reading, reset_counter, jump })
+    }
+}
+
+impl<F: FuserStage> fmt::Debug for Ahrs<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Ahrs")
+            .field("fuser", &self.fuser.stage().name())
+            .field("attitude", &self.attitude)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,415 @@
+//! Properties of the sensors and choice of the stages.
+
+use core::fmt;
+
+use attitude::{
+    accel::Accelerometer,
+    calibration::{Calibration, Mounting},
+    conditioner::{Conditioner, Limits, SensorModel},
+    course::{Course, SupervisedCourse},
+    frames::Body,
+    fuser::{Fuser, FuserStage, SupervisedFuser, multiple_model::MultipleModel},
+    gyro::{Gyro, RateKind, SupervisedGyro},
+    parameters::{ParameterError, Parameters, settings},
+    resetting::ResettingStage,
+    stage::Stage as _,
+};
+
+use crate::{Ahrs, Attitude};
+
+settings! {
+    /// Sampling of the sensors.
+    struct Sampling {
+        /// Nominal sampling rate of gyro and accelerometer.
+        sample_rate_hz: 100.0 in 0.1 .. 100_000.0, "Hz";
+    }
+}
+
+/// Slot that a stage fills.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slot {
+    /// Integrates the rate.
+    Gyro,
+    /// Computes the up direction from the force.
+    Accel,
+    /// Fuses the sensors.
+    Fuser,
+    /// Computes the angles and the heading.
+    Course,
+}
+
+impl Slot {
+    /// Returns the name of the slot.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gyro => "gyro",
+            Self::Accel => "accel",
+            Self::Fuser => "fuser",
+            Self::Course => "course",
+        }
+    }
+
+    /// Returns the names of the stages that can fill the slot. The first is the default.
+    pub fn stages(self) -> &'static [&'static str] {
+        match self {
+            Self::Gyro => &Gyro::NAMES,
+            Self::Accel => &Accelerometer::NAMES,
+            Self::Fuser => &Fuser::NAMES,
+            Self::Course => &Course::NAMES,
+        }
+    }
+}
+
+/// Sensor with a calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sensor {
+    /// Gyro.
+    Gyro,
+    /// Accelerometer.
+    Accel,
+    /// Magnetometer.
+    Mag,
+}
+
+/// Sets the properties of the sensors and the stages of an [`Ahrs`].
+///
+/// Every property has a default, and an ideal sensor needs none of them.
+///
+/// ```
+/// use plumbline_ahrs::{Ahrs, Body};
+///
+/// let ahrs = Ahrs::builder()
+///     .axes(Body::Frd)
+///     .gyro_range_deg_s(500.0)?
+///     .accel_range_g(8.0)?
+///     .declination_deg(4.5)?
+///     .build();
+/// # Ok::<(), plumbline_ahrs::BuildError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct AhrsBuilder<F = MultipleModel> {
+    sensors: SensorModel,
+    sampling: Sampling,
+    gyro: Gyro,
+    accel: Accelerometer,
+    fuser: F,
+    course: Course,
+}
+
+impl Default for AhrsBuilder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl AhrsBuilder {
+    /// Creates a builder for ideal sensors and the default stages.
+    pub fn new() -> Self {
+        Self {
+            sensors: SensorModel::default(),
+            sampling: Sampling::default(),
+            gyro: Gyro::default(),
+            accel: Accelerometer::default(),
+            fuser: MultipleModel::default(),
+            course: Course::default(),
+        }
+    }
+}
+
+impl<F: FuserStage> AhrsBuilder<F> {
+    /// Sets the nominal sampling rate of gyro and accelerometer, 0.1 to 100,000 Hz; default 100.
+    ///
+    /// Only samples with an unusable time stamp need it, until others show the true rate.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn sample_rate_hz(mut self, rate_hz: f64) -> Result<Self, BuildError> {
+        self.sampling.set("sample_rate_hz", rate_hz)?;
+        self.sensors.rate_hz = self.sampling.sample_rate_hz;
+        Ok(self)
+    }
+
+    /// Sets the range of the gyro, 1 to 100,000 °/s; default 2000. A rate at its end counts as
+    /// clipped.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn gyro_range_deg_s(self, range_deg_s: f64) -> Result<Self, BuildError> {
+        self.limit("rate_max_deg_s", range_deg_s)
+    }
+
+    /// Sets the range of the accelerometer, 0.1 to 10,000 g; default 16. A force at its end counts
+    /// as clipped.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn accel_range_g(self, range_g: f64) -> Result<Self, BuildError> {
+        self.limit("force_max_g", range_g)
+    }
+
+    /// Sets the range of the magnetometer, 1 to 1,000,000 µT; default 2000. A field at its end is
+    /// not used.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn mag_range_ut(self, range_ut: f64) -> Result<Self, BuildError> {
+        self.limit("field_max_ut", range_ut)
+    }
+
+    /// Sets the longest interval between samples that is not flagged as a gap, 0.001 to 10 s;
+    /// default 0.1.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn gap_s(self, gap_s: f64) -> Result<Self, BuildError> {
+        self.limit("gap_s", gap_s)
+    }
+
+    /// Sets the time after which a sensor that repeats its value counts as frozen, 0.01 to 60 s;
+    /// default 0.5.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn frozen_after_s(self, frozen_s: f64) -> Result<Self, BuildError> {
+        self.limit("stuck_s", frozen_s)
+    }
+
+    /// Sets whether the rate samples are means over their intervals (the default) or values at
+    /// their ends.
+    #[must_use]
+    pub fn gyro_samples(mut self, kind: RateKind) -> Self {
+        self.sensors.rate_kind = kind;
+        self
+    }
+
+    /// Sets the axes of the sensors; default [`Body::Rfu`].
+    #[must_use]
+    pub fn axes(self, axes: Body) -> Self {
+        self.mounting(Mounting::from_axes(axes))
+    }
+
+    /// Sets the orientation of the sensors in the body.
+    #[must_use]
+    pub fn mounting(mut self, mounting: Mounting) -> Self {
+        self.sensors.mounting = mounting;
+        self
+    }
+
+    /// Sets the calibration of a sensor, in the axes of the sensor.
+    #[must_use]
+    pub fn calibration(mut self, sensor: Sensor, calibration: Calibration) -> Self {
+        let place = match sensor {
+            Sensor::Gyro => &mut self.sensors.gyro,
+            Sensor::Accel => &mut self.sensors.accel,
+            Sensor::Mag => &mut self.sensors.mag,
+        };
+        *place = calibration;
+        self
+    }
+
+    /// Sets the magnetic declination, −180° to 180°, east positive. It makes a magnetic heading a
+    /// true one. Yaw and quaternion stay magnetic. 0, the default, leaves the heading magnetic.
+    ///
+    /// Choose the course stage first, because the declination is a parameter of the stage.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn declination_deg(self, declination_deg: f64) -> Result<Self, BuildError> {
+        self.parameter(Slot::Course, "declination_deg", declination_deg)
+    }
+
+    /// Chooses the fuser stage by type, such as [`Wz`](crate::stages::Wz).
+    pub fn fuser<G: FuserStage>(self, stage: G) -> AhrsBuilder<G> {
+        let Self { sensors, sampling, gyro, accel, fuser: _, course } = self;
+        AhrsBuilder { sensors, sampling, gyro, accel, fuser: stage, course }
+    }
+
+    /// Chooses the fuser stage by name, such as `"wz"`. [`Slot::stages`] lists the names.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] if there is no such stage.
+    pub fn fuser_stage(self, name: &str) -> Result<AhrsBuilder<Fuser>, BuildError> {
+        Ok(self.fuser(Fuser::from_name(name).ok_or_else(|| unknown(Slot::Fuser, name))?))
+    }
+
+    /// Chooses the gyro stage by name, such as `"mobius-coning"` for a body that vibrates.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] if there is no such stage.
+    pub fn gyro_stage(mut self, name: &str) -> Result<Self, BuildError> {
+        self.gyro = Gyro::from_name(name).ok_or_else(|| unknown(Slot::Gyro, name))?;
+        Ok(self)
+    }
+
+    /// Chooses the accel stage by name.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] if there is no such stage.
+    pub fn accel_stage(mut self, name: &str) -> Result<Self, BuildError> {
+        self.accel = Accelerometer::from_name(name).ok_or_else(|| unknown(Slot::Accel, name))?;
+        Ok(self)
+    }
+
+    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`, which turns the
+    /// heading to the track over ground.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] if there is no such stage.
+    pub fn course_stage(mut self, name: &str) -> Result<Self, BuildError> {
+        self.course = Course::from_name(name).ok_or_else(|| unknown(Slot::Course, name))?;
+        Ok(self)
+    }
+
+    /// Returns the parameters of the stage in a slot, with unit, default, range and meaning.
+    pub fn parameters(&self, slot: Slot) -> &'static [attitude::parameters::Parameter] {
+        match slot {
+            Slot::Gyro => self.gyro.parameters(),
+            Slot::Accel => self.accel.parameters(),
+            Slot::Fuser => self.fuser.parameters(),
+            Slot::Course => self.course.parameters(),
+        }
+    }
+
+    /// Sets a parameter of the stage in a slot. Choose the stage first.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownParameter`] if the stage has no such parameter and
+    /// [`BuildError::OutOfRange`] if the value is out of range.
+    pub fn parameter(mut self, slot: Slot, name: &str, value: f64) -> Result<Self, BuildError> {
+        let set = match slot {
+            Slot::Gyro => self.gyro.set(name, value),
+            Slot::Accel => self.accel.set(name, value),
+            Slot::Fuser => self.fuser.set(name, value),
+            Slot::Course => self.course.set(name, value),
+        };
+        match set {
+            Err(ParameterError::Unknown { known }) => {
+                Err(BuildError::UnknownParameter { slot, name: Name::new(name), known })
+            }
+            other => Ok(other.map(|()| self)?),
+        }
+    }
+
+    /// Creates the filter.
+    pub fn build(self) -> Ahrs<F> {
+        let Self { sensors, sampling: _, gyro, accel, fuser, course } = self;
+        Ahrs {
+            conditioner: Conditioner::new(&sensors),
+            gyro: SupervisedGyro::new(gyro),
+            accel: ResettingStage::new(accel),
+            fuser: SupervisedFuser::new(fuser),
+            course: SupervisedCourse::new(course),
+            t_ns: 0,
+            pending_field_ut: None,
+            pending_fix: None,
+            attitude: Attitude::unaligned(),
+        }
+    }
+
+    fn limit(mut self, name: &str, value: f64) -> Result<Self, BuildError> {
+        Limits::set(&mut self.sensors.limits, name, value)?;
+        Ok(self)
+    }
+}
+
+fn unknown(slot: Slot, name: &str) -> BuildError {
+    BuildError::UnknownStage { slot, name: Name::new(name) }
+}
+
+/// Name in an error, cut to 32 bytes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Name {
+    bytes: [u8; 32],
+    len: usize,
+}
+
+impl Name {
+    fn new(name: &str) -> Self {
+        let mut bytes = [0; 32];
+        let len = name.floor_char_boundary(bytes.len());
+        bytes.iter_mut().zip(name[..len].bytes()).for_each(|(place, byte)| *place = byte);
+        Self { bytes, len }
+    }
+
+    /// Returns the name as text.
+    pub fn as_str(&self) -> &str {
+        self.bytes.get(..self.len).and_then(|bytes| core::str::from_utf8(bytes).ok()).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self.as_str(), f)
+    }
+}
+
+/// Error of an [`AhrsBuilder`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// A value is outside its range or not a number.
+    OutOfRange {
+        /// Parameter with its range.
+        parameter: &'static attitude::parameters::Parameter,
+        /// Rejected value.
+        value: f64,
+    },
+    /// The slot has no stage of this name.
+    UnknownStage {
+        /// Slot.
+        slot: Slot,
+        /// Rejected name.
+        name: Name,
+    },
+    /// The stage has no parameter of this name.
+    UnknownParameter {
+        /// Slot.
+        slot: Slot,
+        /// Rejected name.
+        name: Name,
+        /// Parameters of the stage.
+        known: &'static [attitude::parameters::Parameter],
+    },
+}
+
+impl From<ParameterError> for BuildError {
+    fn from(error: ParameterError) -> Self {
+        match error {
+            ParameterError::OutOfRange { parameter, value } => Self::OutOfRange { parameter, value },
+            ParameterError::Unknown { known } => {
+                Self::UnknownParameter { slot: Slot::Fuser, name: Name::new(""), known }
+            }
+        }
+    }
+}
+
+impl fmt::Display for BuildError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OutOfRange { parameter, value } => ParameterError::OutOfRange { parameter, value: *value }.fmt(f),
+            Self::UnknownStage { slot, name } => {
+                write!(f, "slot {} has no stage `{}`; choose one of", slot.name(), name.as_str())?;
+                let mut names = slot.stages().iter().enumerate();
+                names.try_for_each(|(i, name)| write!(f, "{} {name}", if i == 0 { "" } else { "," }))
+            }
+            Self::UnknownParameter { slot, name, known } => {
+                write!(f, "{} `{}`: ", slot.name(), name.as_str())?;
+                ParameterError::Unknown { known }.fmt(f)
+            }
+        }
+    }
+}
+
+impl core::error::Error for BuildError {}

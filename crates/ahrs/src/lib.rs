@@ -1,0 +1,97 @@
+//! Attitude and heading from a gyro and an accelerometer, optionally with a magnetometer and a
+//! satellite receiver.
+//!
+//! ```
+//! use plumbline_ahrs::Ahrs;
+//!
+//! let mut ahrs = Ahrs::new();
+//! for _ in 0..200 {
+//!     let gyro_rad_s = [0.0, 0.0, 0.1];
+//!     let accel_m_s2 = [0.0, 0.0, 9.81];
+//!     let field_ut = [0.0, 20.0, -40.0];
+//!     ahrs.update(gyro_rad_s, accel_m_s2, Some(field_ut), 0.01);
+//! }
+//! let attitude = ahrs.attitude();
+//! assert!(attitude.is_aligned());
+//! assert!(attitude.angles().pitch_rad.abs() < 0.01);
+//! ```
+//!
+//! The results are those of the system Plumbline, bit for bit: the same checks of the samples, the
+//! same stages, the same supervision. No setting is necessary. Dead, frozen, clipped, missing and
+//! late sensors are detected and handled; [`Attitude::flags`] reports them.
+//!
+//! The crate needs neither the standard library nor an allocator, and no update panics or fails.
+//!
+//! # Conventions
+//!
+//! All units are SI units, with angles in radians; the magnetic field is in µT. The axes of the
+//! sensors are right, forward, up unless [`AhrsBuilder::axes`] or [`AhrsBuilder::mounting`] says
+//! otherwise. An accelerometer measures specific force: at rest it points up with 9.81 m/s².
+//! The reference axes are east, north, up. [`Attitude::quaternion_in`] and [`Attitude::angles_in`]
+//! convert to the frames of ROS ([`Frame::EnuFlu`]) and of PX4 ([`Frame::NedFrd`]).
+//!
+//! # Which call
+//!
+//! | the sensors | call |
+//! | --- | --- |
+//! | deliver all values together, at a known interval | [`Ahrs::update`] |
+//! | deliver all values together, with a time stamp | [`Ahrs::update_at`] |
+//! | have their own rates | [`Ahrs::update_imu`] or [`Ahrs::update_imu_at`], [`Ahrs::update_mag`], [`Ahrs::update_gnss`] |
+//!
+//! # Faults of the sensors
+//!
+//! A value that is missing is passed as NaN, or as `None` for the field.
+//!
+//! | fault | effect |
+//! | --- | --- |
+//! | a rate or force is NaN, infinite or far beyond its range | the last valid value is used, flagged; the rate is 0 after 0.1 s |
+//! | a rate or force is at the end of its range | flagged; a clipped rate corrects no bias |
+//! | a sensor repeats its value for 0.5 s | flagged; a frozen force is not used while the rate varies |
+//! | a field is NaN, beyond its range or repeated | not used |
+//! | the field differs from that of the location | flagged; the heading follows the gyro |
+//! | samples are missing for less than 1 s | bridged |
+//! | samples are missing for longer | the level is initialised again, flagged |
+//! | a sample is repeated or outdated | rejected and counted, see [`Ahrs::rejected`] |
+//!
+//! The limits are parameters of the [`AhrsBuilder`].
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod ahrs;
+mod attitude_output;
+mod builder;
+mod snapshot;
+
+pub use attitude;
+pub use attitude::{
+    angles::Angles,
+    calibration::{Calibration, CalibrationError, Mounting},
+    course::CourseReference,
+    flags::Flags,
+    frames::{Body, Frame},
+    gyro::RateKind,
+    parameters::{Parameter, ParameterError},
+};
+
+pub use ahrs::{Ahrs, GnssFix};
+pub use attitude_output::Attitude;
+pub use builder::{AhrsBuilder, BuildError, Name, Sensor, Slot};
+pub use snapshot::SnapshotError;
+
+/// Stages of the slot `fuser`, to choose one by type.
+///
+/// The type [`Fuser`](stages::Fuser) holds any of them and is created by name. A program that
+/// chooses by type contains the code of that stage only.
+pub mod stages {
+    pub use attitude::fuser::{
+        Fuser, FuserStage,
+        aided::Aided,
+        levelling::{Levelling, LevellingPi, LevellingUnified},
+        madgwick::Madgwick,
+        multiple_model::MultipleModel,
+        vqf::Vqf,
+        wz::Wz,
+        wz_closed::WzClosed,
+        wz_open::WzOpen,
+    };
+}

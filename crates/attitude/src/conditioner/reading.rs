@@ -1,0 +1,70 @@
+//! Input and output of the conditioner.
+
+use crate::{
+    flags::Flags,
+    gnss::{Fix, ReceiverFix},
+};
+
+/// Reading as reported by the sensors. Any value may be NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Time on the source's clock, ns.
+    pub t_ns: i64,
+    /// Body rate, rad/s, sensor axes.
+    pub rate_rad_s: [f64; 3],
+    /// Specific force, m/s², sensor axes.
+    pub force_m_s2: [f64; 3],
+    /// Magnetic field, µT, sensor axes; `None` if the reading has no sample of it.
+    pub field_ut: Option<[f64; 3]>,
+    /// Fix received since the previous reading.
+    pub fix: Option<ReceiverFix>,
+}
+
+impl Reading {
+    /// Returns the reading with each −0 replaced by 0.
+    ///
+    /// This is necessary because protobuf omits the sign of zero, and a flight replay must process
+    /// the same bits.
+    pub fn without_negative_zero(&self) -> Self {
+        let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix } = *self;
+        let vector = |values: [f64; 3]| values.map(|value| value + 0.0);
+        let optional = |value: Option<f64>| value.map(|value| value + 0.0);
+        Self {
+            t_ns,
+            rate_rad_s: vector(rate_rad_s),
+            force_m_s2: vector(force_m_s2),
+            field_ut: field_ut.map(vector),
+            fix: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| ReceiverFix {
+                fix: Fix {
+                    velocity_m_s: vector(fix.velocity_m_s.into()).into(),
+                    sd_m_s: optional(fix.sd_m_s),
+                    age_s: optional(fix.age_s),
+                    latitude_rad: optional(fix.latitude_rad),
+                },
+                longitude_rad: optional(longitude_rad),
+                altitude_m: optional(altitude_m),
+            }),
+        }
+    }
+}
+
+/// Checked sample of one tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Number of the sample, from 0, without gaps.
+    pub tick: u64,
+    /// Start of the interval, ns.
+    pub t_start_ns: i64,
+    /// End of the interval, ns; increases with every tick.
+    pub t_end_ns: i64,
+    /// Faults of the reading.
+    pub flags: Flags,
+    /// Body rate, rad/s, body axes.
+    pub rate_rad_s: [f64; 3],
+    /// Specific force, m/s², body axes; points up at rest.
+    pub force_m_s2: [f64; 3],
+    /// Magnetic field, µT, body axes, if the reading has a new valid one.
+    pub field_ut: Option<[f64; 3]>,
+    /// Fix, if one arrived and is valid.
+    pub fix: Option<ReceiverFix>,
+}

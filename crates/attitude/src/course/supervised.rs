@@ -1,0 +1,140 @@
+//! Course stage with the attitude's jumps.
+//!
+//! Input: the fused attitude of each tick with the counter of its resets.
+//!
+//! Output: the reading of the stage, the jump of the newest reset, and the number of resets.
+//!
+//! Failure: if an attitude is missing, the previous one is used. A stage is reset for an invalid
+//! output. If the output after the reset is also invalid, the stage has failed.
+
+use super::{CourseInput, CourseReading, CourseReference};
+use crate::{
+    Vector3, gnss::Fix, resetting::ResettingStage, rotation::Rotation, stage::Stage, state::Attitude,
+    state_words::StateWords,
+};
+
+/// Fused attitude of a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CourseTick {
+    /// Fused attitude; `None` if it is missing.
+    pub attitude: Option<Attitude>,
+    /// Body rate with the bias removed, rad/s.
+    pub rate_rad_s: [f64; 3],
+    /// Reference direction of the heading.
+    pub reference: CourseReference,
+    /// Standard deviation of the heading, rad.
+    pub heading_sd_rad: f64,
+    /// Number of resets of the attitude.
+    pub reset_counter: u64,
+    /// Set if another fuser stage computed the attitude from this tick on.
+    pub is_swapped: bool,
+    /// Fix from the satellite receiver, present only at the tick at which it arrived.
+    pub fix: Option<Fix>,
+    /// Length of the tick's interval, s.
+    pub dt_s: f64,
+}
+
+/// Output of a [`SupervisedCourse`] at a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupervisedReading {
+    /// Output of the stage.
+    pub reading: CourseReading,
+    /// Set if the stage was reset for this output, because its first output was invalid.
+    pub is_reset: bool,
+    /// Number of resets of attitude and course.
+    pub reset_counter: u64,
+    /// Rotation of the newest reset, in body axes, w x y z.
+    pub jump: [f64; 4],
+}
+
+/// Course stage with the supervision of its inputs and outputs.
+#[derive(Debug, Clone)]
+pub struct SupervisedCourse<S> {
+    /// The stage.
+    pub resetting: ResettingStage<S>,
+    state: SupervisedCourseState,
+}
+
+/// State of a [`SupervisedCourse`], excluding its stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupervisedCourseState {
+    /// Newest attitude.
+    pub attitude: Attitude,
+    /// Number of resets of the fuser, followed by the number of resets of the course.
+    pub reset_counts: [u64; 2],
+    /// Rotation of the newest reset, in body axes, w x y z.
+    pub jump: [f64; 4],
+    /// Number of swaps of the fuser.
+    pub swap_count: u64,
+}
+
+impl Default for SupervisedCourseState {
+    fn default() -> Self {
+        Self { attitude: Attitude::default(), reset_counts: [0; 2], jump: [1.0, 0.0, 0.0, 0.0], swap_count: 0 }
+    }
+}
+
+impl SupervisedCourseState {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub fn validation_error(&self) -> Option<&'static str> {
+        let is_finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
+        (!is_finite).then_some("a number that is not finite")
+    }
+}
+
+impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCourse<S> {
+    /// Supervises a stage that has not been stepped yet.
+    pub fn new(stage: S) -> Self {
+        Self { resetting: ResettingStage::new(stage), state: SupervisedCourseState::default() }
+    }
+
+    /// Returns the state, excluding that of the stage.
+    pub fn state(&self) -> &SupervisedCourseState {
+        &self.state
+    }
+
+    /// Returns a mutable reference to the state, for restoring it.
+    pub fn state_mut(&mut self) -> &mut SupervisedCourseState {
+        &mut self.state
+    }
+
+    /// Processes a tick. `to_true_north` converts a magnetic course.
+    ///
+    /// Returns `None` once the stage has failed permanently.
+    #[inline]
+    pub fn step(
+        &mut self,
+        tick: &CourseTick,
+        to_true_north: impl FnOnce(CourseReading) -> CourseReading,
+    ) -> Option<SupervisedReading> {
+        let Self { resetting, state } = self;
+        let attitude = tick.attitude.unwrap_or(state.attitude);
+        let has_jumped = tick.reset_counter != state.reset_counts[0] || tick.is_swapped;
+        if has_jumped {
+            let rotation_rad = Vector3::from(tick.rate_rad_s) * tick.dt_s;
+            let expected = state.attitude.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
+            let jump = Rotation::between(expected, attitude).quaternion();
+            state.jump = [jump.w, jump.i, jump.j, jump.k];
+            state.reset_counts[0] = tick.reset_counter;
+            state.swap_count += u64::from(tick.is_swapped);
+        }
+        state.attitude = attitude;
+        let CourseTick { reference, heading_sd_rad, fix, dt_s, .. } = *tick;
+        let (reading, is_reset) = resetting.step(&CourseInput { attitude, reference, heading_sd_rad, fix, dt_s })?;
+        let reading = to_true_north(reading);
+        // If the attitude and the course are reset at the same tick, only one reset is counted.
+        state.reset_counts[1] += u64::from(reading.aligned && !has_jumped);
+        let reset_counter = state.reset_counts.iter().sum::<u64>() + state.swap_count;
+        Some(SupervisedReading { reading, is_reset, reset_counter, jump: state.jump })
+    }
+}
+
+impl StateWords for SupervisedCourseState {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { attitude, reset_counts, jump, swap_count } = self;
+        attitude.visit(visit);
+        reset_counts.visit(visit);
+        jump.visit(visit);
+        swap_count.visit(visit);
+    }
+}
