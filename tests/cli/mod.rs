@@ -4,6 +4,7 @@ mod calibrate;
 mod demo;
 mod help;
 mod keys;
+mod manual;
 mod observers;
 mod output;
 mod resources;
