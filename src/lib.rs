@@ -5,6 +5,7 @@ mod absent;
 mod bench;
 mod bridge;
 mod calibrate;
+mod demo;
 mod doctor;
 mod duration;
 mod failure;
@@ -12,6 +13,7 @@ mod import;
 mod info;
 #[cfg(feature = "network")]
 mod keys;
+mod manual;
 mod paper;
 mod record;
 mod replay;
@@ -48,10 +50,22 @@ use ::remote;
 
 use failure::{fail, print_error_object};
 
+/// Version, commit, build profile and Cargo features of this executable.
+const LONG_VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    "\ncommit: ",
+    env!("PLUMB_COMMIT"),
+    "\nprofile: ",
+    env!("PLUMB_PROFILE"),
+    "\nfeatures: ",
+    env!("PLUMB_FEATURES"),
+);
+
 /// Estimate attitude and course with stages that can be swapped at run time
 #[derive(Parser)]
 #[command(
     version,
+    long_version = LONG_VERSION,
     after_help = "\
 Examples:
   plumb                                       # the same as plumb up
@@ -70,6 +84,8 @@ struct Cli {
 enum Command {
     /// Run a system until its source ends or Ctrl-C (default command)
     Up(up::Up),
+    /// Show a tumble, kills and swaps, explained in a minute
+    Demo(demo::DemoCommand),
     /// Score stages on recordings: errors and cost per update
     Score(Box<score::Score>),
     /// Reproduce the figures and tables of the source papers
@@ -159,6 +175,24 @@ Examples:
         #[command(subcommand)]
         command: ConfigCommand,
     },
+    /// Print the completions of a shell
+    #[command(after_help = "\
+Examples:
+  plumb completions bash > ~/.local/share/bash-completion/completions/plumb
+  plumb completions zsh > ~/.zfunc/_plumb")]
+    Completions {
+        /// Shell
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual pages of all commands into a folder
+    #[command(after_help = "\
+Examples:
+  plumb man man1
+  plumb man ~/.local/share/man/man1")]
+    Man {
+        /// Folder, created if necessary
+        folder: PathBuf,
+    },
     /// Run one service of a system; used by the supervisor only
     #[command(hide = true)]
     Service {
@@ -195,6 +229,7 @@ pub fn main() -> ExitCode {
     };
     match cli.command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
+        Command::Demo(demo) => demo::run(&demo),
         Command::Score(score) => score::run(*score),
         Command::Paper(command) => paper::run(&command),
         Command::Import(import) => import::run(import),
@@ -223,6 +258,8 @@ pub fn main() -> ExitCode {
             },
             Err(error) => fail(&error, 3),
         },
+        Command::Completions { shell } => manual::print_completions(command_line(), shell),
+        Command::Man { folder } => manual::write_pages(command_line(), &folder),
         Command::Service { service } => {
             let result: Result<(), Box<dyn Display>> = match service {
                 Service::Ingest => ingest::run().map_err(|error| Box::new(error) as _),

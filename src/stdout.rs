@@ -24,8 +24,6 @@ use signal_hook::{
     flag::register_conditional_default,
 };
 
-use crate::failure::fail_after_result;
-
 /// Number of bytes per write. A pipe that has room accepts this many without blocking (`PIPE_BUF`
 /// on Linux).
 const CHUNK_BYTES: usize = 4096;
@@ -45,7 +43,8 @@ pub(crate) fn print_item(text: &dyn Display) -> ControlFlow<ExitCode> {
         Ok(()) => ControlFlow::Continue(()),
         Err(cause) if cause.kind() == ErrorKind::BrokenPipe => ControlFlow::Break(ExitCode::SUCCESS),
         Err(cause) => {
-            ControlFlow::Break(fail_after_result(&format_args!("cannot write to standard output: {cause}"), 1))
+            supervisor::announce(format_args!("cannot write to standard output: {cause}"));
+            ControlFlow::Break(ExitCode::FAILURE)
         }
     }
 }

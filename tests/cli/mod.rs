@@ -1,8 +1,10 @@
 //! Command-line interface: arguments, output, messages and exit codes.
 
 mod calibrate;
+mod demo;
 mod help;
 mod keys;
+mod manual;
 mod observers;
 mod output;
 mod resources;

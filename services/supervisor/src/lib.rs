@@ -111,7 +111,11 @@ pub fn is_stop_requested() -> bool {
 }
 
 /// Installs handlers for SIGTERM, SIGINT and SIGHUP and returns the flag that they set.
-fn install_signal_handlers() -> Result<Arc<AtomicBool>, UpError> {
+///
+/// # Errors
+///
+/// Returns an error if the operating system refuses a handler.
+pub fn install_signal_handlers() -> Result<Arc<AtomicBool>, UpError> {
     let stop_requested = STOP_REQUESTED.get_or_init(Arc::default).clone();
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop_requested.clone())

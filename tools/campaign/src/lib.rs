@@ -1,4 +1,5 @@
-//! Stress tests of a running system: kills services or swaps stages at random.
+//! Stress tests of a running system, which kill services or swap stages at random, and the
+//! demonstration of both.
 //!
 //! - Input: the number of disturbances and a seed.
 //! - Output: lost ticks, a comparison with an undisturbed run, and distributions of times.
@@ -6,6 +7,7 @@
 //! - Failure: an error if the system does not start, exits too early or does not exit in time.
 #![forbid(unsafe_code)]
 
+mod demo;
 mod kills;
 mod load;
 mod swaps;
@@ -20,6 +22,7 @@ use runtime::Pace;
 use serde::Serialize;
 use supervisor::{Request, UpError};
 
+pub use demo::{Demo, DemoReport};
 pub use kills::{KillCampaign, KillCampaignReport};
 pub use swaps::{SwapCampaign, SwapCampaignReport};
 
@@ -46,6 +49,9 @@ pub enum CampaignError {
         /// Error of the operating system.
         cause: io::Error,
     },
+    /// A signal ended the campaign.
+    #[error("interrupted before the end")]
+    Interrupted,
     /// The system exited during the campaign.
     #[error("the system ended during the campaign; see its log {log}")]
     EarlyExit {

@@ -183,7 +183,11 @@ fn random_request(random: &mut ChaCha8Rng, same_stage: bool) -> SwapRequest {
 /// Requests a swap and polls the system until the response arrives.
 ///
 /// No deadline is needed here, because the control socket has its own timeout.
-fn run_swap(system: &mut SystemUnderTest, name: &str, request: SwapRequest) -> Result<SwapReport, CampaignError> {
+pub(crate) fn run_swap(
+    system: &mut SystemUnderTest,
+    name: &str,
+    request: SwapRequest,
+) -> Result<SwapReport, CampaignError> {
     let (sender, receiver) = mpsc::channel::<Result<SwapReport, ControlError>>();
     std::thread::scope(|scope| {
         scope.spawn(move || {

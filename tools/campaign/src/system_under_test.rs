@@ -10,7 +10,7 @@ use std::{
 
 use bus::{Bus, Subscriber, SystemName};
 use launch::Service;
-use messages::{AttitudeOutput, Health};
+use messages::{AttitudeOutput, Health, SystemEvent};
 use runtime::clock::monotonic_ns;
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Deserialize;
@@ -20,6 +20,8 @@ use crate::CampaignError;
 
 /// Timeout for the first attitude.
 const START_TIMEOUT: Duration = Duration::from_secs(20);
+/// Interval between two checks for the address of the cockpit.
+const COCKPIT_INTERVAL_NS: u64 = 20_000_000;
 /// Maximum number of messages read from a topic per poll.
 const MAX_MESSAGES_PER_POLL: usize = 4096;
 
@@ -28,9 +30,11 @@ pub(crate) struct SystemUnderTest {
     folder: TempDir,
     attitude: Subscriber<AttitudeOutput>,
     health: Subscriber<Health>,
+    event: Subscriber<SystemEvent>,
     pids: [u32; Service::PATH.len()],
     killed: [u32; Service::PATH.len()],
     outputs: Vec<AttitudeOutput>,
+    events: Vec<SystemEvent>,
     bus: Bus,
 }
 
@@ -61,6 +65,9 @@ impl SystemUnderTest {
             .args(duration_s.iter().flat_map(|duration_s| ["--for".into(), format!("{duration_s}s")]))
             .arg("--out")
             .arg(folder.path().join("attitude.csv"))
+            // The state saved for the next start must stay in the folder.
+            .env("XDG_STATE_HOME", folder.path())
+            .env_remove("STATE_DIRECTORY")
             .stdin(Stdio::null())
             .stdout(report)
             .stderr(log)
@@ -71,9 +78,11 @@ impl SystemUnderTest {
             child,
             attitude: bus.subscriber(buffer)?,
             health: bus.subscriber(MAX_MESSAGES_PER_POLL / 64)?,
+            event: bus.subscriber(MAX_MESSAGES_PER_POLL / 64)?,
             pids: [0; Service::PATH.len()],
             killed: [0; Service::PATH.len()],
             outputs: Vec::new(),
+            events: Vec::new(),
             folder,
             bus,
         };
@@ -102,8 +111,12 @@ impl SystemUnderTest {
 
     /// Reads new messages and checks that the system is still running.
     pub(crate) fn poll(&mut self) -> Result<(), CampaignError> {
-        let Self { attitude, health, pids, killed, outputs, .. } = self;
+        if supervisor::is_stop_requested() {
+            return Err(CampaignError::Interrupted);
+        }
+        let Self { attitude, health, event, pids, killed, outputs, events, .. } = self;
         attitude.drain(MAX_MESSAGES_PER_POLL, |output| outputs.push(output))?;
+        event.drain(MAX_MESSAGES_PER_POLL, |event| events.push(event))?;
         health.drain(MAX_MESSAGES_PER_POLL, |health| {
             if let Some((pid, last)) = pids.get_mut(health.service as usize).zip(killed.get(health.service as usize))
                 && health.pid != *last
@@ -131,9 +144,31 @@ impl SystemUnderTest {
         &self.outputs
     }
 
-    /// Discards the attitudes received so far.
+    /// Returns the events received since the start or the last [`Self::clear_outputs`].
+    pub(crate) fn events(&self) -> &[SystemEvent] {
+        &self.events
+    }
+
+    /// Discards the attitudes and events received so far.
     pub(crate) fn clear_outputs(&mut self) {
         self.outputs.clear();
+        self.events.clear();
+    }
+
+    /// Waits until the system has announced the address of its cockpit. Returns `None` after a
+    /// timeout, because the system also runs without its cockpit.
+    pub(crate) fn wait_for_cockpit(&mut self) -> Result<Option<String>, CampaignError> {
+        let log = self.folder.path().join("log");
+        let deadline = Instant::now() + START_TIMEOUT;
+        while Instant::now() < deadline {
+            let text = fs::read_to_string(&log).unwrap_or_default();
+            let complete_lines = text.rsplit_once('\n').map_or("", |(lines, _)| lines).lines();
+            if let Some(address) = complete_lines.into_iter().find_map(|line| line.strip_prefix("cockpit: ")) {
+                return Ok(Some(address.into()));
+            }
+            self.poll_until(monotonic_ns() + COCKPIT_INTERVAL_NS)?;
+        }
+        Ok(None)
     }
 
     /// Sends SIGINT to the system to make it exit.

@@ -12,7 +12,7 @@ use recording::{
 };
 
 use crate::{
-    Format, ImportError, Mapping, Note, Summary,
+    Format, ImportError, Mapping, Note, Options, Summary,
     bag::Bag,
     csv_source::{CsvFiles, CsvSource},
     dataflash,
@@ -30,25 +30,6 @@ const PROGRESS_INTERVAL_SAMPLES: u64 = 1024;
 /// Plausible range of the mean force, m/s². A mean outside this range indicates that the unit is
 /// wrong or that gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
-
-/// Options for reading the input files.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Options {
-    /// Meaning of the columns. Required for CSV and rejected for other formats.
-    pub mapping: Option<Mapping>,
-    /// Topics to read if several contain the same quantity. Allowed only for bags and MCAP files.
-    pub topics: Vec<String>,
-    /// Number of the inertial sensor to read, from 0; the first that works if `None`.
-    pub imu: Option<usize>,
-    /// Number of the magnetometer to read, from 0.
-    pub mag: Option<usize>,
-    /// Number of the receiver to read, from 0.
-    pub gnss: Option<usize>,
-    /// Number of the segment to read, from 1; the longest one if `None`.
-    pub segment: Option<usize>,
-    /// Width of the times in bits if they are a wrapping counter.
-    pub time_bits: Option<u8>,
-}
 
 /// Progress of an import.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

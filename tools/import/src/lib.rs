@@ -15,6 +15,7 @@
 //! | module | content |
 //! | --- | --- |
 //! | [`mod@convert`] | conversion of files into a recording |
+//! | `options` | options of an import |
 //! | [`format`](mod@format), `detection` | formats, and their detection by content |
 //! | [`summary`] | result of an import |
 //! | [`mcap_file`] | conversion of a recording into an MCAP file |
@@ -41,6 +42,7 @@ mod error;
 mod force_aligner;
 pub mod format;
 pub mod mcap_file;
+mod options;
 pub mod ros_messages;
 mod row_writer;
 mod source;
@@ -49,9 +51,10 @@ mod timeline;
 mod tlog;
 mod ulog;
 
-pub use convert::{Options, Progress, convert, note_fixes_outside, plain_recording_range_ns};
+pub use convert::{Progress, convert, note_fixes_outside, plain_recording_range_ns};
 pub use error::ImportError;
 pub use format::Format;
 pub use mapping::{Mapping, MappingError};
+pub use options::Options;
 pub use summary::{Note, Sensor, Summary};
 pub use timeline::Segment;

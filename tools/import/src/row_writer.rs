@@ -13,7 +13,7 @@ use std::iter::Peekable;
 
 use recording::{Reference, Row, Writer};
 
-use crate::{ImportError, timeline::Timed};
+use crate::ImportError;
 
 /// Time in ns and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
@@ -54,16 +54,6 @@ pub(crate) struct Attitude {
     /// The reference is interpolated only between attitudes whose counters are equal, and never if
     /// the counter is `None`.
     pub(crate) reset_counter: Option<u8>,
-}
-
-impl Timed for Attitude {
-    fn t_ns(&self) -> i64 {
-        self.t_ns
-    }
-
-    fn shift(&mut self, offset_ns: i64) {
-        self.t_ns = self.t_ns.saturating_add(offset_ns);
-    }
 }
 
 /// Samples of a series that is merged into the rows.

@@ -35,6 +35,16 @@ impl Timed for ReceiverFix {
     }
 }
 
+impl Timed for Attitude {
+    fn t_ns(&self) -> i64 {
+        self.t_ns
+    }
+
+    fn shift(&mut self, offset_ns: i64) {
+        self.t_ns = self.t_ns.saturating_add(offset_ns);
+    }
+}
+
 /// Rate, force or both, with their times.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Inertial {

@@ -1,11 +1,11 @@
-//! Messages of a bag, and the samples that they contain.
+//! Messages of a bag.
 
 use std::rc::Rc;
 
 use foreign::ForeignText;
 
 use super::topics::Topic;
-use crate::{ImportError, row_writer::Attitude};
+use crate::ImportError;
 
 /// Message on a readable topic.
 pub(super) struct Message {
@@ -20,33 +20,4 @@ pub(super) struct Message {
 pub(super) enum ReadError {
     Fatal(ImportError),
     Damage(ForeignText),
-}
-
-/// Sample of rate, force or both in native axes, with the attitude from the same message, if any.
-pub(crate) struct InertialSample {
-    pub(crate) t_ns: i64,
-    /// Body rate, rad/s; `None` if it was not measured.
-    pub(crate) rate_rad_s: Option<[f64; 3]>,
-    /// Specific force, m/s²; `None` if it was not measured.
-    pub(crate) force_m_s2: Option<[f64; 3]>,
-    /// `true` if the rate is the value at the end of the interval instead of its mean over the
-    /// interval.
-    pub(super) is_instant: bool,
-    pub(super) attitude: Option<Attitude>,
-}
-
-/// Velocity measured by a GNSS receiver, east, north, up.
-pub(super) struct VelocityFix {
-    pub(super) t_ns: i64,
-    pub(super) velocity_m_s: [f64; 3],
-    /// Position, if the same message contains it.
-    pub(super) position: Option<Position>,
-}
-
-/// Position measured by a GNSS receiver.
-#[derive(Clone, Copy)]
-pub(super) struct Position {
-    pub(super) latitude_deg: f64,
-    pub(super) longitude_deg: f64,
-    pub(super) altitude_m: f64,
 }

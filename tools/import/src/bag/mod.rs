@@ -17,6 +17,7 @@ mod mcap;
 mod message;
 mod plumbline;
 pub(crate) mod ros;
+mod samples;
 mod sqlite;
 mod topics;
 
@@ -37,8 +38,9 @@ use crate::{
     row_writer::{Attitude, Samples},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
 };
-use message::{InertialSample, Message, Position, ReadError, VelocityFix};
+use message::{Message, ReadError};
 use ros::Convention;
+use samples::{InertialSample, Position, VelocityFix};
 use topics::{Kind, MotionTopics, Role, Topic, Topics};
 
 /// Number of messages between two progress reports.

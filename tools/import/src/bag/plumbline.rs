@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
-use super::message::{InertialSample, Position, VelocityFix};
+use super::samples::{InertialSample, Position, VelocityFix};
 use crate::row_writer::{Attitude, Sample};
 
 /// Maximum length of each queue. One queue holds the samples waiting for their reference. The other

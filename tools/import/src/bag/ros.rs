@@ -15,7 +15,7 @@ use mapping::is_rotation;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
-use super::message::{InertialSample, Position, VelocityFix};
+use super::samples::{InertialSample, Position, VelocityFix};
 use crate::{
     Mapping,
     row_writer::{Attitude, Sample},

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use foreign::ForeignText;
 use mapping::names::nearest;
 
-use super::message::InertialSample;
+use super::samples::InertialSample;
 use crate::{
     ImportError, Note, Sensor,
     timeline::{Segment, SegmentFinder},

@@ -10,9 +10,12 @@ use swap::{
 
 use crate::{
     Action, Config, OutputProgress, Reply, Spawn, Supervision,
-    history::{StageHistory, StageInstance, with_stage},
-    pending_swaps::{Pending, Requester},
-    process::Process,
+    state::{
+        pending_swaps::{Pending, Requester},
+        process::Process,
+        stage_history::{StageHistory, with_stage},
+        swaps::{Attempt, SlotState, Swaps},
+    },
 };
 
 /// Time from the newest sample to the hand-over tick, s. If the decision takes longer to arrive,
@@ -23,91 +26,6 @@ const MARGIN_S: f64 = 0.05;
 /// Each retry doubles the margin [`MARGIN_S`], because a stalled machine can deliver the decision
 /// too late.
 const MAX_ATTEMPTS: u32 = 3;
-
-/// Slots of a system.
-#[derive(Debug, Default)]
-pub(crate) struct Swaps {
-    slots: Vec<SlotState>,
-    requests: u64,
-    /// Requests that wait until the previous swap of their slot has finished.
-    queued: Vec<(Slot, StageConfig, swap::Request)>,
-}
-
-#[derive(Debug)]
-struct SlotState {
-    slot: Slot,
-    coordinator: Coordinator,
-    candidate: Option<StageConfig>,
-    history: StageHistory,
-    candidate_instance: Option<StageInstance>,
-    /// Set if the newest decision names a replacement for a failed owner. That replacement may have
-    /// published already.
-    owned_by_replacement: bool,
-    attempt: Attempt,
-    ready_reported: bool,
-    /// Last output on standard error of the process that exited last.
-    last_stderr: ForeignText,
-}
-
-/// Most recently started request and the number of its attempts.
-#[derive(Debug, Clone, Copy, Default)]
-struct Attempt {
-    id: u64,
-    deadline_ms: u64,
-    count: u32,
-}
-
-impl Attempt {
-    fn start(&mut self, request: &swap::Request) {
-        let count = if self.id == request.id { self.count + 1 } else { 1 };
-        *self = Self { id: request.id, deadline_ms: request.deadline_ms, count };
-    }
-}
-
-impl Swaps {
-    /// Returns `true` if a checkpoint is valid under the current ownership of the slot.
-    pub(crate) fn accepts_checkpoint(&mut self, service: u32, incarnation: u32, next_tick: u64) -> bool {
-        let state = self.slots.iter_mut().find(|state| state.slot.service() as u32 == service);
-        state.is_none_or(|state| state.coordinator.admits_checkpoint(incarnation, next_tick))
-    }
-
-    /// Returns the current epoch of a slot.
-    pub(crate) fn epoch(&self, slot: Slot) -> Option<u32> {
-        Some(self.state(slot)?.coordinator.epoch())
-    }
-
-    pub(crate) fn record_stderr(&mut self, service: Service, stderr: &ForeignText) {
-        if let Some(state) = service.slot().and_then(|slot| self.state_mut(slot)) {
-            state.last_stderr = stderr.clone();
-        }
-    }
-
-    /// Returns the candidate instance of a slot.
-    pub(crate) fn candidate_instance(&self, slot: Slot) -> Option<&StageInstance> {
-        self.state(slot)?.candidate_instance.as_ref()
-    }
-
-    /// Returns the stages that have owned a slot.
-    pub(crate) fn history(&self, slot: Slot) -> Option<&StageHistory> {
-        Some(&self.state(slot)?.history)
-    }
-
-    fn is_active(&self) -> bool {
-        self.slots.iter().any(|state| state.coordinator.state() != SwapState::Idle)
-    }
-
-    fn slots(&self) -> Vec<Slot> {
-        self.slots.iter().map(|state| state.slot).collect()
-    }
-
-    fn state(&self, slot: Slot) -> Option<&SlotState> {
-        self.slots.iter().find(|state| state.slot == slot)
-    }
-
-    fn state_mut(&mut self, slot: Slot) -> Option<&mut SlotState> {
-        self.slots.iter_mut().find(|state| state.slot == slot)
-    }
-}
 
 impl Supervision {
     /// Creates the slots, each owned by the newest process of its service.

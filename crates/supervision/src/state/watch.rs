@@ -1,18 +1,16 @@
-//! Automatic promotion of shadows according to the `[[watch]]` rules of the launch file.
+//! Promotion rules of the launch file (`[[watch]]`), each with its requests in progress.
 //!
-//! - Input: differences published by the shadows, and the outcome of swaps.
-//! - Output: swap requests, equivalent to those of a client.
+//! - Input: differences published by the shadow, and swap reports.
+//! - Output: whether the shadow takes over, and lines for the user.
 //! - Time: tick time for the bounds, supervisor time between attempts.
 //! - Failure: a shadow that fails is retried a limited number of times, then the watch ends.
 
 use std::time::Duration;
 
-use control::{SwapReport, SwapRequest};
-use launch::{Launch, Measure, Slot, StageConfig};
+use control::SwapReport;
+use launch::{Launch, Measure, StageConfig};
 use messages::Difference;
 use swap::SwapOutcome;
-
-use crate::{Supervision, pending_swaps::Requester};
 
 /// Consecutive failed attempts after which a watch ends.
 const MAX_ATTEMPTS: u32 = 5;
@@ -21,27 +19,27 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 /// Watch with its requests in progress.
 #[derive(Debug)]
 pub(crate) struct WatchRunner {
-    rule: PromotionRule,
-    shadow: Option<u64>,
-    takeover: Option<u64>,
+    pub(crate) rule: PromotionRule,
+    pub(crate) shadow: Option<u64>,
+    pub(crate) takeover: Option<u64>,
     /// Swap reports, received since the previous poll, that answer requests of this watch.
-    reports: Vec<(u64, SwapReport)>,
-    attempts: u32,
-    next_attempt: Duration,
+    pub(crate) reports: Vec<(u64, SwapReport)>,
+    pub(crate) attempts: u32,
+    pub(crate) next_attempt: Duration,
 }
 
 /// Promotion rule of a watch and its state.
 #[derive(Debug)]
-struct PromotionRule {
-    config: launch::PromotionRule,
+pub(crate) struct PromotionRule {
+    pub(crate) config: launch::PromotionRule,
     /// Stage of the slot while the watched stage is not promoted.
-    default_stage: StageConfig,
+    pub(crate) default_stage: StageConfig,
     /// Set while the watched stage fills the slot.
-    is_promoted: bool,
-    promotions: u64,
+    pub(crate) is_promoted: bool,
+    pub(crate) promotions: u64,
     /// Tick time since which the current bound has been met without interruption, s.
-    bound_met_since_s: Option<f64>,
-    ended: bool,
+    pub(crate) bound_met_since_s: Option<f64>,
+    pub(crate) ended: bool,
 }
 
 /// Creates a runner for each watch of a launch file.
@@ -62,82 +60,9 @@ pub(crate) fn from_launch(launch: &Launch) -> Vec<WatchRunner> {
     launch.watch.iter().map(runner).collect()
 }
 
-impl Supervision {
-    /// Discards the requests of all watches after their shadows were killed.
-    pub(crate) fn clear_watches(&mut self) {
-        for watch in &mut self.watches {
-            (watch.shadow, watch.takeover, watch.rule.bound_met_since_s) = (None, None, None);
-            watch.reports.clear();
-        }
-    }
-
-    /// Ends the watch of a slot after a manual swap request, and stops its shadow.
-    pub(crate) fn suspend_watch(&mut self, slot: &str) {
-        for index in 0..self.watches.len() {
-            let WatchRunner { rule, shadow, .. } = &mut self.watches[index];
-            if rule.config.slot.name() == slot {
-                rule.ended = true;
-                if shadow.take().is_some() {
-                    let slot = rule.config.slot;
-                    self.notify_slot(slot, swap::Event::Cancel);
-                }
-            }
-        }
-    }
-
-    /// Requests a takeover by each shadow that has met its bound for the required time.
-    pub(crate) fn on_difference(&mut self, difference: &Difference) {
-        let at_s = difference.tick as f64 / self.config.rate_hz;
-        for index in 0..self.watches.len() {
-            let WatchRunner { rule, shadow, takeover, .. } = &mut self.watches[index];
-            let is_relevant =
-                difference.service == rule.config.slot.service() as u32 && shadow.is_some() && takeover.is_none();
-            if is_relevant && rule.should_take_over(difference, at_s) {
-                let line = rule.takeover_message(difference);
-                self.announce(line);
-                let takeover = self.request_for_watch(index, false);
-                self.watches[index].takeover = Some(takeover);
-            }
-        }
-    }
-
-    pub(crate) fn on_watch_report(&mut self, slot: Slot, id: u64, report: SwapReport) {
-        for watch in self.watches.iter_mut().filter(|watch| watch.rule.config.slot == slot) {
-            watch.reports.push((id, report.clone()));
-        }
-    }
-
-    /// Requests the missing shadows and processes the reports of earlier requests.
-    pub(crate) fn poll_watches(&mut self) {
-        if !self.flow.is_running() {
-            return;
-        }
-        for index in 0..self.watches.len() {
-            let WatchRunner { rule, shadow, takeover, next_attempt, .. } = &self.watches[index];
-            if shadow.is_none() && takeover.is_none() && !rule.ended && self.now >= *next_attempt {
-                let shadow = self.request_for_watch(index, true);
-                self.watches[index].shadow = Some(shadow);
-            }
-            if let Some(line) = self.watches[index].process_reports(self.now) {
-                self.announce(line);
-            }
-        }
-    }
-
-    /// Requests the stage of the watch that does not currently fill the slot, either as a shadow or
-    /// for a takeover. Returns the ID of the request.
-    fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
-        let rule = &self.watches[index].rule;
-        let (slot, stage) = (rule.config.slot, rule.shadow_stage().clone());
-        let timeout_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
-        let request = SwapRequest { slot: slot.name().into(), stage, shadow, expected_epoch: None, timeout_ms };
-        self.request_swap(request, Requester::Watch(slot))
-    }
-}
-
 impl WatchRunner {
     /// Processes the reports received since the previous call. Returns a line to print, if any.
-    fn process_reports(&mut self, now: Duration) -> Option<String> {
+    pub(crate) fn process_reports(&mut self, now: Duration) -> Option<String> {
         let reports = std::mem::take(&mut self.reports);
         let report_for = |id: Option<u64>| reports.iter().find(|(request, _)| Some(*request) == id).cloned();
         // The report of a takeover also concludes the request for the shadow.
@@ -167,12 +92,12 @@ impl WatchRunner {
 
 impl PromotionRule {
     /// Returns the stage that runs as a shadow.
-    fn shadow_stage(&self) -> &StageConfig {
+    pub(crate) fn shadow_stage(&self) -> &StageConfig {
         if self.is_promoted { &self.default_stage } else { &self.config.stage }
     }
 
     /// Updates the rule with a difference and returns `true` if the shadow should take over.
-    fn should_take_over(&mut self, difference: &Difference, at_s: f64) -> bool {
+    pub(crate) fn should_take_over(&mut self, difference: &Difference, at_s: f64) -> bool {
         let launch::PromotionRule { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } =
             self.config;
         let now_deg = self.measured_deg(difference);
@@ -205,7 +130,7 @@ impl PromotionRule {
         .to_degrees()
     }
 
-    fn takeover_message(&self, difference: &Difference) -> String {
+    pub(crate) fn takeover_message(&self, difference: &Difference) -> String {
         let (slot, stage) = (self.config.slot, &self.shadow_stage().stage);
         let (now_deg, tick) = (self.measured_deg(difference), difference.tick);
         let change = if self.is_promoted { "rolling back to" } else { "promoting" };
@@ -217,6 +142,7 @@ impl PromotionRule {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
+    use launch::Slot;
 
     fn rule() -> PromotionRule {
         let stage = |name: &str| StageConfig { stage: name.into(), set: Default::default() };

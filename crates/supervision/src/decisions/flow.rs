@@ -5,7 +5,10 @@ use std::time::Duration;
 use launch::Service;
 use messages::{EventKind, State, SystemEvent};
 
-use crate::{Action, Failure, Supervision};
+use crate::{
+    Action, Failure, Supervision,
+    state::flow::{Flow, Phase},
+};
 
 /// Time to wait for further output once the source has ended. After it, the remaining ticks are
 /// given up.
@@ -24,73 +27,6 @@ const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval between two extra windows of credit, which the source receives while ticks are missing
 /// from the output. It gives subscribers time to catch up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
-
-/// Progress of the system from start to shutdown.
-#[derive(Debug)]
-pub(crate) struct Flow {
-    phase: Phase,
-    stop_requested: bool,
-    /// Time when every service was ready for the first time.
-    first_ready: Option<Duration>,
-    granted_ticks: u64,
-    next_tick: u64,
-    /// Time of the newest output tick.
-    last_progress: Duration,
-    /// Most recent time at which a service was starting.
-    last_starting: Duration,
-    /// Time at which an extra window was last granted despite missing output.
-    last_extra_window: Duration,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// A service has not opened its topics yet and could miss messages published now.
-    Starting,
-    Running,
-    /// The source publishes no new ticks.
-    Stopping,
-    Ended,
-}
-
-impl Flow {
-    pub(crate) fn new(now: Duration) -> Self {
-        let (phase, stop_requested, first_ready) = (Phase::Starting, false, None);
-        let (granted_ticks, next_tick) = (0, 0);
-        Self {
-            phase,
-            stop_requested,
-            first_ready,
-            granted_ticks,
-            next_tick,
-            last_progress: now,
-            last_starting: now,
-            last_extra_window: now,
-        }
-    }
-
-    pub(crate) fn request_stop(&mut self) {
-        self.stop_requested = true;
-    }
-
-    /// Returns `true` from the first credit until the end, except while the bus is renewed.
-    pub(crate) fn is_running(&self) -> bool {
-        matches!(self.phase, Phase::Running | Phase::Stopping)
-    }
-
-    pub(crate) fn has_ended(&self) -> bool {
-        self.phase == Phase::Ended
-    }
-
-    /// Returns to the starting phase, because every service starts again on the new bus.
-    pub(crate) fn restart(&mut self) {
-        self.phase = Phase::Starting;
-    }
-
-    /// Extends the deadlines for output by the duration of a stall.
-    pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
-        self.last_progress += stall;
-    }
-}
 
 impl Supervision {
     /// Advances the phase and grants credit to the source.

@@ -10,8 +10,10 @@ use swap::{FIRST_EPOCH, Resume, Role};
 use crate::{
     Action, Failure, Spawn, Supervision,
     event::after_colon,
-    process::{ExitedProcess, Process},
-    restart_policy::RestartVerdict,
+    state::{
+        process::{ExitedProcess, Process},
+        restart_policy::RestartVerdict,
+    },
 };
 
 /// Shortest gap between two timer events that counts as a stall of the supervisor or the machine.

@@ -7,10 +7,8 @@ use launch::{Restart, Service};
 use messages::{Health, State};
 use swap::Resume;
 
-use crate::{
-    Action,
-    restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
-};
+use super::restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy};
+use crate::Action;
 
 /// Minimum silence timeout for low-priority services, which may have to wait for the processor.
 const AUX_SILENCE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -20,7 +18,7 @@ const MAX_DIAGNOSTICS: usize = 16;
 
 /// Table of the services of a system, in the order of [`Service::ALL`].
 #[derive(Debug)]
-pub struct ProcessTable {
+pub(crate) struct ProcessTable {
     entries: [ProcessEntry; Service::ALL.len()],
     last_incarnation: u32,
     /// Time of the last call of [`take_stall`](Self::take_stall).

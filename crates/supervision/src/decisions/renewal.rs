@@ -4,7 +4,7 @@
 //! them. As soon as a process has to start, every service is therefore restarted from its
 //! checkpoint on a new bus. Repeated removals stop the system.
 
-use std::{collections::VecDeque, path::PathBuf, time::Duration};
+use std::{path::PathBuf, time::Duration};
 
 use launch::{Service, Slot};
 use messages::{EventKind, SystemEvent};
@@ -14,35 +14,6 @@ use crate::{Action, Failure, ProcessEntry, Supervision};
 /// Maximum number of renewals within [`RENEWAL_WINDOW`].
 const MAX_RENEWALS: usize = 3;
 const RENEWAL_WINDOW: Duration = Duration::from_secs(60);
-
-/// Recent renewals of the bus, and the state of the current one.
-#[derive(Debug, Default)]
-pub(crate) struct Renewals {
-    renewals: VecDeque<Duration>,
-    /// Set once the removal has been announced to the user.
-    announced: bool,
-    under_way: bool,
-    /// Set if a process that is not an owner has just exited before it could join the bus.
-    join_failed: bool,
-}
-
-impl Renewals {
-    pub(crate) fn is_under_way(&self) -> bool {
-        self.under_way
-    }
-
-    /// Records whether a process that is not an owner has just exited before it could join the bus.
-    /// The record is cleared at each timer event.
-    pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
-        self.join_failed = join_failed;
-    }
-
-    /// Returns the number of renewals within the last [`RENEWAL_WINDOW`].
-    fn count_recent(&mut self, now: Duration) -> usize {
-        while self.renewals.pop_front_if(|at| *at + RENEWAL_WINDOW < now).is_some() {}
-        self.renewals.len()
-    }
-}
 
 impl Supervision {
     /// Starts a renewal if a process is starting or due to start. Otherwise only announces the
@@ -63,7 +34,7 @@ impl Supervision {
             }
             return;
         }
-        let count = self.renewals.count_recent(self.now) + 1;
+        let count = self.renewals.count_recent(self.now, RENEWAL_WINDOW) + 1;
         if count > MAX_RENEWALS {
             return self.finish(Some(Failure::FilesRemovedRepeatedly {
                 path,

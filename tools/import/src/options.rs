@@ -1,0 +1,22 @@
+//! Options of an import.
+
+use mapping::Mapping;
+
+/// Options for reading the input files.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// Meaning of the columns. Required for CSV and rejected for other formats.
+    pub mapping: Option<Mapping>,
+    /// Topics to read if several contain the same quantity. Allowed only for bags and MCAP files.
+    pub topics: Vec<String>,
+    /// Number of the inertial sensor to read, from 0; the first that works if `None`.
+    pub imu: Option<usize>,
+    /// Number of the magnetometer to read, from 0.
+    pub mag: Option<usize>,
+    /// Number of the receiver to read, from 0.
+    pub gnss: Option<usize>,
+    /// Number of the segment to read, from 1; the longest one if `None`.
+    pub segment: Option<usize>,
+    /// Width of the times in bits if they are a wrapping counter.
+    pub time_bits: Option<u8>,
+}
