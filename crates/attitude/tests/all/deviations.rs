@@ -1,7 +1,7 @@
 //! Reported standard deviations. Each error is divided by its reported standard deviation. The
 //! quantiles of these normalised errors are compared with those of a normal distribution.
 //!
-//! `cargo test --release -p attitude deviations:: -- --nocapture` prints every figure.
+//! `cargo test --release -p plumbline-attitude deviations:: -- --nocapture` prints every figure.
 //!
 //! Input: trials of BROAD, crossed trials (the movement of one trial in the magnetic field of
 //! another) and cruise scenarios.

@@ -1,6 +1,6 @@
 //! Fuser `aided` on flights: scenarios with eight seeds each, and a recorded flight.
 //!
-//! `cargo test --release -p attitude flight:: -- --nocapture` prints every figure.
+//! `cargo test --release -p plumbline-attitude flight:: -- --nocapture` prints every figure.
 use std::{io::Read, path::PathBuf};
 
 use crate::common::ResultCache;

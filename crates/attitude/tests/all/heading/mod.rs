@@ -1,6 +1,6 @@
 //! Attitude of `wz` with nine axes on the trials of BROAD, compared with VQF.
 //!
-//! `cargo test --release -p attitude heading:: -- --nocapture` prints every figure.
+//! `cargo test --release -p plumbline-attitude heading:: -- --nocapture` prints every figure.
 pub(crate) mod crossed;
 mod rng;
 mod stress;

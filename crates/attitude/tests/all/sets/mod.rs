@@ -1,6 +1,6 @@
 //! Errors of the default fuser, `wz`, `vqf` and `madgwick` on every set of recordings.
 //!
-//! `cargo test --release -p attitude sets:: -- --nocapture` prints the table: per set the mean RMSE
+//! `cargo test --release -p plumbline-attitude sets:: -- --nocapture` prints the table: per set the mean RMSE
 //! of inclination and heading, the normalised errors, and the trials that are worse than with VQF.
 //!
 //! Input: the folders `broad`, `tumvi` and `phones` of `$PLUMBLINE_DATA` or `../shared/data`.
