@@ -20,7 +20,7 @@
 //! | `watch` | automatic promotion of shadows |
 //! | `flow` | readiness, credit for the source, shutdown |
 //! | `history` | events published while the system runs |
-//! | `renewal` | replacement of a bus whose files were removed |
+//! | `renewal` | replacement of a bus whose files were removed or damaged |
 #![forbid(unsafe_code)]
 
 mod checkpoint_store;
@@ -46,7 +46,7 @@ use {
     watch::WatchRunner,
 };
 
-pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Spawn};
+pub use event::{Action, Config, Event, Failure, FileFault, OutputProgress, Reply, Spawn};
 pub use process::{ProcessEntry, ProcessTable};
 
 /// State and decision logic of one system's supervisor.
@@ -123,7 +123,7 @@ impl Supervision {
             Event::Request { client, request } => self.on_request(client, request),
             Event::ClientDisconnected { client } => self.on_client_disconnected(client),
             Event::StopRequested => self.flow.request_stop(),
-            Event::FilesRemoved { path } => self.on_files_removed(path),
+            Event::FilesUnusable { path, fault } => self.on_files_unusable(path, fault),
             Event::BusRenewed => self.on_bus_renewed(),
         }
     }
