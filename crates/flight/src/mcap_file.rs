@@ -1,4 +1,4 @@
-//! MCAP file whose index is kept in a file instead of in memory.
+//! MCAP file that keeps its index in a second file instead of in memory.
 //!
 //! Input: schemas, channels, messages, attachments and metadata.
 //!
@@ -318,7 +318,7 @@ fn record(code: u8, body: Body) -> Vec<u8> {
     bytes
 }
 
-/// Appends a record whose content consists of `parts`.
+/// Appends a record. Its content is the concatenation of `parts`.
 fn write_record(bytes: &mut Vec<u8>, code: u8, parts: &[&[u8]]) {
     let length: usize = parts.iter().map(|part| part.len()).sum();
     bytes.push(code);
@@ -433,7 +433,7 @@ mod tests {
     fn memory_does_not_grow_with_number_of_chunks() {
         let folder = tempfile::tempdir().unwrap();
         let (mut early, mut late) = (0, 0);
-        // As many chunks as a flight has in three hours.
+        // Number of chunks of a flight of three hours.
         file_with_chunks(&folder.path().join("a.mcap"), 43_200, &mut |chunk| match chunk {
             2000 => early = anonymous_kb(),
             43_199 => late = anonymous_kb(),

@@ -41,8 +41,8 @@ impl StageOutput {
         Ok((Self { end }, writer))
     }
 
-    /// Waits until all output is printed, for at most `timeout`. A process that outlives the program
-    /// can keep the output open.
+    /// Waits until all output is printed, for at most `timeout`. A process that outlives the
+    /// program can keep the output open.
     pub(crate) fn wait(&self, timeout: Duration) {
         let ended: Result<(), RecvTimeoutError> = self.end.recv_timeout(timeout);
         debug_assert!(ended.is_err(), "nothing is sent");

@@ -510,7 +510,7 @@ fn truncated_and_overwritten_permanent_files_are_found() {
         assert_eq!(ticks(&subscriber), [0, 1, 2, 3, 4]);
     }
     let files = permanent_files(&system_name);
-    // From here on the memory of the files is damaged, so nothing may use it.
+    // The damaged memory must not be used, so no message is sent after this point.
     for path in &files {
         let (content, mode) = (fs::read(path).unwrap(), fs::metadata(path).unwrap().permissions());
         let write = |content: &[u8]| {
