@@ -150,7 +150,7 @@ fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<(Strin
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
         let samples = launch::pluralize(survey.rows, "sample");
-        return Ok((format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz), None));
+        return Ok((format!("{}: {samples} at {:.1} Hz", foreign::path(out), survey.rate_hz), None));
     }
     let (readable, summary) = ReadableFile::import(files, options)?;
     to_mcap(&readable.path, out)?;
@@ -291,7 +291,7 @@ pub(crate) fn summary_text(summary: &Summary, name: &Path) -> String {
     let (samples, fixes) = (launch::pluralize(*rows, "sample"), launch::pluralize(*fixes, "fix"));
     let head = format!(
         "{}: {format}, {samples} at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with magnetic field, {reference_rows} with reference, {fixes}",
-        name.display()
+        foreign::path(name)
     );
     notes.iter().fold(head, |text, note| format!("{text}\n  {note}"))
 }

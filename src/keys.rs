@@ -171,7 +171,7 @@ fn revoke(party: &str, folder: &FolderArgs) -> Result<ExitCode, KeysError> {
     let router = folder.dir.join("router");
     Ok(print(&format_args!(
         "{party} revoked; to apply it, copy {} to the router and restart the router",
-        router.display()
+        foreign::path(&router)
     )))
 }
 
@@ -210,15 +210,16 @@ fn print_written(written: &[WrittenFolder], folder: &FolderArgs) -> ExitCode {
     let mut lines = Vec::new();
     for one in written {
         lines.push(format!("{}, valid until {}:", one.name, one.until));
-        lines.extend(one.files.iter().map(|file| format!("  {}", file.display())));
+        lines.extend(one.files.iter().map(|file| format!("  {}", foreign::path(file))));
         lines.push(match one.copy_to {
-            Some(to) => format!("  copy {} to {to} on that machine", one.folder.display()),
+            Some(to) => format!("  copy {} to {to} on that machine", foreign::path(&one.folder)),
             None => "  authority.key stays here; its holder can impersonate any party".into(),
         });
     }
     if written.iter().all(|one| one.name != "router") {
         let router = folder.dir.join("router/router.json5");
-        lines.push(format!("to apply it, copy the new {} to the router and restart the router", router.display()));
+        lines
+            .push(format!("to apply it, copy the new {} to the router and restart the router", foreign::path(&router)));
     }
     print(&lines.join("\n"))
 }

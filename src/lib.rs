@@ -252,7 +252,7 @@ pub fn main() -> ExitCode {
             Ok(launch) => match absent::find_absent_service(&launch) {
                 Some(error) => fail(&error, 3),
                 None => {
-                    supervisor::announce(format_args!("{} is valid", file.display()));
+                    supervisor::announce(format_args!("{} is valid", foreign::path(&file)));
                     ExitCode::SUCCESS
                 }
             },

@@ -30,7 +30,7 @@ pub(crate) fn replay_flight(request: &Request, path: &Path, trust_programs: bool
     if readings.peek().is_none() {
         let reason =
             "it contains no readings; record it with `plumb up --record`, or from a system started with `--readings`";
-        return Err(UpError::Flight(format!("replaying {}: {reason}", path.display())).into());
+        return Err(UpError::Flight(format!("replaying {}: {reason}", foreign::path(path))).into());
     }
     let readings = Box::new(readings.map(|taken| taken.map_err(|error| error.to_string())));
     let mut flight = Flight::new(launch, &events, readings)?;

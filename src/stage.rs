@@ -129,7 +129,10 @@ fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Optio
     };
     match (Template { language, slot, name }).write(&folder) {
         Ok(()) => {
-            supervisor::announce(format_args!("{} created; see its README.md for the next steps", folder.display()));
+            supervisor::announce(format_args!(
+                "{} created; see its README.md for the next steps",
+                foreign::path(&folder)
+            ));
             ExitCode::SUCCESS
         }
         Err(error @ TemplateError::Write { .. }) => fail(&error, 1),
@@ -147,7 +150,7 @@ fn crates_source(source: &str) -> Result<String, String> {
     if !absolute.join("crates/sdk").is_dir() {
         return Err(format!(
             "{} has no folder crates/sdk; expected the folder of Plumbline's source",
-            absolute.display()
+            foreign::path(&absolute)
         ));
     }
     Ok(absolute.display().to_string())

@@ -107,7 +107,10 @@ enum CalibrateError {
     Trial(Box<ScoreError>),
     #[error(transparent)]
     Flight(#[from] FlightError),
-    #[error("{} has no readings, only calibrated samples; record the flight with `plumb up --record`", file.display())]
+    #[error(
+        "{} has no readings, only calibrated samples; record the flight with `plumb up --record`",
+        foreign::path(file)
+    )]
     NoReadings { file: PathBuf },
     #[error(transparent)]
     Launch(#[from] LaunchError),

@@ -156,7 +156,7 @@ fn show_vehicles(_: &View, _: Option<&str>) -> Result<ExitCode, ViewError> {
 
 /// Shows a recorded flight.
 fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
-    let path_text = path.display().to_string();
+    let path_text = foreign::path(path).to_string();
     if path.is_file() && !flight::is_flight(path) {
         return Err(ViewError::NotAFlight { path: path_text });
     }

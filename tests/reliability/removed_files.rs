@@ -1,7 +1,12 @@
-//! Removal of a running system's files.
+//! Removal of and damage to a running system's files.
 //!
 //! Running services continue. When one of them exits, all services restart on a new bus.
-use std::{fs, path::PathBuf, time::Duration};
+use std::{
+    fs,
+    os::unix::fs::{FileExt, PermissionsExt},
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use crate::common::{Running, System, plumb, signal, wait_for};
 use rustix::process::Signal;
@@ -136,5 +141,81 @@ fn file_removal_is_reported_and_spares_successor() {
     assert_eq!(system.ps().len(), 5, "the second system still responds");
     next.interrupt();
     next.wait().assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+}
+
+/// Overwrites or truncates files that new processes read to join.
+fn damage(system: &System, kind: &str, truncates: bool) {
+    let folder = PathBuf::from(format!("/dev/shm/plumbline.{}/services", system.name));
+    let constant = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let paths: Vec<_> = files(system, kind).into_iter().chain(constant.filter(|_| kind == ".service")).collect();
+    assert!(!paths.is_empty());
+    for path in paths {
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        let length = if truncates { 0 } else { fs::metadata(&path).unwrap().len() as usize };
+        fs::write(&path, vec![0x55; length]).unwrap();
+    }
+}
+
+#[test]
+fn system_with_damaged_files_restarts_without_loss() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.wait_until_running();
+    let cases = [(".service", false, "fuser"), (".service", true, "gyro"), (".global_mgmt", true, "ingest")];
+    for (kind, truncates, service) in cases {
+        std::thread::sleep(Duration::from_millis(1200));
+        let before = pids(&running);
+        damage(&system, kind, truncates);
+        std::thread::sleep(Duration::from_millis(300));
+        assert_eq!(pids(&running), before, "running services continue");
+        signal(running.service(service), Signal::KILL);
+        wait_for("all services to restart", || {
+            running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+        });
+        system.wait_until_running();
+        assert_eq!(system.swap(&["course", "track"])["outcome"], "committed");
+        assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
+    }
+    running.interrupt();
+    let run = running.wait();
+    run.assert_complete();
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+    assert_eq!(run.stderr.matches("was damaged while the system ran").count(), cases.len(), "{}", run.stderr);
+}
+
+#[test]
+fn overwritten_shared_state_stops_system_with_error() {
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let state = fs::OpenOptions::new().write(true).open(&files(&system, ".wake")[0]).unwrap();
+    state.write_all_at(&[0x55; 4096], 0).unwrap();
+    let run = running.wait();
+    assert_eq!(run.code, Some(1), "{}", run.stderr);
+    let error = run.json["error"].as_str().unwrap();
+    assert!(error.contains("the shared state of the system was damaged"), "{error}");
+    assert_eq!(system.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn missing_control_socket_is_opened_again() {
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let before = pids(&running);
+    let socket = PathBuf::from(format!("/dev/shm/plumbline.{}/control", system.name));
+    let replace: [fn(&Path); 2] = [|_| {}, |path| fs::write(path, "").unwrap()];
+    for replace in replace {
+        fs::remove_file(&socket).unwrap();
+        replace(&socket);
+        system.wait_until_running();
+    }
+    assert_eq!(pids(&running), before, "services continue");
+    running.interrupt();
+    let run = running.wait();
+    run.assert_complete();
+    assert_eq!(run.stderr.matches("the control socket was removed or replaced").count(), 2, "{}", run.stderr);
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }

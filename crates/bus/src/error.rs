@@ -59,6 +59,15 @@ pub enum BusError {
         /// System name.
         name: String,
     },
+    /// The shared state of the system was truncated or overwritten.
+    #[error(
+        "the shared state of the system was damaged ({}), so its ticks are unknown; restart the system with `plumb up`",
+        path.display()
+    )]
+    SharedStateDamaged {
+        /// Path of the shared state.
+        path: PathBuf,
+    },
     /// The system is running, but its files were removed, so no process can join.
     #[error(
         "joining the system {name:?}: its files were removed while it is running (processes {pids:?}); it recovers by itself when a service ends or is swapped"

@@ -14,6 +14,7 @@
 //! memory instead.
 
 mod bootstrap;
+mod damaged_files;
 mod error;
 mod feeder;
 mod limits;
@@ -31,6 +32,7 @@ mod tap;
 mod topic;
 mod wake;
 
+pub use damaged_files::FileMonitor;
 pub use error::BusError;
 pub use feeder::Feeder;
 pub use limits::{MAX_OBSERVERS, Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};

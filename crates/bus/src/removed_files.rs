@@ -10,7 +10,7 @@ use crate::{SystemName, system_name::POLL_INTERVAL};
 
 /// Suffix with which the kernel marks the path of an open file that was removed.
 pub(crate) const DELETED_SUFFIX: &str = " (deleted)";
-const OWNER_WRITABLE: u32 = 0o200;
+pub(crate) const OWNER_WRITABLE: u32 = 0o200;
 
 impl SystemName {
     /// Returns a removed file of the system that one of the processes still has open.

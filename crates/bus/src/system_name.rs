@@ -238,7 +238,8 @@ impl SystemName {
         Ok(self.root().join("control"))
     }
 
-    pub(crate) fn shared_state_path(&self) -> PathBuf {
+    /// Returns the path of the file with the shared state of the system.
+    pub fn shared_state_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }
 
@@ -290,7 +291,12 @@ impl Claim {
         &self.system_name
     }
 
-    /// Releases the name and claims it again after the files were removed.
+    /// Returns the process ID in the shared state, or `None` if the file was truncated.
+    pub(crate) fn owner_pid(&self) -> Option<u32> {
+        SharedState::map(&self.lock).ok().map(|state| state.owner_pid())
+    }
+
+    /// Releases the name and claims it again after the files were removed or damaged.
     ///
     /// Only the number of the next tick of each topic is kept of the shared state. The caller must
     /// ensure that no process has a bus resource open.

@@ -4,9 +4,10 @@ use std::{
     fs::{self, Permissions},
     io::{ErrorKind, Read, Write},
     os::unix::{
-        fs::PermissionsExt,
+        fs::{MetadataExt, PermissionsExt},
         net::{UnixListener, UnixStream},
     },
+    path::Path,
     time::{Duration, Instant},
 };
 
@@ -26,6 +27,8 @@ pub(super) const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct ControlSocket {
     listener: UnixListener,
+    /// Inode of the socket's file.
+    inode: u64,
     clients: Vec<Client>,
     next_client: u64,
     /// Clients that disconnected after sending a request.
@@ -49,12 +52,28 @@ impl ControlSocket {
     ///
     /// Fails if the folder is not private to this user or the socket cannot be bound.
     pub fn open(system_name: &SystemName) -> Result<Self, ControlError> {
+        let (listener, inode) = bind(&system_name.control_socket_path()?)?;
+        Ok(Self { listener, inode, clients: Vec::new(), next_client: 0, disconnected: Vec::new() })
+    }
+
+    /// Opens the socket again if its file was removed or replaced, and returns whether that was
+    /// so. Connected clients stay connected.
+    ///
+    /// # Errors
+    ///
+    /// Fails like [`open`](Self::open), or if a file in the place of the socket cannot be removed.
+    pub fn reopen_if_missing(&mut self, system_name: &SystemName) -> Result<bool, ControlError> {
         let path = system_name.control_socket_path()?;
         let failed = |cause| ControlError::Open { path: path.clone(), cause };
-        let listener = UnixListener::bind(&path).map_err(failed)?;
-        fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        Ok(Self { listener, clients: Vec::new(), next_client: 0, disconnected: Vec::new() })
+        match fs::symlink_metadata(&path) {
+            Ok(found) if found.ino() == self.inode => return Ok(false),
+            Ok(found) if found.is_dir() => fs::remove_dir(&path).map_err(failed)?,
+            Ok(_) => fs::remove_file(&path).map_err(failed)?,
+            Err(cause) if cause.kind() == ErrorKind::NotFound => {}
+            Err(cause) => return Err(failed(cause)),
+        }
+        (self.listener, self.inode) = bind(&path)?;
+        Ok(true)
     }
 
     /// Accepts clients and returns the requests that have arrived, each with the number of its
@@ -122,6 +141,16 @@ impl ControlSocket {
         let Some(index) = self.clients.iter().position(|one| one.number == client) else { return };
         self.clients.swap_remove(index).send(response);
     }
+}
+
+/// Binds a socket that only this user can open. Returns it with the inode of its file.
+fn bind(path: &Path) -> Result<(UnixListener, u64), ControlError> {
+    let failed = |cause| ControlError::Open { path: path.to_owned(), cause };
+    let listener = UnixListener::bind(path).map_err(failed)?;
+    fs::set_permissions(path, Permissions::from_mode(0o600)).map_err(failed)?;
+    listener.set_nonblocking(true).map_err(failed)?;
+    let inode = fs::symlink_metadata(path).map_err(failed)?.ino();
+    Ok((listener, inode))
 }
 
 impl Client {

@@ -3,8 +3,13 @@
 
 use std::{
     cell::Cell,
+    fs,
     io::{ErrorKind, Read, Write},
-    os::unix::net::UnixStream,
+    os::unix::{
+        fs::PermissionsExt,
+        net::{UnixListener, UnixStream},
+    },
+    path::Path,
     sync::atomic::{AtomicU32, Ordering},
     thread,
     time::Instant,
@@ -181,4 +186,28 @@ fn notification_ends_with_its_sender() {
         attempts.get() == 3
     });
     assert_eq!(attempts.get(), 3);
+}
+
+#[test]
+fn removed_and_replaced_sockets_are_opened_again() {
+    let mut system = TestSystem::new();
+    let path = system.0.control_socket_path().unwrap();
+    let replace: [fn(&Path); 4] = [
+        |_| {},
+        |path| fs::write(path, "not a socket").unwrap(),
+        |path| drop(UnixListener::bind(path).unwrap()),
+        |path| fs::create_dir(path).unwrap(),
+    ];
+    assert!(!system.2.reopen_if_missing(&system.0).unwrap());
+    for replace in replace {
+        let waiting = system.client();
+        system.2.poll_requests();
+        fs::remove_file(&path).unwrap();
+        replace(&path);
+        assert!(system.2.reopen_if_missing(&system.0).unwrap());
+        assert!(!system.2.reopen_if_missing(&system.0).unwrap());
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        system.serve_during(|name| assert_eq!(send_request::<u32>(name, &ControlRequest::Status).unwrap(), 7));
+        drop(waiting);
+    }
 }

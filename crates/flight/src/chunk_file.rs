@@ -1,6 +1,6 @@
 //! File that consists of complete chunks and always ends at a chunk boundary.
 //!
-//! Input: bytes, and a flush at the end of each chunk.
+//! Input: bytes, and a flush at the end of each chunk or of the summary.
 //!
 //! Output: the file under its final name, readable by its owner only.
 //!
@@ -9,12 +9,15 @@
 
 use std::{
     fs::{File, OpenOptions},
-    io::{self, ErrorKind, Seek, SeekFrom, Write},
+    io::{self, Write},
     os::unix::fs::OpenOptionsExt,
     path::Path,
 };
 
 use crate::error::{FlightError, create_error};
+
+/// Size at which a chunk or summary is written in parts, bytes.
+const MAX_PENDING_BYTES: usize = 4 << 20;
 
 #[derive(Debug)]
 pub(crate) struct ChunkFile {
@@ -23,6 +26,8 @@ pub(crate) struct ChunkFile {
     pending: Vec<u8>,
     /// Length of the file up to the end of the last complete chunk.
     complete_bytes: u64,
+    /// Number of bytes written after the last complete chunk.
+    incomplete_bytes: u64,
     has_failed: bool,
 }
 
@@ -31,7 +36,7 @@ impl ChunkFile {
     pub(crate) fn create(path: &Path) -> Result<Self, FlightError> {
         let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
         let file = file.map_err(|cause| create_error(path, cause))?;
-        Ok(Self { file, pending: Vec::new(), complete_bytes: 0, has_failed: false })
+        Ok(Self { file, pending: Vec::new(), complete_bytes: 0, incomplete_bytes: 0, has_failed: false })
     }
 
     /// Returns the number of bytes in the file.
@@ -39,20 +44,18 @@ impl ChunkFile {
         self.complete_bytes
     }
 
-    /// Waits until the data is on disk.
-    pub(crate) fn sync(&self) -> io::Result<()> {
-        self.file.sync_all()
+    /// Returns the position of the next byte.
+    pub(crate) fn position(&self) -> u64 {
+        self.complete_bytes + self.incomplete_bytes + self.pending.len() as u64
     }
-}
 
-impl Write for ChunkFile {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+    /// Adds bytes to the current chunk in memory.
+    pub(crate) fn append(&mut self, bytes: &[u8]) {
         self.pending.extend_from_slice(bytes);
-        Ok(bytes.len())
     }
 
-    /// Writes the pending chunk completely or not at all.
-    fn flush(&mut self) -> io::Result<()> {
+    /// Writes the pending bytes. On failure, everything after the last complete chunk is removed.
+    fn write_pending(&mut self) -> io::Result<()> {
         if self.has_failed {
             return Err(io::Error::other("the file was closed after a write error"));
         }
@@ -62,19 +65,32 @@ impl Write for ChunkFile {
             let _ = self.file.set_len(self.complete_bytes);
             return Err(cause);
         }
-        self.complete_bytes += self.pending.len() as u64;
+        self.incomplete_bytes += self.pending.len() as u64;
         self.pending.clear();
         Ok(())
     }
+
+    /// Waits until the data is on disk.
+    pub(crate) fn sync(&self) -> io::Result<()> {
+        self.file.sync_all()
+    }
 }
 
-/// Supports only position queries.
-impl Seek for ChunkFile {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        match to {
-            SeekFrom::Current(0) => Ok(self.complete_bytes + self.pending.len() as u64),
-            _ => Err(ErrorKind::Unsupported.into()),
+impl Write for ChunkFile {
+    /// Adds bytes to the current chunk, which is written in parts if it is large.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.append(bytes);
+        if self.pending.len() >= MAX_PENDING_BYTES {
+            self.write_pending()?;
         }
+        Ok(bytes.len())
+    }
+
+    /// Completes the pending chunk. It is written completely or not at all.
+    fn flush(&mut self) -> io::Result<()> {
+        self.write_pending()?;
+        self.complete_bytes += std::mem::take(&mut self.incomplete_bytes);
+        Ok(())
     }
 }
 
@@ -90,7 +106,7 @@ mod tests {
         let path = folder.path().join("a.mcap");
         let mut file = ChunkFile::create(&path).unwrap();
         file.write_all(b"one").unwrap();
-        assert_eq!((fs::read(&path).unwrap(), file.stream_position().unwrap()), (Vec::new(), 3));
+        assert_eq!((fs::read(&path).unwrap(), file.position()), (Vec::new(), 3));
         file.flush().unwrap();
         file.write_all(b"two").unwrap();
         assert_eq!((fs::read(&path).unwrap(), file.written_bytes()), (b"one".to_vec(), 3));

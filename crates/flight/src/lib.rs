@@ -14,7 +14,9 @@
 //! | module | content |
 //! | --- | --- |
 //! | [`recorder`] | recorder with its writer thread |
-//! | `writer` | MCAP writer: channels, messages, metadata, attachments |
+//! | `writer` | content of a flight: channels, messages, metadata, attachments |
+//! | `mcap_file` | MCAP file whose index is not kept in memory |
+//! | `spill_file` | records of the index until the end |
 //! | `chunk_file` | file that grows in complete chunks |
 //! | `gaps` | count of missed ticks |
 //! | [`summary`] | summary of a recorded file |
@@ -29,8 +31,10 @@ mod header;
 pub mod info;
 #[cfg(test)]
 mod layouts;
+mod mcap_file;
 pub mod reader;
 pub mod recorder;
+mod spill_file;
 pub mod summary;
 #[cfg(test)]
 mod tests;

@@ -11,7 +11,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
+    fs, io,
     path::{Path, PathBuf},
     sync::{
         Arc, OnceLock,
@@ -22,7 +22,6 @@ use std::{
 };
 
 use graph::{Presence, Topic};
-use mcap::McapResult;
 use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use rustix::time::{ClockId, clock_gettime};
 use wire::channel::{Clocks, FieldOffsets, read_u64};
@@ -274,11 +273,11 @@ fn run_writer(
     path: &Path,
     failure: &OnceLock<String>,
 ) -> WriterResult {
-    let record_failure = |error| {
+    let record_failure = |error: io::Error| {
         // Only the first failure is reported.
-        let _ = failure.set(write_error(path, error).to_string());
+        let _ = failure.set(write_error(path, &error).to_string());
     };
-    let mut writer = match Writer::create(file, header, topics, clocks) {
+    let mut writer = match Writer::create(file, path, header, topics, clocks) {
         Ok(writer) => writer,
         Err(error) => {
             record_failure(error);
@@ -288,13 +287,13 @@ fn run_writer(
     let finished = process_commands(&mut writer, &commands).map_err(record_failure).is_ok();
     let (mut file, seconds, topics) = writer.into_parts();
     // The MCAP summary is still in the buffer of `file`.
-    if finished && let Err(cause) = std::io::Write::flush(&mut file).and_then(|()| file.sync()) {
-        record_failure(cause.into());
+    if finished && let Err(cause) = io::Write::flush(&mut file).and_then(|()| file.sync()) {
+        record_failure(cause);
     }
     WriterResult { seconds, bytes: file.written_bytes(), topics }
 }
 
-fn process_commands(writer: &mut Writer, commands: &Receiver<WriterCommand>) -> McapResult<()> {
+fn process_commands(writer: &mut Writer, commands: &Receiver<WriterCommand>) -> io::Result<()> {
     let (mut flushed, mut unflushed) = (Instant::now(), 0);
     let (mut missed_written_at, mut missed) = (None::<Instant>, BTreeMap::new());
     loop {

@@ -55,7 +55,7 @@ impl fmt::Display for RecordingSummary {
         write!(
             f,
             "{}: {} in {seconds:.1} s, missed {missed}, {:.1} MB",
-            file.display(),
+            foreign::path(file),
             pluralize(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;

@@ -8,10 +8,10 @@
 //!
 //! Failure: no more data is written after the first error.
 
-use std::{borrow::Cow, collections::BTreeMap, io, path::Path};
+use std::{collections::BTreeMap, io, path::Path};
 
 use graph::Topic;
-use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions, records::MessageHeader, records::Metadata};
+use mcap::records::{AttachmentHeader, MessageHeader};
 use messages::layout;
 use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
 
@@ -19,11 +19,10 @@ use crate::{
     FlightError, Stamps,
     chunk_file::ChunkFile,
     header::{FlightHeader, now_ns},
+    mcap_file::McapFile,
     summary::TopicSummary,
 };
 
-/// Uncompressed size at which a chunk is completed without waiting for the next flush, bytes.
-const CHUNK_BYTES: u64 = 1 << 20;
 /// Name of the metadata record at the start.
 pub(crate) const HEADER_METADATA: &str = "plumbline";
 /// Name of the metadata record at the end.
@@ -38,7 +37,7 @@ pub(crate) const CONFIG_ATTACHMENT: &str = "config.json";
 pub(crate) const REPORT_ATTACHMENT: &str = "report.json";
 
 pub(crate) struct Writer {
-    mcap: mcap::Writer<ChunkFile>,
+    mcap: McapFile,
     clocks: Clocks,
     channels: Vec<Channel>,
     /// Index into `channels` by topic.
@@ -60,16 +59,21 @@ struct Channel {
 
 impl Writer {
     /// Creates the MCAP file with header metadata, attachments, schemas and channels.
-    pub(crate) fn create(file: ChunkFile, header: &FlightHeader, topics: &[Topic], clocks: Clocks) -> McapResult<Self> {
+    pub(crate) fn create(
+        file: ChunkFile,
+        path: &Path,
+        header: &FlightHeader,
+        topics: &[Topic],
+        clocks: Clocks,
+    ) -> io::Result<Self> {
         let library = format!("plumbline {}", header.version);
-        let options = WriteOptions::new().profile("").library(library).compression(Some(Compression::Lz4));
-        let mut mcap = options.chunk_size(Some(CHUNK_BYTES)).disable_seeking(true).create(file)?;
-        mcap.write_metadata(&Metadata { name: HEADER_METADATA.into(), metadata: header.metadata(clocks) })?;
+        let mut mcap = McapFile::create(file, path, &library)?;
+        mcap.write_metadata(HEADER_METADATA, &header.metadata(clocks))?;
         let start_ns = now_ns(clocks);
         if let Some(launch) = &header.launch {
-            mcap.attach(&attachment(LAUNCH_ATTACHMENT, "application/toml", launch.as_bytes(), start_ns))?;
+            mcap.attach(&attachment(LAUNCH_ATTACHMENT, "application/toml", start_ns), launch.as_bytes())?;
         }
-        mcap.attach(&attachment(CONFIG_ATTACHMENT, "application/json", header.config.as_bytes(), start_ns))?;
+        mcap.attach(&attachment(CONFIG_ATTACHMENT, "application/json", start_ns), header.config.as_bytes())?;
         let mut channels = Vec::new();
         let mut channel_indexes = vec![None; Topic::ALL.len()];
         let mut viewers = Vec::new();
@@ -94,7 +98,7 @@ impl Writer {
     }
 
     /// Adds a message that arrived at `received_ns` (CLOCK_MONOTONIC) to the current chunk.
-    pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) -> McapResult<()> {
+    pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) -> io::Result<()> {
         let Self { mcap, clocks, channels, channel_indexes, viewers, span_ns } = self;
         let Some(channel) = channel_indexes[topic as usize].and_then(|index| channels.get_mut(index)) else {
             return Ok(());
@@ -113,13 +117,13 @@ impl Writer {
     }
 
     /// Writes a metadata record with the number of messages missed so far on each topic.
-    pub(crate) fn write_missed(&mut self, missed: &BTreeMap<Topic, u64>) -> McapResult<()> {
+    pub(crate) fn write_missed(&mut self, missed: &BTreeMap<Topic, u64>) -> io::Result<()> {
         let entries = missed.iter().map(|(topic, count)| (format!("/{}", topic.name()), count.to_string()));
-        self.mcap.write_metadata(&Metadata { name: MISSED_METADATA.into(), metadata: entries.collect() })
+        self.mcap.write_metadata(MISSED_METADATA, &entries.collect())
     }
 
     /// Completes the current chunk and writes it to the file.
-    pub(crate) fn flush(&mut self) -> McapResult<()> {
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
         self.mcap.flush()?;
         self.channels.iter_mut().for_each(|channel| channel.flushed = channel.messages);
         Ok(())
@@ -127,16 +131,15 @@ impl Writer {
 
     /// Writes the reason for ending, the optional report and the MCAP summary, which completes the
     /// file.
-    pub(crate) fn finish(&mut self, reason: &str, report: Option<&str>) -> McapResult<()> {
+    pub(crate) fn finish(&mut self, reason: &str, report: Option<&str>) -> io::Result<()> {
         let entries = [("reason".to_owned(), reason.to_owned())];
-        self.mcap.write_metadata(&Metadata { name: END_METADATA.into(), metadata: entries.into() })?;
+        self.mcap.write_metadata(END_METADATA, &entries.into())?;
         if let Some(report) = report {
             let end_ns = now_ns(self.clocks);
-            self.mcap.attach(&attachment(REPORT_ATTACHMENT, "application/json", report.as_bytes(), end_ns))?;
+            self.mcap.attach(&attachment(REPORT_ATTACHMENT, "application/json", end_ns), report.as_bytes())?;
         }
         self.flush()?;
-        self.mcap.finish()?;
-        Ok(())
+        self.mcap.finish()
     }
 
     /// Returns the file, the duration of the flight in seconds, and the number of flushed messages
@@ -152,40 +155,26 @@ impl Writer {
     }
 }
 
-/// Converts a write error. For an operating system error, the MCAP library's text is omitted.
-pub(crate) fn write_error(path: &Path, error: McapError) -> FlightError {
-    let cause = match error {
-        McapError::Io(cause) => cause.to_string(),
-        other => other.to_string(),
-    };
-    FlightError::WriteFailed { path: path.to_owned(), cause }
+/// Converts a write error.
+pub(crate) fn write_error(path: &Path, cause: &io::Error) -> FlightError {
+    FlightError::WriteFailed { path: path.to_owned(), cause: cause.to_string() }
 }
 
 fn add_channel(
-    mcap: &mut mcap::Writer<ChunkFile>,
+    mcap: &mut McapFile,
     channel::Channel { name, schema, .. }: &channel::Channel,
     metadata: &BTreeMap<String, String>,
-) -> McapResult<u16> {
+) -> io::Result<u16> {
     let no_schema = || io::Error::other(format!("no schema named {schema}"));
     let descriptors = wire::schema::descriptors_for(schema).ok_or_else(no_schema)?;
-    let schema = mcap.add_schema(schema, "protobuf", &descriptors)?;
-    mcap.add_channel(schema, name, "protobuf", metadata)
+    mcap.add_channel(name, (schema, &descriptors), metadata)
 }
 
-fn write_message(mcap: &mut mcap::Writer<ChunkFile>, channel_id: u16, stamps: Stamps, data: &[u8]) -> McapResult<()> {
+fn write_message(mcap: &mut McapFile, channel_id: u16, stamps: Stamps, data: &[u8]) -> io::Result<()> {
     let Stamps { log_ns, source_ns, sequence } = stamps;
-    mcap.write_to_known_channel(
-        &MessageHeader { channel_id, sequence, log_time: log_ns, publish_time: source_ns },
-        data,
-    )
+    mcap.write_message(&MessageHeader { channel_id, sequence, log_time: log_ns, publish_time: source_ns }, data)
 }
 
-fn attachment<'a>(name: &str, media_type: &str, data: &'a [u8], t_ns: u64) -> Attachment<'a> {
-    Attachment {
-        log_time: t_ns,
-        create_time: t_ns,
-        name: name.into(),
-        media_type: media_type.into(),
-        data: Cow::Borrowed(data),
-    }
+fn attachment(name: &str, media_type: &str, t_ns: u64) -> AttachmentHeader {
+    AttachmentHeader { log_time: t_ns, create_time: t_ns, name: name.into(), media_type: media_type.into() }
 }

@@ -3,10 +3,10 @@
 use std::{
     io,
     os::{
-        fd::{AsFd, OwnedFd},
+        fd::OwnedFd,
         unix::process::{CommandExt, ExitStatusExt},
     },
-    process::{Child as Process, Command, ExitStatus, Stdio},
+    process::{Child as Process, Command, ExitStatus},
     time::{Duration, Instant},
 };
 
@@ -20,6 +20,8 @@ use rustix::{
     process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
 };
 use sdk::frame::{FrameError, FrameHeader, MAX_FRAME_BYTES, RequestKind};
+
+use crate::stage_output::StageOutput;
 
 /// Timeout for each response during the start of a program.
 pub const START_TIMEOUT: Duration = Duration::from_secs(10);
@@ -92,6 +94,7 @@ pub enum HostError {
 pub(crate) struct Child {
     program: ForeignText,
     process: Process,
+    output: StageOutput,
     socket: OwnedFd,
     /// Number of requests so far.
     number: u64,
@@ -111,10 +114,10 @@ impl Child {
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
         let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
-        // Standard output goes to the user through the host's standard error. Standard input is the
-        // socket and carries only frames.
-        let stdout = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
-        command.stdin(child_socket).stdout(stdout).stderr(Stdio::inherit());
+        // Standard output also goes to the host's standard error. Standard input is the socket and
+        // carries only frames.
+        let (output, pipe) = StageOutput::start().map_err(failed)?;
+        command.stdin(child_socket).stdout(pipe.try_clone().map_err(failed)?).stderr(pipe);
         // The program has its own process group, so that Ctrl-C reaches only the host and the whole
         // group can be ended.
         let process = command.process_group(0).spawn().map_err(failed)?;
@@ -123,6 +126,7 @@ impl Child {
         let mut child = Self {
             program,
             process,
+            output,
             socket,
             number: 0,
             frame: Vec::new(),
@@ -215,6 +219,7 @@ impl Child {
     /// Builds the error for a closed connection. Waits briefly for the exit status.
     fn ended(&mut self, kind: RequestKind) -> HostError {
         let status = self.wait_for_exit(EXIT_STATUS_TIMEOUT);
+        self.output.wait(EXIT_STATUS_TIMEOUT);
         let status = status.map_or("its standard input closed".into(), |status| status.to_string());
         HostError::Exited { program: self.program.clone(), status, request: request_name(kind) }
     }
@@ -258,6 +263,7 @@ impl Drop for Child {
         self.signal_group(Signal::KILL);
         // The process has been killed, so this waits only for the kernel.
         let _ = self.process.wait();
+        self.output.wait(TERMINATE_TIMEOUT);
     }
 }
 

@@ -16,6 +16,7 @@
 //! | [`hosted`] | the external stage |
 //! | [`finite_input`] | conversion of inputs to finite numbers |
 //! | [`slot_stage`] | a built-in or an external stage |
+//! | `stage_output` | text that the program prints |
 //! | `interned` | names and parameters of programs, interned with static lifetime |
 #![forbid(unsafe_code)]
 
@@ -24,6 +25,7 @@ pub mod finite_input;
 pub mod hosted;
 mod interned;
 pub mod slot_stage;
+mod stage_output;
 
 pub use child::HostError;
 pub use finite_input::FiniteInput;

@@ -97,7 +97,7 @@ fn check_command(section: &mut Section<'_, '_>, name: &str, is_folder_known: boo
         _ if stage.command.len() > MAX_WORDS => Some(format!("expected at most {MAX_WORDS} words")),
         _ if stage.command.iter().any(|word| word.contains('\0')) => Some("a word contains a NUL byte".to_owned()),
         Some(word) if word.contains('/') && is_folder_known && !stage.executable().is_file() => {
-            Some(format!("file {} does not exist", stage.executable().display()))
+            Some(format!("file {} does not exist", foreign::path(&stage.executable())))
         }
         Some(word) if !word.contains('/') && is_folder_known && !is_in_path(word) => {
             Some(format!("{word:?} is not in PATH"))

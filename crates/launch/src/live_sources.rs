@@ -238,7 +238,7 @@ impl fmt::Display for Port {
             Self::Stdin => f.write_str("standard input"),
             Self::Udp(address) => write!(f, "datagrams to {address}"),
             Self::Tcp(address) => write!(f, "the connection to {address}"),
-            Self::Serial { path, .. } => path.display().fmt(f),
+            Self::Serial { path, .. } => foreign::path(path).fmt(f),
         }
     }
 }

@@ -25,7 +25,7 @@ impl Launch {
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let unreadable = |cause| LaunchError::Unreadable { path: path.to_path_buf(), cause };
         let text = fs::read_to_string(path).map_err(unreadable)?;
-        Ok(Self::parse_in(path.parent(), &path.display().to_string(), &text)?)
+        Ok(Self::parse_in(path.parent(), &foreign::path(path).to_string(), &text)?)
     }
 
     /// Parses and checks the text of a launch file. `file_name` is the name shown in problems.

@@ -34,12 +34,12 @@ pub(crate) fn connection_limits() -> [(&'static str, String); 3] {
 pub(crate) fn access_control(file: Option<&Path>, plain: Option<&AccessList>) -> Result<Option<Value>, LinkError> {
     let plain = plain.map(serde_json::to_value).transpose().map_err(|cause| config_error(cause.to_string()))?;
     let Some(path) = file else { return Ok(plain) };
-    let mut list = read(path).map_err(|cause| config_error(format!("reading {}: {cause}", path.display())))?;
+    let mut list = read(path).map_err(|cause| config_error(format!("reading {}: {cause}", foreign::path(path))))?;
     if let Some(plain) = plain {
         if list["enabled"] != true || list["default_permission"] != "deny" {
             return Err(config_error(format!(
                 "reading {}: `enabled: true` and `default_permission: \"deny\"` are required; otherwise any user of this machine could act as the vehicle",
-                path.display()
+                foreign::path(path)
             )));
         }
         for part in ["rules", "subjects", "policies"] {

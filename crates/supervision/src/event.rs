@@ -1,6 +1,6 @@
 //! Events that [`Supervision`](crate::Supervision) handles and actions that it returns.
 
-use std::{path::PathBuf, time::Duration};
+use std::{fmt, path::PathBuf, time::Duration};
 
 use control::{ControlRequest, ServiceStatus, SwapReport};
 use foreign::ForeignText;
@@ -86,13 +86,33 @@ pub enum Event {
     },
     /// A user or the operating system has requested the shutdown.
     StopRequested,
-    /// Files of the running system's bus were removed.
-    FilesRemoved {
-        /// One of the removed files.
+    /// Files of the running system's bus were removed or damaged, so new processes cannot join.
+    FilesUnusable {
+        /// One of the files.
         path: PathBuf,
+        /// Fault of the file.
+        fault: FileFault,
     },
     /// A new bus exists, in response to [`Action::RenewBus`].
     BusRenewed,
+}
+
+/// Fault of a file of the running system's bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileFault {
+    /// The file was removed.
+    Removed,
+    /// The file was truncated or overwritten.
+    Damaged,
+}
+
+impl fmt::Display for FileFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Removed => "removed",
+            Self::Damaged => "damaged",
+        })
+    }
 }
 
 /// Progress of the supervisor in collecting attitudes.
@@ -222,18 +242,20 @@ pub enum Failure {
         /// Attempted action and the operating system's error.
         cause: String,
     },
-    /// Bus files have been removed repeatedly.
+    /// Bus files have been removed or damaged repeatedly.
     #[error(
-        "{path} was removed while the system ran; files of the running system were removed {count} times within {within_s} s. \
+        "{path} was {fault} while the system ran; files of the running system were removed or damaged {count} times within {within_s} s. \
          If systemd-logind removes them at logout, set RemoveIPC=no in /etc/systemd/logind.conf or run the system as a system user",
-        path = path.display()
+        path = foreign::path(path)
     )]
-    FilesRemovedRepeatedly {
-        /// One of the removed files.
+    FilesUnusableRepeatedly {
+        /// One of the files.
         path: PathBuf,
-        /// Number of times that files were removed.
+        /// Fault of the file.
+        fault: FileFault,
+        /// Number of times that files were removed or damaged.
         count: usize,
-        /// Length of the period in which the removals were counted, s.
+        /// Length of the period in which they were counted, s.
         within_s: u64,
     },
 }

@@ -23,6 +23,6 @@ mod event;
 mod state;
 mod supervision;
 
-pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Spawn};
+pub use event::{Action, Config, Event, Failure, FileFault, OutputProgress, Reply, Spawn};
 pub use state::process::ProcessEntry;
 pub use supervision::Supervision;

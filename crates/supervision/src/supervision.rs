@@ -95,7 +95,7 @@ impl Supervision {
             Event::Request { client, request } => self.on_request(client, request),
             Event::ClientDisconnected { client } => self.on_client_disconnected(client),
             Event::StopRequested => self.flow.request_stop(),
-            Event::FilesRemoved { path } => self.on_files_removed(path),
+            Event::FilesUnusable { path, fault } => self.on_files_unusable(path, fault),
             Event::BusRenewed => self.on_bus_renewed(),
         }
     }

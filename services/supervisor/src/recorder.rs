@@ -37,7 +37,7 @@ pub(crate) fn create(folder: &Path, request: &Request, config: &ServiceConfig) -
         ..FlightHeader::new(env!("CARGO_PKG_VERSION"), config)
     };
     let recorder = Recorder::create(&path, &header, Topic::ALL, mode)?;
-    announce(format_args!("recording to {}", path.display()));
+    announce(format_args!("recording to {}", foreign::path(&path)));
     Ok(recorder)
 }
 

@@ -216,7 +216,7 @@ impl fmt::Display for Report {
         if let Some(RecordingReport { file, messages, missed, bytes, .. }) = &self.recording {
             let size = *bytes as f64 * 1e-6;
             let messages = pluralize(*messages, "message");
-            writeln!(f, "flight   {}: {messages}, {missed} missed, {size:.1} MB", file.display())?;
+            writeln!(f, "flight   {}: {messages}, {missed} missed, {size:.1} MB", foreign::path(file))?;
         }
         write!(f, "digest   {:016x}", self.digest)
     }

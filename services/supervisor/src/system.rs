@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Claim, SharedMemory, SystemName};
+use bus::{BusError, Claim, FileMonitor, SharedMemory, SystemName};
 use control::RecordStatus;
 use flight::Recorder;
 use launch::Service;
@@ -21,7 +21,7 @@ use messages::{Credit, EventKind, SystemEvent};
 use pipeline::{AttitudeFile, Collector};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
-use supervision::{Action, Config, Event, OutputProgress, Reply, Spawn, Supervision};
+use supervision::{Action, Config, Event, FileFault, OutputProgress, Reply, Spawn, Supervision};
 
 use crate::{
     Plan, Report, Request,
@@ -40,7 +40,7 @@ use connection::{BusConnection, OptionalInputs};
 
 /// Interval between two updates of the display.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
-/// Interval between two checks for removed bus files while no process exits.
+/// Interval between two checks of the bus files and of the control socket while no process exits.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Runs the plan of `request` as processes and records it, if requested.
@@ -81,6 +81,9 @@ struct System {
     recorder: Option<Recorder>,
     /// Set once the failure of the recording has been announced.
     recording_failure_announced: bool,
+    file_monitor: FileMonitor,
+    /// Set once a failure to open the control socket again has been announced.
+    socket_failure_announced: bool,
     last_file_check: Instant,
     last_shown: Instant,
     finished: Option<Result<(), UpError>>,
@@ -129,6 +132,8 @@ impl System {
             event_count: 0,
             recorder,
             recording_failure_announced: false,
+            file_monitor: FileMonitor::default(),
+            socket_failure_announced: false,
             last_file_check: Instant::now(),
             last_shown: Instant::now(),
             finished: None,
@@ -206,8 +211,8 @@ impl System {
         self.recorder.as_ref()?.failure().map(str::to_owned)
     }
 
-    /// Checks whether files of the bus were removed: periodically, and whenever a process has
-    /// exited.
+    /// Checks whether files of the bus were removed or damaged: periodically, and whenever a
+    /// process has exited. Opens the control socket again if it was removed or replaced.
     fn check_bus_files(&mut self, has_exits: bool, collector: &mut Collector) -> Result<(), UpError> {
         let Some(claim) =
             self.claim.as_ref().filter(|_| has_exits || self.last_file_check.elapsed() >= FILE_CHECK_INTERVAL)
@@ -217,10 +222,26 @@ impl System {
         self.last_file_check = Instant::now();
         let services = self.supervision.entries().filter_map(|(_, entry)| entry.pid()).filter(|_| has_exits);
         let pids: Vec<_> = services.chain([std::process::id()]).collect();
-        match claim.system_name().removed_file(&pids) {
-            Some(path) => self.handle(Event::FilesRemoved { path }, collector),
-            None => Ok(()),
+        let system_name = claim.system_name();
+        if !claim.has_intact_state() {
+            return Err(BusError::SharedStateDamaged { path: system_name.shared_state_path() }.into());
         }
+        let removed = system_name.removed_file(&pids).map(|path| (path, FileFault::Removed));
+        let damaged = || Some((self.file_monitor.damaged_file(system_name)?, FileFault::Damaged));
+        if let Some((path, fault)) = removed.or_else(damaged) {
+            return self.handle(Event::FilesUnusable { path, fault }, collector);
+        }
+        if let Some(connection) = &mut self.connection {
+            match connection.socket.reopen_if_missing(system_name) {
+                Ok(false) => {}
+                Ok(true) => self.view.announce(["the control socket was removed or replaced; it is open again".into()]),
+                Err(error) if !std::mem::replace(&mut self.socket_failure_announced, true) => {
+                    self.view.announce([error.to_string()]);
+                }
+                Err(_) => {}
+            }
+        }
+        Ok(())
     }
 
     fn handle_clients(&mut self, collector: &mut Collector) -> Result<(), UpError> {
@@ -348,6 +369,7 @@ impl System {
         self.processes.kill_all();
         // The old topics are closed first, because the new ones have the same names.
         self.connection = None;
+        self.file_monitor = FileMonitor::default();
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
         self.optional_inputs.input = !self.checker.is_finished();

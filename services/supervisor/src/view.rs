@@ -126,7 +126,7 @@ fn header(plan: &Plan) -> String {
     let source = match launch.ingest.source {
         _ if launch.gateway.import.is_some() => "slots on another host".into(),
         Source::Sim => format!("simulation {}", launch.ingest.sim.scenario),
-        Source::Replay => plan.recording.as_ref().unwrap_or(&launch.ingest.replay.file).display().to_string(),
+        Source::Replay => foreign::path(plan.recording.as_ref().unwrap_or(&launch.ingest.replay.file)).to_string(),
         Source::Bus => "sensors on the bus".into(),
         Source::Iio => launch.ingest.live.iio.device.clone(),
         Source::Stdin | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink => {

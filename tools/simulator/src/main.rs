@@ -8,7 +8,8 @@
 //! Time: simulated. A seed always produces the same run.
 //!
 //! Failure: a seed fails if a tick is missing, repeated, out of order or different from the
-//! reference run, if a request does not receive exactly one reply, or if the system does not stop.
+//! reference run, if a request does not receive exactly one reply, if the system does not stop, or
+//! if a sender takes or holds the place of another without measurements.
 #![forbid(unsafe_code)]
 
 mod bus;
@@ -18,6 +19,7 @@ mod process;
 mod random;
 mod record;
 mod reference;
+mod senders;
 mod setup;
 mod shell;
 mod slots;
@@ -114,7 +116,10 @@ fn main() -> ExitCode {
 
 /// Simulates one seed. Returns the cause if the run fails.
 fn simulate(seed: u64, verbose: bool) -> Result<World, String> {
-    let run = || World::new(seed, verbose)?.run();
+    let run = || {
+        senders::simulate(seed)?;
+        World::new(seed, verbose)?.run()
+    };
     catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("the simulation panicked".into()))
 }
 

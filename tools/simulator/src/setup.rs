@@ -50,6 +50,8 @@ pub(crate) enum Fault {
     FreezeSupervisor { ms: u64 },
     /// Removes the files of the bus.
     RemoveFiles,
+    /// Damages the files of the bus, which kills a process that has one of them mapped.
+    DamageFiles { service: Service, deliveries_left: u32 },
     /// Requests a stage for a slot. If `shadow_ms` is given, the stage runs as a shadow that ends
     /// after this time.
     Swap { slot: Slot, stage: &'static str, shadow_ms: Option<u64>, expected_epoch: Option<u32> },
@@ -196,19 +198,19 @@ impl Setup {
                     let longest_ms = if lockstep { 3000 } else { 300 };
                     Fault::FreezeSupervisor { ms: random.between(1, longest_ms) }
                 }
-                _ => Fault::RemoveFiles,
+                _ => file_fault(random),
             };
             self.faults.push((at_ms, fault));
         }
     }
 
-    /// Adds a removal of the bus files shortly before a stop, so that the stop arrives during the
+    /// Adds a fault of the bus files shortly before a stop, so that the stop arrives during the
     /// restart.
     fn add_renewal_at_stop(&mut self, random: &mut Random) {
         let Some(stop_ms) = self.stop_ms().filter(|_| random.chance(400)) else { return };
         let at_ms = stop_ms.saturating_sub(random.between(0, self.max_start_ms + 20));
         let kill = Fault::Kill { service: random.pick(&Service::PATH), candidate: false, deliveries_left: None };
-        self.faults.extend([(at_ms, Fault::RemoveFiles), (at_ms, kill)]);
+        self.faults.extend([(at_ms, file_fault(random)), (at_ms, kill)]);
     }
 
     /// Adds two kills at about the time of a swap: one of the slot's owner and one of a process
@@ -244,7 +246,7 @@ impl Setup {
     fn drop_long_faults_before_stop(&mut self) {
         let Some(stop_ms) = self.stop_ms().filter(|_| self.strict) else { return };
         let is_short = |fault: &Fault| match fault {
-            Fault::Kill { .. } | Fault::RemoveFiles | Fault::Stop => true,
+            Fault::Kill { .. } | Fault::RemoveFiles | Fault::DamageFiles { .. } | Fault::Stop => true,
             Fault::Freeze { ms, .. } | Fault::FreezeSupervisor { ms } => *ms < LONG_FREEZE_MS,
             _ => false,
         };
@@ -262,6 +264,15 @@ impl Setup {
             (random.pick(&times) + random.between(0, 900)).saturating_sub(100)
         }
     }
+}
+
+/// Returns a fault of the bus files. Other random choices do not depend on which one it is.
+fn file_fault(random: &Random) -> Fault {
+    let mut random = random.clone();
+    if random.chance(500) {
+        return Fault::RemoveFiles;
+    }
+    Fault::DamageFiles { service: random.pick(&Service::PATH), deliveries_left: random.between(0, 30) as u32 }
 }
 
 fn promotion_rule(random: &mut Random, launch: &Launch) -> PromotionRule {

@@ -52,9 +52,11 @@ impl World {
         for (incarnation, exit_status) in exited {
             events.push(Event::Exited { incarnation, exit_status: exit_status.into(), stderr: Default::default() });
         }
-        if self.files_removed && (any_exited || self.now_ms >= self.files_checked_ms + FILE_CHECK_INTERVAL_MS) {
+        if let Some(fault) = self.file_fault
+            && (any_exited || self.now_ms >= self.files_checked_ms + FILE_CHECK_INTERVAL_MS)
+        {
             self.files_checked_ms = self.now_ms;
-            events.push(Event::FilesRemoved { path: "/dev/shm/plumbline.simulated".into() });
+            events.push(Event::FilesUnusable { path: "/dev/shm/plumbline.simulated".into(), fault });
         }
         let requests = self.requests.drain(..).map(|(client, request)| Event::Request { client, request });
         events.extend(requests);
@@ -165,7 +167,7 @@ impl World {
                 self.processes.clear();
                 self.exited.clear();
                 self.bus = self.bus.renewed();
-                self.files_removed = false;
+                self.file_fault = None;
                 let config = self.config();
                 self.collector.reconnect(&mut self.bus, &config);
                 self.join_bus();
@@ -352,7 +354,7 @@ impl World {
         let attitudes = &self.collector.attitudes;
         if self.setup.strict {
             match &self.finished {
-                Some(Some(Failure::FilesRemovedRepeatedly { .. })) => return self.check_replies(),
+                Some(Some(Failure::FilesUnusableRepeatedly { .. })) => return self.check_replies(),
                 Some(Some(failure)) => return Err(format!("stopped with a failure: {failure}")),
                 _ => {}
             }

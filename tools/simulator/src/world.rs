@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use launch::Service;
 use runtime::ServiceConfig;
-use supervision::{Config, Failure, Supervision};
+use supervision::{Config, Failure, FileFault, Supervision};
 
 use crate::{
     bus::Bus,
@@ -30,9 +30,9 @@ pub(crate) struct World {
     pub(crate) reference_run: &'static ReferenceRun,
     pub(crate) now_ms: u64,
     pub(crate) bus: Bus,
-    /// Set if the files of the bus were removed. A process that starts after the removal is alone
-    /// on a new bus.
-    pub(crate) files_removed: bool,
+    /// Fault of the files of the bus. A process that starts after a removal is alone on a new bus;
+    /// one that starts after damage fails.
+    pub(crate) file_fault: Option<FileFault>,
     pub(crate) processes: Vec<Process>,
     pub(crate) supervision: Supervision,
     /// Time of the next round of the supervisor, ms.
@@ -79,7 +79,7 @@ impl World {
             reference_run,
             now_ms: 0,
             bus,
-            files_removed: false,
+            file_fault: None,
             processes: Vec::new(),
             supervision: Supervision::new(supervised, std::time::Duration::ZERO),
             wake_ms: 0,
@@ -152,9 +152,9 @@ impl World {
         let pause_ms = self.random.between(1, self.setup.max_poll_interval_ms);
         process.wake_ms = self.now_ms + if self.random.chance(20) { 50 } else { pause_ms };
         if let ProcessState::Starting { config, fails, .. } = &process.state {
-            if *fails {
+            if *fails || self.file_fault == Some(FileFault::Damaged) {
                 process.exit_status = Some("exited with code 1");
-            } else if self.files_removed {
+            } else if self.file_fault.is_some() {
                 process.state = ProcessState::Unresponsive;
             } else {
                 match ProcessState::start(process.service, &config.clone(), &mut self.bus) {
@@ -199,7 +199,13 @@ impl World {
                 }
             }
             Fault::FreezeSupervisor { ms } => self.frozen_until_ms = self.frozen_until_ms.max(self.now_ms + ms),
-            Fault::RemoveFiles => self.files_removed = true,
+            Fault::RemoveFiles => self.file_fault = Some(FileFault::Removed),
+            Fault::DamageFiles { service, deliveries_left } => {
+                self.file_fault = Some(FileFault::Damaged);
+                if let Some(process) = self.target(service, false) {
+                    process.kill(Some(deliveries_left));
+                }
+            }
             Fault::Stop => self.stop_requested = true,
             request => self.send_request(request),
         }

@@ -7,7 +7,7 @@ use std::{
     time::Duration,
 };
 
-use bus::{Bus, BusError, Claim, Publisher, Subscriber, SystemName, WaitOutcome};
+use bus::{Bus, BusError, Claim, FileMonitor, Publisher, Subscriber, SystemName, WaitOutcome};
 use bytemuck::Zeroable;
 use graph::Entry;
 use messages::{Field, Health, ImuSample, Layout, Message, Reference};
@@ -482,6 +482,56 @@ fn claim_keeps_files_of_longer_names() {
     let there = foreign.exists();
     fs::remove_file(&foreign).unwrap();
     assert!(there);
+}
+
+/// Permanent files of a system, of which one must exist for each kind.
+fn permanent_files(system_name: &SystemName) -> Vec<PathBuf> {
+    let folder = PathBuf::from("/dev/shm").join(format!("plumbline.{}", system_name.name())).join("services");
+    let all = system_files(system_name).into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
+    let all = all.chain(fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
+    let kinds = ["dynamic", "data", "global_mgmt", "service"];
+    let all: Vec<_> =
+        all.filter(|path| path.extension().is_some_and(|kind| kinds.iter().any(|k| kind == *k))).collect();
+    assert!(kinds.iter().all(|kind| all.iter().any(|path| path.extension().is_some_and(|found| found == *kind))));
+    all
+}
+
+#[test]
+fn truncated_and_overwritten_permanent_files_are_found() {
+    let system_name = system_name();
+    let claim = system_name.claim().unwrap();
+    let bus = Bus::join(&system_name, "supervisor").unwrap();
+    let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    let subscriber = bus.subscriber::<ImuSample>(BUFFER).unwrap();
+    let mut monitor = FileMonitor::default();
+    for _ in 0..3 {
+        assert_eq!(monitor.damaged_file(&system_name), None);
+        send(&publisher, 0..5);
+        assert_eq!(ticks(&subscriber), [0, 1, 2, 3, 4]);
+    }
+    let files = permanent_files(&system_name);
+    // The damaged memory must not be used, so no message is sent after this point.
+    for path in &files {
+        let (content, mode) = (fs::read(path).unwrap(), fs::metadata(path).unwrap().permissions());
+        let write = |content: &[u8]| {
+            fs::set_permissions(path, fs::Permissions::from_mode(0o600)).unwrap();
+            fs::write(path, content).unwrap();
+            fs::set_permissions(path, mode.clone()).unwrap();
+        };
+        let mut overwritten = content.clone();
+        overwritten[..8].fill(0x55);
+        for damaged in [&overwritten[..], &content[..content.len() - 1], &[]] {
+            write(damaged);
+            assert_eq!(monitor.damaged_file(&system_name).as_ref(), Some(path), "{} bytes", damaged.len());
+            write(&content);
+            assert_eq!(monitor.damaged_file(&system_name), None);
+        }
+    }
+    assert!(claim.has_intact_state());
+    let state = fs::OpenOptions::new().write(true).open(system_name.shared_state_path()).unwrap();
+    state.write_all_at(&[0x55; 64], 0).unwrap();
+    assert!(!claim.has_intact_state());
+    drop((subscriber, publisher, bus, claim));
 }
 
 #[test]

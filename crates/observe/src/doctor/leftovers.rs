@@ -39,7 +39,7 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
             return Some(Check::problem(check, found, remedy));
         }
         SystemLiveness::Running { pid } if stale.incomplete_segment.is_some() => {
-            let path = stale.incomplete_segment.iter().map(|path| path.display().to_string()).collect::<String>();
+            let path = stale.incomplete_segment.iter().map(|path| foreign::path(path).to_string()).collect::<String>();
             let found =
                 format!("a process of {name:?} was killed while creating {path}; a process that opens it hangs");
             return Some(Check::problem(check, found, format!("restart the system: kill {pid}, then plumb up")));

@@ -1,15 +1,15 @@
-//! Replaces the bus after its files were removed while the system was running.
+//! Replaces the bus after its files were removed or damaged while the system was running.
 //!
 //! Running processes continue, because their memory is still mapped, but a new process cannot join
 //! them. As soon as a process has to start, every service is therefore restarted from its
-//! checkpoint on a new bus. Repeated removals stop the system.
+//! checkpoint on a new bus. Repeated faults stop the system.
 
 use std::{path::PathBuf, time::Duration};
 
 use launch::{Service, Slot};
 use messages::{EventKind, SystemEvent};
 
-use crate::{Action, Failure, ProcessEntry, Supervision};
+use crate::{Action, Failure, FileFault, ProcessEntry, Supervision};
 
 /// Maximum number of renewals within [`RENEWAL_WINDOW`].
 const MAX_RENEWALS: usize = 3;
@@ -17,8 +17,8 @@ const RENEWAL_WINDOW: Duration = Duration::from_secs(60);
 
 impl Supervision {
     /// Starts a renewal if a process is starting or due to start. Otherwise only announces the
-    /// removal.
-    pub(crate) fn on_files_removed(&mut self, path: PathBuf) {
+    /// fault.
+    pub(crate) fn on_files_unusable(&mut self, path: PathBuf, fault: FileFault) {
         if self.renewals.under_way {
             return;
         }
@@ -27,17 +27,18 @@ impl Supervision {
         if !self.renewals.join_failed && !self.table.entries().any(|(_, entry)| is_starting(entry)) {
             if !std::mem::replace(&mut self.renewals.announced, true) {
                 self.announce(format!(
-                    "files of the running system were removed ({}); running services continue, but all will restart once one of them exits or is swapped. \
+                    "files of the running system were {fault} ({}); running services continue, but all will restart once one of them exits or is swapped. \
                      If systemd-logind removes them at logout, set RemoveIPC=no in /etc/systemd/logind.conf or run the system as a system user",
-                    path.display()
+                    foreign::path(&path)
                 ));
             }
             return;
         }
         let count = self.renewals.count_recent(self.now, RENEWAL_WINDOW) + 1;
         if count > MAX_RENEWALS {
-            return self.finish(Some(Failure::FilesRemovedRepeatedly {
+            return self.finish(Some(Failure::FilesUnusableRepeatedly {
                 path,
+                fault,
                 count,
                 within_s: RENEWAL_WINDOW.as_secs(),
             }));
@@ -45,10 +46,12 @@ impl Supervision {
         self.renewals.renewals.push_back(self.now);
         (self.renewals.under_way, self.renewals.announced) = (true, false);
         self.announce(format!(
-            "{} was removed while the system ran, so new processes cannot join: restarting every service from its checkpoint",
-            path.display()
+            "{} was {fault} while the system ran, so new processes cannot join: restarting every service from its checkpoint",
+            foreign::path(&path)
         ));
-        self.abort_requests("files of the running system were removed and every service is restarting; retry");
+        self.abort_requests(&format!(
+            "files of the running system were {fault} and every service is restarting; retry"
+        ));
         self.table.clear_processes();
         self.clear_watches();
         self.flow.restart();

@@ -73,7 +73,7 @@ impl WarmStart {
             Self { writer: None, last_check: Instant::now(), last_written: None, latest: None, messages: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
         let sensors = record::sensor_fingerprint(&plan.config.launch.ingest);
-        let name = path.display();
+        let name = foreign::path(path);
         let prior = match load_prior(path, sensors) {
             Err(error) if error.is_foreign() => {
                 warm.messages.push(format!(

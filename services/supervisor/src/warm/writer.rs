@@ -36,7 +36,7 @@ impl StateWriter {
                 let prior = prior.aged(at.elapsed().as_secs_f64(), false);
                 let text = record::encode(prior, sensors, Timestamp::now()).map_err(Into::into);
                 let written = text.and_then(|text| file::write(&path, &text)).map_err(|error| error.to_string());
-                let name = path.display();
+                let name = foreign::path(&path);
                 let line = match (&last_error, written.as_ref().err()) {
                     (before, Some(now)) if before.as_ref() != Some(now) => {
                         format!(
