@@ -25,6 +25,7 @@
 //! | `bag` | topics of MCAP files and ROS 2 bags |
 //! | `csv_source` | mapped columns of CSV files, joined by time |
 //! | `csv_reader` | reader for one CSV file |
+//! | `table` | tables of fixes or references in any text dialect |
 //! | `tlog` | MAVLink messages of a telemetry log |
 //! | `timeline` | wraps and restarts of a clock |
 //! | `force_aligner` | force interpolated at the times of the rate samples |
@@ -43,8 +44,10 @@ pub mod format;
 pub mod mcap_file;
 pub mod ros_messages;
 mod row_writer;
+mod sensor_state;
 mod source;
 pub mod summary;
+mod table;
 mod timeline;
 mod tlog;
 mod ulog;
@@ -54,4 +57,5 @@ pub use error::ImportError;
 pub use format::Format;
 pub use mapping::{Mapping, MappingError};
 pub use summary::{Note, Sensor, Summary};
+pub use table::{Table, convert_table};
 pub use timeline::Segment;
