@@ -1,17 +1,17 @@
 //! `plumb import`: converts logs of other systems. Other commands that read recordings also use it.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     process::ExitCode,
 };
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Options, Summary, convert, mcap_file::to_mcap, note_fixes_outside,
-    plain_recording_range_ns,
+    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
+    note_fixes_outside, plain_recording_range_ns,
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use recording::{RecordingError, References};
 use tempfile::TempDir;
 
 use crate::{failure::fail, stdout::print};
@@ -166,6 +166,8 @@ fn announce_warning(warning: &String) {
 /// drop.
 pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
+    /// Path of the file that the user named.
+    user_path: PathBuf,
     /// Warning that is printed at the end of the run.
     warning: Option<String>,
     _folder: Option<TempDir>,
@@ -205,7 +207,7 @@ impl ReadableFile {
     ) -> Result<(Self, usize), ImportError> {
         let options = reading.options(sensors)?;
         if options == Options::default() && is_read_unchanged(path)? {
-            return Ok((Self { path: path.into(), warning: None, _folder: None }, 1));
+            return Ok((Self { path: path.into(), user_path: path.into(), warning: None, _folder: None }, 1));
         }
         let (readable, summary) = Self::import(&[path.into()], &options)?;
         supervisor::announce(summary_text(&summary, path));
@@ -225,20 +227,90 @@ impl ReadableFile {
             (None, None) => format!("{name}_imu"),
         };
         let imported = folder.path().join(format!("{name}.csv"));
-        let summary = convert_with_progress(files, options, &imported)?;
+        let mut summary = convert_with_progress(files, options, &imported)?;
         // The fixes of a recording are in a file next to it.
         if let (Some(fixes), None) = (&fixes, &summary.fixes_file) {
-            let copy = folder.path().join(fixes.file_name().unwrap_or_default());
-            fs::copy(fixes, copy).map_err(|cause| ImportError::TemporaryFolder { cause })?;
+            let copy = fixes.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let copy = folder.path().join(copy.strip_suffix(".gz").unwrap_or(&copy));
+            summary.notes.extend(convert_table(fixes, Table::Fixes, &copy)?);
+            let rows_ns = plain_recording_range_ns(&imported);
+            let outside = rows_ns.map(|rows_ns| note_fixes_outside(&copy, rows_ns)).transpose()?;
+            summary.notes.extend(outside.flatten());
         }
         let warning = summary.warning();
-        Ok((Self { path: imported, warning, _folder: Some(folder) }, summary))
+        Ok((Self { path: imported, user_path: first.to_owned(), warning, _folder: Some(folder) }, summary))
+    }
+
+    /// Replaces the path of a temporary file in a message with that of the user's file.
+    pub(crate) fn with_user_path(&self, text: &str) -> String {
+        replace_path(text, &self.path, &self.user_path)
+    }
+
+    /// Prints the number of samples with a reference from a separate file.
+    pub(crate) fn announce_references(&self, reference: &Path) {
+        // Errors of both files are reported by the run.
+        if let Ok([used, rows]) = count_references(&self.path, reference) {
+            let file = self.user_path.display();
+            supervisor::announce(format_args!("{file}: {used} of {rows} samples with a reference"));
+        }
     }
 
     /// Prints the warning that belongs at the end of the run, if there is one.
     pub(crate) fn announce_warning(&self) {
         self.warning.iter().for_each(announce_warning);
     }
+}
+
+/// Table of fixes or references in a readable form. A converted table is a temporary file, which is
+/// removed on drop.
+pub(crate) struct ReadableTable {
+    pub(crate) path: PathBuf,
+    user_path: PathBuf,
+    _folder: Option<TempDir>,
+}
+
+impl ReadableTable {
+    /// Opens a table, converting it first if its dialect is not that of a recording.
+    ///
+    /// A table that cannot be converted is returned unchanged, so that its reader reports the
+    /// mistake.
+    pub(crate) fn open(path: &Path, table: Table) -> Self {
+        let unchanged = Self { path: path.to_owned(), user_path: path.to_owned(), _folder: None };
+        let is_plain = match table {
+            Table::Fixes => recording::gnss::validate(path).is_ok(),
+            Table::Reference => References::open(path).and_then(|mut table| table.interpolate(i64::MAX)).is_ok(),
+        };
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if is_plain || !path.is_file() {
+            return unchanged;
+        }
+        // The run reports why the table cannot be read.
+        let Ok(folder) = tempfile::Builder::new().prefix("plumb-import-").tempdir() else { return unchanged };
+        let out = folder.path().join(name.strip_suffix(".gz").unwrap_or(&name));
+        let Ok(notes) = convert_table(path, table, &out) else { return unchanged };
+        notes.iter().for_each(|note| supervisor::announce(format_args!("{}: {note}", path.display())));
+        Self { path: out, user_path: path.to_owned(), _folder: Some(folder) }
+    }
+
+    /// Replaces the path of a temporary file in a message with that of the user's file.
+    pub(crate) fn with_user_path(&self, text: &str) -> String {
+        replace_path(text, &self.path, &self.user_path)
+    }
+}
+
+fn replace_path(text: &str, path: &Path, user_path: &Path) -> String {
+    text.replace(&*path.to_string_lossy(), &user_path.to_string_lossy())
+}
+
+/// Returns the number of rows with a reference from a separate file, and the number of all rows.
+fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], RecordingError> {
+    let mut references = References::open(reference)?;
+    let mut counts = [0; 2];
+    for row in recording::Reader::open(recording)? {
+        let is_used = references.interpolate(row?.t_ns)?.is_some();
+        counts = [counts[0] + u64::from(is_used), counts[1] + 1];
+    }
+    Ok(counts)
 }
 
 /// Returns `true` if the file is read without an import: a recording without faults, or a CSV file
@@ -254,8 +326,11 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
         Format::Recording => match plain_recording_range_ns(path) {
             Some(rows_ns) => {
                 let fixes = recording::gnss::find_for(path);
-                // The reader of the fixes reports what is wrong with them.
-                let note = fixes.and_then(|fixes| note_fixes_outside(&fixes, rows_ns).ok().flatten());
+                // Fixes in another dialect, or with damaged rows, are converted.
+                let note = match fixes.map(|fixes| note_fixes_outside(&fixes, rows_ns)).transpose() {
+                    Ok(note) => note.flatten(),
+                    Err(_) => return Ok(false),
+                };
                 note.iter().for_each(|note| announce_warning(&note.to_string()));
                 true
             }

@@ -8,7 +8,7 @@ use std::{
 
 use clap::Args;
 use flight::{FlightError, FlightInfo};
-use import::{Format, ImportError, plain_recording_range_ns};
+use import::{Format, ImportError, Segment, Sensor, plain_recording_range_ns};
 use recording::{RecordingError, survey};
 use serde::Serialize;
 
@@ -58,8 +58,33 @@ struct RecordingInfo {
     rate_hz: f64,
     seconds: f64,
     has_reference: bool,
+    /// Parts between restarts of the clock.
+    segments: Vec<SegmentInfo>,
+    sensors: Vec<SensorInfo>,
+    /// Skipped, missing or implausible data.
+    notes: Vec<String>,
     #[serde(skip)]
     text: String,
+}
+
+/// Part of a log between two restarts of the clock.
+#[derive(Serialize)]
+struct SegmentInfo {
+    first_s: f64,
+    last_s: f64,
+    samples: u64,
+}
+
+/// Sensor of a log.
+#[derive(Serialize)]
+struct SensorInfo {
+    /// Option that chooses the sensor, or `default`.
+    option: String,
+    name: String,
+    samples: u64,
+    rate_hz: f64,
+    state: &'static str,
+    is_read: bool,
 }
 
 pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
@@ -105,14 +130,20 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
         Format::Recording
     );
     let format = Format::Recording.to_string();
-    Ok(RecordingInfo { file: file.to_owned(), format, rows, rate_hz, seconds, has_reference, text })
+    let (segments, sensors, notes) = Default::default();
+    let file = file.to_owned();
+    Ok(RecordingInfo { file, format, rows, rate_hz, seconds, has_reference, segments, sensors, notes, text })
 }
 
 /// Imports a foreign log and returns its summary.
 fn read_foreign_log(file: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<RecordingInfo, ImportError> {
     let (_, summary) = ReadableFile::import(&[file.to_owned()], &reading.options(sensors)?)?;
     let mut text = summary_text(&summary, file);
-    if summary.sensors.len() > 1 {
+    let options = ["--imu", "--mag", "--gnss"];
+    let count = |option: &str| summary.sensors.iter().filter(|sensor| sensor.option.starts_with(option)).count();
+    if options.into_iter().any(|option| count(option) > 1)
+        || summary.sensors.iter().any(|sensor| sensor.state != "healthy")
+    {
         summary.sensors.iter().for_each(|sensor| text.push_str(&format!("\n  {sensor}")));
     }
     Ok(RecordingInfo {
@@ -122,8 +153,26 @@ fn read_foreign_log(file: &Path, reading: &ReadOptions, sensors: SensorNumbers) 
         rate_hz: summary.rate_hz,
         seconds: summary.duration_s,
         has_reference: summary.reference_rows > 0,
+        segments: summary.segments.iter().map(SegmentInfo::from).collect(),
+        sensors: summary.sensors.iter().map(SensorInfo::from).collect(),
+        notes: summary.notes.iter().map(ToString::to_string).collect(),
         text,
     })
+}
+
+impl From<&Segment> for SegmentInfo {
+    fn from(Segment { first_ns, last_ns, samples }: &Segment) -> Self {
+        let [first_s, last_s] = [first_ns, last_ns].map(|t_ns| *t_ns as f64 / 1e9);
+        Self { first_s, last_s, samples: *samples }
+    }
+}
+
+impl From<&Sensor> for SensorInfo {
+    fn from(sensor: &Sensor) -> Self {
+        let Sensor { option, name, samples, rate_hz, state, is_read } = sensor;
+        let (option, name) = (option.clone(), name.raw().to_owned());
+        Self { option, name, samples: *samples, rate_hz: *rate_hz, state, is_read: *is_read }
+    }
 }
 
 impl fmt::Display for RecordingInfo {

@@ -5,7 +5,7 @@ use std::{
     process::ExitCode,
 };
 
-use ::import::ImportError;
+use ::import::{ImportError, Table};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
@@ -19,7 +19,7 @@ use score::{
 
 use crate::{
     failure::fail,
-    import::{ReadOptions, ReadableFile, SensorNumbers},
+    import::{ReadOptions, ReadableFile, ReadableTable, SensorNumbers},
     stdout::print,
 };
 
@@ -187,6 +187,12 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Ok(readable) => readable.into_iter().flatten().collect::<Vec<_>>(),
         Err(error) => return fail(&error, error.exit_code()),
     };
+    let reference_table = reference.as_ref().map(|path| ReadableTable::open(path, Table::Reference));
+    let fixes_table = match &gnss {
+        GnssChoice::Fixes(Gnss::File(fixes)) => Some(ReadableTable::open(fixes, Table::Fixes)),
+        _ => None,
+    };
+    let reference = reference_table.as_ref().map(|table| table.path.clone());
     let names = readable.iter().map(|trial| match trial {
         TrialFile::Recording(readable) => readable.path.to_string_lossy().into_owned(),
         TrialFile::Simulation(name) => name.clone(),
@@ -195,11 +201,11 @@ pub(crate) fn run(score: Score) -> ExitCode {
         files: names.collect(),
         options: TrialOptions {
             gnss: match gnss {
-                GnssChoice::Fixes(gnss) => gnss,
+                GnssChoice::Fixes(gnss) => fixes_table.as_ref().map_or(gnss, |table| Gnss::File(table.path.clone())),
                 GnssChoice::Number(_) => Gnss::Auto,
             },
             without_field: mag == MagChoice::Off,
-            reference,
+            reference: reference.clone(),
             gyro_samples,
             recorded_gyro_samples: RecordedGyroSamples(base.ingest.replay.gyro_samples),
         },
@@ -222,6 +228,9 @@ pub(crate) fn run(score: Score) -> ExitCode {
     scores.iter().flat_map(|scores| &scores.warnings).for_each(supervisor::announce);
     for trial in &readable {
         if let TrialFile::Recording(readable) = trial {
+            if let (Ok(_), Some(reference)) = (&scores, &reference) {
+                readable.announce_references(reference);
+            }
             readable.announce_warning();
         }
     }
@@ -231,7 +240,15 @@ pub(crate) fn run(score: Score) -> ExitCode {
             print(&scores.json())
         }
         Ok(scores) => print(&scores),
-        Err(error) => fail(&error, error.exit_code()),
+        Err(error) => {
+            let text = readable.iter().fold(error.to_string(), |text, trial| match trial {
+                TrialFile::Recording(readable) => readable.with_user_path(&text),
+                TrialFile::Simulation(_) => text,
+            });
+            let tables = reference_table.iter().chain(&fixes_table);
+            let text = tables.fold(text, |text, table| table.with_user_path(&text));
+            fail(&text, error.exit_code())
+        }
     }
 }
 

@@ -1,8 +1,12 @@
 //! `plumb up`: runs a system.
 
-use std::{path::PathBuf, process::ExitCode};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use clap::Args;
+use launch::{Ingest, Source};
 use pipeline::Column;
 use runtime::Pace;
 use supervisor::{Report, Request};
@@ -13,6 +17,7 @@ use crate::{
     failure::fail_after_result,
     import::{ReadOptions, ReadableFile, SensorNumbers},
     replay,
+    stage::read_launch,
     stdout::print,
 };
 
@@ -136,6 +141,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
 /// Replays a flight, or runs the system. If the source is a foreign recording, it is imported
 /// first.
 fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, trust_programs: bool) -> Report {
+    if request.source.is_none() && request.replay.is_none() {
+        request.replay = foreign_recording(request.launch.as_deref());
+    }
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
     }
@@ -153,7 +161,14 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
             request.imported = readable.as_ref().map(|readable| readable.path.clone());
             let result = supervisor::up(&request);
             readable.iter().for_each(ReadableFile::announce_warning);
-            result
+            let with_user_path = |text: String| match &readable {
+                Some(readable) => readable.with_user_path(&text),
+                None => text,
+            };
+            match result {
+                Ok(report) => Ok(Report { error: report.error.map(with_user_path), ..report }),
+                Err(error) => return Report::from_error(&with_user_path(error.to_string()), error.exit_code()),
+            }
         }
     };
     match result {
@@ -163,6 +178,18 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
         }
         Err(error) => Report::from_error(&error, error.exit_code()),
     }
+}
+
+/// Returns the recording that a launch file names as its source, unless it is a flight.
+///
+/// Mistakes in the launch file are reported when the system starts.
+fn foreign_recording(launch: Option<&Path>) -> Option<PathBuf> {
+    // A pipe can be read only once.
+    if launch.is_some_and(|path| !path.is_file()) {
+        return None;
+    }
+    let Ingest { source, replay, .. } = read_launch(launch).ok()?.ingest;
+    (source == Source::Replay && !flight::is_flight(&replay.file)).then_some(replay.file)
 }
 
 /// Columns selected by one name.

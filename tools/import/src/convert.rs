@@ -19,7 +19,7 @@ use crate::{
     force_aligner::ForceAligner,
     row_writer::{RowWriter, Sample, Samples, is_calm},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
-    timeline::{SegmentChoice, SegmentFinder, longest},
+    timeline::{SegmentChoice, SegmentFinder, Timed, longest},
     tlog::Tlog,
     ulog::Log,
 };
@@ -87,12 +87,27 @@ pub fn plain_recording_range_ns(path: &Path) -> Option<[i64; 2]> {
 ///
 /// Returns an error if the fixes cannot be read.
 pub fn note_fixes_outside(fixes: &Path, rows_ns: [i64; 2]) -> Result<Option<Note>, ImportError> {
-    Ok(outside(gnss::range_ns(fixes)?, rows_ns))
+    Ok(outside("fixes", gnss::range_ns(fixes)?, rows_ns))
 }
 
-fn outside(series_ns: [i64; 2], rows_ns: [i64; 2]) -> Option<Note> {
+fn outside(what: &'static str, series_ns: [i64; 2], rows_ns: [i64; 2]) -> Option<Note> {
     let is_outside = series_ns[1] < rows_ns[0] || series_ns[0] > rows_ns[1];
-    is_outside.then_some(Note::NoOverlap { what: "fixes", series_ns, rows_ns })
+    is_outside.then_some(Note::NoOverlap { what, series_ns, rows_ns })
+}
+
+/// Returns a note if no sample of a series is within the times of the rows.
+fn outside_rows<T: Timed>(
+    what: &'static str,
+    samples: Samples<'_, T>,
+    rows_ns: [i64; 2],
+) -> Result<Option<Note>, ImportError> {
+    let mut series_ns: Option<[i64; 2]> = None;
+    for sample in samples {
+        let t_ns = sample?.t_ns();
+        let [first_ns, last_ns] = series_ns.unwrap_or([t_ns; 2]);
+        series_ns = Some([first_ns.min(t_ns), last_ns.max(t_ns)]);
+    }
+    Ok(series_ns.and_then(|series_ns| outside(what, series_ns, rows_ns)))
 }
 
 /// Returns the common format of all files, which must be supported and match the options.
@@ -133,7 +148,7 @@ fn open_source<'a>(
 ) -> Result<Box<dyn Source + 'a>, ImportError> {
     let path = &paths[0];
     Ok(match (format, &options.mapping) {
-        (Format::Ulog, _) => Box::new(Log::open(path)?),
+        (Format::Ulog, _) => Box::new(Log::open(path, options)?),
         (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path, options)?),
         (Format::Tlog, _) => Box::new(Tlog::open(path)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, options)?),
@@ -222,6 +237,13 @@ fn import(
     if survey.wraps > 0 {
         notes.insert(0, Note::Wrapped { count: survey.wraps });
     }
+    if survey.has_field && rows.field_rows == 0 {
+        notes.extend(outside_rows("field samples", choice.others(source.field_samples()?), rows.range_ns())?);
+    }
+    if survey.has_reference && rows.reference_rows == 0 {
+        let attitudes = choice.others(source.reference_attitudes()?);
+        notes.extend(outside_rows("reference attitudes", attitudes, rows.range_ns())?);
+    }
     let mut fixes = FixesFile::for_recording(out);
     if survey.has_fixes {
         for fix in choice.others(source.fixes()?) {
@@ -239,7 +261,10 @@ fn import(
         }
         Some(_) => {}
     }
-    let surveyed_rows = choice.segments.iter().map(|segment| segment.samples).sum::<u64>();
+    // Rows of other segments count as unused only if the user did not choose one.
+    let counts_segment = |index: &usize| segment.is_none() || *index == choice.index;
+    let counted = (0..choice.segments.len()).filter(counts_segment).filter_map(|index| choice.segments.get(index));
+    let surveyed_rows = counted.map(|segment| segment.samples).sum::<u64>();
     let source_rows = surveyed_rows.max(rows.rows) + survey.unreadable_rows;
     let summary = Summary {
         fixes: fixes_count,
@@ -330,7 +355,7 @@ impl FixesFile {
             let reason = "timestamps do not increase";
             notes.push(Note::Skipped { what: "fixes", count: self.out_of_order, reason });
         }
-        notes.extend(self.range_ns.and_then(|series_ns| outside(series_ns, rows_ns)));
+        notes.extend(self.range_ns.and_then(|series_ns| outside("fixes", series_ns, rows_ns)));
         notes
     }
 

@@ -26,6 +26,7 @@
 //! | `bag` | topics of MCAP files and ROS 2 bags |
 //! | `csv_source` | mapped columns of CSV files, joined by time |
 //! | `csv_reader` | reader for one CSV file |
+//! | `table` | tables of fixes or references in any text dialect |
 //! | `tlog` | MAVLink messages of a telemetry log |
 //! | `timeline` | wraps and restarts of a clock |
 //! | `force_aligner` | force interpolated at the times of the rate samples |
@@ -45,8 +46,10 @@ pub mod mcap_file;
 mod options;
 pub mod ros_messages;
 mod row_writer;
+mod sensor_state;
 mod source;
 pub mod summary;
+mod table;
 mod timeline;
 mod tlog;
 mod ulog;
@@ -57,4 +60,5 @@ pub use format::Format;
 pub use mapping::{Mapping, MappingError};
 pub use options::Options;
 pub use summary::{Note, Sensor, Summary};
+pub use table::{Table, convert_table};
 pub use timeline::Segment;

@@ -16,7 +16,8 @@ pub struct Summary {
     pub format: Format,
     /// Number of rows written.
     pub rows: u64,
-    /// Number of rows of the source, including those that were not used.
+    /// Number of rows of the source, or of the segment that the user chose, including those that
+    /// were not used.
     pub source_rows: u64,
     /// Parts of the source between restarts of its clock.
     pub segments: Vec<Segment>,

@@ -45,8 +45,6 @@ use topics::{Kind, MotionTopics, Role, Topic, Topics};
 
 /// Number of messages between two progress reports.
 const PROGRESS_INTERVAL_MESSAGES: u64 = 1024;
-/// Number of equal timestamps from which on the times at which messages were logged are used.
-const MIN_CONSTANT_STAMPS: u64 = 10;
 /// Reason for skipping a chunk of an MCAP file.
 const DAMAGED_CHUNK: &str = "damaged, or too large when decompressed";
 /// Maximum number of directory entries that are inspected in a bag.
@@ -129,18 +127,35 @@ impl Source for Bag<'_> {
             let Some(Message { topic, log_ns, data }) = messages.next()? else { break };
             let inertial = self.inertial(&topic, &data);
             has_instant_rates |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
+            // Time, and vector of a magnetometer or a receiver.
+            let sample = match topic.kind {
+                Kind::Imu | Kind::PlumblineImu => inertial.as_ref().map(|inertial| (inertial.t_ns, None)),
+                Kind::MagneticField => {
+                    ros::field(&data, &self.convention).map(|(t_ns, field_ut)| (t_ns, Some(field_ut)))
+                }
+                Kind::PlumblineMag => plumbline::field(&data).map(|(t_ns, field_ut)| (t_ns, Some(field_ut))),
+                Kind::Twist => ros::velocity(&data).map(|fix| (fix.t_ns, Some(fix.velocity_m_s))),
+                Kind::PlumblineFix => plumbline::fix(&data).map(|fix| (fix.t_ns, Some(fix.velocity_m_s))),
+                Kind::Pose | Kind::ChildPose => {
+                    ros::attitude(topic.kind, &data, &self.convention).map(|attitude| (attitude.t_ns, None))
+                }
+                // These have no time that is used.
+                Kind::PlumblineReference | Kind::NavSatFix => None,
+            };
             let is_valid = match topic.kind {
-                Kind::Imu | Kind::PlumblineImu => inertial.is_some(),
-                Kind::MagneticField => ros::field(&data, &self.convention).is_some(),
-                Kind::PlumblineMag => plumbline::field(&data).is_some(),
                 Kind::PlumblineReference => plumbline::reference(&data).is_some(),
-                Kind::Twist => ros::velocity(&data).is_some(),
-                Kind::PlumblineFix => plumbline::fix(&data).is_some(),
                 Kind::NavSatFix => ros::position(&data).is_some(),
+                _ => sample.is_some(),
             };
             let Some(counts) = topics.counts_mut(&topic) else { continue };
             counts.samples += u64::from(is_valid);
             counts.rejected += u64::from(!is_valid);
+            if let Some((t_ns, vector)) = sample {
+                counts.push_stamp(t_ns);
+                if vector.is_some() {
+                    counts.state.push(log_ns, [vector, None], true);
+                }
+            }
             if let Some(inertial) = &inertial {
                 counts.push_inertial(inertial, log_ns);
             }
@@ -160,8 +175,14 @@ impl Source for Bag<'_> {
             Some(MotionTopics { rate, .. }) if rate.kind == Kind::PlumblineImu => {
                 topics.select(Role::Reference, &mut notes).map(|reference| vec![rate.clone(), reference.clone()])
             }
-            Some(MotionTopics { rate, .. }) if topics.has_attitudes(rate) => Some(vec![rate.clone()]),
-            _ => None,
+            Some(MotionTopics { rate, .. }) => {
+                let has_attitudes = topics.has_attitudes(rate);
+                // A note on the poses that may be read is needed only without another reference.
+                let unused = &mut Vec::new();
+                let poses = topics.select(Role::Reference, if has_attitudes { unused } else { &mut notes });
+                poses.cloned().or_else(|| has_attitudes.then(|| rate.clone())).map(|reference| vec![reference])
+            }
+            None => None,
         };
         if reference.is_none() {
             notes.push(Note::Missing { what: "reference attitude" });
@@ -177,15 +198,22 @@ impl Source for Bag<'_> {
         let reason =
             notes.iter().find(|note| matches!(note, Note::DamagedFile { .. })).map(|note| note.to_string().into());
         let counts = rows.as_ref().and_then(|rows| topics.counts(&rows.rate));
-        let uses_log_times =
-            counts.is_some_and(|counts| !counts.has_moving_stamps && counts.samples >= MIN_CONSTANT_STAMPS);
-        if let Some(rows) = rows.as_ref().filter(|_| uses_log_times) {
-            notes.insert(0, Note::LogTimes { topic: rows.rate.name.clone() });
+        let read = rows.iter().flat_map(|rows| iter::once(&rows.rate).chain(&rows.force));
+        let read = read.chain(&field).chain(&velocity).chain(reference.iter().flatten());
+        let has_constant_stamps =
+            |topic: &&Topic| topics.counts(topic).is_some_and(topics::MessageCounts::has_constant_stamps);
+        let constant = read.into_iter().find(has_constant_stamps);
+        // Topics with timestamps are on the clock of the log, too, so that all have the same.
+        let uses_log_times = constant.is_some();
+        if let Some(topic) = constant {
+            notes.insert(0, Note::LogTimes { topic: topic.name.clone() });
         }
         let finder = counts.map(|counts| &counts.segments[usize::from(uses_log_times)]);
         let segments = finder.map_or_else(Vec::new, |finder| finder.segments().to_vec());
         let wraps = finder.map_or(0, |finder| finder.wraps);
-        let sensors = topics.sensors(rows.as_ref().map(|rows| &rows.rate), uses_log_times);
+        let mut sensors = topics.sensors(rows.as_ref().map(|rows| &rows.rate), uses_log_times);
+        sensors.extend(topics.other_sensors("--mag", Role::Field, field.as_ref()));
+        sensors.extend(topics.other_sensors("--gnss", Role::Velocity, velocity.as_ref()));
         let fixes = velocity.map_or_else(Vec::new, |velocity| iter::once(velocity).chain(position).collect());
         let selection = Selection { rows, field, reference: reference.unwrap_or_default(), fixes, uses_log_times };
         let survey = Survey {
@@ -227,8 +255,11 @@ impl Source for Bag<'_> {
                 plumbline::inertial(data).and_then(|(tick, sample)| join.push_sample(tick, sample.t_ns))
             }
             Kind::PlumblineReference => plumbline::reference(data).and_then(|reference| join.push_reference(reference)),
-            _ => {
-                let attitude = ros::inertial(data, &convention)?.attitude?;
+            kind => {
+                let attitude = match kind {
+                    Kind::Imu => ros::inertial(data, &convention)?.attitude?,
+                    _ => ros::attitude(kind, data, &convention)?,
+                };
                 Some(if uses_log_times { Attitude { t_ns: *log_ns, ..attitude } } else { attitude })
             }
         };

@@ -15,7 +15,10 @@ use mapping::is_rotation;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
-use super::samples::{InertialSample, Position, VelocityFix};
+use super::{
+    samples::{InertialSample, Position, VelocityFix},
+    topics::Kind,
+};
 use crate::{
     Mapping,
     row_writer::{Attitude, Sample},
@@ -76,6 +79,26 @@ struct NavSatFix {
     latitude: f64,
     longitude: f64,
     altitude: f64,
+}
+
+/// `PoseStamped`, and the leading fields of `PoseWithCovarianceStamped`.
+#[derive(Deserialize)]
+struct PoseStamped {
+    header: Header,
+    #[expect(dead_code, reason = "part of the message layout")]
+    position: [f64; 3],
+    orientation: [f64; 4],
+}
+
+/// `TransformStamped`, and the leading fields of `Odometry`.
+#[derive(Deserialize)]
+struct ChildPoseStamped {
+    header: Header,
+    #[expect(dead_code, reason = "part of the message layout")]
+    child_frame_id: String,
+    #[expect(dead_code, reason = "part of the message layout")]
+    position: [f64; 3],
+    orientation: [f64; 4],
 }
 
 /// Units and axes of ROS messages.
@@ -145,6 +168,21 @@ pub(crate) fn inertial(data: &[u8], convention: &Convention) -> Option<InertialS
 pub(crate) fn field(data: &[u8], convention: &Convention) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decode(data)?;
     Some((header.stamp.ns()?, convention.to_native(magnetic_field, convention.field)?))
+}
+
+/// Decodes the attitude of a pose: the rotation from body axes to east, north, up.
+pub(super) fn attitude(kind: Kind, data: &[u8], convention: &Convention) -> Option<Attitude> {
+    let (header, [x, y, z, w]) = if kind == Kind::ChildPose {
+        let ChildPoseStamped { header, orientation, .. } = decode(data)?;
+        (header, orientation)
+    } else {
+        let PoseStamped { header, orientation, .. } = decode(data)?;
+        (header, orientation)
+    };
+    let native = || frames::quaternion_to_native(convention.earth, convention.body, [w, x, y, z]);
+    let quaternion = is_rotation([w, x, y, z]).then(native)?;
+    let reference = Reference { quaternion, scored: true };
+    Some(Attitude { t_ns: header.stamp.ns()?, reference, reset_counter: Some(0) })
 }
 
 /// Decodes a `geometry_msgs/msg/TwistStamped`.

@@ -8,6 +8,7 @@ use mapping::names::nearest;
 use super::samples::InertialSample;
 use crate::{
     ImportError, Note, Sensor,
+    sensor_state::SensorState,
     timeline::{Segment, SegmentFinder},
 };
 
@@ -16,6 +17,9 @@ const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
 /// Number of equal samples from which on a sensor is considered dead.
 const MIN_CONSTANT_SAMPLES: u64 = 50;
+
+/// Number of equal timestamps from which on they are considered constant.
+const MIN_CONSTANT_STAMPS: u64 = 10;
 
 /// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,6 +32,10 @@ pub(super) enum Kind {
     MagneticField,
     Twist,
     NavSatFix,
+    /// Pose of a body: `PoseStamped`, and the leading fields of `PoseWithCovarianceStamped`.
+    Pose,
+    /// Pose of a named frame: `TransformStamped`, and the leading fields of `Odometry`.
+    ChildPose,
 }
 
 /// Quantity for which a topic is read.
@@ -65,6 +73,8 @@ impl Kind {
             ("cdr", "sensor_msgs/msg/MagneticField") => Self::MagneticField,
             ("cdr", "geometry_msgs/msg/TwistStamped" | "geometry_msgs/msg/TwistWithCovarianceStamped") => Self::Twist,
             ("cdr", "sensor_msgs/msg/NavSatFix") => Self::NavSatFix,
+            ("cdr", "geometry_msgs/msg/PoseStamped" | "geometry_msgs/msg/PoseWithCovarianceStamped") => Self::Pose,
+            ("cdr", "geometry_msgs/msg/TransformStamped" | "nav_msgs/msg/Odometry") => Self::ChildPose,
             _ => return None,
         })
     }
@@ -75,7 +85,7 @@ impl Kind {
             Self::PlumblineMag | Self::MagneticField => Role::Field,
             Self::PlumblineFix | Self::Twist => Role::Velocity,
             Self::NavSatFix => Role::Position,
-            Self::PlumblineReference => Role::Reference,
+            Self::PlumblineReference | Self::Pose | Self::ChildPose => Role::Reference,
         }
     }
 }
@@ -109,14 +119,16 @@ pub(super) struct MessageCounts {
     pub(super) rates: u64,
     /// Number of samples with a force that is not zero.
     pub(super) forces: u64,
-    /// First and last timestamp of the samples, ns.
-    pub(super) stamps_ns: Option<[i64; 2]>,
+    /// First timestamp of the samples, ns.
+    first_stamp_ns: Option<i64>,
     /// `true` if the timestamp of a sample differs from that of another.
-    pub(super) has_moving_stamps: bool,
+    has_moving_stamps: bool,
     /// Rate and force of the first sample.
     first: Option<[Option<[f64; 3]>; 2]>,
     /// `true` if a sample differs from the first one.
     pub(super) varies: bool,
+    /// State of a magnetometer or a receiver, by log time.
+    pub(super) state: SensorState,
     /// Segments of the samples, by timestamp and by log time.
     pub(super) segments: [SegmentFinder; 2],
 }
@@ -131,12 +143,20 @@ impl MessageCounts {
         self.attitudes += u64::from(sample.attitude.is_some());
         let values = [sample.rate_rad_s, sample.force_m_s2];
         self.varies |= *self.first.get_or_insert(values) != values;
-        let [first_ns, _] = self.stamps_ns.unwrap_or([sample.t_ns; 2]);
-        self.has_moving_stamps |= sample.t_ns != first_ns;
-        self.stamps_ns = Some([first_ns, sample.t_ns]);
         let [by_stamp, by_log_time] = &mut self.segments;
         by_stamp.push(sample.t_ns);
         by_log_time.push(log_ns);
+    }
+
+    /// Adds the timestamp of a sample of any kind.
+    pub(super) fn push_stamp(&mut self, t_ns: i64) {
+        let first_ns = *self.first_stamp_ns.get_or_insert(t_ns);
+        self.has_moving_stamps |= t_ns != first_ns;
+    }
+
+    /// Returns `true` if the timestamps of the samples never change.
+    pub(super) fn has_constant_stamps(&self) -> bool {
+        self.first_stamp_ns.is_some() && !self.has_moving_stamps && self.samples >= MIN_CONSTANT_STAMPS
     }
 
     /// Returns `true` if the messages of the topic declare both rate and force as measured.
@@ -186,7 +206,11 @@ impl<'a> Topics<'a> {
             if self.counts.len() >= MAX_TOPICS {
                 return None;
             }
-            self.counts.insert(topic.clone(), MessageCounts::default());
+            let state = match topic.kind.role() {
+                Role::Velocity => SensorState::of_receiver(),
+                _ => SensorState::default(),
+            };
+            self.counts.insert(topic.clone(), MessageCounts { state, ..MessageCounts::default() });
         }
         self.counts.get_mut(topic)
     }
@@ -227,21 +251,26 @@ impl<'a> Topics<'a> {
     /// Selects the topic to read for a role.
     ///
     /// This is the requested topic. If none is requested, it is the first topic with samples, in
-    /// the order of [`Kind`] and then of the name. ROS velocities are read only on request, because
-    /// their messages do not specify the axes.
+    /// the order of [`Kind`] and then of the name. ROS velocities and poses are read only on
+    /// request, because their messages do not specify the axes.
     pub(super) fn select(&self, role: Role, notes: &mut Vec<Note>) -> Option<&Topic> {
         let of_role = || self.counts.iter().filter(|(topic, _)| topic.kind.role() == role);
-        let is_read_by_default = |topic: &&Topic| topic.kind != Kind::Twist;
+        let is_read_by_default = |topic: &&Topic| !matches!(topic.kind, Kind::Twist | Kind::Pose | Kind::ChildPose);
         let requested = || of_role().map(|(topic, _)| topic).find(|topic| self.is_requested(topic));
         let with_samples = || of_role().filter(|(_, count)| count.samples > 0).map(|(topic, _)| topic);
-        let selected = requested().or_else(|| with_samples().find(is_read_by_default));
+        let is_healthy = |topic: &&Topic| {
+            role != Role::Field || self.counts.get(*topic).is_some_and(|counts| counts.state.is_healthy())
+        };
+        let default = || with_samples().filter(is_read_by_default);
+        let first = || default().find(is_healthy).or_else(|| default().next());
+        let selected = requested().or_else(first);
         let Some(selected) = selected else {
             let skipped = with_samples().map(|topic| topic.name.clone());
-            notes.extend(skipped.map(|topic| Note::TopicOnRequest {
-                what: "the velocity of a receiver",
-                topic,
-                interpretation: "east, north, up",
-            }));
+            let (what, interpretation) = match role {
+                Role::Reference => ("a reference attitude", "the rotation from body axes to east, north, up"),
+                _ => ("the velocity of a receiver", "east, north, up"),
+            };
+            notes.extend(skipped.map(|topic| Note::TopicOnRequest { what, topic, interpretation }));
             return None;
         };
         if role != Role::Position {
@@ -335,6 +364,15 @@ impl<'a> Topics<'a> {
                 state: if counts.is_healthy() { "healthy" } else { "dead: constant" },
                 is_read: read == Some(topic),
             }
+        });
+        sensors.collect()
+    }
+
+    /// Returns the magnetometers or the receivers, of which `read` is read.
+    pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
+        let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
+        let sensors = counts.enumerate().map(|(number, (topic, counts))| {
+            counts.state.sensor(option, number, topic.name.clone(), read == Some(topic))
         });
         sensors.collect()
     }

@@ -54,6 +54,8 @@ pub(super) enum Measurement {
     Field {
         t_ns: i64,
         field_ut: [f64; 3],
+        /// `true` unless the autopilot marks the magnetometer as unhealthy.
+        is_healthy: bool,
     },
     Fix(ReceiverFix),
     Attitude(Attitude),
@@ -74,6 +76,8 @@ pub(super) struct Layout {
     time: Time,
     /// Field with the sensor or estimator number; `None` if the message type has no such field.
     instance: Option<Field>,
+    /// Sensor number of the message type, which is used without such a field: 1 for `IMU2`.
+    type_instance: u8,
     fields: Fields,
 }
 
@@ -84,7 +88,7 @@ enum Time {
 
 enum Fields {
     Inertial { rate: [Field; 3], force: [Field; 3], health: [Option<Field>; 2] },
-    Field([Field; 3]),
+    Field { field: [Field; 3], health: Option<Field> },
     Fix { status: Field, speed: Field, course: Field, down: Field, position: Option<[Field; 3]> },
     Quaternion([Field; 4]),
     Angles([Field; 3]),
@@ -97,13 +101,17 @@ impl Layout {
         let find_vector = |[x, y, z]: [&str; 3]| Some([find(x)?, find(y)?, find(z)?]);
         let quaternion = || Some(Fields::Quaternion([find("Q1")?, find("Q2")?, find("Q3")?, find("Q4")?]));
         let angles = || find_vector(["Roll", "Pitch", "Yaw"]).map(Fields::Angles);
+        let (name, type_instance) = numbered_type(name);
         let (kind, instance, fields) = match name {
             b"IMU" => {
                 let [rate, force] = [["GyrX", "GyrY", "GyrZ"], ["AccX", "AccY", "AccZ"]].map(find_vector);
                 let health = [find("GH"), find("AH")];
                 (Kind::Inertial, "I", Fields::Inertial { rate: rate?, force: force?, health })
             }
-            b"MAG" => (Kind::Field, "I", Fields::Field(find_vector(["MagX", "MagY", "MagZ"])?)),
+            b"MAG" => {
+                let field = find_vector(["MagX", "MagY", "MagZ"])?;
+                (Kind::Field, "I", Fields::Field { field, health: find("Health") })
+            }
             b"GPS" => {
                 let [speed, course, down] = find_vector(["Spd", "GCrs", "VZ"])?;
                 let position = find_vector(["Lat", "Lng", "Alt"]);
@@ -121,13 +129,13 @@ impl Layout {
         let is_old_gps = name == b"GPS" && find("TimeUS").is_none();
         let board_time = find("T").filter(|_| is_old_gps).map(Time::Ms);
         let time = board_time.or_else(|| find("TimeUS").map(Time::Us)).or_else(|| find("TimeMS").map(Time::Ms))?;
-        Some(Self { kind, time, instance: find(instance), fields })
+        Some(Self { kind, time, instance: find(instance), type_instance, fields })
     }
 
     /// Returns the number of the sensor or estimator that produced a message.
     pub(super) fn instance(&self, message: &[u8]) -> u8 {
         let instance = self.instance.and_then(|instance| instance.unsigned(message));
-        instance.and_then(|instance| instance.try_into().ok()).unwrap_or(0)
+        instance.and_then(|instance| instance.try_into().ok()).unwrap_or(self.type_instance)
     }
 
     /// Decodes a message; `None` if it contains an invalid number, fix or rotation.
@@ -141,9 +149,10 @@ impl Layout {
                 let is_healthy = health.iter().flatten().all(|health| health.unsigned(message) != Some(0));
                 Measurement::Inertial { t_ns, rate_rad_s, force_m_s2, is_healthy }
             }
-            Fields::Field(field) => Measurement::Field {
+            Fields::Field { field, health } => Measurement::Field {
                 t_ns,
                 field_ut: Body::Frd.to_native(finite_vector(field)?.map(|part| part * UT_PER_MGAUSS)),
+                is_healthy: health.is_none_or(|health| health.unsigned(message) != Some(0)),
             },
             Fields::Fix { status, speed, course, down, position } => {
                 let [speed_m_s, course_deg, down_m_s] = finite_vector(&[*speed, *course, *down])?;
@@ -168,6 +177,15 @@ impl Layout {
         };
         let t_ns = i64::try_from(field.unsigned(message)?).ok()?.checked_mul(ns)?;
         Some(t_ns).filter(|t_ns| *t_ns < MAX_TIME_NS)
+    }
+}
+
+/// Splits the name of a message type of an older log, such as `IMU2`, into that of the first sensor
+/// and the sensor number.
+fn numbered_type(name: &[u8]) -> (&[u8], u8) {
+    match name {
+        [base @ .., digit @ b'2'..=b'9'] if matches!(base, b"IMU" | b"MAG" | b"GPS") => (base, digit - b'1'),
+        _ => (name, 0),
     }
 }
 

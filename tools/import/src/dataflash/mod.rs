@@ -24,12 +24,12 @@ use std::{
 };
 
 use crate::{
-    Format, ImportError, Note, Options, Sensor,
+    Format, ImportError, Note, Options,
     error::open_error,
     row_writer::Sample,
     row_writer::{Attitude, Samples},
+    sensor_state::SensorState,
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
-    timeline::{Segment, SegmentFinder, SourceClock},
 };
 use fields::{Estimator, Kind, Measurement};
 use messages::MessageReader;
@@ -56,36 +56,10 @@ struct Selection {
     receiver: Option<u8>,
 }
 
-/// Number of equal samples from which on a sensor is considered dead.
-const MIN_CONSTANT_SAMPLES: u64 = 50;
-
-/// State of an IMU over the log.
-#[derive(Debug, Clone, Copy, Default)]
-struct ImuState {
-    samples: u64,
-    /// Number of samples that the autopilot marks as unhealthy.
-    unhealthy: u64,
-    first: Option<[[f64; 3]; 2]>,
-    /// `true` if a sample differs from the first one.
-    varies: bool,
-}
-
-impl ImuState {
-    fn push(&mut self, values: [[f64; 3]; 2], is_healthy: bool) {
-        self.samples += 1;
-        self.unhealthy += u64::from(!is_healthy);
-        self.varies |= *self.first.get_or_insert(values) != values;
-    }
-
-    fn is_healthy(&self) -> bool {
-        2 * self.unhealthy <= self.samples && (self.varies || self.samples < MIN_CONSTANT_SAMPLES)
-    }
-}
-
 /// Counts of valid and rejected messages, by kind and instance.
 type Counts = BTreeMap<Kind, BTreeMap<u8, (u64, u64)>>;
-/// Segments of the inertial samples, by instance.
-type Segments = BTreeMap<u8, SegmentFinder>;
+/// States of the sensors of a kind, by instance.
+type States = BTreeMap<u8, SensorState>;
 
 impl Log {
     pub(crate) fn open(path: &Path, options: &Options) -> Result<Self, ImportError> {
@@ -156,7 +130,7 @@ impl Source for Log {
 
     fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let mut counts = Counts::new();
-        let (mut segments, mut imus) = (Segments::new(), BTreeMap::<u8, ImuState>::new());
+        let (mut imus, mut magnetometers, mut receivers) = (States::new(), States::new(), States::new());
         let mut messages = self.messages()?;
         let mut receiver = None;
         for index in 0u64.. {
@@ -171,13 +145,17 @@ impl Source for Log {
             *rejected += u64::from(measurement.is_none());
             match measurement {
                 Some(Measurement::Inertial { t_ns, rate_rad_s, force_m_s2, is_healthy }) => {
-                    let new = || SegmentFinder::new(&SourceClock::default());
-                    segments.entry(instance).or_insert_with(new).push(t_ns);
-                    imus.entry(instance).or_default().push([rate_rad_s, force_m_s2], is_healthy);
+                    let values = [Some(rate_rad_s), Some(force_m_s2)];
+                    imus.entry(instance).or_default().push(t_ns, values, is_healthy);
+                }
+                Some(Measurement::Field { t_ns, field_ut, is_healthy }) => {
+                    magnetometers.entry(instance).or_default().push(t_ns, [Some(field_ut), None], is_healthy);
                 }
                 // If there are several receivers, the one with the first fix is used.
-                Some(Measurement::Fix(_)) => {
+                Some(Measurement::Fix(ReceiverFix { t_ns, velocity_m_s, .. })) => {
                     receiver.get_or_insert(instance);
+                    let state = receivers.entry(instance).or_insert_with(SensorState::of_receiver);
+                    state.push(t_ns, [Some(velocity_m_s), None], true);
                 }
                 _ => {}
             }
@@ -191,17 +169,11 @@ impl Source for Log {
         }
         let [imu, mag, gnss] = self.requested;
         let imu = self.requested(&counts, Kind::Inertial, imu, "--imu")?;
-        let healthy = imus.iter().find(|(_, state)| state.is_healthy()).map(|(instance, _)| *instance);
-        let first = imus.keys().next().copied();
-        if let (None, Some(first), Some(read)) = (imu, first, healthy)
-            && first != read
-        {
-            let [sensor, read] = [first, read].map(|instance| format!("IMU {instance}").into());
-            notes.push(Note::DeadSensor { sensor, read });
-        }
-        let inertial = select_instance(&counts, Kind::Inertial, "IMU", imu.or(healthy), &mut notes);
+        let healthy_imu = first_healthy(&imus, imu, "IMU", &mut notes);
+        let inertial = select_instance(&counts, Kind::Inertial, "IMU", imu.or(healthy_imu), &mut notes);
         let mag = self.requested(&counts, Kind::Field, mag, "--mag")?;
-        let field = select_instance(&counts, Kind::Field, "MAG", mag, &mut notes);
+        let healthy_mag = first_healthy(&magnetometers, mag, "MAG", &mut notes);
+        let field = select_instance(&counts, Kind::Field, "MAG", mag.or(healthy_mag), &mut notes);
         let receiver = self.requested(&counts, Kind::Fix, gnss, "--gnss")?.or(receiver);
         select_instance(&counts, Kind::Fix, "GPS", receiver, &mut notes);
         let attitude = Estimator::ALL.into_iter().find_map(|(estimator, topic)| {
@@ -217,21 +189,20 @@ impl Source for Log {
             }
         }
         let (has_field, has_reference) = (field.is_some(), attitude.is_some());
-        let duration_s = |instance: &u8| {
-            let segments = segments.get(instance).map_or(&[][..], SegmentFinder::segments);
-            segments.iter().map(Segment::duration_s).sum::<f64>()
-        };
-        let sensors = imus.iter().map(|(instance, state)| Sensor {
-            option: format!("--imu {instance}"),
-            name: format!("IMU {instance}").into(),
-            samples: state.samples,
-            rate_hz: state.samples.saturating_sub(1) as f64 / duration_s(instance),
-            state: if state.is_healthy() { "healthy" } else { "dead: constant, or marked as unhealthy" },
-            is_read: inertial == Some(*instance),
+        let sensors = [
+            ("--imu", "IMU", &imus, inertial),
+            ("--mag", "MAG", &magnetometers, field),
+            ("--gnss", "GPS", &receivers, receiver),
+        ];
+        let sensors = sensors.into_iter().flat_map(|(option, name, states, read)| {
+            states.iter().map(move |(instance, state)| {
+                let is_read = read == Some(*instance);
+                state.sensor(option, usize::from(*instance), format!("{name} {instance}"), is_read)
+            })
         });
         let sensors = sensors.collect();
         self.selection = Some(Selection { inertial, field, attitude, receiver });
-        let finder = inertial.and_then(|instance| segments.remove(&instance)).unwrap_or_default();
+        let finder = inertial.and_then(|instance| imus.remove(&instance)).unwrap_or_default().segments;
         Ok(Survey {
             has_field,
             has_reference,
@@ -251,7 +222,7 @@ impl Source for Log {
         };
         let measurements = self.measurements(Kind::Field, instance)?;
         Ok(Box::new(measurements.filter_map(|measurement| match measurement {
-            Ok(Measurement::Field { t_ns, field_ut }) => Some(Ok((t_ns, field_ut))),
+            Ok(Measurement::Field { t_ns, field_ut, .. }) => Some(Ok((t_ns, field_ut))),
             Ok(_) => None,
             Err(error) => Some(Err(error)),
         })))
@@ -294,6 +265,20 @@ impl Source for Log {
             Err(error) => Some(Err(error)),
         }))))
     }
+}
+
+/// Returns the first sensor that works, if any. A note names the ones that are passed over, unless
+/// one is requested.
+fn first_healthy(states: &States, requested: Option<u8>, topic: &str, notes: &mut Vec<Note>) -> Option<u8> {
+    let healthy = states.iter().find(|(_, state)| state.is_healthy()).map(|(instance, _)| *instance);
+    let first = states.keys().next().copied();
+    if let (None, Some(first), Some(read)) = (requested, first, healthy)
+        && first != read
+    {
+        let [sensor, read] = [first, read].map(|instance| format!("{topic} {instance}").into());
+        notes.push(Note::DeadSensor { sensor, read });
+    }
+    healthy
 }
 
 /// Selects the instance that is read for a kind. This is `preferred`, or else the first instance

@@ -7,6 +7,7 @@ use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
+use super::topics::Kind;
 use crate::{
     ImportError,
     row_writer::{Attitude, Sample},
@@ -15,34 +16,13 @@ use crate::{
 
 /// Timestamp, relative to the gyro sample, that marks a missing measurement.
 const INVALID_RELATIVE_TIME_US: i32 = i32::MAX;
+/// Maximum number of inertial sensors in `sensors_status_imu`.
+const MAX_SENSORS: usize = 4;
 /// Lowest `fix_type` for which all three velocity components are available.
 const MIN_FIX_TYPE: u8 = 3;
 
-/// Magnetic field at a time, gauss; forward, right, down.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct FieldSample {
-    pub(crate) t_ns: i64,
-    pub(crate) field_ga: [f32; 3],
-}
-
-/// Attitude at a time: the rotation from forward, right, down to north, east, down axes.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct AttitudeSample {
-    pub(crate) t_ns: i64,
-    quaternion: [f32; 4],
-    reset_counter: u8,
-}
-
-impl AttitudeSample {
-    pub(crate) fn attitude(&self) -> Attitude {
-        let quaternion = frames::quaternion_to_native(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
-        Attitude {
-            t_ns: self.t_ns,
-            reference: Reference { quaternion, scored: true },
-            reset_counter: Some(self.reset_counter),
-        }
-    }
-}
+/// Time, ns, and vector of a sample; forward, right, down.
+type VectorSample = (i64, [f32; 3]);
 
 type Vector<T> = [FieldParser<T>; 3];
 
@@ -74,6 +54,11 @@ impl CombinedFields {
 
     /// Returns time and rate of a gyro sample; `None` if the time does not fit into 64-bit
     /// nanoseconds.
+    /// Returns `true` if the messages contain a magnetic field.
+    pub(super) fn has_field(&self) -> bool {
+        self.field.is_some()
+    }
+
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
         Some((time_ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse_vector(&self.rate, data).map(f64::from))))
     }
@@ -87,12 +72,9 @@ impl CombinedFields {
         ))
     }
 
-    pub(super) fn field(&self, data: &[u8]) -> Option<FieldSample> {
+    pub(super) fn field(&self, data: &[u8]) -> Option<VectorSample> {
         let (field, relative) = self.field.as_ref()?;
-        Some(FieldSample {
-            t_ns: time_ns(self.time.parse(data), relative.parse(data))?,
-            field_ga: parse_vector(field, data),
-        })
+        Some((time_ns(self.time.parse(data), relative.parse(data))?, parse_vector(field, data)))
     }
 }
 
@@ -109,8 +91,117 @@ impl MagnetometerFields {
         Ok(Self { time: SampleTime::new(path, message)?, field })
     }
 
-    pub(super) fn field(&self, data: &[u8]) -> Option<FieldSample> {
-        Some(FieldSample { t_ns: self.time.ns(data)?, field_ga: parse_vector(&self.field, data) })
+    pub(super) fn field(&self, data: &[u8]) -> Option<VectorSample> {
+        Some((self.time.ns(data)?, parse_vector(&self.field, data)))
+    }
+}
+
+/// Fields of `sensor_gyro`, `sensor_accel` and `sensor_mag`.
+pub(super) struct VectorFields {
+    time: SampleTime,
+    vector: Vector<f32>,
+    device: Option<FieldParser<u32>>,
+}
+
+impl VectorFields {
+    /// Returns `None` if a field is missing.
+    pub(super) fn new(message: &DataMessage) -> Option<Self> {
+        Some(Self {
+            time: SampleTime::find(message)?,
+            vector: vector(message, ["x", "y", "z"])?,
+            device: optional(message, "device_id"),
+        })
+    }
+
+    pub(super) fn vector(&self, data: &[u8]) -> Option<VectorSample> {
+        Some((self.time.ns(data)?, parse_vector(&self.vector, data)))
+    }
+
+    pub(super) fn device(&self, data: &[u8]) -> Option<u32> {
+        self.device.as_ref().map(|device| device.parse(data))
+    }
+}
+
+/// Fields of `vehicle_imu`: angle and velocity integrated over an interval that ends at the time of
+/// the message.
+pub(super) struct IntegratedFields {
+    time: SampleTime,
+    angle: Vector<f32>,
+    velocity: Vector<f32>,
+    /// Lengths of the intervals of angle and velocity, µs.
+    intervals: [IntervalField; 2],
+    devices: [Option<FieldParser<u32>>; 2],
+}
+
+/// Length of an interval, µs. Its type depends on the version of the autopilot.
+enum IntervalField {
+    U16(FieldParser<u16>),
+    U32(FieldParser<u32>),
+}
+
+impl IntervalField {
+    fn find(message: &DataMessage, name: &str) -> Option<Self> {
+        optional(message, name).map(Self::U32).or_else(|| optional(message, name).map(Self::U16))
+    }
+
+    fn s(&self, data: &[u8]) -> f64 {
+        let us = match self {
+            Self::U16(field) => field.parse(data).into(),
+            Self::U32(field) => field.parse(data),
+        };
+        f64::from(us) / 1e6
+    }
+}
+
+impl IntegratedFields {
+    /// Returns `None` if a field is missing.
+    pub(super) fn new(message: &DataMessage) -> Option<Self> {
+        let interval = |name| IntervalField::find(message, name).or_else(|| IntervalField::find(message, "dt"));
+        Some(Self {
+            time: SampleTime::find(message)?,
+            angle: vector(message, ["delta_angle[0]", "delta_angle[1]", "delta_angle[2]"])?,
+            velocity: vector(message, ["delta_velocity[0]", "delta_velocity[1]", "delta_velocity[2]"])?,
+            intervals: [interval("delta_angle_dt")?, interval("delta_velocity_dt")?],
+            devices: [optional(message, "gyro_device_id"), optional(message, "accel_device_id")],
+        })
+    }
+
+    /// Returns the mean rate, rad/s, and the mean force, m/s², over the interval; `None` if it is
+    /// empty.
+    pub(super) fn means(&self, data: &[u8]) -> Option<(i64, [[f64; 3]; 2])> {
+        let intervals_s = self.intervals.each_ref().map(|interval| interval.s(data));
+        let [angle_s, velocity_s] = intervals_s;
+        let mean = |fields, interval_s: f64| parse_vector(fields, data).map(|part: f32| f64::from(part) / interval_s);
+        let is_valid = intervals_s.iter().all(|interval_s| *interval_s > 0.0);
+        is_valid.then_some((self.time.ns(data)?, [mean(&self.angle, angle_s), mean(&self.velocity, velocity_s)]))
+    }
+
+    pub(super) fn devices(&self, data: &[u8]) -> [Option<(Kind, u32)>; 2] {
+        let [rate, force] = self.devices.each_ref().map(|device| device.as_ref().map(|device| device.parse(data)));
+        [rate.map(|device| (Kind::Rate, device)), force.map(|device| (Kind::Force, device))]
+    }
+}
+
+/// Fields of `sensors_status_imu`: the device number of each sensor, and its health.
+pub(super) struct HealthFields(Vec<(Kind, FieldParser<u32>, FieldParser<bool>)>);
+
+impl HealthFields {
+    /// Returns `None` if the message names no sensor.
+    pub(super) fn new(message: &DataMessage) -> Option<Self> {
+        let sensors =
+            (0..MAX_SENSORS).flat_map(|number| [(Kind::Rate, "gyro", number), (Kind::Force, "accel", number)]);
+        let fields = sensors.filter_map(|(kind, name, number)| {
+            let device = optional(message, &format!("{name}_device_ids[{number}]"))?;
+            Some((kind, device, optional(message, &format!("{name}_healthy[{number}]"))?))
+        });
+        let fields: Vec<_> = fields.collect();
+        (!fields.is_empty()).then_some(Self(fields))
+    }
+
+    /// Returns the health of each sensor by its kind and device number.
+    pub(super) fn health(&self, data: &[u8]) -> Vec<((Kind, u32), bool)> {
+        let health = self.0.iter().map(|(kind, device, healthy)| ((*kind, device.parse(data)), healthy.parse(data)));
+        health.filter(|((_, device), _)| *device != 0).collect()
     }
 }
 
@@ -134,11 +225,14 @@ impl AttitudeFields {
 
     /// Returns the attitude; `None` if the quaternion is not a rotation or the time is out of
     /// range.
-    pub(super) fn attitude(&self, data: &[u8]) -> Option<AttitudeSample> {
+    pub(super) fn attitude(&self, data: &[u8]) -> Option<Attitude> {
         let quaternion = [0, 1, 2, 3].map(|part: usize| self.quaternion[part].parse(data));
         let reset_counter = self.reset_counter.as_ref().map_or(0, |resets| resets.parse(data));
-        let is_rotation = is_rotation(quaternion.map(f64::from));
-        Some(AttitudeSample { t_ns: self.time.ns(data)?, quaternion, reset_counter }).filter(|_| is_rotation)
+        let quaternion = quaternion.map(f64::from);
+        let native = || frames::quaternion_to_native(Earth::Ned, Body::Frd, quaternion);
+        let quaternion = is_rotation(quaternion).then(native)?;
+        let reference = Reference { quaternion, scored: true };
+        Some(Attitude { t_ns: self.time.ns(data)?, reference, reset_counter: Some(reset_counter) })
     }
 }
 
@@ -208,6 +302,10 @@ struct SampleTime {
 impl SampleTime {
     fn new(path: &Path, message: &DataMessage) -> Result<Self, ImportError> {
         Ok(Self { published: timestamp(path, message)?, sampled: optional(message, "timestamp_sample") })
+    }
+
+    fn find(message: &DataMessage) -> Option<Self> {
+        Some(Self { published: optional(message, "timestamp")?, sampled: optional(message, "timestamp_sample") })
     }
 
     fn ns(&self, data: &[u8]) -> Option<i64> {

@@ -27,6 +27,16 @@ const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
     (message[0], message[2]) = (40, b'B');
     message
 };
+/// Maximum number of damaged parts that are skipped. It bounds the time that a hostile log takes.
+const MAX_RESYNCS: u32 = 10_000;
+/// Number of consecutive messages that are checked after a damaged part.
+const CHECKED_MESSAGES: usize = 4;
+/// Maximum length of a message that is checked, bytes.
+const MAX_CHECKED_BYTES: usize = 1 << 12;
+/// Number of bytes that contain the checked messages.
+const CHECKED_BYTES: usize = CHECKED_MESSAGES * MAX_CHECKED_BYTES;
+/// Number of bytes that are searched at a time.
+const SEARCH_WINDOW_BYTES: usize = 1 << 16;
 /// Content of a synchronisation message.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
 /// Number of bytes between two progress reports.
@@ -41,6 +51,8 @@ pub(crate) struct LogStatus {
     pub(crate) dropouts_ms: u64,
     /// Number of messages of no known type, of no subscribed topic or with invalid content.
     pub(crate) malformed: u64,
+    /// Number of bytes in damaged parts, after which the log continues.
+    pub(crate) skipped_bytes: u64,
 }
 
 /// Passes all messages of the wanted `topics` to `on_message`, in file order.
@@ -66,63 +78,30 @@ pub(crate) fn read(
     let mut status = LogStatus::default();
     let mut filter = TopicFilter::default();
     let mut reported = 0;
+    let mut resyncs = 0;
     let damage = loop {
         if messages.position - reported >= PROGRESS_INTERVAL_BYTES {
             reported = messages.position;
             progress(reported);
         }
         let at_byte = messages.position;
-        let message = match messages.next().map_err(failed)? {
-            NextMessage::Message(message) => message,
-            NextMessage::End => break None,
-            NextMessage::Damage(found) => break Some((at_byte, found)),
+        let next = read_next(&mut messages, &mut parser, &mut filter, topics, &mut status).map_err(failed)?;
+        let found = match next {
+            Next::Read => {
+                if let Some(error) = failure.borrow_mut().take() {
+                    return Err(error);
+                }
+                continue;
+            }
+            Next::End => break None,
+            Next::Damage(found) => found,
         };
-        let (kind, content) = (message[MESSAGE_HEADER_BYTES - 1], &message[MESSAGE_HEADER_BYTES..]);
-        let is_for_parser = at_byte == 0
-            || match (kind, content) {
-                (b'B', _) => true,
-                (b'F', _) => {
-                    status.malformed += u64::from(parser.in_data());
-                    filter.accepts_format(content, topics)
-                }
-                (b'A', [_, id @ ..]) if id.len() >= 2 => filter.accept_subscription(id, topics),
-                (b'D', [low, high, ..]) => {
-                    let id = u16::from_le_bytes([*low, *high]);
-                    status.malformed += u64::from(!filter.subscribed.contains(&id));
-                    filter.ids.contains(&id)
-                }
-                (b'O', [low, high, ..]) => {
-                    status.dropouts += 1;
-                    status.dropouts_ms += u64::from(u16::from_le_bytes([*low, *high]));
-                    false
-                }
-                (b'A' | b'D' | b'O', _) => {
-                    break Some((at_byte, format!("a message {:?} that is too short", char::from(kind)).into()));
-                }
-                (b'A'..=b'Z', _) => {
-                    status.malformed += u64::from(!is_valid(kind, content));
-                    false
-                }
-                (other, _) => break Some((at_byte, format!("a message of unknown type {other:#04x}").into())),
-            };
-        if at_byte == HEADER_BYTES as u64 && kind != b'B' {
-            // Logs from before 2017 have no flags message, but the parser requires the first
-            // message to be a flags message or a parameter.
-            if let Err(error) = parser.consume_bytes(&EMPTY_FLAGS_MESSAGE) {
-                break Some((at_byte, shorten(&error.description)));
-            }
+        let can_resync = parser.in_data() && resyncs < MAX_RESYNCS;
+        resyncs += 1;
+        if !can_resync || !messages.resync(at_byte + 1, &filter.subscribed).map_err(failed)? {
+            break Some((at_byte, found));
         }
-        if is_for_parser {
-            if let Err(error) = parser.consume_bytes(message) {
-                break Some((at_byte, shorten(&error.description)));
-            }
-            if kind == b'B' {
-                messages.section_ends = section_ends(parser.appended_offsets());
-            }
-            if let Some(error) = failure.borrow_mut().take() {
-                return Err(error);
-            }
-        }
+        status.skipped_bytes += messages.position - at_byte;
     };
     progress(messages.position);
     match damage {
@@ -131,6 +110,81 @@ pub(crate) fn read(
         }
         damage => Ok(LogStatus { damage, ..status }),
     }
+}
+
+/// Outcome of reading a message.
+enum Next {
+    /// The message was read.
+    Read,
+    End,
+    Damage(ForeignText),
+}
+
+/// Reads the next message and passes it to the parser if it is wanted.
+fn read_next(
+    messages: &mut MessageReader,
+    parser: &mut LogParser<'_>,
+    filter: &mut TopicFilter,
+    topics: &[&str],
+    status: &mut LogStatus,
+) -> io::Result<Next> {
+    let at_byte = messages.position;
+    let damage = |found: String| Ok(Next::Damage(found.into()));
+    let message = match messages.next()? {
+        NextMessage::Message(message) => message,
+        NextMessage::End => return Ok(Next::End),
+        NextMessage::Damage(found) => return Ok(Next::Damage(found)),
+    };
+    let (kind, content) = (message[MESSAGE_HEADER_BYTES - 1], &message[MESSAGE_HEADER_BYTES..]);
+    let mut is_malformed = false;
+    let is_for_parser = at_byte == 0
+        || match (kind, content) {
+            (b'B', _) => true,
+            (b'F', _) => {
+                is_malformed = parser.in_data();
+                filter.accepts_format(content, topics)
+            }
+            (b'A', [_, id @ ..]) if id.len() >= 2 => filter.accept_subscription(id, topics),
+            (b'D', [low, high, ..]) => {
+                let id = u16::from_le_bytes([*low, *high]);
+                is_malformed = !filter.subscribed.contains(&id);
+                filter.ids.contains(&id)
+            }
+            (b'O', [low, high, ..]) => {
+                status.dropouts += 1;
+                status.dropouts_ms += u64::from(u16::from_le_bytes([*low, *high]));
+                false
+            }
+            (b'A' | b'D' | b'O', _) => return damage(format!("a message {:?} that is too short", char::from(kind))),
+            (b'A'..=b'Z', _) => {
+                is_malformed = !is_valid(kind, content);
+                false
+            }
+            (other, _) => return damage(format!("a message of unknown type {other:#04x}")),
+        };
+    if at_byte == HEADER_BYTES as u64 && kind != b'B' {
+        // Logs from before 2017 have no flags message, but the parser requires the first message to
+        // be a flags message or a parameter.
+        if let Err(error) = parser.consume_bytes(&EMPTY_FLAGS_MESSAGE) {
+            return Ok(Next::Damage(shorten(&error.description)));
+        }
+    }
+    if is_for_parser {
+        if let Err(error) = parser.consume_bytes(message) {
+            return Ok(Next::Damage(shorten(&error.description)));
+        }
+        if kind == b'B' {
+            messages.section_ends = section_ends(parser.appended_offsets());
+        }
+    }
+    if is_malformed {
+        // The length of a damaged message may be damaged as well.
+        if parser.in_data() && !messages.is_at_message(&filter.subscribed)? {
+            return damage(format!("a malformed message {:?}", char::from(kind)));
+        }
+        status.malformed += 1;
+    }
+    Ok(Next::Read)
 }
 
 /// Shortens an error description from the parser, which may contain whole formats.
@@ -160,6 +214,38 @@ fn is_valid(kind: u8, content: &[u8]) -> bool {
         b'R' => content.len() >= size_of::<u16>(),
         _ => false,
     }
+}
+
+/// Returns `true` if a message of the data section starts here. `is_end` is `true` if the file ends
+/// after `rest`.
+///
+/// Messages have no checksum. A single one could be found in random bytes, so the following ones
+/// are checked as well.
+fn is_message_start(rest: &[u8], is_end: bool, subscribed: &HashSet<u16>) -> bool {
+    let (mut offset, mut has_data) = (0, false);
+    for number in 0..CHECKED_MESSAGES {
+        let header = rest.get(offset..).and_then(|rest| rest.first_chunk::<MESSAGE_HEADER_BYTES>());
+        let Some(&[low, high, kind]) = header else {
+            return has_data && is_end && (offset == rest.len() || number >= CHECKED_MESSAGES / 2);
+        };
+        let length = usize::from(u16::from_le_bytes([low, high])) + MESSAGE_HEADER_BYTES;
+        let Some(content) = rest.get(offset + MESSAGE_HEADER_BYTES..offset + length) else {
+            return has_data && is_end && number >= CHECKED_MESSAGES / 2;
+        };
+        let is_plausible = match (kind, content) {
+            (b'D', [low, high, _, ..]) => subscribed.contains(&u16::from_le_bytes([*low, *high])),
+            (b'A', [_, _, _, name @ ..]) => !name.is_empty() && name.is_ascii(),
+            (b'O', content) => content.len() == size_of::<u16>(),
+            (b'I' | b'P' | b'M' | b'Q' | b'S' | b'L', content) => is_valid(kind, content),
+            _ => false,
+        };
+        if !is_plausible || length > MAX_CHECKED_BYTES {
+            return false;
+        }
+        has_data |= kind == b'D';
+        offset += length;
+    }
+    has_data
 }
 
 /// Filter of messages by topic.
@@ -248,6 +334,39 @@ impl MessageReader {
         }
         self.position += self.message.len() as u64;
         Ok(NextMessage::Message(&self.message))
+    }
+
+    /// Returns `true` if a message or the end of the file is at the current position.
+    fn is_at_message(&mut self, subscribed: &HashSet<u16>) -> io::Result<bool> {
+        let mut rest = Vec::new();
+        self.file.by_ref().take(CHECKED_BYTES as u64).read_to_end(&mut rest)?;
+        self.skip_to(self.position)?;
+        Ok(rest.is_empty() || is_message_start(&rest, rest.len() < CHECKED_BYTES, subscribed))
+    }
+
+    /// Moves to the first message at or after `from`. Returns `false` at the end of the
+    /// file.
+    fn resync(&mut self, from: u64, subscribed: &HashSet<u16>) -> io::Result<bool> {
+        self.file.seek(SeekFrom::Start(from))?;
+        let (mut window, mut start) = (Vec::new(), from);
+        loop {
+            let missing = SEARCH_WINDOW_BYTES - window.len();
+            self.file.by_ref().take(missing as u64).read_to_end(&mut window)?;
+            let is_end = window.len() < SEARCH_WINDOW_BYTES;
+            let searched = if is_end { window.len() } else { window.len() - CHECKED_BYTES };
+            let found = (0..searched).find(|at| is_message_start(&window[*at..], is_end, subscribed));
+            if let Some(at) = found {
+                let position = start + at as u64;
+                self.section_ends.retain(|end| *end > position);
+                self.skip_to(position)?;
+                return Ok(true);
+            }
+            if is_end {
+                return Ok(false);
+            }
+            window.drain(..searched);
+            start += searched as u64;
+        }
     }
 
     /// Reads until the message has `length` bytes or the file ends.

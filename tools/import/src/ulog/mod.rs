@@ -2,23 +2,26 @@
 //!
 //! Input: a PX4 log.
 //!
-//! Output: the rows of `sensor_combined`, with field, reference and fixes from other topics.
+//! Output: the rows of `sensor_combined`, or of one instance of `vehicle_imu`, or of `sensor_gyro`
+//! and `sensor_accel`, with field, reference and fixes from other topics.
 //!
-//! Time: the log's clock, converted from microseconds. The time of a rate sample is `timestamp`;
-//! that of a force sample is `timestamp` plus `accelerometer_timestamp_relative`.
+//! Time: the log's clock, converted from microseconds. The time of a rate sample in
+//! `sensor_combined` is `timestamp`; that of a force sample is `timestamp` plus
+//! `accelerometer_timestamp_relative`.
 //!
 //! Memory: independent of the length of the log. The log is read once for the survey, and once each
 //! for the rows, field, attitude and fixes.
 //!
-//! Failure: a log that contains no usable samples is an error. If a log is damaged, the part before
-//! the damage is imported.
+//! Failure: a log that contains no usable samples is an error. Damaged parts of a log are skipped
+//! and counted.
 
 mod fields;
 mod messages;
 mod series;
+mod topics;
 
-use attitude::frames::Body;
 use std::{
+    collections::BTreeMap,
     fs, iter,
     path::{Path, PathBuf},
     sync::{
@@ -28,104 +31,226 @@ use std::{
 };
 
 use crate::{
-    Format, ImportError, Note,
+    Format, ImportError, Note, Options, Sensor,
     error::open_error,
     row_writer::Sample,
     row_writer::{Attitude, Samples},
-    source::{Inertial, Motion, ReceiverFix, Source, Survey},
-    timeline::{SegmentFinder, SourceClock, Timed},
+    sensor_state::SensorState,
+    source::{Motion, ReceiverFix, Source, Survey},
+    timeline::SourceClock,
 };
-use fields::{AttitudeFields, CombinedFields, FieldSample, MagnetometerFields, ReceiverFields};
 use messages::LogStatus;
 use series::{Series, stream};
+use topics::{Kind, Layouts, Measurement};
 
-const COMBINED: &str = "sensor_combined";
-const MAGNETOMETER: &str = "vehicle_magnetometer";
-const ATTITUDE: &str = "vehicle_attitude";
-const RECEIVER: &str = "vehicle_gps_position";
-/// Topic of a single receiver. The topic [`RECEIVER`], in contrast, is blended from all receivers.
-const RECEIVER_RAW: &str = "sensor_gps";
-const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_RAW];
-
-/// ULog, and the topics selected from it.
+/// ULog file, and the series selected from it.
 pub(crate) struct Log {
     path: PathBuf,
+    /// Requested numbers of the inertial sensor, the magnetometer and the receiver.
+    requested: [Option<usize>; 3],
     length_bytes: u64,
-    /// Number of bytes read by the pass for the rows.
+    /// Bytes read by the pass for the rows, which runs in its own thread.
     row_bytes: Arc<AtomicU64>,
-    /// Topics selected by the survey; `None` until the survey has finished.
+    /// Series selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,
 }
 
-/// Topics and instances selected by the survey, with counts of skipped samples.
+/// One instance of a kind of series.
+type Instance = (Kind, u8);
+/// All series of the log.
+type AllSeries = BTreeMap<Instance, Series>;
+
+/// Series that are read.
+#[derive(Debug, Clone, Default)]
 struct Selection {
-    combined: Series,
-    /// Segments of the rate samples.
-    segments: SegmentFinder,
-    /// Field samples from the magnetometer topic, or from `sensor_combined` in an old log.
-    fields: Series,
-    attitudes: Series,
-    fixes: Series,
-    status: LogStatus,
+    rates: Option<Instance>,
+    /// Series of the force, if it is another one.
+    forces: Option<Instance>,
+    fields: Option<Instance>,
+    attitudes: Option<Instance>,
+    fixes: Option<Instance>,
 }
 
 impl Log {
-    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn open(path: &Path, options: &Options) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), row_bytes: Arc::default(), selection: None })
+        let requested = [options.imu, options.mag, options.gnss];
+        let (path, row_bytes) = (path.to_owned(), Arc::default());
+        Ok(Self { path, requested, length_bytes: found.len(), row_bytes, selection: None })
     }
 
-    /// Makes the first pass. `progress` receives the bytes read so far.
-    fn survey_topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Selection, ImportError> {
-        let path = &self.path;
-        let mut combined = Series::new(COMBINED, "sensor_combined samples");
-        let mut combined_field_series = Series::new(COMBINED, "field samples");
-        let mut fields = Series::new(MAGNETOMETER, "field samples");
-        let mut attitudes = Series::new(ATTITUDE, "reference attitudes");
-        let mut blended = Series::new(RECEIVER, "fixes");
-        let mut raw = Series::new(RECEIVER_RAW, "fixes");
-        let mut segments = SegmentFinder::new(&SourceClock::default());
-        let (mut combined_fields, mut magnetometer_fields, mut attitude_fields) = (None, None, None);
-        let (mut blended_fields, mut raw_fields) = (None, None);
-        let status = messages::read(path, &TOPICS, progress, &mut |message| {
-            match message.flattened_format.message_name() {
-                COMBINED if combined.accept_instance(message) => {
-                    let layout = cached_fields(&mut combined_fields, || CombinedFields::new(path, message))?;
-                    if combined.messages == 1 {
-                        // A lower instance has replaced the previous one.
-                        segments = SegmentFinder::new(&SourceClock::default());
-                    }
-                    match layout.motion(message.data) {
-                        Some(motion) => segments.push(motion.t_ns()),
-                        None => combined.reject(),
-                    }
-                    if combined_field_series.accept_instance(message) {
-                        push_combined_field(&mut combined_field_series, layout, message.data);
-                    }
+    /// Reads the log and counts the samples of all series.
+    fn survey_series(&self, progress: &mut dyn FnMut(u64)) -> Result<(AllSeries, LogStatus), ImportError> {
+        let (mut all, mut layouts) = (AllSeries::new(), Layouts::default());
+        // Health of each sensor by its kind and device number, as last reported.
+        let mut health = BTreeMap::<(Kind, u32), bool>::new();
+        let status = messages::read(&self.path, &Kind::TOPICS, progress, &mut |message| {
+            for kind in Kind::of_topic(message.flattened_format.message_name()) {
+                let Some(layout) = layouts.find(&self.path, *kind, message)? else { continue };
+                let instance = (*kind, message.multi_id.value());
+                let new = || Series { state: kind.new_state(), ..Series::default() };
+                if *kind == Kind::Health {
+                    health.extend(layout.health(message.data));
+                    continue;
                 }
-                MAGNETOMETER if fields.accept_instance(message) => {
-                    let layout = cached_fields(&mut magnetometer_fields, || MagnetometerFields::new(path, message))?;
-                    push_field(&mut fields, layout.field(message.data));
-                }
-                ATTITUDE if attitudes.accept_instance(message) => {
-                    let layout = cached_fields(&mut attitude_fields, || AttitudeFields::new(path, message))?;
-                    attitudes.push(layout.attitude(message.data), |attitude| attitude.t_ns);
-                }
-                RECEIVER if blended.accept_instance(message) => {
-                    let layout = cached_fields(&mut blended_fields, || ReceiverFields::new(path, message))?;
-                    blended.push(layout.fix(message.data), |fix| fix.t_ns);
-                }
-                RECEIVER_RAW if raw.accept_instance(message) => {
-                    let layout = cached_fields(&mut raw_fields, || ReceiverFields::new(path, message))?;
-                    raw.push(layout.fix(message.data), |fix| fix.t_ns);
-                }
-                _ => {}
+                let series = all.entry(instance).or_insert_with(new);
+                series.messages += 1;
+                let Some(measurement) = series.accept(*kind, layout.decode(message.data)) else { continue };
+                let is_healthy = layout.devices(message.data).all(|device| health.get(&device) != Some(&false));
+                series.state.push(measurement.t_ns(), measurement.values(), is_healthy);
             }
             Ok(())
         })?;
-        let fields = if combined_field_series.accepted == 0 { fields } else { combined_field_series };
-        let fixes = if blended.accepted == 0 { raw } else { blended };
-        Ok(Selection { combined, segments, fields, attitudes, fixes, status })
+        Ok((all, status))
+    }
+
+    /// Returns the number of the sensor to read among `numbers`: the requested one, or `None`.
+    fn requested(
+        &self,
+        requested: Option<usize>,
+        what: &'static str,
+        numbers: &[u8],
+    ) -> Result<Option<u8>, ImportError> {
+        let Some(found) = requested else { return Ok(None) };
+        let number = u8::try_from(found).ok().filter(|number| numbers.contains(number));
+        let count = numbers.len();
+        number.map(Some).ok_or_else(|| ImportError::UnknownSensor { path: self.path.clone(), what, found, count })
+    }
+
+    /// Selects the series of rate and force. Adds the inertial sensors to `sensors`.
+    fn select_motion(
+        &self,
+        all: &AllSeries,
+        selection: &mut Selection,
+        sensors: &mut Vec<Sensor>,
+        notes: &mut Vec<Note>,
+    ) -> Result<(), ImportError> {
+        let integrated = numbers(all, Kind::Integrated);
+        let forces = numbers(all, Kind::Force);
+        let separate: Vec<u8> = numbers(all, Kind::Rate).into_iter().filter(|rate| forces.contains(rate)).collect();
+        let is_integrated = !integrated.is_empty();
+        let candidates = if is_integrated { integrated } else { separate };
+        let pair = |number: u8| {
+            let (rate, force) = if is_integrated { (Kind::Integrated, None) } else { (Kind::Rate, Some(Kind::Force)) };
+            ((rate, number), force.map(|force| (force, number)))
+        };
+        let problem = |(rate, force): (Instance, Option<Instance>)| {
+            iter::once(rate).chain(force).find_map(|series| all.get(&series)?.state.problem())
+        };
+        let combined = numbers(all, Kind::Combined).first().map(|number| ((Kind::Combined, *number), None));
+        let requested = self.requested(self.requested[0], "--imu", &candidates)?.map(pair);
+        let all_sensors = || combined.into_iter().chain(candidates.iter().map(|number| pair(*number)));
+        let healthy = || all_sensors().find(|sensor| problem(*sensor).is_none());
+        let read = requested.or_else(healthy).or_else(|| all_sensors().next());
+        let name = |(rate, force): (Instance, Option<Instance>)| {
+            let series = iter::once(rate).chain(force).map(|(kind, number)| format!("{} {number}", kind.topic()));
+            series.collect::<Vec<_>>().join(" and ")
+        };
+        if let (None, Some(first), Some(read)) = (requested, all_sensors().next(), read)
+            && first != read
+        {
+            notes.push(Note::DeadSensor { sensor: name(first).into(), read: name(read).into() });
+        }
+        for sensor in all_sensors() {
+            let (rate @ (kind, number), _) = sensor;
+            let Some(series) = all.get(&rate) else { continue };
+            let is_read = read == Some(sensor);
+            let mut entry = series.state.sensor("--imu", number.into(), name(sensor), is_read);
+            entry.state = problem(sensor).unwrap_or(entry.state);
+            if kind == Kind::Combined {
+                entry.option = "default".into();
+            }
+            sensors.push(entry);
+        }
+        if let Some((rate, force)) = read {
+            (selection.rates, selection.forces) = (Some(rate), force);
+        }
+        Ok(())
+    }
+
+    /// Selects the series of a sensor of one of `kinds`, in order of preference: the requested one,
+    /// or the first that works. Adds the sensors of that kind to `sensors`.
+    fn select_sensor(
+        &self,
+        all: &AllSeries,
+        kinds: &[Kind],
+        (requested, option): (Option<usize>, &'static str),
+        sensors: &mut Vec<Sensor>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Option<Instance>, ImportError> {
+        let has_samples = |kind: &Kind| all.iter().any(|((other, _), series)| other == kind && series.accepted > 0);
+        let kind = kinds
+            .iter()
+            .copied()
+            .find(has_samples)
+            .or_else(|| kinds.iter().copied().find(|kind| !numbers(all, *kind).is_empty()));
+        let numbers = kind.map_or_else(Vec::new, |kind| numbers(all, kind));
+        let requested = self.requested(requested, option, &numbers)?;
+        let Some(kind) = kind else { return Ok(None) };
+        let state = |number: u8| all.get(&(kind, number)).map(|series| &series.state);
+        let healthy = || numbers.iter().copied().find(|number| state(*number).is_some_and(SensorState::is_healthy));
+        let read = requested.or_else(healthy).or(numbers.first().copied());
+        if let (None, Some(first), Some(read)) = (requested, numbers.first(), read)
+            && *first != read
+        {
+            let [sensor, read] = [*first, read].map(|number| format!("{} {number}", kind.topic()).into());
+            notes.push(Note::DeadSensor { sensor, read });
+        }
+        for number in &numbers {
+            let name = format!("{} {number}", kind.topic());
+            let sensor =
+                state(*number).map(|state| state.sensor(option, (*number).into(), name, read == Some(*number)));
+            sensors.extend(sensor);
+        }
+        Ok(read.map(|number| (kind, number)))
+    }
+
+    /// Returns the measurements of a series in log order.
+    fn measurements<T: Send + 'static>(
+        &self,
+        (kind, number): Instance,
+        read_bytes: Arc<AtomicU64>,
+        convert: impl Fn(Measurement) -> Option<T> + Send + 'static,
+    ) -> Samples<'static, T> {
+        let (path, mut layouts, mut series) = (self.path.clone(), Layouts::default(), Series::default());
+        stream(path.clone(), kind.topic(), read_bytes, move |message| {
+            if message.multi_id.value() != number {
+                return Ok(None);
+            }
+            let Some(layout) = layouts.find(&path, kind, message)? else { return Ok(None) };
+            Ok(series.accept(kind, layout.decode(message.data)).and_then(&convert))
+        })
+    }
+
+    fn selected(&self, series: impl Fn(&Selection) -> Option<Instance>) -> Option<Instance> {
+        self.selection.as_ref().and_then(series)
+    }
+}
+
+/// Returns the instances of a kind.
+fn numbers(all: &AllSeries, kind: Kind) -> Vec<u8> {
+    all.keys().filter(|(other, _)| *other == kind).map(|(_, number)| *number).collect()
+}
+
+impl Series {
+    /// Counts a measurement. Returns it unless it is invalid or repeats the previous one.
+    fn accept(&mut self, kind: Kind, measurement: Option<Measurement>) -> Option<Measurement> {
+        let is_combined_field = kind == Kind::CombinedField;
+        let Some(measurement) = measurement else {
+            // Rows without a new field have an invalid time of the field.
+            self.rejected += u64::from(!is_combined_field);
+            return None;
+        };
+        if is_combined_field && self.last_ns == Some(measurement.t_ns()) {
+            return None;
+        }
+        if !measurement.is_finite() {
+            self.rejected += 1;
+            return None;
+        }
+        self.last_ns = Some(measurement.t_ns());
+        self.accepted += 1;
+        Some(measurement)
     }
 }
 
@@ -134,8 +259,6 @@ impl Source for Log {
         Format::Ulog
     }
 
-    /// Returns the number of bytes of the survey and the pass for the rows. The other passes run
-    /// alongside the latter.
     fn total_bytes(&self) -> u64 {
         2 * self.length_bytes
     }
@@ -145,22 +268,39 @@ impl Source for Log {
     }
 
     fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        let selection = self.survey_topics(progress)?;
-        let Selection { combined, fields, attitudes, status: ending, .. } = &selection;
-        let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}").into());
-        let expected = if combined.messages == 0 {
-            "the topic sensor_combined"
-        } else {
-            "gyro_rad and accelerometer_m_s2 in sensor_combined"
+        let (all, status) = self.survey_series(progress)?;
+        let [_, mag, gnss] = self.requested;
+        let (mut selection, mut sensors, mut choices) = (Selection::default(), Vec::new(), Vec::new());
+        self.select_motion(&all, &mut selection, &mut sensors, &mut choices)?;
+        let fields = [Kind::CombinedField, Kind::Field, Kind::RawField];
+        selection.fields = self.select_sensor(&all, &fields, (mag, "--mag"), &mut sensors, &mut choices)?;
+        let receivers = if gnss.is_some() { [Kind::RawFix, Kind::Fix] } else { [Kind::Fix, Kind::RawFix] };
+        selection.fixes = self.select_sensor(&all, &receivers, (gnss, "--gnss"), &mut sensors, &mut choices)?;
+        selection.attitudes = numbers(&all, Kind::Attitude).first().map(|number| (Kind::Attitude, *number));
+        let accepted = |series: Option<Instance>| {
+            series.and_then(|series| all.get(&series)).is_some_and(|series| series.accepted > 0)
         };
+        let has_motion = selection.rates.is_some();
+        let expected = if has_motion {
+            "gyro_rad and accelerometer_m_s2 in sensor_combined"
+        } else {
+            "the topic sensor_combined, vehicle_imu, or sensor_gyro and sensor_accel"
+        };
+        let damage = status.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}").into());
+        let mut notes = selection.notes(&all, &status, self.length_bytes);
+        notes.splice(0..0, choices);
+        let finder = selection.rates.and_then(|rates| all.get(&rates)).map(|series| series.state.segments.clone());
+        let finder = finder.unwrap_or_default();
         let survey = Survey {
-            has_field: fields.accepted > 0,
-            has_reference: attitudes.accepted > 0,
-            has_fixes: selection.fixes.accepted > 0,
-            segments: selection.segments.segments().to_vec(),
-            wraps: selection.segments.wraps,
-            notes: selection.notes(self.length_bytes),
-            reason: damage.filter(|_| combined.messages == 0),
+            has_field: accepted(selection.fields),
+            has_reference: accepted(selection.attitudes),
+            has_fixes: accepted(selection.fixes),
+            segments: finder.segments().to_vec(),
+            wraps: finder.wraps,
+            clock: SourceClock::default(),
+            notes,
+            sensors,
+            reason: damage.filter(|_| !has_motion),
             expected: expected.into(),
             ..Survey::default()
         };
@@ -169,97 +309,85 @@ impl Source for Log {
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        let Some(fields) =
-            self.selection.as_ref().map(|selection| &selection.fields).filter(|fields| fields.accepted > 0)
-        else {
-            return Ok(Box::new(iter::empty()));
-        };
-        let (path, mut series) = (self.path.clone(), fields.restarted());
-        let (mut combined_fields, mut magnetometer_fields) = (None, None);
-        Ok(stream(path.clone(), fields.topic, Arc::default(), move |message| {
-            if !series.accept_instance(message) {
-                return Ok(None);
-            }
-            let field = if series.topic == COMBINED {
-                let layout = cached_fields(&mut combined_fields, || CombinedFields::new(&path, message))?;
-                push_combined_field(&mut series, layout, message.data)
-            } else {
-                let layout = cached_fields(&mut magnetometer_fields, || MagnetometerFields::new(&path, message))?;
-                push_field(&mut series, layout.field(message.data))
-            };
-            Ok(field.map(|field| field.sample()))
+        let Some(fields) = self.selected(|selection| selection.fields) else { return Ok(Box::new(iter::empty())) };
+        Ok(self.measurements(fields, Arc::default(), |measurement| match measurement {
+            Measurement::Field(field) => Some(field),
+            _ => None,
         }))
     }
 
     fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        let Some(selection) = self.selection.as_ref().filter(|topics| topics.attitudes.accepted > 0) else {
-            return Ok(Box::new(iter::empty()));
-        };
-        let (path, mut series, mut attitude_fields) = (self.path.clone(), selection.attitudes.restarted(), None);
-        Ok(stream(path.clone(), ATTITUDE, Arc::default(), move |message| {
-            if !series.accept_instance(message) {
-                return Ok(None);
-            }
-            let layout = cached_fields(&mut attitude_fields, || AttitudeFields::new(&path, message))?;
-            let sample = series.push(layout.attitude(message.data), |attitude| attitude.t_ns);
-            Ok(sample.map(|sample| sample.attitude()))
+        let attitudes = self.selected(|selection| selection.attitudes);
+        let Some(attitudes) = attitudes else { return Ok(Box::new(iter::empty())) };
+        Ok(self.measurements(attitudes, Arc::default(), |measurement| match measurement {
+            Measurement::Attitude(attitude) => Some(attitude),
+            _ => None,
         }))
     }
 
     fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
-        let Some(selection) = self.selection.as_ref().filter(|topics| topics.fixes.accepted > 0) else {
-            return Ok(Box::new(iter::empty()));
-        };
-        let (path, mut series, mut receiver_fields) = (self.path.clone(), selection.fixes.restarted(), None);
-        Ok(stream(path.clone(), selection.fixes.topic, Arc::default(), move |message| {
-            if !series.accept_instance(message) {
-                return Ok(None);
-            }
-            let layout = cached_fields(&mut receiver_fields, || ReceiverFields::new(&path, message))?;
-            Ok(series.push(layout.fix(message.data), |fix| fix.t_ns))
+        let Some(fixes) = self.selected(|selection| selection.fixes) else { return Ok(Box::new(iter::empty())) };
+        Ok(self.measurements(fixes, Arc::default(), |measurement| match measurement {
+            Measurement::Fix(fix) => Some(fix),
+            _ => None,
         }))
     }
 
     fn motion(&self) -> Result<Motion<'_>, ImportError> {
-        let Some(selection) = &self.selection else { return Ok(Motion::Joint(Box::new(iter::empty()))) };
-        let (path, mut combined, mut combined_fields) = (self.path.clone(), selection.combined.restarted(), None);
-        Ok(Motion::Joint(stream(path.clone(), COMBINED, self.row_bytes.clone(), move |message| {
-            if !combined.accept_instance(message) {
-                return Ok(None);
-            }
-            Ok(cached_fields(&mut combined_fields, || CombinedFields::new(&path, message))?.motion(message.data))
-        })))
-    }
-}
-
-impl CombinedFields {
-    /// Returns rate and force; `None` if the time of the rate is invalid.
-    fn motion(&self, data: &[u8]) -> Option<Inertial> {
-        Some(Inertial { rate: Some(self.rate(data)?), force: self.force(data) })
+        let rates = self.selected(|selection| selection.rates);
+        let Some(rates) = rates else { return Ok(Motion::Joint(Box::new(iter::empty()))) };
+        let inertial = |measurement| match measurement {
+            Measurement::Inertial(inertial) => Some(inertial),
+            _ => None,
+        };
+        let Some(forces) = self.selected(|selection| selection.forces) else {
+            return Ok(Motion::Joint(self.measurements(rates, self.row_bytes.clone(), inertial)));
+        };
+        Ok(Motion::Separate {
+            rates: self.measurements(rates, self.row_bytes.clone(), move |measurement| inertial(measurement)?.rate),
+            forces: self.measurements(forces, Arc::default(), move |measurement| inertial(measurement)?.force),
+        })
     }
 }
 
 impl Selection {
-    fn notes(&self, length_bytes: u64) -> Vec<Note> {
-        let Self { combined, fields, attitudes, fixes, status: ending, .. } = self;
-        let LogStatus { damage, dropouts, dropouts_ms, malformed } = ending;
+    fn notes(&self, all: &AllSeries, status: &LogStatus, length_bytes: u64) -> Vec<Note> {
+        let LogStatus { damage, dropouts, dropouts_ms, malformed, skipped_bytes } = status;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
             notes.push(Note::Damage { at_byte, length_bytes, found });
         }
-        if *malformed > 0 {
-            let reason = "damaged: unknown type or topic, or invalid content";
-            notes.push(Note::Skipped { what: "messages", count: *malformed, reason });
-        }
-        combined.notes("the time is out of range", &mut notes);
-        fields.notes("a component is not a number", &mut notes);
-        attitudes.notes("the quaternion is not a rotation", &mut notes);
-        fixes.notes("velocity invalid, or no 3D fix", &mut notes);
-        for (series, what) in [
-            (attitudes, "reference attitude (vehicle_attitude)"),
-            (fixes, "receiver velocity (vehicle_gps_position, sensor_gps)"),
+        for (what, count, reason) in [
+            ("bytes", skipped_bytes, "not a message, or damaged"),
+            ("messages", malformed, "damaged: unknown type or topic, or invalid content"),
         ] {
-            if series.accepted == 0 {
+            if *count > 0 {
+                notes.push(Note::Skipped { what, count: *count, reason });
+            }
+        }
+        for (selected, what, reason) in [
+            (self.rates, None, "the time is out of range"),
+            (self.forces, None, "the time is out of range"),
+            (self.fields, Some("field samples"), "a component is not a number"),
+            (self.attitudes, Some("reference attitudes"), "the quaternion is not a rotation"),
+            (self.fixes, Some("fixes"), "velocity invalid, or no 3D fix"),
+        ] {
+            let Some((kind, read)) = selected else { continue };
+            let others = all.iter().filter(|((other, number), _)| *other == kind && *number != read);
+            let others: u64 = others.map(|(_, series)| series.messages).sum();
+            if others > 0 {
+                notes.push(Note::OtherInstances { topic: kind.topic(), read, others });
+            }
+            let count = all.get(&(kind, read)).map_or(0, |series| series.rejected);
+            if count > 0 {
+                notes.push(Note::Skipped { what: what.unwrap_or(kind.samples()), count, reason });
+            }
+        }
+        for (series, what) in [
+            (self.attitudes, "reference attitude (vehicle_attitude)"),
+            (self.fixes, "receiver velocity (vehicle_gps_position, sensor_gps)"),
+        ] {
+            if series.and_then(|series| all.get(&series)).is_none_or(|series| series.accepted == 0) {
                 notes.push(Note::Missing { what });
             }
         }
@@ -267,42 +395,5 @@ impl Selection {
             notes.push(Note::Dropouts { count: *dropouts, total_ms: *dropouts_ms });
         }
         notes
-    }
-}
-
-/// Adds a field sample. Returns the sample if it is finite.
-fn push_field(series: &mut Series, field: Option<FieldSample>) -> Option<FieldSample> {
-    series.push(field.filter(FieldSample::is_finite), |field| field.t_ns)
-}
-
-/// Adds the field sample in a `sensor_combined` message of an old log.
-///
-/// Such a log repeats the last sample until there is a new one. Repetitions are ignored.
-fn push_combined_field(series: &mut Series, layout: &CombinedFields, data: &[u8]) -> Option<FieldSample> {
-    let new = layout.field(data).filter(|field| series.last_ns != Some(field.t_ns))?;
-    push_field(series, Some(new))
-}
-
-/// Returns the field parsers of a topic, which are created from its first message.
-fn cached_fields<T>(cache: &mut Option<T>, create: impl FnOnce() -> Result<T, ImportError>) -> Result<&T, ImportError> {
-    Ok(match cache {
-        Some(known) => known,
-        None => cache.insert(create()?),
-    })
-}
-
-impl FieldSample {
-    pub(crate) fn sample(&self) -> Sample {
-        (self.t_ns, self.field_ut())
-    }
-
-    fn is_finite(&self) -> bool {
-        self.field_ga.iter().all(|part| part.is_finite())
-    }
-
-    /// Returns the field in native axes, µT.
-    fn field_ut(&self) -> [f64; 3] {
-        const UT_PER_GA: f64 = 100.0;
-        Body::Frd.to_native(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Input: messages of a log, or the log itself.
 //!
-//! Output: samples of the first instance in log order, and counts of skipped samples.
+//! Output: samples of the instance in log order, and counts of skipped samples.
 //!
 //! Memory: up to [`MAX_QUEUED`] samples between the reading thread and the consumer.
 //!
@@ -22,94 +22,26 @@ use std::{
 use px4_ulog::stream_parser::DataMessage;
 
 use super::messages;
-use crate::{ImportError, Note, error::open_error, row_writer::Samples};
+use crate::{ImportError, error::open_error, row_writer::Samples, sensor_state::SensorState};
 
-/// Maximum number of samples queued for the consumer.
+/// Maximum number of samples that the reading thread may be ahead of the consumer.
 const MAX_QUEUED: usize = 4096;
 
-/// Selected instance of a topic, with message counts.
-#[derive(Debug, Clone)]
+/// Counts of the messages of one instance of a topic, and the state of its sensor.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Series {
-    pub(super) topic: &'static str,
-    what: &'static str,
-    pub(super) instance: Option<u8>,
-    /// Time of the newest accepted sample.
-    pub(super) last_ns: Option<i64>,
-    pub(super) accepted: u64,
-    /// Number of messages of the selected instance.
     pub(super) messages: u64,
-    /// Number of messages of other instances.
-    other_messages: u64,
-    rejected: u64,
+    pub(super) accepted: u64,
+    pub(super) rejected: u64,
+    /// Time of the newest accepted sample, ns.
+    pub(super) last_ns: Option<i64>,
+    pub(super) state: SensorState,
 }
 
-impl Series {
-    /// Creates a series for the lowest instance that occurs in the log.
-    pub(super) fn new(topic: &'static str, what: &'static str) -> Self {
-        let instance = None;
-        Self { topic, what, instance, last_ns: None, accepted: 0, messages: 0, other_messages: 0, rejected: 0 }
-    }
-
-    /// Returns an empty series for the same instance.
-    pub(super) fn restarted(&self) -> Self {
-        Self { instance: self.instance, ..Self::new(self.topic, self.what) }
-    }
-
-    /// Returns `true` if the message belongs to the selected instance.
-    ///
-    /// A lower instance replaces the selected one.
-    pub(super) fn accept_instance(&mut self, message: &DataMessage) -> bool {
-        let found = message.multi_id.value();
-        match self.instance {
-            Some(instance) if found == instance => {}
-            Some(instance) if found > instance => {
-                self.other_messages += 1;
-                return false;
-            }
-            _ => {
-                // The messages counted so far are from a higher instance and now count as other
-                // messages.
-                let others = self.other_messages + self.messages;
-                *self = Self { instance: Some(found), other_messages: others, ..Self::new(self.topic, self.what) };
-            }
-        }
-        self.messages += 1;
-        true
-    }
-
-    /// Returns the sample and notes its time.
-    ///
-    /// A `sample` of `None` is invalid and is counted as rejected.
-    pub(super) fn push<T>(&mut self, sample: Option<T>, t_ns: impl Fn(&T) -> i64) -> Option<T> {
-        let Some(sample) = sample else {
-            self.reject();
-            return None;
-        };
-        self.last_ns = Some(t_ns(&sample));
-        self.accepted += 1;
-        Some(sample)
-    }
-
-    /// Counts an invalid sample.
-    pub(super) fn reject(&mut self) {
-        self.rejected += 1;
-    }
-
-    pub(super) fn notes(&self, rejection_reason: &'static str, notes: &mut Vec<Note>) {
-        let Self { topic, what, .. } = *self;
-        if let (1.., Some(read)) = (self.other_messages, self.instance) {
-            notes.push(Note::OtherInstances { topic, read, others: self.other_messages });
-        }
-        if self.rejected > 0 {
-            notes.push(Note::Skipped { what, count: self.rejected, reason: rejection_reason });
-        }
-    }
-}
-
-/// Returns the decoded messages of a topic.
+/// Streams the samples that `decode` extracts from the messages of a topic.
 ///
-/// A separate thread reads the log, independently of the pass that merges the samples into the
-/// rows. The number of bytes read is stored in `read_bytes`.
+/// The log is read in a thread of its own, because the ULog parser returns messages only through a
+/// callback.
 pub(super) fn stream<T: Send + 'static>(
     path: PathBuf,
     topic: &'static str,

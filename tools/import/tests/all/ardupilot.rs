@@ -15,12 +15,12 @@ use crate::{
 pub(crate) struct DataFlashLog(pub(crate) Vec<u8>);
 
 impl DataFlashLog {
-    fn message(&mut self, kind: u8, fields: &[&dyn Bytes]) {
+    pub(crate) fn message(&mut self, kind: u8, fields: &[&dyn Bytes]) {
         self.0.extend([0xa3, 0x95, kind]);
         fields.iter().for_each(|field| self.0.extend(field.bytes()));
     }
 
-    fn add_format(&mut self, kind: u8, name: &str, letters: &str, labels: &str) {
+    pub(crate) fn add_format(&mut self, kind: u8, name: &str, letters: &str, labels: &str) {
         let size = |letter| match letter {
             b'b' | b'B' => 1,
             b'c' | b'C' | b'H' => 2,

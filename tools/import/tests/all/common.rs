@@ -160,7 +160,7 @@ macro_rules! bytes {
         }
     )* };
 }
-bytes!(f32 f64 i32 u8 u64);
+bytes!(f32 f64 i32 u8 u32 u64);
 
 impl<T: Bytes, const N: usize> Bytes for [T; N] {
     fn bytes(&self) -> Vec<u8> {

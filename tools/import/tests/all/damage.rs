@@ -67,23 +67,48 @@ fn messages_that_panic_the_parser_are_filtered() {
     let folder = Folder::new();
     let mut log = Log::new(&[COMBINED]);
     log.combined(1_000_000, [0.0; 3], 0, [0.0, 0.0, -9.8]);
-    for (kind, content, found) in [
-        (b'A', &b"\x00\x01"[..], Some("a message 'A' that is too short")),
-        (b'D', b"\x00", Some("a message 'D' that is too short")),
-        (b'D', b"\x00\x00\x00", Some("data message had wrong size 3, format")),
-        (b'P', b"", None),
-        (b'P', b"\xffint32_t x", None),
-        (b'F', b"huge:next[32767] x;", None),
-        (b'\0', b"", Some("a message of unknown type 0x00")),
+    for (kind, content, is_damage) in [
+        (b'A', &b"\x00\x01"[..], true),
+        (b'D', b"\x00", true),
+        (b'D', b"\x00\x00\x00", true),
+        (b'P', b"", false),
+        (b'P', b"\xffint32_t x", false),
+        (b'F', b"huge:next[32767] x;", false),
+        (b'\0', b"", true),
     ] {
         let mut log = log.clone();
         log.message(kind, content);
         log.combined(1_001_000, [0.0; 3], 0, [0.0, 0.0, -9.8]);
         let summary = folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary;
-        assert_eq!(summary.rows, if found.is_some() { 1 } else { 2 }, "{kind} {content:?}");
-        let damage = summary.notes.iter().find(|note| matches!(note, Note::Damage { .. })).map(ToString::to_string);
-        assert_eq!(damage.is_some(), found.is_some());
-        assert!(damage.is_none_or(|damage| damage.contains(found.unwrap())), "{found:?}");
+        assert_eq!(summary.rows, 2, "{kind} {content:?}");
+        let skipped = summary.notes.iter().any(
+            |note| matches!(note, Note::Skipped { what: "bytes", count, .. } if *count == 3 + content.len() as u64),
+        );
+        assert_eq!(skipped, is_damage, "{kind} {content:?}: {:?}", summary.notes);
+    }
+}
+
+#[test]
+fn log_continues_after_damaged_part() {
+    let folder = Folder::new();
+    let mut random = 7u64;
+    let mut noise: Vec<u8> = Vec::new();
+    for _ in 0..200_000 {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        noise.push(random.to_be_bytes()[0]);
+    }
+    let zeros = vec![0; 200_000];
+    for damage in [&noise[..1], &noise[..300], &noise, &zeros] {
+        let mut log = complete_log();
+        log.0.extend_from_slice(damage);
+        for i in 4..9u64 {
+            log.combined(1_000_000 + 1000 * i, [0.0; 3], 0, [0.0, 0.0, -9.8]);
+        }
+        let summary = folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary;
+        let notes: Vec<_> = summary.notes.iter().map(ToString::to_string).collect();
+        assert_eq!(summary.rows, 9, "{} bytes: {notes:?}", damage.len());
+        let count = damage.len();
+        assert_eq!(notes, [format!("skipped {count} bytes: not a message, or damaged")]);
     }
 }
 
@@ -165,10 +190,13 @@ fn longer_log_cut_at_some_bytes_keeps_earlier_rows() {
 fn log_without_samples_rejected() {
     let folder = Folder::new();
     for (log, expected) in [
-        (Log::new(&[]), "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined"),
+        (
+            Log::new(&[]),
+            "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined, vehicle_imu, or sensor_gyro and sensor_accel",
+        ),
         (
             Log::new(&["sensor_combined:uint64_t timestamp;float[2] gyro_rad;"]),
-            "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined",
+            "importing a.ulg: found no sample of rate and force, expected the topic sensor_combined, vehicle_imu, or sensor_gyro and sensor_accel",
         ),
         (
             Log(b"ULog\x01\x12\x35".to_vec()),

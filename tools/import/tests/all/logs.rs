@@ -3,7 +3,10 @@
 use decoders::mavlink::frame::{STX_V1, STX_V2, checksum, crc_extra};
 use import::{Format, Mapping, Note, Options};
 
-use crate::common::{ATTITUDE, COMBINED, Folder, Imported, Log};
+use crate::{
+    ardupilot::DataFlashLog,
+    common::{ATTITUDE, COMBINED, Folder, Imported, Log},
+};
 
 const MS: i64 = 1_000_000;
 const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
@@ -208,6 +211,85 @@ fn dead_sensor_is_passed_over_and_can_be_chosen() {
     assert_eq!(folder.import_with(std::slice::from_ref(&path), &chosen(0)).unwrap().rows[1].rate_rad_s[2], 0.5);
     let error = folder.import_with(&[path], &chosen(2)).unwrap_err();
     assert!(error.to_string().contains("--imu 2: no such sensor, expected 0 to 1"), "{error}");
+}
+
+#[test]
+fn sensors_of_older_ardupilot_logs_are_numbered() {
+    let folder = Folder::new();
+    let mut log = DataFlashLog::default();
+    log.add_format(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
+    for (kind, name) in [(1, "IMU"), (2, "IMU2"), (3, "IMU3")] {
+        log.add_format(kind, name, "QffffffBB", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,GH,AH");
+    }
+    // The first sensor has a dead gyro, and the second one is marked as unhealthy.
+    for n in 0..200u64 {
+        let value = n as f32;
+        log.message(1, &[&(10_000 * n), &[0f32, 0.0, 0.0], &[value, 0.0, -9.8], &1u8, &1u8]);
+        log.message(2, &[&(10_000 * n), &[value, 0.0, 2.0], &[value, 0.0, -9.8], &0u8, &1u8]);
+        log.message(3, &[&(10_000 * n), &[value, 0.0, 3.0], &[value, 0.0, -9.8], &1u8, &1u8]);
+    }
+    let path = folder.file("log.bin", &log.0);
+    let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+    assert_eq!(imported.rows[1].rate_rad_s[2], -3.0);
+    let sensors: Vec<_> = imported.summary.sensors.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        sensors,
+        [
+            "--imu 0: IMU 0, 200 samples at 100.0 Hz, dead: constant",
+            "--imu 1: IMU 1, 200 samples at 100.0 Hz, unhealthy: marked so in the log",
+            "--imu 2: IMU 2, 200 samples at 100.0 Hz, healthy, read",
+        ]
+    );
+    let chosen = Options { imu: Some(1), ..Options::default() };
+    assert_eq!(folder.import_with(&[path], &chosen).unwrap().rows[1].rate_rad_s[2], -2.0);
+}
+
+#[test]
+fn sensors_of_px4_logs_are_numbered() {
+    const GYRO: &str =
+        "sensor_gyro:uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;";
+    const INTEGRATED: &str = "vehicle_imu:uint64_t timestamp;uint32_t accel_device_id;uint32_t gyro_device_id;\
+        float[3] delta_angle;float[3] delta_velocity;uint32_t delta_angle_dt;uint32_t delta_velocity_dt;";
+    const HEALTH: &str = "sensors_status_imu:uint64_t timestamp;uint32_t[2] accel_device_ids;bool[2] accel_healthy;\
+        uint32_t[2] gyro_device_ids;bool[2] gyro_healthy;";
+    let folder = Folder::new();
+    let accel = GYRO.replace("gyro", "accel");
+    // Gyro and accelerometer have separate topics. The first gyro is unhealthy.
+    let mut log = Log::new(&[GYRO, &accel, HEALTH]);
+    log.subscribe(3, 1, "sensor_gyro");
+    log.subscribe(4, 1, "sensor_accel");
+    for n in 0..200u64 {
+        let (t_us, value) = (1_000_000 + 10_000 * n, n as f32);
+        log.sample(2, t_us, &[&[11u32, 12], &[1u8, 1], &[21u32, 22], &[0u8, 1]]);
+        for (gyro, accel, number) in [(0, 1, 1u32), (3, 4, 2)] {
+            log.sample(gyro, t_us, &[&t_us, &(20 + number), &[value, 0.0, number as f32]]);
+            log.sample(accel, t_us, &[&t_us, &(10 + number), &[value, 0.0, -9.8f32]]);
+        }
+    }
+    let path = folder.file("separate.ulg", &log.0);
+    let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+    assert_eq!((imported.rows.len(), imported.rows[1].rate_rad_s[2]), (200, -2.0));
+    let sensors: Vec<_> = imported.summary.sensors.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        sensors,
+        [
+            "--imu 0: sensor_gyro 0 and sensor_accel 0, 200 samples at 100.0 Hz, unhealthy: marked so in the log",
+            "--imu 1: sensor_gyro 1 and sensor_accel 1, 200 samples at 100.0 Hz, healthy, read",
+        ]
+    );
+    let chosen = |imu| Options { imu: Some(imu), ..Options::default() };
+    assert_eq!(folder.import_with(std::slice::from_ref(&path), &chosen(0)).unwrap().rows[1].rate_rad_s[2], -1.0);
+    let error = folder.import_with(&[path], &chosen(2)).unwrap_err();
+    assert!(error.to_string().contains("--imu 2: no such sensor, expected 0 to 1"), "{error}");
+    // Angle and velocity are integrated over 10 ms.
+    let mut log = Log::new(&[INTEGRATED]);
+    for n in 0..100u64 {
+        let delta = [n as f32, 0.0, -0.098];
+        log.sample(0, 1_000_000 + 10_000 * n, &[&1u32, &2u32, &[0.0, 0.0, 0.02f32], &delta, &10_000u32, &10_000u32]);
+    }
+    let imported = folder.import(&[folder.file("integrated.ulg", &log.0)], None).unwrap();
+    let row = imported.rows[1];
+    assert!((row.rate_rad_s[2] + 2.0).abs() < 1e-6 && (row.force_m_s2[2] - 9.8).abs() < 1e-6, "{row:?}");
 }
 
 #[test]

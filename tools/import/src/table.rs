@@ -1,0 +1,139 @@
+//! Conversion of a table of fixes or reference attitudes in any text dialect into a plain one.
+//!
+//! Input: text with column names, by the rules of [`mapping::text`]. A unit of time in brackets
+//! after the name of the time column applies to it.
+//!
+//! Output: CSV with the columns of the recording format.
+//!
+//! Failure: a missing column is an error, and so is a file without a valid row. Single malformed
+//! rows are skipped and counted.
+
+use std::{
+    cell::Cell,
+    fs::File,
+    io::{self, BufWriter, Write},
+    path::Path,
+    rc::Rc,
+};
+
+use foreign::ForeignText;
+use mapping::{Mapping, text::without_unit};
+
+use crate::{
+    ImportError, Note,
+    csv_reader::{CsvReader, CsvRecord},
+    error::TextPosition,
+};
+
+/// Names of the time column in logs of other systems.
+const TIME_NAMES: [&str; 4] = ["t", "time", "timestamp", "#timestamp"];
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// Columns of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Table {
+    /// Satellite fixes.
+    Fixes,
+    /// Reference attitudes.
+    Reference,
+}
+
+impl Table {
+    fn columns(self) -> (&'static [&'static str], &'static [&'static str]) {
+        match self {
+            Self::Fixes => (&["t_s", "ve", "vn", "vu"], &["lat_deg", "lon_deg", "alt_m"]),
+            Self::Reference => (&["t_s", "qw", "qx", "qy", "qz"], &["mov"]),
+        }
+    }
+}
+
+/// Writes the table at `path` to `out` in the form of the recording format.
+///
+/// # Errors
+///
+/// Returns an error if the file is not readable, lacks a column or contains no valid row, or if
+/// `out` cannot be written.
+pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>, ImportError> {
+    let mut reader = CsvReader::open(path, &Rc::new(Cell::new(0)))?;
+    let (required, optional) = table.columns();
+    let index_of = |column: &str| reader.names.iter().position(|name| matches(column, name.raw()));
+    let missing: Vec<_> = required.iter().copied().filter(|column| index_of(column).is_none()).collect();
+    if let Some(target) = missing.first() {
+        let known = reader.names.clone();
+        return Err(ImportError::UnknownColumn { target, found: (*target).into(), near: None, known });
+    }
+    let columns = required.iter().chain(optional).filter_map(|column| Some((*column, index_of(column)?)));
+    let columns: Vec<(&str, usize)> = columns.collect();
+    let time_name = columns.first().and_then(|(_, index)| reader.names.get(*index)).map(ForeignText::raw);
+    let digits = time_name.and_then(unit_digits).unwrap_or(9);
+    let failed = |cause: io::Error| ImportError::TemporaryFolder { cause };
+    let mut output = BufWriter::new(File::create(out).map_err(failed)?);
+    let header: Vec<&str> = columns.iter().map(|(column, _)| *column).collect();
+    writeln!(output, "{}", header.join(",")).map_err(failed)?;
+    let (mut rows, mut malformed_rows, mut first_error) = (0u64, 0, None);
+    loop {
+        let row = match reader.next() {
+            Ok(None) => break,
+            Ok(Some(record)) => row(&record, &columns, digits),
+            Err(error) => Err(error),
+        };
+        match row {
+            Ok(row) => {
+                rows += 1;
+                writeln!(output, "{row}").map_err(failed)?;
+            }
+            Err(error @ ImportError::Malformed { .. }) => {
+                malformed_rows += 1;
+                first_error = first_error.or(Some(error));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    output.flush().map_err(failed)?;
+    let mut notes = Vec::new();
+    if let Some(found) = reader.damage() {
+        let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
+        notes.push(Note::DamagedFile { file, found: found.clone() });
+    }
+    match first_error {
+        Some(error) if rows == 0 => return Err(error),
+        Some(ImportError::Malformed { position, found, expected, .. }) => {
+            let TextPosition { line, .. } = *position;
+            notes.push(Note::MalformedRows { count: malformed_rows, line, found, expected });
+        }
+        _ => {}
+    }
+    Ok(notes)
+}
+
+/// Returns `true` if a column of this name holds `column`. Letter case, underscores and a unit in
+/// brackets are ignored.
+fn matches(column: &str, name: &str) -> bool {
+    let plain = |name: &str| without_unit(name).to_ascii_lowercase().replace('_', "");
+    plain(name) == plain(column) || column == "t_s" && TIME_NAMES.contains(&plain(name).as_str())
+}
+
+/// Returns the number of decimal places of the unit in brackets after a column name: 9 for seconds.
+fn unit_digits(name: &str) -> Option<usize> {
+    let unit = name.strip_prefix(without_unit(name))?.trim_ascii();
+    let unit = unit.strip_prefix(['[', '('])?.strip_suffix([']', ')'])?;
+    let mapping = Mapping::parse::<&str>(&[], Some(unit), None).ok()?;
+    Some(mapping.time_digits())
+}
+
+/// Returns a row in the form of the recording format.
+fn row(record: &CsvRecord<'_>, columns: &[(&str, usize)], digits: usize) -> Result<String, ImportError> {
+    let mut row = String::new();
+    for (column, index) in columns {
+        if *column == "t_s" {
+            let t_ns = record.time(*index, digits)?.ns();
+            let sign = if t_ns < 0 { "-" } else { "" };
+            let t_ns = t_ns.unsigned_abs();
+            row += &format!("{sign}{}.{:09}", t_ns / NS_PER_S, t_ns % NS_PER_S);
+        } else {
+            let [number] = record.numbers([*index])?.unwrap_or([f64::NAN]);
+            row += &format!(",{number}");
+        }
+    }
+    Ok(row)
+}
