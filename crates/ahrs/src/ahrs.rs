@@ -10,14 +10,14 @@ use attitude::{
         supervised::{CourseTick, SupervisedReading},
     },
     flags::Flags,
-    fuser::{Estimate, Fuser, FuserStage, SupervisedFuser, multiple_model::MultipleModel, supervised::SensorTick},
+    fuser::{Estimate, FuserStage, SupervisedFuser, multiple_model::MultipleModel, supervised::SensorTick},
     gnss::{Fix, ReceiverFix},
     gyro::{Gyro, Motion, SupervisedGyro, supervised::GyroTick},
     resetting::{ResettingStage, StageFailure},
     stage::RestoreError,
 };
 
-use crate::{AhrsBuilder, Attitude, BuildError};
+use crate::Attitude;
 
 /// Velocity over ground from a satellite receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -52,35 +52,6 @@ pub struct Ahrs<F = MultipleModel> {
     /// Fix for the next reading.
     pub(crate) pending_fix: Option<ReceiverFix>,
     pub(crate) attitude: Attitude,
-}
-
-impl Ahrs {
-    /// Creates a filter with the default stages.
-    pub fn new() -> Self {
-        AhrsBuilder::new().build()
-    }
-
-    /// Returns a builder with the default stages, for sensors whose properties are to be set.
-    pub fn builder() -> AhrsBuilder {
-        AhrsBuilder::new()
-    }
-}
-
-impl Ahrs<Fuser> {
-    /// Creates a filter whose fuser stage has the given name, such as `"wz"` or `"vqf"`.
-    ///
-    /// # Errors
-    ///
-    /// Returns [`BuildError::UnknownStage`] with the names of all stages if there is no such stage.
-    pub fn with_stage(name: &str) -> Result<Self, BuildError> {
-        Ok(AhrsBuilder::new().fuser_stage(name)?.build())
-    }
-}
-
-impl Default for Ahrs {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl<F: FuserStage> Ahrs<F> {

@@ -116,6 +116,35 @@ impl AhrsBuilder {
     }
 }
 
+impl Ahrs {
+    /// Creates a filter with the default stages.
+    pub fn new() -> Self {
+        AhrsBuilder::new().build()
+    }
+
+    /// Returns a builder with the default stages.
+    pub fn builder() -> AhrsBuilder {
+        AhrsBuilder::new()
+    }
+}
+
+impl Ahrs<Fuser> {
+    /// Creates a filter with the fuser stage of the given name, such as `"wz"` or `"vqf"`.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] with the names of all stages if there is no such stage.
+    pub fn with_stage(name: &str) -> Result<Self, BuildError> {
+        Ok(AhrsBuilder::new().fuser_stage(name)?.build())
+    }
+}
+
+impl Default for Ahrs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<F: FuserStage> AhrsBuilder<F> {
     /// Sets the nominal sampling rate of gyro and accelerometer, 0.1 to 100,000 Hz; default 100.
     ///

@@ -49,8 +49,9 @@ impl<F: FuserStage> Ahrs<F> {
     ///
     /// let mut other = Ahrs::new();
     /// other.restore(&buffer)?;
-    /// let sample = ([0.0, 0.1, 0.0], [0.0, 0.1, 9.8]);
-    /// assert_eq!(ahrs.update(sample.0, sample.1, None, 0.01), other.update(sample.0, sample.1, None, 0.01));
+    /// let [first, second] = [&mut ahrs, &mut other]
+    ///     .map(|ahrs| ahrs.update([0.0, 0.1, 0.0], [0.0, 0.1, 9.8], None, 0.01));
+    /// assert_eq!(first, second);
     /// # Ok::<(), plumbline_ahrs::SnapshotError>(())
     /// ```
     ///

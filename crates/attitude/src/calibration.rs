@@ -124,7 +124,7 @@ impl Mounting {
         Ok(Self { matrix: Matrix3::from_columns(&[x, y, x.cross(&y)]) })
     }
 
-    /// Creates the mounting of a sensor whose axes have the directions of `axes`.
+    /// Creates the mounting of a sensor with the given axes.
     pub fn from_axes(axes: Body) -> Self {
         let column = |axis: Vector3<f64>| axes.to_native(axis.into()).into();
         Self { matrix: Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(column)) }

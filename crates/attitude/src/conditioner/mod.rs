@@ -70,8 +70,8 @@ settings! {
 pub struct SensorModel {
     /// Limits beyond which samples are flagged.
     pub limits: Limits,
-    /// Nominal sampling rate, Hz, above 0. It only sets the interval of samples whose stamps are
-    /// unusable, until the stamps of others show the true interval.
+    /// Nominal sampling rate, Hz, above 0. It only sets the interval of samples with unusable
+    /// stamps, until other stamps show the true interval.
     pub rate_hz: f64,
     /// Relation of the rate samples to their intervals.
     pub rate_kind: RateKind,

@@ -1,8 +1,8 @@
 //! Levelling stages and the course stage `track` on a simulated aircraft in cruise: with satellite
 //! velocity, in gaps and without a receiver.
 //!
-//! `cargo test --release -p plumbline-attitude levelling:: -- --include-ignored --nocapture` prints every
-//! figure.
+//! `cargo test --release -p plumbline-attitude levelling:: -- --include-ignored --nocapture` prints
+//! every figure.
 use crate::common::ResultCache;
 use attitude::{
     Vector3,

@@ -1,7 +1,8 @@
 //! Errors of the default fuser, `wz`, `vqf` and `madgwick` on every set of recordings.
 //!
-//! `cargo test --release -p plumbline-attitude sets:: -- --nocapture` prints the table: per set the mean RMSE
-//! of inclination and heading, the normalised errors, and the trials that are worse than with VQF.
+//! `cargo test --release -p plumbline-attitude sets:: -- --nocapture` prints the table: per set the
+//! mean RMSE of inclination and heading, the normalised errors, and the trials that are worse than
+//! with VQF.
 //!
 //! Input: the folders `broad`, `tumvi` and `phones` of `$PLUMBLINE_DATA` or `../shared/data`.
 //!

@@ -1,0 +1,9 @@
+//! Tests of the crate against the data path of the system.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod builder;
+mod faults;
+mod path;
+mod recordings;
+mod snapshot;
+mod updates;
