@@ -11,7 +11,7 @@ use plumbline_ahrs::{Ahrs, AhrsBuilder, Body, BuildError, Calibration, Mounting,
 
 use crate::{
     PlumblineStatus,
-    boundary::{exclusive, numbers, shared, text, write, write_text},
+    boundary::{exclusive, numbers, shared, text, write},
 };
 
 /// Axes of a body or of sensors.
@@ -84,7 +84,7 @@ impl From<&Parameter> for PlumblineParameter {
     fn from(parameter: &Parameter) -> Self {
         fn chars<const N: usize>(text: &str) -> [c_char; N] {
             let mut bytes = [0; N];
-            write_text(text, &mut bytes);
+            crate::text::write_text(text, &mut bytes);
             bytes.map(|byte| byte as c_char)
         }
         let Parameter { name, unit, default, min, max, description } = *parameter;

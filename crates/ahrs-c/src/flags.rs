@@ -4,7 +4,7 @@ use core::ffi::c_char;
 
 use plumbline_ahrs::Flags;
 
-use crate::boundary::write_text;
+use crate::text::write_text;
 
 /// The rate is not finite and was replaced by the last valid one.
 pub const PLUMBLINE_FLAG_RATE_INVALID: u64 = 1 << 0;

@@ -16,6 +16,7 @@ mod builder;
 mod filter;
 mod flags;
 mod status;
+mod text;
 
 pub use attitude_output::{PlumblineAttitude, PlumblineHeadingReference};
 pub use builder::{

@@ -115,7 +115,7 @@ impl Text {
 
 impl fmt::Write for Text {
     fn write_str(&mut self, part: &str) -> fmt::Result {
-        let written = crate::boundary::write_text(part, &mut self.bytes[self.len..]);
+        let written = crate::text::write_text(part, &mut self.bytes[self.len..]);
         self.len += written;
         if written == part.len() { Ok(()) } else { Err(fmt::Error) }
     }

@@ -7,7 +7,7 @@ use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
-use super::topics::Kind;
+use super::kind::Kind;
 use crate::{
     ImportError,
     row_writer::{Attitude, Sample},

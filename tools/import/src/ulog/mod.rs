@@ -16,6 +16,7 @@
 //! and counted.
 
 mod fields;
+mod kind;
 mod messages;
 mod series;
 mod topics;
@@ -39,9 +40,10 @@ use crate::{
     source::{Motion, ReceiverFix, Source, Survey},
     timeline::SourceClock,
 };
+use kind::Kind;
 use messages::LogStatus;
 use series::{Series, stream};
-use topics::{Kind, Layouts, Measurement};
+use topics::{Layouts, Measurement};
 
 /// ULog file, and the series selected from it.
 pub(crate) struct Log {
