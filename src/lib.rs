@@ -64,6 +64,7 @@ const LONG_VERSION: &str = concat!(
 /// Estimate attitude and course with stages that can be swapped at run time
 #[derive(Parser)]
 #[command(
+    name = "plumb",
     version,
     long_version = LONG_VERSION,
     after_help = "\
@@ -178,8 +179,8 @@ Examples:
     /// Print the completions of a shell
     #[command(after_help = "\
 Examples:
-  plumb completions bash > ~/.local/share/bash-completion/completions/plumb
-  plumb completions zsh > ~/.zfunc/_plumb")]
+  plumb completions bash
+  plumb completions zsh")]
     Completions {
         /// Shell
         shell: clap_complete::Shell,
@@ -188,7 +189,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   plumb man man1
-  plumb man ~/.local/share/man/man1")]
+  plumb man /usr/local/share/man/man1")]
     Man {
         /// Folder, created if necessary
         folder: PathBuf,
