@@ -18,12 +18,14 @@ pub trait StateWords {
 }
 
 impl StateWords for u64 {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         visit(self);
     }
 }
 
 impl StateWords for u32 {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = u64::from(*self);
         visit(&mut word);
@@ -32,6 +34,7 @@ impl StateWords for u32 {
 }
 
 impl StateWords for i64 {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = self.cast_unsigned();
         visit(&mut word);
@@ -40,6 +43,7 @@ impl StateWords for i64 {
 }
 
 impl StateWords for f64 {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = self.to_bits();
         visit(&mut word);
@@ -48,6 +52,7 @@ impl StateWords for f64 {
 }
 
 impl StateWords for bool {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = u64::from(*self);
         visit(&mut word);
@@ -56,12 +61,14 @@ impl StateWords for bool {
 }
 
 impl<T: StateWords, const N: usize> StateWords for [T; N] {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
 impl<T: StateWords + Default> StateWords for Option<T> {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut some = self.is_some();
         some.visit(visit);
@@ -72,6 +79,7 @@ impl<T: StateWords + Default> StateWords for Option<T> {
 }
 
 impl<A: StateWords, B: StateWords> StateWords for (A, B) {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.0.visit(visit);
         self.1.visit(visit);
@@ -79,6 +87,7 @@ impl<A: StateWords, B: StateWords> StateWords for (A, B) {
 }
 
 impl StateWords for Attitude {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.up.visit(visit);
         self.z_rad.visit(visit);
@@ -86,6 +95,7 @@ impl StateWords for Attitude {
 }
 
 impl StateWords for Point {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut inverted = self.chart == Chart::Inverted;
         inverted.visit(visit);
@@ -96,18 +106,21 @@ impl StateWords for Point {
 }
 
 impl StateWords for Vector3<f64> {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
 impl StateWords for Quaternion<f64> {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.coords.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
 impl StateWords for CourseReference {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = match self {
             Self::Arbitrary => 0,
@@ -124,6 +137,7 @@ impl StateWords for CourseReference {
 }
 
 impl StateWords for Estimate {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.attitude.visit(visit);
         self.reference.visit(visit);
@@ -142,6 +156,7 @@ impl StateWords for Estimate {
 }
 
 impl StateWords for SupervisedState {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let Self { previous_motion, is_aligned, reset_counter, rate_outage_s, attitude, force_m_s2, has_rotated } =
             self;
@@ -156,6 +171,7 @@ impl StateWords for SupervisedState {
 }
 
 impl StateWords for LastReading {
+    #[inline]
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.quaternion.visit(visit);
         let CourseEstimate { mut course_rad, mut sd_rad, mut reference } = self.course.unwrap_or(CourseEstimate {

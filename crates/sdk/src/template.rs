@@ -254,18 +254,22 @@ impl Template {
             Language::C => format!("\"./{name}\""),
         };
         let source = if let Language::Rust { source } = language { source.as_str() } else { "" };
-        let dependency = |folder: &str, package: &str| match source.contains("://") {
-            true => format!("{package} = {{ git = \"{source}\" }}"),
-            false => format!("{package} = {{ path = \"{source}/{folder}/{package}\" }}"),
+        let dependency = |path: &str, package: &str| {
+            let name = path.rsplit('/').next().unwrap_or(path);
+            let package = if package == name { String::new() } else { format!("package = \"{package}\", ") };
+            match source.contains("://") {
+                true => format!("{name} = {{ {package}git = \"{source}\" }}"),
+                false => format!("{name} = {{ {package}path = \"{source}/{path}\" }}"),
+            }
         };
         text.replace("@name@", name)
             .replace("@module@", &module)
             .replace("@Class@", &class)
             .replace("@slot@", slot.name())
             .replace("@command@", &command)
-            .replace("@attitude@", &dependency("crates", "attitude"))
-            .replace("@sdk@", &dependency("crates", "sdk"))
-            .replace("@conformance@", &dependency("tools", "conformance"))
+            .replace("@attitude@", &dependency("crates/attitude", "plumbline-attitude"))
+            .replace("@sdk@", &dependency("crates/sdk", "sdk"))
+            .replace("@conformance@", &dependency("tools/conformance", "conformance"))
     }
 }
 
