@@ -27,7 +27,7 @@ fn demo_loses_nothing_and_runs_until_it_is_interrupted() {
         "changes of the chart",
         "kill -9 fuser\n",
         "plumb swap fuser vqf\n",
-        "0 lost, 0 of them different in any bit",
+        "   0 lost, 0 different in any bit",
         "Cockpit: http",
         &format!("plumb top --system {name}\n"),
     ] {

@@ -37,7 +37,7 @@ pub struct GnssFix {
 /// `F` is the stage that fuses the sensors; see [`stages`](crate::stages). The default stage
 /// suits every combination of sensors.
 ///
-/// A value is about 100 kB large and holds its whole state; a clone continues independently.
+/// A value is about 65 kB large and holds its whole state; a clone continues independently.
 #[derive(Clone)]
 pub struct Ahrs<F = MultipleModel> {
     pub(crate) conditioner: Conditioner,

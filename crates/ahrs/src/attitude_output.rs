@@ -46,7 +46,7 @@ impl Attitude {
 
     /// Returns the unit quaternion from body to reference axes, w x y z: v_ref = q v_body q*.
     ///
-    /// Its sign is continuous with that of the previous attitude.
+    /// The sign is chosen such that successive quaternions are close to each other.
     pub fn quaternion(&self) -> [f64; 4] {
         let q = self.reading.quaternion;
         [q.w, q.i, q.j, q.k]

@@ -25,12 +25,12 @@
 //! # Conventions
 //!
 //! All units are SI units, with angles in radians; the magnetic field is in µT. The axes of the
-//! sensors are right, forward, up unless [`AhrsBuilder::axes`] or [`AhrsBuilder::mounting`] says
-//! otherwise. An accelerometer measures specific force: at rest it points up with 9.81 m/s².
+//! sensors are right, forward, up by default; [`AhrsBuilder::axes`] and [`AhrsBuilder::mounting`]
+//! set others. An accelerometer measures specific force: at rest it points up with 9.81 m/s².
 //! The reference axes are east, north, up. [`Attitude::quaternion_in`] and [`Attitude::angles_in`]
 //! convert to the frames of ROS ([`Frame::EnuFlu`]) and of PX4 ([`Frame::NedFrd`]).
 //!
-//! # Which call
+//! # Choice of the method
 //!
 //! | the sensors | call |
 //! | --- | --- |

@@ -56,8 +56,8 @@ impl ControlSocket {
         Ok(Self { listener, inode, clients: Vec::new(), next_client: 0, disconnected: Vec::new() })
     }
 
-    /// Opens the socket again if its file was removed or replaced, and returns whether that was
-    /// so. Connected clients stay connected.
+    /// Opens the socket again if its file was removed or replaced. Returns `true` if it did so.
+    /// Connected clients stay connected.
     ///
     /// # Errors
     ///

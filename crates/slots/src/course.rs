@@ -10,7 +10,7 @@
 use attitude::{
     course::{
         Course, SupervisedCourse,
-        supervised::{CourseTick, SupervisedCourseState, SupervisedReading},
+        supervised::{CourseTick, SupervisedReading},
     },
     gnss::Fix,
     state_words::StateWords,
@@ -124,12 +124,8 @@ impl SlotProcessor for CourseSlot {
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.join.sequence_mut().visit(visit);
-        let SupervisedCourseState { attitude, reset_counts, jump, swap_count } = self.course.state_mut();
-        attitude.visit(visit);
-        reset_counts.visit(visit);
-        jump.visit(visit);
+        self.course.state_mut().visit(visit);
         self.epoch.visit(visit);
-        swap_count.visit(visit);
         self.north.visit(visit);
     }
 

@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use launch::{Slot, pluralize};
+use launch::{Service, Slot, pluralize};
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{Rng, SeedableRng},
@@ -10,7 +10,12 @@ use rand_chacha::{
 use runtime::clock::monotonic_ns;
 use serde::Serialize;
 
-use crate::{CampaignError, DistributionMs, load::Load, new_histogram_ns, system_under_test::SystemUnderTest};
+use crate::{
+    CampaignError, DistributionMs,
+    load::Load,
+    new_histogram_ns,
+    system_under_test::{SystemUnderTest, launch_text},
+};
 
 /// Range of the random pause between two kills, ms.
 const PAUSE_RANGE_MS: std::ops::Range<u64> = 100..400;
@@ -60,7 +65,7 @@ impl KillCampaign {
         let name = format!("kills-{}", std::process::id());
         let pauses_ms: Vec<_> = (0..count).map(|_| random_in_range(&mut random, PAUSE_RANGE_MS)).collect();
         let duration_s = 2.0 + pauses_ms.iter().sum::<u64>() as f64 * 1e-3;
-        let text = launch_file(&name, rate_hz);
+        let text = launch_text(&name, &Service::PATH, rate_hz);
         let mut recovery_ns = new_histogram_ns();
         let (totals, bytes) = {
             let _load = Load::start(load_threads);
@@ -110,14 +115,6 @@ impl fmt::Display for KillCampaignReport {
         writeln!(f, "{kills} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
         write!(f, "time from a kill to the next attitude: {recovery_ms}")
     }
-}
-
-/// Returns the text of a launch file that has the services of the data path and permits any number
-/// of restarts.
-pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
-    format!(
-        "name = \"{name}\"\nservices = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
-    )
 }
 
 /// Returns a random number in the range. It is uniform except for the modulo bias.

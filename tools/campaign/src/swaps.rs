@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use control::{ControlError, ControlRequest, SwapOutcome, SwapReport, SwapRequest, send_request};
-use launch::{Slot, StageConfig, pluralize};
+use launch::{Service, Slot, StageConfig, pluralize};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -12,10 +12,10 @@ use serde::Serialize;
 
 use crate::{
     CampaignError, DistributionMs,
-    kills::{launch_file, random_in_range},
+    kills::random_in_range,
     load::Load,
     new_histogram_ns,
-    system_under_test::SystemUnderTest,
+    system_under_test::{SystemUnderTest, launch_text},
 };
 
 /// Timeout for the system to exit after the last swap.
@@ -83,7 +83,7 @@ impl SwapCampaign {
         let Self { count, seed, rate_hz, load_threads, same_stage } = *self;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let name = format!("swaps-{}", std::process::id());
-        let text = launch_file(&name, rate_hz);
+        let text = launch_text(&name, &Service::PATH, rate_hz);
         let (mut gap_ns, mut baseline_gap_ns, mut response_ns) =
             (new_histogram_ns(), new_histogram_ns(), new_histogram_ns());
         let (mut committed, mut failed, mut max_jump_deg) = (0, Vec::new(), 0.0_f64);

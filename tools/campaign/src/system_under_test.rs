@@ -20,6 +20,8 @@ use crate::CampaignError;
 
 /// Timeout for the first attitude.
 const START_TIMEOUT: Duration = Duration::from_secs(20);
+/// Name of the launch file in the system's folder.
+const LAUNCH_FILE: &str = "launch.toml";
 /// Interval between two checks for the address of the cockpit.
 const COCKPIT_INTERVAL_NS: u64 = 20_000_000;
 /// Maximum number of messages read from a topic per poll.
@@ -54,7 +56,7 @@ impl SystemUnderTest {
     pub(crate) fn start(name: &str, text: &str, duration_s: Option<f64>, buffer: usize) -> Result<Self, CampaignError> {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let folder = tempfile::tempdir().map_err(io_error("creating a folder"))?;
-        let file = folder.path().join("launch.toml");
+        let file = folder.path().join(LAUNCH_FILE);
         fs::write(&file, text).map_err(io_error("writing the launch file"))?;
         let log = File::create(folder.path().join("log")).map_err(io_error("writing the log"))?;
         let report = File::create(folder.path().join("report")).map_err(io_error("writing the report"))?;
@@ -155,6 +157,11 @@ impl SystemUnderTest {
         self.events.clear();
     }
 
+    /// Returns the path of the launch file.
+    pub(crate) fn launch_file(&self) -> PathBuf {
+        self.folder.path().join(LAUNCH_FILE)
+    }
+
     /// Waits until the system has announced the address of its cockpit. Returns `None` after a
     /// timeout, because the system also runs without its cockpit.
     pub(crate) fn wait_for_cockpit(&mut self) -> Result<Option<String>, CampaignError> {
@@ -226,4 +233,14 @@ impl Drop for SystemUnderTest {
             let _ = self.child.wait();
         }
     }
+}
+
+/// Returns the text of a launch file with simulated sensors that permits any number of restarts.
+/// The text ends with the section `[ingest.sim]`.
+pub(crate) fn launch_text(name: &str, services: &[Service], rate_hz: u32) -> String {
+    let services: Vec<_> = services.iter().map(|service| service.name()).collect();
+    format!(
+        "name = \"{name}\"\nservices = {services:?}\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n\
+         [ingest.sim]\nrate_hz = {rate_hz}\n"
+    )
 }

@@ -22,3 +22,8 @@ fn own_rates_equal_the_call_for_all_sensors() {
         assert_eq!(own.update_imu_at(rate, force, count * 10_000_000), expected);
     }
 }
+
+#[test]
+fn size_is_that_of_the_documentation() {
+    assert!((60_000..70_000).contains(&size_of::<Ahrs>()), "{}", size_of::<Ahrs>());
+}

@@ -52,13 +52,13 @@ impl CombinedFields {
         })
     }
 
-    /// Returns time and rate of a gyro sample; `None` if the time does not fit into 64-bit
-    /// nanoseconds.
     /// Returns `true` if the messages contain a magnetic field.
     pub(super) fn has_field(&self) -> bool {
         self.field.is_some()
     }
 
+    /// Returns time and rate of a gyro sample; `None` if the time does not fit into 64-bit
+    /// nanoseconds.
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
         Some((time_ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse_vector(&self.rate, data).map(f64::from))))
     }

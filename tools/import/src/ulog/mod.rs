@@ -51,7 +51,7 @@ pub(crate) struct Log {
     /// Requested numbers of the inertial sensor, the magnetometer and the receiver.
     requested: [Option<usize>; 3],
     length_bytes: u64,
-    /// Bytes read by the pass for the rows, which runs in its own thread.
+    /// Number of bytes read by the pass for the rows, which runs in a separate thread.
     row_bytes: Arc<AtomicU64>,
     /// Series selected by the survey; `None` until the survey has finished.
     selection: Option<Selection>,

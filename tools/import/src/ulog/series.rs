@@ -40,7 +40,7 @@ pub(super) struct Series {
 
 /// Streams the samples that `decode` extracts from the messages of a topic.
 ///
-/// The log is read in a thread of its own, because the ULog parser returns messages only through a
+/// The log is read in a separate thread, because the ULog parser returns messages only through a
 /// callback.
 pub(super) fn stream<T: Send + 'static>(
     path: PathBuf,
