@@ -35,3 +35,18 @@ fn demo_loses_nothing_and_runs_until_it_is_interrupted() {
     }
     assert_eq!(system.leftovers(), Vec::<String>::new());
 }
+
+#[test]
+fn demo_of_a_name_in_use_reports_the_reason() {
+    let system = System::new("[ingest.sim]\nrate_hz = 200\n");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let mut demo = plumb(&["demo", "--stop", "--system", &system.name]);
+    // The demonstration keeps its log.
+    let demo = demo.env("TMPDIR", system.path("")).output().unwrap();
+    let stderr = String::from_utf8_lossy(&demo.stderr);
+    assert_eq!(demo.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("is already running"), "{stderr}");
+    running.interrupt();
+    running.wait().assert_complete();
+}

@@ -17,6 +17,7 @@ use std::{io, path::PathBuf};
 
 use bus::BusError;
 use control::ControlError;
+use foreign::ForeignText;
 use hdrhistogram::Histogram;
 use runtime::Pace;
 use serde::Serialize;
@@ -53,8 +54,10 @@ pub enum CampaignError {
     #[error("interrupted before the end")]
     Interrupted,
     /// The system exited during the campaign.
-    #[error("the system ended during the campaign; see its log {log}")]
+    #[error("the system ended too early: {message}; its log is {log}")]
     EarlyExit {
+        /// Last line of the system's log.
+        message: ForeignText,
         /// Path of the system's log.
         log: PathBuf,
     },

@@ -28,8 +28,7 @@ const COCKPIT_INTERVAL_NS: u64 = 20_000_000;
 const MAX_MESSAGES_PER_POLL: usize = 4096;
 
 pub(crate) struct SystemUnderTest {
-    child: Child,
-    folder: TempDir,
+    process: SystemProcess,
     attitude: Subscriber<AttitudeOutput>,
     health: Subscriber<Health>,
     event: Subscriber<SystemEvent>,
@@ -75,9 +74,10 @@ impl SystemUnderTest {
             .stderr(log)
             .spawn()
             .map_err(io_error("starting plumb up"))?;
-        let bus = Self::join(name)?;
+        let mut process = SystemProcess { child, folder };
+        let bus = process.join_bus(name)?;
         let mut system = Self {
-            child,
+            process,
             attitude: bus.subscriber(buffer)?,
             health: bus.subscriber(MAX_MESSAGES_PER_POLL / 64)?,
             event: bus.subscriber(MAX_MESSAGES_PER_POLL / 64)?,
@@ -85,30 +85,20 @@ impl SystemUnderTest {
             killed: [0; Service::PATH.len()],
             outputs: Vec::new(),
             events: Vec::new(),
-            folder,
             bus,
         };
         let deadline = Instant::now() + START_TIMEOUT;
         while system.outputs.is_empty() || system.pids.contains(&0) {
             system.poll()?;
             if Instant::now() > deadline {
-                return Err(CampaignError::Timeout { timeout_s: START_TIMEOUT.as_secs(), log: system.keep_log() });
+                return Err(CampaignError::Timeout {
+                    timeout_s: START_TIMEOUT.as_secs(),
+                    log: system.process.keep_log(),
+                });
             }
             std::thread::sleep(Duration::from_millis(1));
         }
         Ok(system)
-    }
-
-    fn join(name: &str) -> Result<Bus, CampaignError> {
-        let system_name = SystemName::new(name)?;
-        let deadline = Instant::now() + START_TIMEOUT;
-        loop {
-            match Bus::join(&system_name, "campaign") {
-                Ok(bus) => return Ok(bus),
-                Err(error) if Instant::now() > deadline => return Err(error.into()),
-                Err(_) => std::thread::sleep(Duration::from_millis(5)),
-            }
-        }
     }
 
     /// Reads new messages and checks that the system is still running.
@@ -126,10 +116,7 @@ impl SystemUnderTest {
                 *pid = health.pid;
             }
         })?;
-        match self.child.try_wait() {
-            Ok(None) => Ok(()),
-            _ => Err(CampaignError::EarlyExit { log: self.keep_log() }),
-        }
+        self.process.check_running()
     }
 
     /// Polls until `at_ns` (CLOCK_MONOTONIC).
@@ -159,13 +146,13 @@ impl SystemUnderTest {
 
     /// Returns the path of the launch file.
     pub(crate) fn launch_file(&self) -> PathBuf {
-        self.folder.path().join(LAUNCH_FILE)
+        self.process.folder.path().join(LAUNCH_FILE)
     }
 
     /// Waits until the system has announced the address of its cockpit. Returns `None` after a
     /// timeout, because the system also runs without its cockpit.
     pub(crate) fn wait_for_cockpit(&mut self) -> Result<Option<String>, CampaignError> {
-        let log = self.folder.path().join("log");
+        let log = self.process.folder.path().join("log");
         let deadline = Instant::now() + START_TIMEOUT;
         while Instant::now() < deadline {
             let text = fs::read_to_string(&log).unwrap_or_default();
@@ -181,7 +168,7 @@ impl SystemUnderTest {
     /// Sends SIGINT to the system to make it exit.
     pub(crate) fn interrupt(&self) {
         // If the process has already ended, `wait_for_end` detects it.
-        let _ = Pid::from_raw(self.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
+        let _ = Pid::from_raw(self.process.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
     /// Kills a service and returns the time of the kill, ns (CLOCK_MONOTONIC). Returns `None` if
@@ -202,21 +189,59 @@ impl SystemUnderTest {
     pub(crate) fn wait_for_end(mut self, timeout: Duration) -> Result<(RunTotals, Vec<u8>), CampaignError> {
         let io_error = |action| move |cause| CampaignError::Io { action, cause };
         let deadline = Instant::now() + timeout;
-        while self.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
+        while self.process.child.try_wait().map_err(io_error("waiting for the end"))?.is_none() {
             // The attitudes are read while waiting. An unread topic would not block the system, but
             // its buffer would overflow.
             self.attitude.drain(MAX_MESSAGES_PER_POLL, |output| self.outputs.push(output))?;
             if Instant::now() > deadline {
-                return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.keep_log() });
+                return Err(CampaignError::Timeout { timeout_s: timeout.as_secs(), log: self.process.keep_log() });
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        let read_file = |name: &str| fs::read(self.folder.path().join(name)).map_err(io_error("reading the result"));
+        let read_file =
+            |name: &str| fs::read(self.process.folder.path().join(name)).map_err(io_error("reading the result"));
         let report = read_file("report")?;
         let last = report.trim_ascii().rsplit(|byte| *byte == b'\n').next().unwrap_or_default();
         let totals = serde_json::from_slice(last)
             .map_err(|cause| CampaignError::Io { action: "reading the report", cause: io::Error::from(cause) })?;
         Ok((totals, read_file("attitude.csv")?))
+    }
+}
+
+/// Process of the system with its folder. On drop, the system is ended.
+struct SystemProcess {
+    child: Child,
+    folder: TempDir,
+}
+
+impl SystemProcess {
+    /// Joins the bus of the system, once the process owns the system's name.
+    fn join_bus(&mut self, name: &str) -> Result<Bus, CampaignError> {
+        let system_name = SystemName::new(name)?;
+        let deadline = Instant::now() + START_TIMEOUT;
+        loop {
+            self.check_running()?;
+            if system_name.owner_pid()? == Some(self.child.id()) {
+                match Bus::join(&system_name, "campaign") {
+                    Ok(bus) => return Ok(bus),
+                    Err(error) if Instant::now() > deadline => return Err(error.into()),
+                    Err(_) => {}
+                }
+            } else if Instant::now() > deadline {
+                return Err(CampaignError::Timeout { timeout_s: START_TIMEOUT.as_secs(), log: self.keep_log() });
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn check_running(&mut self) -> Result<(), CampaignError> {
+        if let Ok(None) = self.child.try_wait() {
+            return Ok(());
+        }
+        let log = self.keep_log();
+        let text = fs::read_to_string(&log).unwrap_or_default();
+        let last_line = text.lines().next_back().unwrap_or("it printed nothing");
+        Err(CampaignError::EarlyExit { message: last_line.into(), log })
     }
 
     fn keep_log(&mut self) -> PathBuf {
@@ -225,7 +250,7 @@ impl SystemUnderTest {
     }
 }
 
-impl Drop for SystemUnderTest {
+impl Drop for SystemProcess {
     fn drop(&mut self) {
         if let (Ok(None), Some(pid)) = (self.child.try_wait(), Pid::from_raw(self.child.id() as i32)) {
             // On SIGTERM, the system stops its services and removes its files.
