@@ -225,7 +225,7 @@ impl System {
         let domain = DOMAIN.to_string();
         let mut command = Command::new(plumb());
         command.args(["bridge", kind, "--json", "--system", &self.name, "--connect", &to, "--domain", &domain]);
-        command.args(more).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        command.args(more).stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap()
     }
 
     fn services(&self) -> Vec<Value> {
