@@ -7,6 +7,7 @@
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
+    (".ci/api", "changes the tree; tested by `.ci/run docs`"),
     ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("python3 -m venv", "downloads packages"),
