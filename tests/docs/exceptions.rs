@@ -25,6 +25,10 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("diff --recursive target/packages", "needs packages; tested by `.ci/run package`"),
     ("sudo tar ", "changes the machine"),
     ("scp ", "needs another machine"),
+    ("ssh -L ", "needs another machine"),
+    ("sudo adduser ", "changes the machine"),
+    ("sudo reboot", "restarts the machine"),
+    ("ls -l /dev/serial", "needs a device"),
     ("export PATH=", "sets the path of the built program"),
     // Other hosts.
     ("plumb station --connect quic/192.168.1.5", "needs a router; tested by `certificates`"),
