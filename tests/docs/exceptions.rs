@@ -7,6 +7,7 @@
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
+    (".ci/api", "changes the tree; tested by `.ci/run docs`"),
     ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("python3 -m venv", "downloads packages"),
@@ -20,7 +21,14 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("sudo systemctl ", "changes the machine; tested by deploy/trial"),
     ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
     ("systemctl ", "needs systemd; tested by deploy/trial"),
+    ("deploy/package", "builds and installs packages; tested by `.ci/run package`"),
+    ("diff --recursive target/packages", "needs packages; tested by `.ci/run package`"),
+    ("sudo tar ", "changes the machine"),
     ("scp ", "needs another machine"),
+    ("ssh -L ", "needs another machine"),
+    ("sudo adduser ", "changes the machine"),
+    ("sudo reboot", "restarts the machine"),
+    ("ls -l /dev/serial", "needs a device"),
     ("export PATH=", "sets the path of the built program"),
     // Other hosts.
     ("plumb station --connect quic/192.168.1.5", "needs a router; tested by `certificates`"),

@@ -268,7 +268,7 @@ impl Template {
             .replace("@slot@", slot.name())
             .replace("@command@", &command)
             .replace("@attitude@", &dependency("crates/attitude", "plumbline-attitude"))
-            .replace("@sdk@", &dependency("crates/sdk", "sdk"))
+            .replace("@sdk@", &dependency("crates/sdk", "plumbline-sdk"))
             .replace("@conformance@", &dependency("tools/conformance", "conformance"))
     }
 }
