@@ -35,6 +35,30 @@ pub enum ScoreError {
         /// Name of the fuser.
         name: String,
     },
+    /// An estimate has the name of a selected fuser or of another estimate.
+    #[error(
+        "estimate `{name}` has the name of a fuser or of another estimate; choose another NAME in --estimate NAME=FILE"
+    )]
+    DuplicateEstimate {
+        /// Name of the estimate.
+        name: String,
+    },
+    /// The name of an estimate cannot name a folder.
+    #[error(
+        "estimate `{name}`: the name is empty, begins with a dot or contains a slash; choose another NAME in --estimate NAME=FILE"
+    )]
+    InvalidEstimateName {
+        /// Name of the estimate.
+        name: String,
+    },
+    /// An estimate is given for several trials.
+    #[error("estimate `{name}` belongs to one recording, but there are {trials} trials; score it alone")]
+    EstimateForSeveralTrials {
+        /// Name of the estimate.
+        name: String,
+        /// Number of trials.
+        trials: usize,
+    },
     /// No selected stage has the parameter.
     #[error("no selected stage has a parameter `{key}`{}\navailable:\n{known}", match closest {
         Some(name) => format!("; did you mean `{name}`?"),
@@ -123,8 +147,11 @@ pub enum ScoreError {
     /// The attitudes cannot be collected or written.
     #[error(transparent)]
     Collector(#[from] CollectorError),
-    /// An output file would overwrite the recording.
-    #[error("writing {}: this is the recording itself; choose another folder for --out or --csv", foreign::path(path))]
+    /// An output file would overwrite the recording or an estimate.
+    #[error(
+        "writing {}: this is the recording itself or an estimate; choose another folder for --out or --csv",
+        foreign::path(path)
+    )]
     OutputIsRecording {
         /// Path of the output file.
         path: PathBuf,
@@ -164,6 +191,9 @@ impl ScoreError {
         match self {
             Self::UnknownStage { .. }
             | Self::DuplicateFuser { .. }
+            | Self::DuplicateEstimate { .. }
+            | Self::InvalidEstimateName { .. }
+            | Self::EstimateForSeveralTrials { .. }
             | Self::DuplicateSetting { .. }
             | Self::EmptyPlotWindow { .. }
             | Self::UnknownKey { .. }

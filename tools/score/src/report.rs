@@ -211,8 +211,9 @@ impl HtmlReport<'_> {
         page.push("\n<h2>Settings</h2><table class=\"words\"><tr><th>fuser</th><th>gyro</th><th>accel</th><th>course</th><th>settings</th></tr>");
         for stage in &self.scores.stages {
             let set: Vec<_> = stage.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            let cells =
-                [&stage.fuser, &stage.gyro, &stage.accel, &stage.course].map(|text| escape(text)).join("</td><td>");
+            let other = [&stage.gyro, &stage.accel, &stage.course].map(|name| name.as_deref().unwrap_or("–"));
+            let cells = [&[stage.fuser.as_str()][..], &other].concat();
+            let cells = cells.into_iter().map(escape).collect::<Vec<_>>().join("</td><td>");
             page.push(&format!("<tr><td>{cells}</td><td>{}</td></tr>", escape(&set.join(", "))));
         }
         page.push("</table>");

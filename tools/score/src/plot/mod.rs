@@ -136,15 +136,15 @@ impl<'a> Plotter<'a> {
 
     /// Draws one chain's results for a trial, next to those from gyro and accelerometer alone.
     ///
-    /// File names start with `base_path`.
+    /// `label` names the chain. File names start with `base_path`.
     pub(crate) fn draw_chain(
         &self,
         base_path: &Path,
         trial: &str,
-        launch: &Launch,
+        label: &str,
         record: &PlotRecord,
     ) -> Result<(), ScoreError> {
-        let title = format!("{trial}, {}", chain_label(launch));
+        let title = format!("{trial}, {label}");
         for figure in &FIGURES {
             let series = figure.sources.iter().map(|source| {
                 let style = match source {
@@ -161,18 +161,20 @@ impl<'a> Plotter<'a> {
         self.write(base_path, "sphere", SPHERE_SIZE, &sphere)
     }
 
-    /// Draws the results of several chains for a trial in the same figures, together with the
-    /// reference.
+    /// Draws the results of several chains, given by name, for a trial in the same figures,
+    /// together with the reference.
     pub(crate) fn draw_comparison(
         &self,
         base_path: &Path,
         trial: &str,
-        launches: &[Launch],
+        names: &[String],
         records: &[&PlotRecord],
     ) -> Result<(), ScoreError> {
-        let fused = launches.iter().zip(records).enumerate().map(|(at, (launch, record))| {
-            (launch.fuser.stage.as_str(), series_style(at), record.source_curves(Source::Fused))
-        });
+        let fused = names
+            .iter()
+            .zip(records)
+            .enumerate()
+            .map(|(at, (name, record))| (name.as_str(), series_style(at), record.source_curves(Source::Fused)));
         let reference = records
             .first()
             .map(|record| (Source::Reference.name(), REFERENCE, record.source_curves(Source::Reference)));
@@ -240,7 +242,7 @@ impl<'a> Plotter<'a> {
 const SWEEP_PREFIX: &str = "sweep";
 
 /// Returns the names of the stages of a chain, in data flow order.
-fn chain_label(launch: &Launch) -> String {
+pub(crate) fn chain_label(launch: &Launch) -> String {
     let Launch { gyro, accel, fuser, course, .. } = launch;
     format!("{} + {} → {} → {}", gyro.stage, accel.stage, fuser.stage, course.stage)
 }
