@@ -288,7 +288,7 @@ impl PageBuilder {
         let margin = (0.08 * (high - low)).max(1e-6 * high.abs()).max(1e-9);
         let y_range = if starts_at_zero { 0.0 } else { low - margin }..high + margin;
         let end = y_range.end;
-        self.push_chart(&time_chart(label, 0.0..end_s, y_range, series))?;
+        self.push_chart(&time_chart(label, 0.0..end_s, y_range, series, 1))?;
         let largest = series.iter().filter_map(|series| series.curve.range()).map(|range| range.1).reduce(f64::max);
         if let Some(largest) = largest.filter(|largest| *largest > end) {
             self.push(&format!("<p class=\"note\">axis ends at {end:.2}; the largest value is {largest:.2}</p>"));
