@@ -2,7 +2,7 @@
 //!
 //! Input: the scores, and the decimated curves of each trial.
 //!
-//! Output: an HTML file that loads no external resource and is readable by its owner only.
+//! Output: an HTML file that loads no external resource and that others may read.
 //!
 //! Failure: an error if the file cannot be written.
 
@@ -23,6 +23,8 @@ use crate::{
     table::{ErrorsDeg, Scores, StageScore, Sweep},
 };
 
+/// Permissions of the file, reduced by the umask. The report is made to be shared.
+const REPORT_MODE: u32 = 0o644;
 /// Width and height of a chart, pixels.
 const CHART_SIZE: (u32, u32) = (960, 230);
 /// Percentage of points at both ends that the range of the vertical axis ignores.
@@ -61,7 +63,7 @@ impl HtmlReport<'_> {
     /// Returns an error if the file cannot be written.
     pub(crate) fn write(&self, path: &Path) -> Result<(), ScoreError> {
         let html = self.html().map_err(|cause| ScoreError::Write { path: path.into(), cause })?;
-        Ok(recording::write_atomic(path, &html)?)
+        Ok(recording::write_atomic(path, &html, REPORT_MODE)?)
     }
 
     fn html(&self) -> io::Result<String> {
