@@ -9,6 +9,7 @@ use ::import::{ImportError, Table};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
+use mapping::names::UnknownName;
 use score::{
     Request,
     estimate::Estimate,
@@ -167,13 +168,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
     }
     let estimate_names: Vec<&str> = estimates.iter().map(|(name, _)| name.as_str()).collect();
     if let Some(unknown) = arbitrary_headings.iter().find(|name| !estimate_names.contains(&name.as_str())) {
-        let suggestion = launch::nearest(unknown, &estimate_names);
-        let suggestion = suggestion.map_or_else(String::new, |name| format!("; did you mean `{name}`?"));
-        let known = estimate_names.join(", ");
-        return fail(
-            &format_args!("--arbitrary-heading: no estimate named `{unknown}`{suggestion} (available: {known})"),
-            2,
-        );
+        let unknown = UnknownName::new("estimate", unknown, estimate_names);
+        return fail(&format_args!("--arbitrary-heading: {unknown}"), 2);
     }
     let (mut values, mut sweeps) = (Vec::new(), Vec::new());
     for setting in settings {

@@ -7,6 +7,7 @@ use std::{
 
 use clap::Args;
 use launch::{Ingest, Source};
+use mapping::names::UnknownName;
 use pipeline::Column;
 use runtime::Pace;
 use supervisor::{Report, Request};
@@ -200,11 +201,8 @@ fn parse_columns(text: &str) -> Result<Columns, String> {
     let names: Vec<_> = Column::NAMES.iter().map(|(name, _)| *name).chain(["all"]).collect();
     let all = || Columns(Column::NAMES.iter().map(|(_, column)| *column).collect());
     let one = Column::NAMES.iter().find(|(name, _)| *name == text).map(|(_, column)| Columns(vec![*column]));
-    one.or_else(|| (text == "all").then(all)).ok_or_else(|| {
-        let suggestion =
-            launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
-        format!("{suggestion}expected one of {}", names.join(", "))
-    })
+    one.or_else(|| (text == "all").then(all))
+        .ok_or_else(|| UnknownName::new("column group", text, names.iter().copied()).to_string())
 }
 
 fn pace(text: &str) -> Result<Pace, String> {

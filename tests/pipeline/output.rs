@@ -115,7 +115,7 @@ fn replayed_flight_writes_same_columns_and_records_frame() {
 #[test]
 fn unknown_columns_are_rejected_with_suggestions() {
     for (columns, message) in
-        [("angels", "did you mean \"angles\"?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
+        [("angels", "did you mean `angles`?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
     {
         let output = plumb(&["up", "--in-process", "--out", "x.csv", "--columns", columns]).output().unwrap();
         assert_eq!(output.status.code(), Some(2));

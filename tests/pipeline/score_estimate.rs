@@ -107,5 +107,5 @@ fn invalid_estimates_are_rejected_with_remedy() {
     rejected(&["--estimate", "a=bad.csv"], 3, &["bad.csv: line 1"]);
     rejected(&["sim:s3", "--estimate", "a=a.csv"], 2, &["estimate `a` belongs to one recording", "2 trials"]);
     let misspelt = ["--estimate", "mine=a.csv", "--arbitrary-heading", "mien"];
-    rejected(&misspelt, 2, &["no estimate named `mien`; did you mean `mine`?"]);
+    rejected(&misspelt, 2, &["unknown estimate `mien`; did you mean `mine`?"]);
 }

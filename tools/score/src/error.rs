@@ -4,7 +4,7 @@ use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
 use foreign::ForeignText;
-use launch::Slot;
+use launch::UnknownStage;
 use pipeline::CollectorError;
 use readings::source::SourceError;
 use recording::RecordingError;
@@ -15,20 +15,8 @@ use scenario::ScenarioError;
 #[derive(Debug, thiserror::Error)]
 pub enum ScoreError {
     /// The slot has no stage of this name.
-    #[error("no {slot} stage named `{name}`{} (available: {})", match closest {
-        Some(closest) => format!("; did you mean `{closest}`?"),
-        None => String::new(),
-    }, known.join(", "))]
-    UnknownStage {
-        /// Slot of the stage.
-        slot: Slot,
-        /// Requested name.
-        name: String,
-        /// Stage with the most similar name.
-        closest: Option<&'static str>,
-        /// All built-in stages of the slot.
-        known: &'static [&'static str],
-    },
+    #[error(transparent)]
+    UnknownStage(#[from] UnknownStage),
     /// A fuser is selected twice.
     #[error("fuser `{name}` is given twice; remove one")]
     DuplicateFuser {
@@ -189,7 +177,7 @@ impl ScoreError {
     /// line, otherwise 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::UnknownStage { .. }
+            Self::UnknownStage(_)
             | Self::DuplicateFuser { .. }
             | Self::DuplicateEstimate { .. }
             | Self::InvalidEstimateName { .. }
