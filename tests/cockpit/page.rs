@@ -447,6 +447,24 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
 }
 
 #[test]
+fn page_starts_with_the_last_minute() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut first) = Page::open(&address(&system, port)) else { return };
+    first.until("plumb.data.frames.length > 100");
+    let newest_s = first.number("plumb.data.frames.at(-1).t");
+    // A page that is opened later has the frames from before.
+    let mut second = Page::open(&address(&system, port)).unwrap();
+    second.until("plumb.state().kind === 'live' && plumb.data.frames.length > 100");
+    let oldest_s = second.number("plumb.data.frames[0].t");
+    assert!(oldest_s < newest_s - 2.0, "the page starts at {oldest_s} s, the other one was at {newest_s} s");
+    first.assert_clean();
+    second.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
 fn paused_view_is_kept_and_page_does_not_grow() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);
