@@ -465,6 +465,30 @@ fn page_starts_with_the_last_minute() {
 }
 
 #[test]
+fn strips_have_ticks_limits_and_switchable_lines() {
+    let (system, port) = with_cockpit_for_browser("[ingest.sim]\nscenario = \"tumble\"\n");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 200");
+    page.until("plumb.strips()?.[0].least === -180 && plumb.strips()[0].most === 180");
+    // The body tumbles, so yaw and roll pass ±180°. Two values on both sides are not connected.
+    page.until("plumb.strips()[0].largest_step > 1");
+    assert!(page.number("plumb.strips()[0].largest_step") <= 180.0);
+    assert!(page.number("plumb.strips()[2].least") >= 0.0, "a negative error");
+    assert_eq!(page.eval("plumb.strips().every(({ ticks }) => ticks.length >= 2)"), Value::Bool(true));
+    page.click(".strip-legends button");
+    page.until("plumb.strips()[0].lines.join() === 'pitch,roll'");
+    assert_eq!(page.eval("document.querySelector('.strip-legends button').ariaPressed"), "false");
+    // The line stays hidden in a view that is opened again.
+    page.key("2");
+    page.key("1");
+    page.until("plumb.view() === 'fly' && plumb.strips()?.[0]?.lines.join() === 'pitch,roll'");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
 fn paused_view_is_kept_and_page_does_not_grow() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);

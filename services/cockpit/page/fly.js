@@ -51,9 +51,9 @@ export class Fly {
     scene.append(legend, this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
+      { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
       { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
-      { title: "error, sd", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "inclination sd", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "inclination sd", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }

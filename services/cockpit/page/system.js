@@ -41,7 +41,7 @@ export class System {
     this.slot.addEventListener("change", () => this.fillStages());
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
     parent.replaceChildren(
       element("h2", "", "Services"), this.boxes, strips,
       element("div", "columns",
@@ -156,7 +156,7 @@ export class System {
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
       this.emptyNote.hidden = events.length > 0;
-      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : `${event.t.toFixed(2)} s`, event.text]), ["number c-quiet", ""]);
+      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
       [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }
