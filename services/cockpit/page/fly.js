@@ -39,7 +39,7 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     parent.replaceChildren(grid);
-    this.scene = new Scene(scene, 4.7);
+    this.scene = new Scene(scene, 4.7, 0.34, 3.2);
     const legend = element("ul", "legend");
     this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]).map(([mark, className, name]) => {
       const item = element("li", className, name);
@@ -188,11 +188,13 @@ export class Fly {
     const error = errorOf(picture);
     if (attitude) Object.assign(this.drawn, { yaw_deg: attitude.yaw_rad / DEGREE, pitch_deg: attitude.pitch_rad / DEGREE, roll_deg: attitude.roll_rad / DEGREE, course_deg: attitude.course_rad / DEGREE });
     this.drawn.error_deg = error === null ? null : error / DEGREE;
-    fillTable(this.values, [
+    const rows = [
       ["pitch", attitude ? deg(attitude.pitch_rad) : "–", "roll", attitude ? deg(attitude.roll_rad) : "–", attitude ? sd(attitude.inclination_sd_rad) : ""],
       ["yaw", attitude ? deg(attitude.yaw_rad) : "–", `course ${courseReference(attitude?.course_reference)}`, attitude ? `${degrees(attitude.course_rad)}°` : "–", attitude ? sd(attitude.course_sd_rad) : ""],
-      ["error", error === null ? "–" : `${(error / DEGREE).toFixed(2)}°`, error === null ? "no reference" : "against the reference", "", ""],
-    ], ["", "number", "", "number", "c-quiet"]);
+    ];
+    // Only simulations and some recordings have a reference.
+    if (error !== null) rows.push(["error", `${(error / DEGREE).toFixed(2)}°`, "against the reference", "", ""]);
+    fillTable(this.values, rows, ["", "number", "", "number", "c-quiet"]);
   }
 }
 

@@ -27,9 +27,12 @@ const SNAPSHOT_S = 0.033;
 const data = new Data();
 const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (document.getElementById(id));
-// The token is the fragment of the address, which browsers do not send.
-const fragment = location.hash.slice(1);
-const token = (/^[0-9a-f]+$/.test(fragment) && fragment) || sessionStorage.getItem("token") || "";
+// The fragment of the address, which browsers do not send, holds the token and the name of a view, each optional: #TOKEN/VIEW.
+const fragment = () => location.hash.slice(1).split("/");
+const viewInFragment = () => VIEWS.find((name) => fragment().includes(name));
+// A view is never mistaken for a token, because the names of views have other letters than hexadecimal numbers.
+const tokenInFragment = fragment().find((part) => /^[0-9a-f]+$/.test(part)) ?? "";
+const token = tokenInFragment || sessionStorage.getItem("token") || "";
 if (token) sessionStorage.setItem("token", token);
 
 /** Name of the selected vehicle; empty if none is selected. */
@@ -142,6 +145,16 @@ function snapshotLength() {
   return data.recording.length > 1 ? Math.max(SNAPSHOT_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : SNAPSHOT_S;
 }
 
+/** Whether the page shows several vehicles, or none is selected. */
+const hasFleet = () => (data.standing.vehicles?.length ?? 0) > 1 || data.standing.state === "STATE_UNCHOSEN";
+
+/** Opens the view that a user has selected, and puts it into the address. @param {string} name */
+function selectView(name) {
+  if (name === "fleet" && !hasFleet()) return;
+  history.replaceState(null, "", `#${[tokenInFragment, name].filter(Boolean).join("/")}`);
+  openView(name);
+}
+
 /** @param {string} name */
 function openView(name) {
   viewName = name;
@@ -178,6 +191,7 @@ function drawBar(now) {
   set("reason", state.reason);
   // The fleet view marks stale rows itself.
   get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
+  get("tab-fleet").hidden = !hasFleet();
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
   if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
@@ -211,7 +225,7 @@ function onKey(event) {
     data.paused = true;
     if (data.recording.length) seek(data.position + step * (event.shiftKey ? Math.max(1, 1 / snapshotLength()) : 1));
     else data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0);
-  } else if (VIEWS[Number(event.key) - 1]) openView(VIEWS[Number(event.key) - 1]);
+  } else if (VIEWS[Number(event.key) - 1]) selectView(VIEWS[Number(event.key) - 1]);
   else if (event.key === " " && target.tagName !== "BUTTON") togglePause();
   else if (event.key === "l") { data.paused = false; if (!data.recording.length) data.cursor = null; }
   else if (event.key === "a") data.showAll();
@@ -223,7 +237,7 @@ function onKey(event) {
   else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
   else if (event.key === "t") setTheme();
   else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
-  else if (event.key === "s") { openView("system"); get("slot").focus(); }
+  else if (event.key === "s") { selectView("system"); get("slot").focus(); }
   else return;
   event.preventDefault();
 }
@@ -255,10 +269,10 @@ async function start() {
   dark.addEventListener("change", followSystem);
   followSystem();
   for (const [index, name] of VIEWS.entries()) {
-    const tab = element("button", "", `${index + 1} ${name[0].toUpperCase()}${name.slice(1)}`);
+    const tab = element("button", "", element("span", "key", `${index + 1} `), `${name[0].toUpperCase()}${name.slice(1)}`);
     tab.id = `tab-${name}`;
     tab.setAttribute("role", "tab");
-    tab.addEventListener("click", () => openView(name));
+    tab.addEventListener("click", () => selectView(name));
     get("tabs").append(tab);
   }
   get("pause").addEventListener("click", togglePause);
@@ -272,7 +286,8 @@ async function start() {
   data.flags = schema.flags;
   data.goTo = goTo;
   timeline = new Timeline(get("timeline"), data);
-  openView("fly");
+  openView(viewInFragment() ?? "fly");
+  addEventListener("hashchange", () => openView(viewInFragment() ?? viewName));
   connect();
   requestAnimationFrame(frame);
 }
