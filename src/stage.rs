@@ -8,8 +8,10 @@ use std::{
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
+use indicatif::{ProgressBar, ProgressStyle};
 use launch::{Launch, LaunchError, Slot};
 use mapping::names::UnknownName;
+use rayon::prelude::*;
 use sdk::template::{Language, Template, TemplateError};
 
 use crate::{failure::fail, stdout::print};
@@ -182,24 +184,23 @@ fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool)
         };
         return fail(&format_args!("{unknown}; --launch names the launch file of your own stages"), 2);
     }
-    let mut reports: Vec<Report> = Vec::new();
-    for (slot, name) in selected_stages {
-        let report = match conformance::run(slot, name) {
-            Some(report) => report,
-            None => {
-                let Some(program) = launch.stages.get(name) else { continue };
-                // The suite takes minutes for a stage in a slow language, so progress is printed.
-                let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
-                match conformance::run_external(name, program, on_start) {
-                    Ok(report) => report,
-                    Err(error) => return fail(&error, 1),
-                }
-            }
-        };
-        if !json && print(&report) != ExitCode::SUCCESS {
+    let (built_in, external): (Vec<_>, Vec<_>) =
+        selected_stages.into_iter().partition(|(_, name)| !launch.stages.contains_key(*name));
+    let mut reports = run_built_in(&built_in);
+    for (_, name) in external {
+        let Some(program) = launch.stages.get(name) else { continue };
+        // The suite takes minutes for a stage in a slow language, so progress is printed.
+        let slot = program.slot;
+        let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
+        match conformance::run_external(name, program, on_start) {
+            Ok(report) => reports.push(report),
+            Err(error) => return fail(&error, 1),
+        }
+    }
+    for report in reports.iter().filter(|_| !json) {
+        if print(report) != ExitCode::SUCCESS {
             return ExitCode::FAILURE;
         }
-        reports.push(report);
     }
     if json {
         match serde_json::to_string(&reports) {
@@ -208,4 +209,19 @@ fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool)
         }
     }
     if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Tests built-in stages on all cores, with a progress bar on a terminal.
+fn run_built_in(stages: &[(Slot, &str)]) -> Vec<Report> {
+    let style = ProgressStyle::with_template("{bar:40} {pos} of {len} stages, {elapsed}");
+    let bar = ProgressBar::new(stages.len() as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.tick();
+    let reports = stages.par_iter().filter_map(|(slot, name)| {
+        let report = conformance::run(*slot, name);
+        bar.inc(1);
+        report
+    });
+    let reports = reports.collect();
+    bar.finish_and_clear();
+    reports
 }
