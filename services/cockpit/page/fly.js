@@ -169,7 +169,8 @@ export class Fly {
       const long = mark % 30 === 0;
       context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
       context.beginPath(); context.moveTo(x + r * s, y + r * c); context.lineTo(x + r * (long ? 0.9 : 0.95) * s, y + r * (long ? 0.9 : 0.95) * c); context.stroke();
-      if (mark % 90 === 0 || long) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
+      // A small rose has room for the main directions only.
+      if (mark % 90 === 0 || (long && r > 80)) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
     }
     context.fillStyle = colour("fused");
     context.beginPath(); context.moveTo(x, y - r * 1.02); context.lineTo(x - 7, y - r * 1.02 - 11); context.lineTo(x + 7, y - r * 1.02 - 11); context.fill();

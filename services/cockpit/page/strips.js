@@ -37,6 +37,7 @@ export class Strips {
     this.from = 0;
     this.lines = strips.flatMap((strip) => strip.lines);
     this.indices = this.lines.map((line) => valueIndex(line.quantity));
+    /** Whether ±180° are equal, for each line. */ this.wraps = strips.flatMap((strip) => strip.lines.map(() => strip.wraps ?? false));
     /** Minimum and maximum per pixel of each line. @type {Float64Array[]} */ this.binned = [];
     /** Axis of each strip drawn last, its lines and the largest step within a line, in the unit of the strip, for tests. @type {{ title: string, least: number, most: number, ticks: number[], largest_step: number, lines: string[] }[]} */ this.drawn = [];
     const legends = element("div", "strip-legends");
@@ -223,12 +224,19 @@ export class Strips {
           if (high > bins[2 * pixel + 1]) bins[2 * pixel + 1] = high;
           continue;
         }
-        if (last >= 0 && pixel - last < gap) bins.fill(low, 2 * (last + 1), 2 * pixel);
+        if (last >= 0 && pixel - last < gap) this.connect(at, last, pixel, low);
         bins[2 * pixel] = low;
         bins[2 * pixel + 1] = high;
         lastPixel[at] = pixel;
       }
     }
+  }
+
+  /** Fills the pixels between two values of a line, unless the angle passes ±180° in between. @param {number} at Number of the line @param {number} last Pixel of the first value @param {number} pixel Pixel of the second value @param {number} low The second value */
+  connect(at, last, pixel, low) {
+    const bins = this.binned[at], first = bins[2 * last];
+    const change = this.wraps[at] && Math.abs(low - first) > Math.PI ? 0 : low - first;
+    for (let x = last + 1; x < pixel; x++) bins[2 * x] = bins[2 * x + 1] = first + (change * (x - last)) / (pixel - last);
   }
 }
 
