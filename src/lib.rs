@@ -44,6 +44,7 @@ use absent::{cockpit, view};
 use absent::{gateway, keys, remote};
 use clap::{CommandFactory, Parser, Subcommand};
 use launch::{Launch, Service};
+use mapping::names::UnknownName;
 
 #[cfg(feature = "network")]
 use ::remote;
@@ -288,6 +289,6 @@ fn report_usage_error(error: &clap::Error) -> ExitCode {
 }
 
 fn parse_service(name: &str) -> Result<Service, String> {
-    let names = || Service::ALL.map(Service::name).join(", ");
-    Service::from_name(name).ok_or_else(|| format!("unknown service; expected one of {}", names()))
+    let unknown = || UnknownName::new("service", name, Service::ALL.map(Service::name));
+    Service::from_name(name).ok_or_else(|| unknown().to_string())
 }

@@ -15,6 +15,7 @@ mod replay;
 mod reports;
 mod score;
 mod score_errors;
+mod score_estimate;
 mod score_files;
 mod score_report;
 mod serial_tutorial;

@@ -69,7 +69,7 @@ pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, Receiver
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
-pub use problem::{LaunchError, Problems, nearest, pluralize};
+pub use problem::{LaunchError, Problems, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, describe};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
