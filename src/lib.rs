@@ -5,6 +5,7 @@ mod absent;
 mod bench;
 mod bridge;
 mod calibrate;
+mod config;
 mod demo;
 mod doctor;
 mod duration;
@@ -43,7 +44,7 @@ use absent::{cockpit, view};
 #[cfg(not(feature = "network"))]
 use absent::{gateway, keys, remote};
 use clap::{CommandFactory, Parser, Subcommand};
-use launch::{Launch, Service};
+use launch::Service;
 
 #[cfg(feature = "network")]
 use ::remote;
@@ -167,14 +168,14 @@ Examples:
         #[command(subcommand)]
         command: keys::Command,
     },
-    /// Check launch files
+    /// Check launch files and derive settings of systemd from them
     #[command(after_help = "\
 Examples:
   plumb config check launch.toml
-  plumb config check /etc/plumbline/launch.toml")]
+  plumb config unit launch.toml")]
     Config {
         #[command(subcommand)]
-        command: ConfigCommand,
+        command: config::Config,
     },
     /// Print the completions of a shell
     #[command(after_help = "\
@@ -200,19 +201,6 @@ Examples:
         /// Name of the service, such as gyro
         #[arg(value_parser = parse_service)]
         service: Service,
-    },
-}
-
-#[derive(Subcommand)]
-enum ConfigCommand {
-    /// Check a launch file and print each problem with its line
-    #[command(after_help = "\
-Examples:
-  plumb config check launch.toml
-  plumb config check deploy/split/board.toml")]
-    Check {
-        /// Launch file to check
-        file: PathBuf,
     },
 }
 
@@ -249,16 +237,7 @@ pub fn main() -> ExitCode {
         Command::Station(station) => station::run(&station),
         Command::Bench { command } => bench::run(&command),
         Command::Keys { command } => keys::run(command),
-        Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
-            Ok(launch) => match absent::find_absent_service(&launch) {
-                Some(error) => fail(&error, 3),
-                None => {
-                    supervisor::announce(format_args!("{} is valid", foreign::path(&file)));
-                    ExitCode::SUCCESS
-                }
-            },
-            Err(error) => fail(&error, 3),
-        },
+        Command::Config { command } => config::run(&command),
         Command::Completions { shell } => manual::print_completions(command_line(), shell),
         Command::Man { folder } => manual::write_pages(command_line(), &folder),
         Command::Service { service } => {

@@ -17,6 +17,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("sudo apt ", "installs packages"),
     ("sudo install ", "changes the machine; tested by deploy/trial"),
     ("sudo systemd-sysusers", "changes the machine; tested by deploy/trial"),
+    ("sudo udevadm ", "changes the machine; deploy/check tests the rules"),
     ("sudo systemctl ", "changes the machine; tested by deploy/trial"),
     ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
     ("systemctl ", "needs systemd; tested by deploy/trial"),

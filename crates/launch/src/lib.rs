@@ -30,6 +30,7 @@
 //! | `schema` | reading a launch file, and checks that concern several sections |
 //! | `toml_reader` | reading and describing a TOML table key by key |
 //! | `description` | description of all keys, for documentation |
+//! | `service_unit` | drop-in for the systemd unit |
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
@@ -51,6 +52,7 @@ mod problem;
 mod promotion_rule;
 mod schema;
 mod sensors;
+mod service_unit;
 mod slot_stage;
 mod source_uri;
 mod split;
@@ -73,6 +75,7 @@ pub use problem::{LaunchError, Problems, nearest, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, describe};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
+pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;
