@@ -30,12 +30,14 @@
 //! | `schema` | reading a launch file, and checks that concern several sections |
 //! | `toml_reader` | reading and describing a TOML table key by key |
 //! | `description` | description of all keys, for documentation |
+//! | `edit` | replacing sections of a file |
 //! | `service_unit` | drop-in for the systemd unit |
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
 mod cockpit;
 mod description;
+mod edit;
 mod endpoint;
 mod external_stage;
 mod fault;
@@ -62,12 +64,13 @@ pub use graph::{Service, Slot, StageConfig};
 
 pub use cockpit::{Cockpit, CockpitTls};
 pub use description::{KeyDescription, SectionDescription};
+pub use edit::{EditError, write_sections};
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
-pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
+pub use live_sources::{Clock, DEFAULT_BAUD, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
