@@ -7,6 +7,7 @@ mod bridge;
 mod calibrate;
 mod config;
 mod demo;
+mod detect;
 mod doctor;
 mod duration;
 mod failure;
@@ -94,6 +95,8 @@ enum Command {
     Paper(paper::PaperCommand),
     /// Convert a log from another system
     Import(import::Import),
+    /// Recognise sensors and receivers on serial ports
+    Detect(detect::Detect),
     /// Calibrate a sensor unit from its own readings
     Calibrate(Box<calibrate::Calibrate>),
     /// Record a running system to an MCAP file
@@ -222,6 +225,7 @@ pub fn main() -> ExitCode {
         Command::Score(score) => score::run(*score),
         Command::Paper(command) => paper::run(&command),
         Command::Import(import) => import::run(import),
+        Command::Detect(command) => detect::run(command),
         Command::Calibrate(calibrate) => calibrate::run(*calibrate),
         Command::Record(record) => record::run(&record),
         Command::Bridge { command } => bridge::run(&command),

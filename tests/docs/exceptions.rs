@@ -33,6 +33,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb view", "serves a page until it is interrupted; tested by `cockpit`"),
     ("curl ", "needs a running cockpit; tested by `cockpit`"),
     // Devices.
+    ("plumb detect", "needs a device; tested by `detect`"),
+    ("plumb up --source '/dev/ttyUSB0", "needs a device; tested by `detect`"),
     ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),
     ("plumb up --source 'mavlink:", "needs an autopilot; tested by `sources`"),
     ("plumb up --source 'iio:", "needs devices; tested by `sources`"),
