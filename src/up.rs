@@ -32,7 +32,8 @@ Examples:
   plumb up --replay flight.ulg --speed max --out - | head
 
 SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
-and the keys of the kind's section in the launch file (docs/how-to/sensors.md).
+and the keys of the kind's section in the launch file (docs/how-to/sensors.md). A path such as
+/dev/ttyUSB0 is a serial port. `plumb detect` prints the source of a connected sensor.
 RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
 A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag. A flight of --record is
 replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]

@@ -18,6 +18,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("sudo apt ", "installs packages"),
     ("sudo install ", "changes the machine; tested by deploy/trial"),
     ("sudo systemd-sysusers", "changes the machine; tested by deploy/trial"),
+    ("sudo udevadm ", "changes the machine; deploy/check tests the rules"),
     ("sudo systemctl ", "changes the machine; tested by deploy/trial"),
     ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
     ("systemctl ", "needs systemd; tested by deploy/trial"),
@@ -40,6 +41,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb view", "serves a page until it is interrupted; tested by `cockpit`"),
     ("curl ", "needs a running cockpit; tested by `cockpit`"),
     // Devices.
+    ("plumb detect", "needs a device; tested by `detect`"),
+    ("plumb up --source '/dev/ttyUSB0", "needs a device; tested by `detect`"),
     ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),
     ("plumb up --source 'mavlink:", "needs an autopilot; tested by `sources`"),
     ("plumb up --source 'iio:", "needs devices; tested by `sources`"),

@@ -4,6 +4,7 @@ mod accuracy;
 mod bad_input;
 mod bus_source;
 mod conventions;
+mod detect;
 mod determinism;
 mod drivers;
 mod fault_injection;
