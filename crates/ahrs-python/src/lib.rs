@@ -1,0 +1,28 @@
+//! Native part of the Python package `plumbline_ahrs`.
+//!
+//! `python/plumbline_ahrs/_native.pyi` describes the classes for users; the docstrings are those of
+//! this crate.
+//!
+//! Input: numbers, sequences and numpy arrays of the caller.
+//!
+//! Failure: a Python exception with the message of the Rust error. The objects are then unchanged.
+
+use pyo3::{exceptions::PyValueError, prelude::*};
+
+mod arguments;
+mod attitude_output;
+mod batch;
+mod filter;
+mod values;
+
+/// Native classes of the package `plumbline_ahrs`.
+#[pymodule(name = "_native")]
+mod native {
+    #[pymodule_export]
+    use crate::{attitude_output::Attitude, batch::Batch, filter::Ahrs};
+}
+
+/// Returns an error of the Rust crate as an exception.
+fn value_error(error: impl core::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
