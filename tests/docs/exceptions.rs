@@ -7,6 +7,8 @@
 pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
+    (".ci/processors", "builds this tree for other processors; run by .ci/run"),
+    ("examples/cortex-m/table", "builds a program for each stage, which takes minutes"),
     ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("python3 -m venv", "downloads packages"),

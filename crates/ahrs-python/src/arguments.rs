@@ -6,7 +6,7 @@ use plumbline_ahrs::{
 };
 use pyo3::prelude::*;
 
-use crate::value_error;
+use crate::error::value_error;
 
 /// Rows of a matrix.
 pub(crate) type Rows = [[f64; 3]; 3];

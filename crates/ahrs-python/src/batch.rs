@@ -15,7 +15,7 @@ use numpy::{
 use plumbline_ahrs::{Frame, attitude::fuser::Fuser};
 use pyo3::{exceptions::PyTypeError, prelude::*};
 
-use crate::value_error;
+use crate::error::value_error;
 
 /// Numbers of the caller: an array, or a sequence of which numpy makes one.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;

@@ -15,7 +15,8 @@ use crate::{
     arguments::{self, MountingArgument, Rows},
     attitude_output::Attitude,
     batch::{self, Batch, Numbers, Samples, Stamps},
-    value_error, values,
+    error::value_error,
+    values,
 };
 
 /// Attitude and heading reference system.

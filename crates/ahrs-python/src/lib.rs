@@ -7,11 +7,12 @@
 //!
 //! Failure: a Python exception with the message of the Rust error. The objects are then unchanged.
 
-use pyo3::{exceptions::PyValueError, prelude::*};
+use pyo3::prelude::*;
 
 mod arguments;
 mod attitude_output;
 mod batch;
+mod error;
 mod filter;
 mod values;
 
@@ -20,9 +21,4 @@ mod values;
 mod native {
     #[pymodule_export]
     use crate::{attitude_output::Attitude, batch::Batch, filter::Ahrs};
-}
-
-/// Returns an error of the Rust crate as an exception.
-fn value_error(error: impl core::fmt::Display) -> PyErr {
-    PyValueError::new_err(error.to_string())
 }
