@@ -8,6 +8,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
     (".ci/api", "changes the tree; tested by `.ci/run docs`"),
+    (".ci/processors", "builds this tree for other processors; run by .ci/run"),
+    ("examples/cortex-m/table", "builds a program for each stage, which takes minutes"),
     ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("python3 -m venv", "downloads packages"),
@@ -75,6 +77,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
 /// Fence a new drawing or output as `text` instead of adding it to this list.
 pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("[dependencies]", "manifest of another project"),
+    ("from plumbline_ahrs import", "needs the package; tested by crates/ahrs-python/tests"),
     ("use plumbline_ahrs::", "Rust; a shorter form of the example of the crate's documentation"),
     ("launch.toml        everything that runs", "file tree"),
     ("sensor, receiver ─►", "drawing"),
