@@ -112,7 +112,7 @@ pub(crate) fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
 /// Source of the attitudes of a run.
 enum AttitudeSource {
     Stages(Box<pipeline::Path>),
-    File(EstimateReader),
+    File(Box<EstimateReader>),
 }
 
 /// Run of one chain, or of an estimate from a file, over one trial, with its statistics and
@@ -142,7 +142,7 @@ impl ChainRun {
 
     /// Creates the run of an estimate from a file.
     pub(crate) fn from_estimate(estimate: &Estimate, files: TrialOutputs) -> Result<Self, ScoreError> {
-        Self::with_source(AttitudeSource::File(EstimateReader::open(estimate)?), files)
+        Self::with_source(AttitudeSource::File(Box::new(EstimateReader::open(estimate)?)), files)
     }
 
     fn with_source(source: AttitudeSource, files: TrialOutputs) -> Result<Self, ScoreError> {
