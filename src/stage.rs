@@ -176,7 +176,7 @@ fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool)
     let external = launch.stages.iter().filter(|_| !names.is_empty());
     selected_stages.extend(external.map(|(name, program)| (program.slot, name.as_str())));
     selected_stages.retain(selected);
-    for name in names.iter().filter(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted)) {
+    if let Some(name) = names.iter().find(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted)) {
         let all = Slot::ALL.into_iter().flat_map(|slot| launch.stage_names(slot));
         let unknown = match slot.map(|slot| launch.validate_stage(slot, name)) {
             Some(Err(error)) => error.to_string(),
