@@ -13,8 +13,9 @@ use supervisor::{Report, Request};
 
 use crate::{
     absent::absent_services,
+    detached,
     duration::duration_s,
-    failure::fail_after_result,
+    failure::{fail, fail_after_result},
     import::{ReadOptions, ReadableFile, SensorNumbers},
     replay,
     stage::read_launch,
@@ -25,7 +26,7 @@ use crate::{
 #[derive(Args, Default)]
 #[command(after_help = "\
 Examples:
-  plumb up
+  plumb up --detach                           # until `plumb down`
   plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&baud=115200&rate_hz=200' --record flights
   plumb up --replay flight.ulg --speed max --out attitude.csv
 
@@ -74,6 +75,9 @@ pub(crate) struct Up {
     /// Run the programs that a replayed flight's launch file names as stages
     #[arg(long, requires = "replay")]
     trust_programs: bool,
+    /// Run in the background, see `plumb logs` and `plumb down`
+    #[arg(long, conflicts_with_all = ["in_process", "replay", "json"])]
+    detach: bool,
     /// Print one JSON object, or an error object, as the last line
     #[arg(long)]
     json: bool,
@@ -98,10 +102,17 @@ pub(crate) fn run(up: Up) -> ExitCode {
         cold,
         readings,
         trust_programs,
+        detach,
         json,
         reading,
         sensors,
     } = up;
+    if detach {
+        return match read_launch(launch.as_deref()) {
+            Ok(launch) => detached::start(&launch.name),
+            Err(error) => fail(&error, 3),
+        };
+    }
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
     // A recorded flight can be replayed only from its readings, so recording always includes them.
