@@ -7,6 +7,7 @@ mod bridge;
 mod calibrate;
 mod config;
 mod demo;
+mod detached;
 mod detect;
 mod doctor;
 mod duration;
@@ -88,6 +89,10 @@ struct Cli {
 enum Command {
     /// Run a system until its source ends or Ctrl-C (default command)
     Up(up::Up),
+    /// End a running system
+    Down(detached::Down),
+    /// Print the messages of a system in the background
+    Logs(detached::Logs),
     /// Show a tumble, kills and swaps, explained in a minute
     Demo(demo::DemoCommand),
     /// Score stages on recordings: errors and cost per update
@@ -222,6 +227,8 @@ pub fn main() -> ExitCode {
     };
     match cli.command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
+        Command::Down(down) => detached::down(down),
+        Command::Logs(logs) => detached::logs(logs),
         Command::Demo(demo) => demo::run(&demo),
         Command::Score(score) => score::run(*score),
         Command::Paper(command) => paper::run(&command),

@@ -14,6 +14,7 @@ use supervisor::{Report, Request};
 
 use crate::{
     absent::absent_services,
+    detached,
     duration::duration_s,
     failure::{fail, fail_after_result},
     import::{ReadOptions, ReadableFile, SensorNumbers},
@@ -26,10 +27,9 @@ use crate::{
 #[derive(Args, Default)]
 #[command(after_help = "\
 Examples:
-  plumb up
+  plumb up --detach                           # until `plumb down`
   plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&baud=115200&rate_hz=200' --record flights
   plumb up --replay flight.ulg --speed max --out attitude.csv
-  plumb up --replay flight.ulg --speed max --out - | head
 
 SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
 and the keys of the kind's section in the launch file (docs/how-to/sensors.md). A path such as
@@ -76,6 +76,9 @@ pub(crate) struct Up {
     /// Run the programs that a replayed flight's launch file names as stages
     #[arg(long, requires = "replay")]
     trust_programs: bool,
+    /// Run in the background, see `plumb logs` and `plumb down`
+    #[arg(long, conflicts_with_all = ["in_process", "replay", "json"])]
+    detach: bool,
     /// Print one JSON object, or an error object, as the last line
     #[arg(long)]
     json: bool,
@@ -100,12 +103,19 @@ pub(crate) fn run(up: Up) -> ExitCode {
         cold,
         readings,
         trust_programs,
+        detach,
         json,
         reading,
         sensors,
     } = up;
     if json && out.as_deref() == Some(Path::new(STANDARD_OUTPUT)) {
         return fail(&"--json and `--out -` both write to standard output; write the attitudes to a file", 2);
+    }
+    if detach {
+        return match read_launch(launch.as_deref()) {
+            Ok(launch) => detached::start(&launch.name),
+            Err(error) => fail(&error, 3),
+        };
     }
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });

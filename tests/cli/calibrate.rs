@@ -206,7 +206,7 @@ fn low_coverage_is_rejected_with_missing_poses() {
     assert_fails(&["accel", &five], 1, &["83 %", "missing: 2 s of rest in each position: x down;"]);
     assert_fails(&["mag", &five], 1, &["0 %", "a magnetometer sample"]);
     assert_fails(&["clock", &five], 1, &["a magnetometer sample"]);
-    let one = write_file(&system, "one.csv", &resting(&SIX[..1]));
+    let one = write_file(&system, "one.csv", &resting(&[SIX[0]; 4]));
     assert_fails(&["mounting", &one], 1, &["50 %", "a second pose"]);
     assert_fails(&["gyro", &one], 1, &["missing: ", "do not touch it"]);
     assert_fails(&["gyro", "sim:s1?duration_s=20"], 1, &["0 %", "do not touch it"]);

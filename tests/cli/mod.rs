@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod demo;
+mod detached;
 mod help;
 mod keys;
 mod manual;

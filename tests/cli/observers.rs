@@ -212,7 +212,7 @@ fn every_command_shows_the_running_system() {
     let found = |check: &str, words: &str| {
         checks.iter().any(|one| one["check"] == check && one["found"].as_str().unwrap().contains(words))
     };
-    assert!(found("rates", "declared 1000.0 Hz") && found("services", "fuser running"), "{doctor}");
+    assert!(found("rates", "expected 1000.0 Hz") && found("services", "fuser running"), "{doctor}");
     assert!(found("flags", "rate-instant on ") && found("gravity", "the body moves"), "{doctor}");
 
     running.interrupt();
@@ -464,7 +464,7 @@ fn doctor_checks_sensors_at_rest() {
         assert_eq!((named("gravity")["result"].as_str(), output.status.code()), (Some(result), Some(code)), "{doctor}");
         assert!(named("gravity")["found"].as_str().unwrap().ends_with("at rest"), "{doctor}");
         assert_eq!(named("gyro-at-rest")["result"], "ok", "{doctor}");
-        assert!(named("rates")["found"].as_str().unwrap().contains("declared 100.0 Hz"), "{doctor}");
+        assert!(named("rates")["found"].as_str().unwrap().contains("expected 100.0 Hz"), "{doctor}");
         running.interrupt();
         running.wait();
     }

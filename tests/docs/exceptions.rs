@@ -43,6 +43,9 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb view", "serves a page until it is interrupted; tested by `cockpit`"),
     ("curl ", "needs a running cockpit; tested by `cockpit`"),
     // Devices.
+    ("plumb up --detach", "leaves a system running; tested by `detached`"),
+    ("plumb logs", "needs a system in the background; tested by `detached`"),
+    ("plumb down", "ends a running system; tested by `detached`"),
     ("plumb detect", "needs a device; tested by `detect`"),
     ("plumb up --source '/dev/ttyUSB0", "needs a device; tested by `detect`"),
     ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),

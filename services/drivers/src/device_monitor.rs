@@ -1,5 +1,5 @@
 //! Detects device problems: unavailable or silent device, wrong format, no measurements, corrupted
-//! data, second sender, foreign systems, dropped datagrams, rate above the declared one, unsteady
+//! data, second sender, foreign systems, dropped datagrams, rate other than declared, unsteady
 //! clock.
 //!
 //! Input: one report per second.
@@ -30,7 +30,7 @@ const SECOND_SENDER: &str = "second-sender";
 const FOREIGN_SYSTEM: &str = "foreign-system";
 /// Problem kind: the kernel dropped datagrams before they were read.
 const DROPPED: &str = "dropped";
-/// Problem kind: measurements arrive faster than declared.
+/// Problem kind: measurements arrive faster or slower than declared.
 const RATE: &str = "rate";
 /// Problem kind: the device's clock often jumps, steps back or stands still.
 const CLOCK: &str = "clock";
@@ -49,7 +49,7 @@ const MIN_MESSAGES: u64 = 100;
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Multiple of the declared rate above which the rate of the measurements is reported as a problem.
+/// Ratio of measured and declared rate, or its inverse, above which the declared rate is wrong.
 /// The clock fit allows the same deviation.
 const MAX_RATE_RATIO: f64 = 1.5;
 /// Number of clock steps within the window at which a problem is reported. A device that merely
@@ -172,13 +172,15 @@ impl DeviceMonitor {
         let rate_hz = (last.measurements - first.measurements) as f64 / seconds;
         if let Some(declared_hz) = self.declared_hz
             && seconds >= SILENCE_S as f64
-            && rate_hz > MAX_RATE_RATIO * declared_hz
+            && (rate_hz > MAX_RATE_RATIO * declared_hz || self.is_slower_than(declared_hz / MAX_RATE_RATIO))
         {
+            let measured_hz = self.recent_rates_hz().sum::<f64>() / SILENCE_S as f64;
             add(
                 RATE,
-                format!("{port}: {rate_hz:.0} measurements/s arrive, rate_hz declares {declared_hz:.0}"),
-                "set rate_hz to the rate of the sensor: buffers follow from it, and measurements without room are lost"
-                    .into(),
+                format!("{port}: {measured_hz:.0} measurements/s arrive, rate_hz declares {declared_hz:.0}"),
+                format!(
+                    "set rate_hz = {measured_hz:.0}: buffers follow from it, and measurements without room are lost"
+                ),
             );
         }
         if clock_steps.saturating_sub(*first_steps) >= MIN_CLOCK_STEPS {
@@ -192,6 +194,24 @@ impl DeviceMonitor {
             );
         }
         diagnostics
+    }
+}
+
+impl DeviceMonitor {
+    /// Returns the number of measurements in each of the last [`SILENCE_S`] seconds.
+    fn recent_rates_hz(&self) -> impl Iterator<Item = f64> {
+        let first = self.reports.len().saturating_sub(SILENCE_S + 1);
+        let totals = self.reports.iter().skip(first).map(|(report, _)| report.measurements);
+        let after = self.reports.iter().skip(first + 1).map(|(report, _)| report.measurements);
+        totals.zip(after).map(|(before, after)| (after - before) as f64)
+    }
+
+    /// Returns `true` if measurements arrived in each of the last seconds, but fewer than `min_hz`.
+    ///
+    /// A device that starts, ends or pauses has a second without measurements, or one at its full
+    /// rate.
+    fn is_slower_than(&self, min_hz: f64) -> bool {
+        self.reports.len() > SILENCE_S && self.recent_rates_hz().all(|rate_hz| rate_hz > 0.0 && rate_hz < min_hz)
     }
 }
 
@@ -273,6 +293,17 @@ mod tests {
         for (kind, each) in cases {
             assert_eq!(kinds_after(8, each), [kind]);
         }
+    }
+
+    #[test]
+    fn wrong_declared_rate_is_reported_with_the_measured_one() {
+        let at = |rate_hz: u64| move |second: u64| (DeviceReport { measurements: rate_hz * second, ..good(second) }, 0);
+        for (rate_hz, expected) in [(160, vec![RATE]), (140, vec![]), (70, vec![]), (60, vec![RATE]), (1, vec![RATE])] {
+            assert_eq!(kinds_after(8, at(rate_hz)), expected, "{rate_hz} Hz, declared 100");
+        }
+        let paused =
+            |second: u64| (DeviceReport { measurements: 100 * (second - u64::from(second > 5)), ..good(second) }, 0);
+        assert_eq!(kinds_after(7, paused), [""; 0], "a pause of 1 s");
     }
 
     #[test]

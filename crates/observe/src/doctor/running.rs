@@ -101,11 +101,19 @@ impl Observation {
     }
 
     fn rate_checks(&self, config: &ServiceConfig) -> Vec<Check> {
-        let expected_hz = match config.pace {
+        let declared_hz = match config.pace {
             Pace::Speed(speed) => Some(config.rate_hz * speed),
             Pace::Max => None,
         };
-        self.flows.iter().map(|(service, flow)| rate_check(*service, flow, expected_hz, config)).collect()
+        let rate_of = |(_, flow): &(Service, FlowMonitor)| flow.report().rate_hz;
+        let samples_hz = self.flows.iter().find(|(service, _)| *service == Service::Ingest).and_then(rate_of);
+        let source = config.launch.ingest.source;
+        // A live sensor determines the rate. Each topic is compared with the samples that arrive.
+        let expected_hz = if source.is_repeatable() { declared_hz } else { samples_hz.or(declared_hz) };
+        let checks = self.flows.iter().map(|(service, flow)| rate_check(*service, flow, expected_hz, config));
+        // The drivers report the rate of a device by themselves.
+        let declared = declared_hz.zip(samples_hz).filter(|_| source == Source::Bus);
+        checks.chain(declared.and_then(|(declared, measured)| declared_rate_check(declared, measured))).collect()
     }
 
     fn input_checks(&self) -> Vec<Check> {
@@ -189,11 +197,29 @@ fn service_check(status: &ServiceStatus) -> Check {
     }
 }
 
-/// Returns the diagnostics reported by the service, such as a device fault.
+/// Returns the diagnostics reported by the service, such as a device fault. A wrong declared rate
+/// is only a warning.
 fn diagnostic_checks(status: &ServiceStatus) -> impl Iterator<Item = Check> {
-    let check =
-        |diagnostic: &Diagnostic| Check::problem("source", diagnostic.found.to_string(), diagnostic.remedy.to_string());
+    let check = |diagnostic: &Diagnostic| {
+        let (found, remedy) = (diagnostic.found.to_string(), diagnostic.remedy.to_string());
+        match diagnostic.kind.raw() {
+            "rate" => Check::warning("source", found, remedy),
+            _ => Check::problem("source", found, remedy),
+        }
+    };
     status.diagnostics.iter().map(check)
+}
+
+/// Returns a warning if another program publishes readings at a rate other than declared.
+fn declared_rate_check(declared_hz: f64, measured_hz: f64) -> Option<Check> {
+    let is_wrong = (measured_hz / declared_hz - 1.0).abs() > PROBLEM_RATE_ERROR;
+    is_wrong.then(|| {
+        Check::warning(
+            "source",
+            format!("{measured_hz:.1} samples/s arrive, rate_hz declares {declared_hz:.1}"),
+            format!("set rate_hz = {measured_hz:.0}: buffers follow from it"),
+        )
+    })
 }
 
 fn rate_check(service: Service, flow: &FlowMonitor, expected_hz: Option<f64>, config: &ServiceConfig) -> Check {
@@ -217,9 +243,9 @@ fn rate_check(service: Service, flow: &FlowMonitor, expected_hz: Option<f64>, co
     let lost = report.lost.unwrap_or(0);
     let found = format!("{topic}: {rate_hz:.1} Hz, lost on the bus {lost}");
     let Some(expected_hz) = expected_hz else { return Check::ok(check, format!("{found}; as fast as possible")) };
-    let found = format!("{found}; declared {expected_hz:.1} Hz");
+    let found = format!("{found}; expected {expected_hz:.1} Hz");
     let error = (rate_hz / expected_hz - 1.0).abs();
-    let remedy = "the machine may be overloaded, or rate_hz in launch.toml may differ from the sensor's rate";
+    let remedy = "the machine may be overloaded";
     let result = match error {
         _ if error > PROBLEM_RATE_ERROR => Severity::Problem,
         _ if error > WARNING_RATE_ERROR || lost > 0 => Severity::Warning,
@@ -246,6 +272,18 @@ mod tests {
             address: None,
             diagnostics: Vec::new(),
         }
+    }
+
+    #[test]
+    fn wrong_declared_rate_is_one_warning() {
+        let of_drivers = |kind: &str| ServiceStatus {
+            diagnostics: vec![Diagnostic { kind: kind.into(), found: "100".into(), remedy: "set rate_hz".into() }],
+            ..status("running", 0)
+        };
+        let results = |kind| diagnostic_checks(&of_drivers(kind)).map(|check| check.result).collect::<Vec<_>>();
+        assert_eq!((results("rate"), results("silent")), (vec![Severity::Warning], vec![Severity::Problem]));
+        let warned = [100.0, 1000.0, 1190.0, 1210.0].map(|measured| declared_rate_check(1000.0, measured).is_some());
+        assert_eq!(warned, [true, false, false, true]);
     }
 
     #[test]

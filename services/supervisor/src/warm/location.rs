@@ -29,7 +29,7 @@ fn file_name(launch: &Launch) -> String {
 }
 
 /// Returns the folder for files that outlast a run, or `None` if the environment names none.
-pub(crate) fn state_folder() -> Option<PathBuf> {
+pub fn state_folder() -> Option<PathBuf> {
     state_directory(|name| env::var_os(name))
 }
 
