@@ -10,6 +10,7 @@ use observe::{
     process::is_stopped,
 };
 use runtime::ServiceConfig;
+use supervisor::LastRun;
 
 use crate::{
     failure::fail,
@@ -54,7 +55,14 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
                 error.to_string(),
                 "swap a stage or wait until a service ends, then run plumb doctor again",
             ),
-            _ => Check::ok("system", format!("{name:?} is not running")),
+            _ => match LastRun::read(&name) {
+                Some(run) => Check::warning(
+                    "system",
+                    format!("{name:?} is not running; {run}"),
+                    "start it again; the messages of plumbline.service are in `journalctl -u plumbline`",
+                ),
+                None => Check::ok("system", format!("{name:?} is not running")),
+            },
         }],
         Err(error) => {
             vec![Check::problem("system", error.to_string(), "free the name as described, or run as its owner")]

@@ -5,7 +5,9 @@ mod absent;
 mod bench;
 mod bridge;
 mod calibrate;
+mod config;
 mod demo;
+mod detect;
 mod doctor;
 mod duration;
 mod failure;
@@ -43,7 +45,8 @@ use absent::{cockpit, view};
 #[cfg(not(feature = "network"))]
 use absent::{gateway, keys, remote};
 use clap::{CommandFactory, Parser, Subcommand};
-use launch::{Launch, Service};
+use launch::Service;
+use mapping::names::UnknownName;
 
 #[cfg(feature = "network")]
 use ::remote;
@@ -93,6 +96,8 @@ enum Command {
     Paper(paper::PaperCommand),
     /// Convert a log from another system
     Import(import::Import),
+    /// Recognise sensors and receivers on serial ports
+    Detect(detect::Detect),
     /// Calibrate a sensor unit from its own readings
     Calibrate(Box<calibrate::Calibrate>),
     /// Record a running system to an MCAP file
@@ -167,14 +172,14 @@ Examples:
         #[command(subcommand)]
         command: keys::Command,
     },
-    /// Check launch files
+    /// Check launch files and derive settings of systemd from them
     #[command(after_help = "\
 Examples:
   plumb config check launch.toml
-  plumb config check /etc/plumbline/launch.toml")]
+  plumb config unit launch.toml")]
     Config {
         #[command(subcommand)]
-        command: ConfigCommand,
+        command: config::Config,
     },
     /// Print the completions of a shell
     #[command(after_help = "\
@@ -203,19 +208,6 @@ Examples:
     },
 }
 
-#[derive(Subcommand)]
-enum ConfigCommand {
-    /// Check a launch file and print each problem with its line
-    #[command(after_help = "\
-Examples:
-  plumb config check launch.toml
-  plumb config check deploy/split/board.toml")]
-    Check {
-        /// Launch file to check
-        file: PathBuf,
-    },
-}
-
 /// Returns the definition of the command line.
 pub fn command_line() -> clap::Command {
     Cli::command()
@@ -234,6 +226,7 @@ pub fn main() -> ExitCode {
         Command::Score(score) => score::run(*score),
         Command::Paper(command) => paper::run(&command),
         Command::Import(import) => import::run(import),
+        Command::Detect(command) => detect::run(command),
         Command::Calibrate(calibrate) => calibrate::run(*calibrate),
         Command::Record(record) => record::run(&record),
         Command::Bridge { command } => bridge::run(&command),
@@ -249,16 +242,7 @@ pub fn main() -> ExitCode {
         Command::Station(station) => station::run(&station),
         Command::Bench { command } => bench::run(&command),
         Command::Keys { command } => keys::run(command),
-        Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
-            Ok(launch) => match absent::find_absent_service(&launch) {
-                Some(error) => fail(&error, 3),
-                None => {
-                    supervisor::announce(format_args!("{} is valid", foreign::path(&file)));
-                    ExitCode::SUCCESS
-                }
-            },
-            Err(error) => fail(&error, 3),
-        },
+        Command::Config { command } => config::run(&command),
         Command::Completions { shell } => manual::print_completions(command_line(), shell),
         Command::Man { folder } => manual::write_pages(command_line(), &folder),
         Command::Service { service } => {
@@ -288,6 +272,6 @@ fn report_usage_error(error: &clap::Error) -> ExitCode {
 }
 
 fn parse_service(name: &str) -> Result<Service, String> {
-    let names = || Service::ALL.map(Service::name).join(", ");
-    Service::from_name(name).ok_or_else(|| format!("unknown service; expected one of {}", names()))
+    let unknown = || UnknownName::new("service", name, Service::ALL.map(Service::name));
+    Service::from_name(name).ok_or_else(|| unknown().to_string())
 }

@@ -12,6 +12,7 @@ use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
 use graph::Topic;
+use mapping::names::UnknownName;
 use runtime::ServiceConfig;
 
 use crate::{
@@ -184,6 +185,6 @@ fn is_alive(pid: u32) -> bool {
 }
 
 fn parse_topic(name: &str) -> Result<Topic, String> {
-    let names = || Topic::ALL.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
-    Topic::from_name(name).ok_or_else(|| format!("unknown topic; expected one of {}", names()))
+    let unknown = || UnknownName::new("topic", name, Topic::ALL.iter().map(|topic| topic.name()));
+    Topic::from_name(name).ok_or_else(|| unknown().to_string())
 }

@@ -9,8 +9,10 @@ use ::import::{ImportError, Table};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
+use mapping::names::UnknownName;
 use score::{
     Request,
+    estimate::Estimate,
     plot::PlotOptions,
     stages::{Setting, StageSelection},
     trial::{Gnss, RecordedGyroSamples, TrialOptions},
@@ -30,10 +32,12 @@ Examples:
   plumb score flight.ulg --fuser multiple-model --fuser vqf --plot figures
   plumb score 'sim:s1?seed=1..20&duration_s=20' --fuser wz-closed --fuser wz
   plumb score sim:s1 --fuser wz-closed --tune fuser.time_constant_s=0.1..10 --report tuned.html
+  plumb score flight.ulg --fuser vqf --estimate mine=attitudes.csv --report compared.html
 
 Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or sim:SCENARIO.
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and optional mx,my,mz,qw,qx,qy,qz,mov;
-a file of fixes has t_s,ve,vn,vu and optional lat_deg,lon_deg,alt_m.
+a file of fixes has t_s,ve,vn,vu and optional lat_deg,lon_deg,alt_m; a file of --estimate or
+--reference has t_s,qw,qx,qy,qz on the clock of the recording, body to east-north-up.
 
 KEY is key, slot.key or stage.key. --set KEY=A..B scores 25 values and prints the best one,
 but the scores keep the current value. --tune KEY=A..B searches 27 values and uses the best one.
@@ -79,6 +83,12 @@ pub(crate) struct Score {
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
+    /// Attitudes of another program to score, too; repeatable
+    #[arg(long = "estimate", value_name = "NAME=FILE", value_parser = parse_estimate)]
+    estimates: Vec<(String, PathBuf)>,
+    /// Estimate with an arbitrary heading, repeatable
+    #[arg(long = "arbitrary-heading", value_name = "NAME", requires = "estimates")]
+    arbitrary_headings: Vec<String>,
     /// Meaning of a rate sample: mean or end value [default: means]
     #[arg(long, value_name = "means|instants")]
     gyro_samples: Option<Samples>,
@@ -149,11 +159,17 @@ enum Samples {
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
     let Score { out, csv, plot, from, to, size, report, tune, all_errors, json, reading, reference, .. } = score;
+    let Score { estimates, arbitrary_headings, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference belongs to a single recording; score other files separately", 2);
     }
     if to.is_some_and(|to| to <= from) {
         return fail(&"--to must be later than --from", 2);
+    }
+    let estimate_names: Vec<&str> = estimates.iter().map(|(name, _)| name.as_str()).collect();
+    if let Some(unknown) = arbitrary_headings.iter().find(|name| !estimate_names.contains(&name.as_str())) {
+        let unknown = UnknownName::new("estimate", unknown, estimate_names);
+        return fail(&format_args!("--arbitrary-heading: {unknown}"), 2);
     }
     let (mut values, mut sweeps) = (Vec::new(), Vec::new());
     for setting in settings {
@@ -193,6 +209,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
         _ => None,
     };
     let reference = reference_table.as_ref().map(|table| table.path.clone());
+    let estimate_tables: Vec<_> =
+        estimates.iter().map(|(_, path)| ReadableTable::open(path, Table::Reference)).collect();
     let names = readable.iter().map(|trial| match trial {
         TrialFile::Recording(readable) => readable.path.to_string_lossy().into_owned(),
         TrialFile::Simulation(name) => name.clone(),
@@ -210,6 +228,13 @@ pub(crate) fn run(score: Score) -> ExitCode {
             recorded_gyro_samples: RecordedGyroSamples(base.ingest.replay.gyro_samples),
         },
         selection: StageSelection { gyro, accel, course, fusers, launch: base, settings: values },
+        estimates: (estimates.iter().zip(&estimate_tables))
+            .map(|((name, _), table)| Estimate {
+                name: name.clone(),
+                file: table.path.clone(),
+                heading_is_known: !arbitrary_headings.contains(name),
+            })
+            .collect(),
         out,
         csv,
         plot: plot.map(|folder| PlotOptions { folder, from_s: from, to_s: to, size }),
@@ -245,7 +270,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
                 TrialFile::Recording(readable) => readable.with_user_path(&text),
                 TrialFile::Simulation(_) => text,
             });
-            let tables = reference_table.iter().chain(&fixes_table);
+            let tables = reference_table.iter().chain(&fixes_table).chain(&estimate_tables);
             let text = tables.fold(text, |text, table| table.with_user_path(&text));
             fail(&text, error.exit_code())
         }
@@ -299,6 +324,12 @@ fn progress_style() -> ProgressStyle {
 fn parse_set(text: &str) -> Result<Set, String> {
     let is_range = text.split_once('=').is_some_and(|(_, value)| value.contains(".."));
     if is_range { text.parse().map(Set::Range) } else { text.parse().map(Set::Value) }
+}
+
+fn parse_estimate(text: &str) -> Result<(String, PathBuf), String> {
+    let pair = text.split_once('=').filter(|(_, file)| !file.is_empty());
+    let (name, file) = pair.ok_or("expected NAME=FILE, as in mine=attitudes.csv")?;
+    Ok((name.into(), file.into()))
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {

@@ -8,7 +8,10 @@ use std::{
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
+use indicatif::{ProgressBar, ProgressStyle};
 use launch::{Launch, LaunchError, Slot};
+use mapping::names::UnknownName;
+use rayon::prelude::*;
 use sdk::template::{Language, Template, TemplateError};
 
 use crate::{failure::fail, stdout::print};
@@ -40,8 +43,8 @@ Checks soundness under every fault, snapshots, hand-over and recovery.
 Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
     Test {
         /// Slot to test: gyro, accel, fuser or course [default: all]
-        #[arg(long)]
-        slot: Option<String>,
+        #[arg(long, value_parser = parse_slot)]
+        slot: Option<Slot>,
         /// Stages to test [default: all built-in ones]
         names: Vec<String>,
         /// Launch file with the [stages.NAME] to test [default: ./launch.toml]
@@ -87,7 +90,7 @@ pub(crate) fn run(command: Stage) -> ExitCode {
     match command {
         Stage::New { name, lang, slot, dir, source } => new(name, lang, slot, dir, source),
         Stage::List { launch, json } => list(launch.as_deref(), json),
-        Stage::Test { slot, names, launch, json } => test(slot.as_deref(), &names, launch.as_deref(), json),
+        Stage::Test { slot, names, launch, json } => test(slot, &names, launch.as_deref(), json),
     }
 }
 
@@ -113,7 +116,7 @@ pub(crate) fn read_launch(named: Option<&Path>) -> Result<Launch, LaunchError> {
 }
 
 fn parse_slot(name: &str) -> Result<Slot, String> {
-    Slot::from_name(name).ok_or_else(|| "expected gyro, accel, fuser or course".into())
+    Slot::from_name(name).ok_or_else(|| UnknownName::new("slot", name, Slot::ALL.map(Slot::name)).to_string())
 }
 
 fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
@@ -156,7 +159,7 @@ fn crates_source(source: &str) -> Result<String, String> {
     Ok(absolute.display().to_string())
 }
 
-fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
+fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
     let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
     // A launch file is needed only for stages that are not built in.
     let result =
@@ -166,42 +169,38 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
         Err(error) => return fail(&error, 3),
     };
     let selected = |(of, name): &(Slot, &str)| {
-        slot.is_none_or(|slot| slot == of.name()) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
+        slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
     };
     let mut selected_stages: Vec<(Slot, &str)> = conformance::stages().collect();
     // If no names are given, only the built-in stages are tested.
     let external = launch.stages.iter().filter(|_| !names.is_empty());
     selected_stages.extend(external.map(|(name, program)| (program.slot, name.as_str())));
     selected_stages.retain(selected);
-    let unknown = names.iter().find(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted));
-    if selected_stages.is_empty() || unknown.is_some() {
-        let missing = unknown.map_or_else(|| slot.unwrap_or_default(), String::as_str);
-        return fail(
-            &format!(
-                "no stage named `{name}`; list all with `plumb stage list`, or name the launch file with its [stages.NAME] by --launch",
-                name = missing
-            ),
-            2,
-        );
-    }
-    let mut reports: Vec<Report> = Vec::new();
-    for (slot, name) in selected_stages {
-        let report = match conformance::run(slot, name) {
-            Some(report) => report,
-            None => {
-                let Some(program) = launch.stages.get(name) else { continue };
-                // The suite takes minutes for a stage in a slow language, so progress is printed.
-                let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
-                match conformance::run_external(name, program, on_start) {
-                    Ok(report) => report,
-                    Err(error) => return fail(&error, 1),
-                }
-            }
+    if let Some(name) = names.iter().find(|wanted| !selected_stages.iter().any(|(_, name)| name == wanted)) {
+        let all = Slot::ALL.into_iter().flat_map(|slot| launch.stage_names(slot));
+        let unknown = match slot.map(|slot| launch.validate_stage(slot, name)) {
+            Some(Err(error)) => error.to_string(),
+            _ => UnknownName::new("stage", name, all).to_string(),
         };
-        if !json && print(&report) != ExitCode::SUCCESS {
+        return fail(&format_args!("{unknown}; --launch names the launch file of your own stages"), 2);
+    }
+    let (built_in, external): (Vec<_>, Vec<_>) =
+        selected_stages.into_iter().partition(|(_, name)| !launch.stages.contains_key(*name));
+    let mut reports = run_built_in(&built_in);
+    for (_, name) in external {
+        let Some(program) = launch.stages.get(name) else { continue };
+        // The suite takes minutes for a stage in a slow language, so progress is printed.
+        let slot = program.slot;
+        let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
+        match conformance::run_external(name, program, on_start) {
+            Ok(report) => reports.push(report),
+            Err(error) => return fail(&error, 1),
+        }
+    }
+    for report in reports.iter().filter(|_| !json) {
+        if print(report) != ExitCode::SUCCESS {
             return ExitCode::FAILURE;
         }
-        reports.push(report);
     }
     if json {
         match serde_json::to_string(&reports) {
@@ -210,4 +209,19 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
         }
     }
     if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Tests built-in stages on all cores, with a progress bar on a terminal.
+fn run_built_in(stages: &[(Slot, &str)]) -> Vec<Report> {
+    let style = ProgressStyle::with_template("{bar:40} {pos} of {len} stages, {elapsed}");
+    let bar = ProgressBar::new(stages.len() as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.tick();
+    let reports = stages.par_iter().filter_map(|(slot, name)| {
+        let report = conformance::run(*slot, name);
+        bar.inc(1);
+        report
+    });
+    let reports = reports.collect();
+    bar.finish_and_clear();
+    reports
 }

@@ -8,10 +8,11 @@ use std::{
 
 use bus::BusError;
 use clap::Args;
-use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
+use control::{ControlError, ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::Topic;
 use launch::{Service, StageConfig};
 use messages::Difference;
+use supervisor::LastRun;
 
 use crate::{
     failure::fail,
@@ -123,6 +124,16 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     }
 }
 
+/// Returns the text of an error. If the system is not running because its last run failed or was
+/// killed, the text reports that end.
+fn with_last_run(error: &ControlError) -> String {
+    let name = if let ControlError::NotRunning { name, .. } = error { Some(name) } else { None };
+    match name.and_then(|name| LastRun::read(name)) {
+        Some(run) => format!("{error}; {run}"),
+        None => error.to_string(),
+    }
+}
+
 /// Prints the status of each service.
 pub(crate) fn ps(system: SystemArgs) -> ExitCode {
     let result = match system.remote() {
@@ -131,7 +142,7 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
             .and_then(|link| remote::services(&link, vehicle))
             .map_err(|error| (error.to_string(), error.exit_code())),
         None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status)
-            .map_err(|error| (error.to_string(), 1)),
+            .map_err(|error| (with_last_run(&error), 1)),
     };
     match result {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),

@@ -7,14 +7,15 @@ use std::{
 
 use clap::Args;
 use launch::{Ingest, Source};
-use pipeline::Column;
+use mapping::names::UnknownName;
+use pipeline::{Column, STANDARD_OUTPUT};
 use runtime::Pace;
 use supervisor::{Report, Request};
 
 use crate::{
     absent::absent_services,
     duration::duration_s,
-    failure::fail_after_result,
+    failure::{fail, fail_after_result},
     import::{ReadOptions, ReadableFile, SensorNumbers},
     replay,
     stage::read_launch,
@@ -28,9 +29,11 @@ Examples:
   plumb up
   plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&baud=115200&rate_hz=200' --record flights
   plumb up --replay flight.ulg --speed max --out attitude.csv
+  plumb up --replay flight.ulg --speed max --out - | head
 
 SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
-and the keys of the kind's section in the launch file (docs/how-to/sensors.md).
+and the keys of the kind's section in the launch file (docs/how-to/sensors.md). A path such as
+/dev/ttyUSB0 is a serial port. `plumb detect` prints the source of a connected sensor.
 RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
 A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag. A flight of --record is
 replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]
@@ -55,7 +58,7 @@ pub(crate) struct Up {
     /// Run all slots in this process, without the bus
     #[arg(long)]
     in_process: bool,
-    /// CSV file for t_s,qw,qx,qy,qz of each tick, in the [output] frame
+    /// CSV of t_s,qw,qx,qy,qz per tick, in the [output] frame; - is stdout
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// More columns of --out: uvz, angles, course, bias, sd, flags or all
@@ -101,6 +104,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
         reading,
         sensors,
     } = up;
+    if json && out.as_deref() == Some(Path::new(STANDARD_OUTPUT)) {
+        return fail(&"--json and `--out -` both write to standard output; write the attitudes to a file", 2);
+    }
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
     // A recorded flight can be replayed only from its readings, so recording always includes them.
@@ -200,11 +206,8 @@ fn parse_columns(text: &str) -> Result<Columns, String> {
     let names: Vec<_> = Column::NAMES.iter().map(|(name, _)| *name).chain(["all"]).collect();
     let all = || Columns(Column::NAMES.iter().map(|(_, column)| *column).collect());
     let one = Column::NAMES.iter().find(|(name, _)| *name == text).map(|(_, column)| Columns(vec![*column]));
-    one.or_else(|| (text == "all").then(all)).ok_or_else(|| {
-        let suggestion =
-            launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
-        format!("{suggestion}expected one of {}", names.join(", "))
-    })
+    one.or_else(|| (text == "all").then(all))
+        .ok_or_else(|| UnknownName::new("column group", text, names.iter().copied()).to_string())
 }
 
 fn pace(text: &str) -> Result<Pace, String> {

@@ -14,7 +14,7 @@ use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
 use indicatif::ProgressBar;
-use launch::{GyroSamples, Launch, LaunchError};
+use launch::{EditError, GyroSamples, Launch, LaunchError, write_sections};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
 use readings::source::{Reading, SourceError};
@@ -38,7 +38,7 @@ use live::{LiveError, progress_style};
 Examples:
   plumb calibrate gyro flight.csv
   plumb calibrate mounting poses.csv --launch launch.toml
-  plumb calibrate accel --live --for 10m
+  plumb calibrate accel --live --for 10m --write launch.toml
 
 Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of --record, or a
 simulation sim:SCENARIO. Readings are used as measured, before [ingest.calibration] and
@@ -46,6 +46,7 @@ simulation sim:SCENARIO. Readings are used as measured, before [ingest.calibrati
 clock and an accelerometer in motion are based. --live ends when the coverage suffices.
 accel needs a rest with each of the six sides up, or twelve rests in any position to include
 misalignment, or slow rotation by hand.
+--write keeps the comments of the file. A running system uses the calibration after a restart.
 
 Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3 invalid input file.")]
 pub(crate) struct Calibrate {
@@ -65,6 +66,9 @@ pub(crate) struct Calibrate {
     /// Launch file with the existing [ingest.calibration] [default: none]
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     launch: Option<PathBuf>,
+    /// Launch file to change; also read as --launch if that is not given
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
     /// Local gravity, m/s², 9.7 to 9.9 [default: 9.80665]
     #[arg(long, value_name = "M_S2", value_parser = parse_gravity)]
     gravity: Option<f64>,
@@ -122,6 +126,8 @@ enum CalibrateError {
     Live(#[from] LiveError),
     #[error(transparent)]
     Rejected(#[from] Rejection),
+    #[error(transparent)]
+    Write(#[from] EditError),
 }
 
 impl From<ScoreError> for CalibrateError {
@@ -137,23 +143,35 @@ impl CalibrateError {
             Self::Trial(error) => error.exit_code(),
             Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) | Self::Calibration(_) => 3,
             Self::Live(error) => error.exit_code(),
-            Self::Source(_) | Self::Rejected(_) => 1,
+            Self::Source(_) | Self::Rejected(_) | Self::Write(_) => 1,
         }
     }
 }
 
 pub(crate) fn run(args: Calibrate) -> ExitCode {
-    let json = args.system.json;
-    match calibrate(args) {
+    let (json, write) = (args.system.json, args.write.clone());
+    let report = match calibrate(args) {
+        Ok(report) => report,
+        Err(error) => return fail(&error, error.exit_code()),
+    };
+    if let Some(file) = &write {
+        if let Err(error) = write_sections(file, &report.block).map_err(CalibrateError::from) {
+            supervisor::announce(&report);
+            return fail(&error, error.exit_code());
+        }
+        supervisor::announce(format_args!("wrote the calibration to {}", foreign::path(file)));
+    }
+    match write {
         // Serialising numbers, strings and lists cannot fail.
-        Ok(report) if json => print(&serde_json::to_string(&report).unwrap_or_default()),
-        Ok(report) => print(&report),
-        Err(error) => fail(&error, error.exit_code()),
+        _ if json => print(&serde_json::to_string(&report).unwrap_or_default()),
+        Some(_) => print(&report.summary().trim_end()),
+        None => print(&report),
     }
 }
 
 fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
-    let Calibrate { target, file, duration_s, system, launch, gravity, field_ut, gyro_samples, reading, .. } = args;
+    let Calibrate { target, file, duration_s, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
+        args;
     let kind = match target {
         CalibrationTarget::Gyro => Kind::Gyro,
         CalibrationTarget::Accel => Kind::Accel,
@@ -164,7 +182,7 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
     let Some(file) = file else { return Ok(live::calibrate_system(kind, known, &system.name(), duration_s)?) };
-    if let Some(launch) = launch {
+    if let Some(launch) = launch.or(write) {
         apply_calibrations(&mut known, &Launch::read(&launch)?)?;
     }
     let gyro_samples = gyro_samples.map(|samples| match samples {

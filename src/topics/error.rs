@@ -1,7 +1,7 @@
 //! Error while observing the topics of a system.
 
 use bus::BusError;
-use graph::Topic;
+use mapping::names::UnknownName;
 
 use crate::remote::RemoteError;
 
@@ -15,21 +15,17 @@ pub(crate) enum ObserveError {
     #[error(transparent)]
     Remote(#[from] RemoteError),
     /// The topic name is unknown.
-    #[error("unknown topic `{topic}`: expected one of {}", names(Topic::ALL))]
-    NoTopic { topic: String },
+    #[error(transparent)]
+    UnknownTopic(#[from] UnknownName),
 }
 
 impl ObserveError {
     /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::NoTopic { .. } => 2,
+            Self::UnknownTopic(_) => 2,
             Self::Remote(error) => error.exit_code(),
             Self::Bus(_) => 1,
         }
     }
-}
-
-fn names(topics: &[Topic]) -> String {
-    topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
 }

@@ -16,6 +16,7 @@ use std::{
 use bus::{BusError, Observer, SystemName, Tap};
 use graph::Topic;
 use launch::Output;
+use mapping::names::UnknownName;
 use messages::Layout;
 use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
@@ -88,7 +89,8 @@ impl TopicSource {
 
     /// Opens the topic of this name.
     pub(crate) fn open_topic(&self, topic: &str) -> Result<TopicView, ObserveError> {
-        let topic = Topic::from_name(topic).ok_or_else(|| ObserveError::NoTopic { topic: topic.into() })?;
+        let unknown = || UnknownName::new("topic", topic, Topic::ALL.iter().map(|topic| topic.name()));
+        let topic = Topic::from_name(topic).ok_or_else(unknown)?;
         self.open_known(topic)
     }
 

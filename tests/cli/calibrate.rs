@@ -310,3 +310,21 @@ fn system_without_readings_is_rejected_with_remedy() {
     assert_eq!(with.wait().code, Some(0));
     assert_fails(&arguments, 1, &[&system.name]);
 }
+
+#[test]
+fn written_calibration_equals_the_printed_one() {
+    let system = System::new("");
+    let recording = write_file(&system, "rest.csv", &resting(&SIX[..1]));
+    let printed = block(&["gyro", &recording]);
+    let launch = write_file(&system, "mine.toml", "# my unit\nname = \"mine\" # of mine\n");
+    let output = calibrate(&["gyro", &recording, "--write", &launch]);
+    let (stdout, stderr) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    assert!(stderr.contains("wrote the calibration to") && !stdout.contains("Add to"), "{stderr}{stdout}");
+    let text = fs::read_to_string(&launch).unwrap();
+    assert!(text.starts_with("# my unit\nname = \"mine\" # of mine\n") && text.ends_with(&printed), "{text}");
+    let invalid = write_file(&system, "invalid.toml", "nme = 1\n");
+    let output = calibrate(&["gyro", &recording, "--write", &invalid]);
+    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(fs::read_to_string(&invalid).unwrap(), "nme = 1\n");
+}

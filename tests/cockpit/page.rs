@@ -96,7 +96,7 @@ fn every_view_shows_published_values() {
         let headers = page.goto(&address(&system, port), size, scheme, true);
         assert!(headers["content-security-policy"].as_str().unwrap().starts_with("default-src 'none'"), "{headers}");
         page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
-        for (key, view) in ["fly", "method", "sensors", "system", "fleet"].iter().enumerate() {
+        for (key, view) in ["fly", "method", "sensors", "system"].iter().enumerate() {
             page.key(&(key + 1).to_string());
             page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
             page.wait_for_redraw();
@@ -442,6 +442,86 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
     page.assert_clean();
     page.goto(&format!("http://127.0.0.1:{port}/?vehicle=no%23body"), (1280, 720), "dark", true);
     page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('reason').textContent.includes('body\" is not available')");
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn page_starts_with_the_last_minute() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut first) = Page::open(&address(&system, port)) else { return };
+    first.until("plumb.data.frames.length > 100");
+    let newest_s = first.number("plumb.data.frames.at(-1).t");
+    // A page that is opened later has the frames from before.
+    let mut second = Page::open(&address(&system, port)).unwrap();
+    second.until("plumb.state().kind === 'live' && plumb.data.frames.length > 100");
+    let oldest_s = second.number("plumb.data.frames[0].t");
+    assert!(oldest_s < newest_s - 2.0, "the page starts at {oldest_s} s, the other one was at {newest_s} s");
+    first.assert_clean();
+    second.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn strips_have_ticks_limits_and_switchable_lines() {
+    let (system, port) = with_cockpit_for_browser("[ingest.sim]\nscenario = \"tumble\"\n");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 200");
+    page.until("plumb.strips()?.[0].least === -180 && plumb.strips()[0].most === 180");
+    // The body tumbles, so yaw and roll pass ±180°. Two values on both sides are not connected.
+    page.until("plumb.strips()[0].largest_step > 1");
+    assert!(page.number("plumb.strips()[0].largest_step") <= 180.0);
+    assert!(page.number("plumb.strips()[2].least") >= 0.0, "a negative error");
+    assert_eq!(page.eval("plumb.strips().every(({ ticks }) => ticks.length >= 2)"), Value::Bool(true));
+    page.click(".strip-legends button");
+    page.until("plumb.strips()[0].lines.join() === 'pitch,roll'");
+    assert_eq!(page.eval("document.querySelector('.strip-legends button').ariaPressed"), "false");
+    // The line stays hidden in a view that is opened again.
+    page.key("2");
+    page.key("1");
+    page.until("plumb.view() === 'fly' && plumb.strips()?.[0]?.lines.join() === 'pitch,roll'");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn views_have_addresses_and_fit_small_screens() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::new() else { return };
+    let url = address(&system, port);
+    let (_, token) = url.split_once('#').unwrap();
+    page.goto(&format!("{url}/system"), (1280, 800), "light", true);
+    page.until("plumb.view() === 'system' && plumb.drawn()?.services?.length > 5");
+    let names = page.eval("[...document.querySelectorAll('.services tbody tr')].map((row) => row.dataset.service)");
+    assert_eq!(names.as_array().unwrap()[..5], ["ingest", "gyro", "accel", "fuser", "course"]);
+    page.until("!document.getElementById('swap').disabled");
+    let bottom = page.number("document.getElementById('cancel').getBoundingClientRect().bottom");
+    let top = page.number("document.getElementById('timeline').getBoundingClientRect().top");
+    assert!(bottom < top, "the swap controls end at {bottom} px, below the view, which ends at {top} px");
+    assert_eq!(page.eval("document.getElementById('tab-fleet').checkVisibility()"), Value::Bool(false));
+    page.key("5");
+    page.key("2");
+    page.until(&format!("plumb.view() === 'method' && location.hash === '#{token}/method'"));
+    for size in [(1280, 800), (390, 844)] {
+        for view in ["fly", "method", "sensors", "system"] {
+            page.goto(&format!("http://127.0.0.1:{port}/?{}#{token}/{view}", size.0), size, "dark", true);
+            page.until(&format!("plumb.view() === '{view}' && plumb.state().kind === 'live' && plumb.drawn()"));
+            page.wait_for_redraw();
+            page.shot(&format!("{view}-{}.png", size.0));
+            let width = page.number("document.documentElement.scrollWidth");
+            assert!(width <= f64::from(size.0), "{view}: {width} px at {size:?}");
+            let strip_px = page.number(
+                "document.querySelector('.strips > canvas').clientHeight / document.querySelectorAll('.strip-legends > div').length",
+            );
+            assert!(strip_px >= 90.0, "{view}: strips of {strip_px} px at {size:?}");
+        }
+    }
+    page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();
 }

@@ -17,6 +17,23 @@ fn recording_seeks_to_known_second() {
     assert_eq!(view.address, format!("http://{listen}/"), "a recording takes no commands");
     if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.data.recording.length > 100");
+        // The whole flight is drawn, and its time begins at 0.
+        page.until("plumb.data.frames.length === plumb.data.recording.length && plumb.data.span_s > 3.5");
+        page.until("Math.abs(plumb.data.window()[0] - plumb.data.frames[0].t) < 1e-6 && plumb.strips()?.[0].lines.length === 3");
+        page.until("/^0\\.0\\d s$/.test(document.getElementById('time').textContent)");
+        // A drag over the strips zooms to a time span, a double click shows all again.
+        page.eval(
+            "(() => {
+                const canvas = document.querySelector('.strips > canvas'), { left, top, width } = canvas.getBoundingClientRect();
+                const send = (kind, part) => canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX: left + 118 + part * (width - 126), clientY: top + 40, bubbles: true }));
+                canvas.setPointerCapture = () => {};
+                send('pointerdown', 0.5); send('pointermove', 0.7); send('pointerup', 0.7);
+            })()",
+        );
+        page.until("Math.abs(plumb.data.span_s - 0.2 * plumb.data.maxSpan()) < 0.1");
+        page.until("plumb.data.cursor >= plumb.data.window()[0] && plumb.data.cursor <= plumb.data.window()[1]");
+        page.eval("document.querySelector('.strips > canvas').dispatchEvent(new MouseEvent('dblclick'))");
+        page.until("plumb.data.span_s === plumb.data.maxSpan()");
         // Seeks to 2 s, the middle of the recording, by snapshot number.
         let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
         page.eval(&format!("plumb.seek({place})"));

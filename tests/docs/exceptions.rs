@@ -8,6 +8,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     // Builds and installation.
     ("cargo ", "builds or tests this tree, which takes minutes"),
     (".ci/api", "changes the tree; tested by `.ci/run docs`"),
+    (".ci/processors", "builds this tree for other processors; run by .ci/run"),
+    ("examples/cortex-m/table", "builds a program for each stage, which takes minutes"),
     ("chrt --fifo 20 cargo ", "builds this tree, which takes minutes"),
     ("rustup ", "changes the toolchain"),
     ("python3 -m venv", "downloads packages"),
@@ -18,6 +20,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("sudo apt ", "installs packages"),
     ("sudo install ", "changes the machine; tested by deploy/trial"),
     ("sudo systemd-sysusers", "changes the machine; tested by deploy/trial"),
+    ("sudo udevadm ", "changes the machine; deploy/check tests the rules"),
     ("sudo systemctl ", "changes the machine; tested by deploy/trial"),
     ("sudo -u plumbline ", "needs the user of an installation; tested by deploy/trial"),
     ("systemctl ", "needs systemd; tested by deploy/trial"),
@@ -40,6 +43,8 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb view", "serves a page until it is interrupted; tested by `cockpit`"),
     ("curl ", "needs a running cockpit; tested by `cockpit`"),
     // Devices.
+    ("plumb detect", "needs a device; tested by `detect`"),
+    ("plumb up --source '/dev/ttyUSB0", "needs a device; tested by `detect`"),
     ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),
     ("plumb up --source 'mavlink:", "needs an autopilot; tested by `sources`"),
     ("plumb up --source 'iio:", "needs devices; tested by `sources`"),
@@ -72,6 +77,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
 /// Fence a new drawing or output as `text` instead of adding it to this list.
 pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("[dependencies]", "manifest of another project"),
+    ("from plumbline_ahrs import", "needs the package; tested by crates/ahrs-python/tests"),
     ("use plumbline_ahrs::", "Rust; a shorter form of the example of the crate's documentation"),
     ("launch.toml        everything that runs", "file tree"),
     ("sensor, receiver ─►", "drawing"),

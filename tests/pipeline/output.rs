@@ -113,9 +113,30 @@ fn replayed_flight_writes_same_columns_and_records_frame() {
 }
 
 #[test]
+fn standard_output_has_the_bytes_of_the_file() {
+    let system = System::new("ingest.sim.scenario = \"tumble\"");
+    let file = run_output(&system, &["--in-process"]);
+    let up = |arguments: &[&str]| {
+        let launch = system.path("launch.toml");
+        let common = ["up", launch.to_str().unwrap(), "--speed", "max", "--for", "3s", "--out", "-"];
+        plumb(&[&common[..], arguments].concat()).output().unwrap()
+    };
+    for mode in [&["--in-process"][..], &[]] {
+        let output = up(mode);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{stderr}");
+        assert!(output.stdout == file.as_bytes(), "{mode:?}: {} bytes\n{stderr}", output.stdout.len());
+    }
+    let rejected = up(&["--json"]);
+    let stderr = String::from_utf8_lossy(&rejected.stderr);
+    assert_eq!(rejected.status.code(), Some(2));
+    assert!(stderr.contains("both write to standard output"), "{stderr}");
+}
+
+#[test]
 fn unknown_columns_are_rejected_with_suggestions() {
     for (columns, message) in
-        [("angels", "did you mean \"angles\"?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
+        [("angels", "did you mean `angles`?"), ("w", "expected one of uvz, angles, course, bias, sd, flags, all")]
     {
         let output = plumb(&["up", "--in-process", "--out", "x.csv", "--columns", columns]).output().unwrap();
         assert_eq!(output.status.code(), Some(2));

@@ -6,6 +6,9 @@ use serde_json::Value;
 
 use super::score::{assert_rejected, at_rest, folder_with, number, scores};
 
+/// Maximum size of a figure, bytes.
+const MAX_FIGURE_BYTES: usize = 300_000;
+
 /// Returns the columns of a CSV file by name. Values that are not numbers are NaN.
 fn columns(file: &Path) -> HashMap<String, Vec<f64>> {
     let text = fs::read_to_string(file).unwrap();
@@ -82,7 +85,7 @@ fn stages_and_reference_share_one_figure() {
     ] {
         let svg = text(&format!("sim_s1_duration_s_20.{name}.svg"));
         labels.iter().for_each(|words| assert!(svg.contains(words), "no {words:?} in {name}"));
-        assert!(svg.len() < 500_000, "{name}: {} bytes", svg.len());
+        assert!(svg.len() <= MAX_FIGURE_BYTES, "{name}: {} bytes", svg.len());
         // The first line is solid. The second one is dashed, so it consists of many pieces in one
         // colour.
         let pieces = |color: &str| svg.matches(&format!("stroke=\"{color}\"")).count();
@@ -90,6 +93,22 @@ fn stages_and_reference_share_one_figure() {
     }
     for own in ["wz", "vqf"] {
         assert!(text(&format!("{own}/sim_s1_duration_s_20.v.svg")).contains("gyro, open loop"));
+    }
+}
+
+#[test]
+fn figures_of_long_trials_are_small() {
+    let folder = folder_with(&[]);
+    let stages = ["--fuser", "aided", "--fuser", "wz", "--plot", "figures"];
+    scores(folder.path(), &[&["sim:cruise?duration_s=120"], &stages[..]].concat());
+    let figures = folder.path().join("figures");
+    let folders = [figures.clone(), figures.join("aided"), figures.join("wz")];
+    let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
+    let svgs: Vec<_> = files.filter(|path| path.extension().is_some_and(|end| end == "svg")).collect();
+    assert_eq!(svgs.len(), 22);
+    for path in svgs {
+        let bytes = fs::metadata(&path).unwrap().len();
+        assert!(bytes <= MAX_FIGURE_BYTES as u64, "{}: {bytes} bytes", path.display());
     }
 }
 

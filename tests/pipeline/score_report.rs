@@ -25,7 +25,7 @@ fn without_reference() -> String {
 
 fn page(path: &Path) -> String {
     let mode = fs::metadata(path).unwrap().permissions().mode();
-    assert_eq!(mode & 0o777, 0o600, "the page is accessible to other users");
+    assert_eq!(mode & 0o777, 0o644, "others cannot read the page");
     fs::read_to_string(path).unwrap()
 }
 

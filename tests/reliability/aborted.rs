@@ -173,3 +173,26 @@ fn hanging_stage_ends_with_its_supervisor() {
     wait_for("its services to end", || !children.iter().any(|pid| is_alive(*pid)));
     wait_for("the remaining files to be removed", || system.leftovers().is_empty());
 }
+
+#[test]
+fn doctor_and_ps_report_that_the_last_run_was_killed() {
+    let system = System::new("");
+    let report = |command: &str| {
+        let mut command = plumb(&[command, "--system", &system.name]);
+        let output =
+            command.env("XDG_STATE_HOME", system.folder.path()).env_remove("STATE_DIRECTORY").output().unwrap();
+        String::from_utf8([output.stdout, output.stderr].concat()).unwrap()
+    };
+    let running = start_system(&system, &[]);
+    let killed = format!("its supervisor, process {}, was killed", running.pid());
+    assert!(!report("doctor").contains("last run"), "a running system");
+    signal(running.pid(), Signal::KILL);
+    running.output();
+    wait_for("the remaining files to be removed", || system.leftovers().is_empty());
+    for command in ["doctor", "ps"] {
+        let text = report(command);
+        assert!(text.contains(&killed) && text.contains(" UTC"), "{command}: {text}");
+    }
+    system.run(&["--for", "1s"]).assert_complete();
+    assert!(!report("doctor").contains("last run"), "the run ended normally");
+}

@@ -102,8 +102,8 @@ fn invalid_swap_is_rejected_and_changes_no_byte() {
     let out = system.path("out.csv");
     let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     for (arguments, reason) in [
-        (&["wing", "wz"][..], "no slot `wing`"),
-        (&["ingest", "wz"], "no slot `ingest`"),
+        (&["wing", "wz"][..], "unknown slot `wing`"),
+        (&["ingest", "wz"], "unknown slot `ingest`"),
         (&["fusr", "wz"], "did you mean `fuser`?"),
         (&["fuser", "kalman"], "no stage named `kalman`; stages of the slot `fuser`: "),
         (&["fuser", "kalman"], ", madgwick-improved, "),

@@ -91,14 +91,23 @@ pub trait Stage {
         None
     }
 
+    /// Visits the value of every number of the state, in the order of
+    /// [`visit_state`](Self::visit_state).
+    fn visit_values(&self, visit: &mut dyn FnMut(f64))
+    where
+        Self: Clone,
+    {
+        self.clone().visit_state(&mut |value| visit(*value));
+    }
+
     /// Returns a snapshot of the state.
     fn snapshot(&self) -> Snapshot
     where
         Self: Clone,
     {
         let mut record = Snapshot { stage: self.name(), values: [0.0; MAX_STATE_VALUES], len: 0, checksum: 0 };
-        self.clone().visit_state(&mut |value| {
-            record.values[record.len] = *value;
+        self.visit_values(&mut |value| {
+            record.values[record.len] = value;
             record.len += 1;
         });
         record.checksum = record.compute_checksum();

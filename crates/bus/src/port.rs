@@ -34,8 +34,9 @@ const MAX_PUBLISHERS: usize = 6;
 /// that has not been cleaned up yet.
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
 /// Maximum number of other subscriptions to a topic: the gateway and a killed predecessor; the
-/// supervisor, its recorder and its input check; two per observer; and a spare one.
-const MAX_OTHER_SUBSCRIPTIONS: usize = 6 + 2 * MAX_OBSERVERS;
+/// supervisor, its recorder and its input check; one per observer; and two spare ones. Before an
+/// observer attaches, it removes the subscriptions of killed observers.
+const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 ///
 /// A subscriber also keeps the unread messages of publishers that have exited, up to this number.

@@ -77,9 +77,17 @@ pub struct Report {
     pub block: String,
 }
 
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { kind, values, residual, coverage, notes, replaces, block } = self;
+impl Report {
+    /// Returns the estimates as text, without the section for the launch file.
+    pub fn summary(&self) -> String {
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write_summary(&mut text);
+        text
+    }
+
+    fn write_summary(&self, f: &mut dyn fmt::Write) -> fmt::Result {
+        let Self { kind, values, residual, coverage, notes, .. } = self;
         writeln!(f, "{kind}: {}; coverage {:.0} %", coverage.summary, coverage.percent())?;
         for Value { name, value, sd, unit } in values {
             let list = |numbers: &[f64]| numbers.iter().map(|x| format_value(*x, sd)).collect::<Vec<_>>().join("  ");
@@ -88,7 +96,14 @@ impl fmt::Display for Report {
         }
         let Residual { quantity, before, after, unit } = residual;
         writeln!(f, "  {quantity}: {:.3} {unit} before, {:.3} {unit} after", Rounded(*before), Rounded(*after))?;
-        notes.iter().try_for_each(|note| writeln!(f, "  {note}"))?;
+        notes.iter().try_for_each(|note| writeln!(f, "  {note}"))
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write_summary(f)?;
+        let Self { replaces, block, .. } = self;
         write!(f, "\nAdd to launch.toml, replacing any existing {replaces}:\n\n{block}")
     }
 }

@@ -224,10 +224,9 @@ impl<B: HostableStage> Stage for HostedStage<B> {
         self.failure.get().map(|error| error as &dyn std::error::Error)
     }
 
-    fn snapshot(&self) -> Snapshot {
-        let mut record =
-            Snapshot { stage: self.name, values: [0.0; MAX_STATE_VALUES], len: self.state_len, checksum: 0 };
-        let values = &mut record.values[..self.state_len];
+    fn visit_values(&self, visit: &mut dyn FnMut(f64)) {
+        let mut values = [0.0; MAX_STATE_VALUES];
+        let values = &mut values[..self.state_len];
         self.request(
             RequestKind::Snapshot,
             |_| {},
@@ -238,8 +237,7 @@ impl<B: HostableStage> Stage for HostedStage<B> {
                 Ok(())
             },
         );
-        record.checksum = record.compute_checksum();
-        record
+        values.iter().for_each(|value| visit(*value));
     }
 
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError> {

@@ -75,8 +75,8 @@ impl<B: HostableStage + Clone> Stage for AnyStage<B> {
         delegate!(self, stage => stage.failure())
     }
 
-    fn snapshot(&self) -> Snapshot {
-        delegate!(self, stage => stage.snapshot())
+    fn visit_values(&self, visit: &mut dyn FnMut(f64)) {
+        delegate!(self, stage => stage.visit_values(visit));
     }
 
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError> {

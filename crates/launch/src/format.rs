@@ -1,13 +1,13 @@
 //! Byte formats of ports, and the keys of each format.
 
-use mapping::{FORCE, Mapping, MappingError, RATE};
+use mapping::{FORCE, Mapping, MappingError, RATE, names::nearest};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     description::Key,
     keys::{Kind, Named, choices, keys, read},
     kind::{one_of, text},
-    problem::{Problem, nearest},
+    problem::Problem,
     toml_reader::Section,
 };
 
@@ -233,7 +233,7 @@ fn check_columns(section: &mut Section<'_, '_>, columns: &Columns) {
     if let Some(names) = columns.names() {
         let names: Vec<_> = names.iter().map(String::as_str).collect();
         if let Some(missing) = missing(&mapping, &names) {
-            let help = nearest(missing, &names).map(|near| format!("did you mean {near:?}?"));
+            let help = nearest(missing, names.iter().copied()).map(|near| format!("did you mean {near:?}?"));
             report("columns", format!("the column {missing:?} is missing"), help);
         }
     }

@@ -30,11 +30,14 @@
 //! | `schema` | reading a launch file, and checks that concern several sections |
 //! | `toml_reader` | reading and describing a TOML table key by key |
 //! | `description` | description of all keys, for documentation |
+//! | `edit` | replacing sections of a file |
+//! | `service_unit` | drop-in for the systemd unit |
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
 mod cockpit;
 mod description;
+mod edit;
 mod endpoint;
 mod external_stage;
 mod fault;
@@ -51,6 +54,7 @@ mod problem;
 mod promotion_rule;
 mod schema;
 mod sensors;
+mod service_unit;
 mod slot_stage;
 mod source_uri;
 mod split;
@@ -60,19 +64,21 @@ pub use graph::{Service, Slot, StageConfig};
 
 pub use cockpit::{Cockpit, CockpitTls};
 pub use description::{KeyDescription, SectionDescription};
+pub use edit::{EditError, write_sections};
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
-pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
+pub use live_sources::{Clock, DEFAULT_BAUD, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
-pub use problem::{LaunchError, Problems, nearest, pluralize};
+pub use problem::{LaunchError, Problems, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, describe};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
+pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;

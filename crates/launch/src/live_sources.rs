@@ -17,7 +17,8 @@ use crate::{
 pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Allowed baud rates of a serial line, bit/s.
 const BAUD_RANGE: RangeInclusive<u64> = 50..=20_000_000;
-const DEFAULT_BAUD: u64 = 115_200;
+/// Baud rate of a serial line if none is set, bit/s.
+pub const DEFAULT_BAUD: u64 = 115_200;
 
 keys! {
     /// Settings of a stream of readings, independent of its port.

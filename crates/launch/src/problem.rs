@@ -2,6 +2,7 @@
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use foreign::ForeignText;
+use mapping::names::nearest;
 use std::{fmt, io, ops::Range, path::PathBuf};
 
 /// Error when reading a launch file.
@@ -51,7 +52,7 @@ impl Problem {
     /// Creates a problem that reports an unknown name, with a suggestion and the allowed names.
     pub(crate) fn unknown(span: Range<usize>, title: impl Into<String>, found: &str, allowed: &[&str]) -> Self {
         Self {
-            help: nearest(found, allowed).map(|name| format!("did you mean {name:?}?")),
+            help: nearest(found, allowed.iter().copied()).map(|name| format!("did you mean {name:?}?")),
             note: Some(format!("allowed: {}", quoted(allowed))),
             ..Self::new(span, title, "not known here")
         }
@@ -110,21 +111,6 @@ pub fn pluralize(count: u64, noun: &str) -> String {
 /// Formats names as a comma-separated list, each name in quotes.
 pub(crate) fn quoted(names: &[&str]) -> String {
     names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ")
-}
-
-/// Returns the allowed name most similar to `found`, if any.
-///
-/// A name is similar if it differs in at most a third of its letters. A name that begins with
-/// `found` is also similar, because a unit suffix is easily forgotten.
-pub fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
-    let found = found.to_lowercase();
-    let close = |name: &str, edits: usize| edits <= name.len().max(found.len()).max(3) / 3;
-    allowed
-        .iter()
-        .map(|&name| (strsim::damerau_levenshtein(&found, name), name))
-        .filter(|&(edits, name)| close(name, edits) || (!found.is_empty() && name.starts_with(&found)))
-        .min_by_key(|&(edits, _)| edits)
-        .map(|(_, name)| name)
 }
 
 /// Clamps a span to the text and extends it to character boundaries.

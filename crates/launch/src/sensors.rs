@@ -7,12 +7,13 @@ use attitude::{
     calibration::{self, CalibrationError, Mounting},
     gyro::RateKind,
 };
+use mapping::names::nearest;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     keys::{choices, keys},
     kind::{Matrix, Optional, Table, Vector, text},
-    problem::{Problem, nearest},
+    problem::Problem,
     toml_reader::Section,
 };
 
@@ -193,7 +194,7 @@ fn nearest_mounting(found: &str) -> Option<String> {
     }
     let rotations = pairs.iter().map(String::as_str).filter(|name| Mounting::from_name(name).is_ok());
     let names: Vec<_> = Mounting::SHORT_NAMES.iter().map(|(name, _)| *name).chain(rotations).collect();
-    nearest(found, &names).map(str::to_owned)
+    nearest(found, names).map(str::to_owned)
 }
 
 fn reject(section: &mut Section<'_, '_>, key: &str, title: &str, label: &str, note: Option<String>) {

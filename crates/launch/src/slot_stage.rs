@@ -12,6 +12,7 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 
+use mapping::names::nearest;
 use toml::de::DeValue;
 
 use crate::{
@@ -19,7 +20,6 @@ use crate::{
     description::Key,
     keys::{Kind, read},
     kind::{By, one_of},
-    problem::nearest,
     toml_reader::{Section, Values},
 };
 
@@ -49,7 +49,7 @@ pub(crate) fn validate(
         slot,
         stage: stage.into(),
         other_slot: Slot::ALL.into_iter().find(accepts),
-        nearest: nearest(stage, &stages).map(str::to_owned),
+        nearest: nearest(stage, stages.iter().copied()).map(str::to_owned),
         stages: stages.join(", "),
     })
 }

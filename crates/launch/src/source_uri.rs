@@ -1,4 +1,5 @@
 //! Source or receiver in one line: `KIND:TARGET?key=value&key=value`, as for `plumb up --source`.
+//! A line that starts with `/` is a serial port: `/dev/ttyUSB0` stands for `serial:/dev/ttyUSB0`.
 //!
 //! The line is converted to the section of its kind and checked like a launch file. For example,
 //! `serial:/dev/ttyUSB0?baud=9600` becomes `source = "serial"` with `[ingest.serial] port =
@@ -79,7 +80,10 @@ fn merge(base: &mut Table, overrides: Table) {
 /// Converts a source line to a section of a launch file.
 fn source_section(line: &str) -> String {
     let (kind_and_target, keys) = split_query(line);
-    let (kind, target) = kind_and_target.split_once(':').unwrap_or((kind_and_target, ""));
+    let (kind, target) = match kind_and_target.starts_with('/') {
+        true => ("serial", kind_and_target),
+        false => kind_and_target.split_once(':').unwrap_or((kind_and_target, "")),
+    };
     let mut section = format!("[ingest]\nsource = {}\n", quoted(kind));
     let Some((_, key)) = MAIN_KEYS.iter().find(|(name, _)| *name == kind) else { return section };
     section += &format!("[ingest.{kind}]\n");
@@ -92,7 +96,8 @@ fn source_section(line: &str) -> String {
 /// Converts a receiver line to a section of a launch file.
 fn receiver_section(line: &str) -> String {
     let (endpoint, keys) = split_query(line);
-    format!("[ingest.receiver]\nendpoint = {}\n{}", quoted(endpoint), pairs(keys))
+    let prefix = if endpoint.starts_with('/') { "serial:" } else { "" };
+    format!("[ingest.receiver]\nendpoint = {}\n{}", quoted(&format!("{prefix}{endpoint}")), pairs(keys))
 }
 
 fn pairs(keys: &str) -> String {
@@ -145,6 +150,7 @@ mod tests {
                 "serial:/dev/a?format=witmotion&range_g=8&baud=9600",
                 "ingest = { source = \"serial\", serial = { port = \"/dev/a\", format = \"witmotion\", range_g = 8, baud = 9600 } }",
             ),
+            ("/dev/imu?baud=9600", "ingest = { source = \"serial\", serial = { port = \"/dev/imu\", baud = 9600 } }"),
             (
                 "tcp:imu.local:5555?map=gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz&units=deg/s,g&frame=frd",
                 "ingest = { source = \"tcp\", tcp = { connect = \"imu.local:5555\", map = \"gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz\", units = \"deg/s,g\", frame = \"frd\" } }",
@@ -193,6 +199,10 @@ mod tests {
         assert_eq!(launch.services, Service::LISTED);
         launch.set_receiver("tcp:gnss:1").unwrap();
         assert_eq!(launch.ingest.live.receiver.port, Some(Port::Tcp("gnss:1".into())));
+        let mut bare = launch.clone();
+        bare.set_receiver("/dev/gnss?format=nmea").unwrap();
+        launch.set_receiver("serial:/dev/gnss?format=nmea").unwrap();
+        assert_eq!(bare, launch);
         for (source, is_driven) in [("sim", false), ("replay:a.csv", false), ("bus", true), ("udp", true)] {
             launch.set_source(source).unwrap();
             assert_eq!(launch.services.contains(&Service::Drivers), is_driven, "{source}");

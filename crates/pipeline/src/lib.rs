@@ -15,7 +15,7 @@
 //! | [`schedule`] | stages of each slot and their ticks, as recorded in a flight |
 //! | `slot_runner` | a slot with its stages in sequence |
 //! | [`collector`] | accuracy, latency and order of the attitudes |
-//! | [`attitude_file`] | CSV file of the attitudes, `--out` |
+//! | [`attitude_file`] | CSV file of the attitudes, or standard output, `--out` |
 #![forbid(unsafe_code)]
 
 pub mod attitude_file;
@@ -25,7 +25,7 @@ pub mod path;
 pub mod schedule;
 mod slot_runner;
 
-pub use attitude_file::{AttitudeFile, Column, is_same_file};
+pub use attitude_file::{AttitudeFile, Column, STANDARD_OUTPUT, is_same_file};
 pub use collector::Collector;
 pub use error::CollectorError;
 pub use path::Path;

@@ -130,7 +130,7 @@ impl<S: SlotProcessor<Input: Clone>> ReplayedSlot<S> {
                 let (_, source) = source.ok_or_else(|| {
                     stage_failed(format!("the stage that handed over its state before tick {tick} is not running"))
                 })?;
-                Resume::Checkpoint(Box::new(source.state()))
+                Resume::Checkpoint(source.state())
             }
             None => Resume::Fresh,
         };

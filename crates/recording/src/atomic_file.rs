@@ -2,7 +2,7 @@
 //!
 //! Input: text.
 //!
-//! Output: a file that only its owner may read, compressed with gzip if the name ends in `.gz`.
+//! Output: a file with the given permissions, compressed with gzip if the name ends in `.gz`.
 //!
 //! Failure: the operating system error is returned, and the temporary file is removed.
 
@@ -17,6 +17,8 @@ use flate2::{Compression, write::GzEncoder};
 
 use crate::RecordingError;
 
+/// Permissions of recordings: only their owner may read them.
+pub(crate) const OWNER_ONLY: u32 = 0o600;
 const BUFFER_BYTES: usize = 1 << 16;
 
 pub(crate) struct AtomicFile {
@@ -32,7 +34,8 @@ enum Encoder {
 }
 
 impl AtomicFile {
-    pub(crate) fn create(path: &Path) -> Result<Self, RecordingError> {
+    /// Creates a file with the permissions `mode`, reduced by the umask.
+    pub(crate) fn create(path: &Path, mode: u32) -> Result<Self, RecordingError> {
         let write_error = |cause| RecordingError::Write { path: path.to_owned(), cause };
         // A symbolic link is accepted, because the final rename replaces it instead of following
         // it.
@@ -48,7 +51,7 @@ impl AtomicFile {
             Err(cause) if cause.kind() != ErrorKind::NotFound => return Err(write_error(cause)),
             _ => {}
         }
-        let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&temporary).map_err(write_error)?;
+        let file = OpenOptions::new().write(true).create_new(true).mode(mode).open(&temporary).map_err(write_error)?;
         let file = BufWriter::with_capacity(BUFFER_BYTES, file);
         let sink = if path.extension().is_some_and(|end| end == "gz") {
             Encoder::Gzip(GzEncoder::new(file, Compression::default()))
@@ -107,13 +110,14 @@ impl Drop for AtomicFile {
     }
 }
 
-/// Writes a file atomically, readable by its owner only. On failure the target is unchanged.
+/// Writes a file atomically, with the permissions `mode` reduced by the umask. On failure the
+/// target is unchanged.
 ///
 /// # Errors
 ///
 /// Returns [`RecordingError::Write`] if the file cannot be created, written or renamed.
-pub fn write_atomic(path: &Path, text: &str) -> Result<(), RecordingError> {
-    let mut output = AtomicFile::create(path)?;
+pub fn write_atomic(path: &Path, text: &str, mode: u32) -> Result<(), RecordingError> {
+    let mut output = AtomicFile::create(path, mode)?;
     output.write(text)?;
     output.finish()
 }

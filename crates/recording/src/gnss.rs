@@ -13,7 +13,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
-    atomic_file::{AtomicFile, decimal},
+    atomic_file::{AtomicFile, OWNER_ONLY, decimal},
     columns::group_indices,
     error::RecordingError,
     table::Table,
@@ -135,7 +135,7 @@ impl Writer {
     ///
     /// Returns [`RecordingError::Write`] if the temporary file cannot be created or written.
     pub fn create(path: &Path) -> Result<Self, RecordingError> {
-        let mut output = AtomicFile::create(path)?;
+        let mut output = AtomicFile::create(path, OWNER_ONLY)?;
         output.write(&KNOWN.join(","))?;
         output.write("\n")?;
         Ok(Self { output, rows: 0 })

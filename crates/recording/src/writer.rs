@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::Path};
 
 use crate::{
     RecordingError, Row,
-    atomic_file::{AtomicFile, decimal},
+    atomic_file::{AtomicFile, OWNER_ONLY, decimal},
     time,
 };
 
@@ -35,7 +35,7 @@ impl Writer {
     ///
     /// Returns [`RecordingError::Write`] if the temporary file cannot be created or written.
     pub fn create(path: &Path, layout: Layout) -> Result<Self, RecordingError> {
-        let mut output = AtomicFile::create(path)?;
+        let mut output = AtomicFile::create(path, OWNER_ONLY)?;
         output.write("t_s,gx,gy,gz,ax,ay,az")?;
         if layout.field {
             output.write(",mx,my,mz")?;

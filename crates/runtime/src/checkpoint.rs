@@ -42,17 +42,18 @@ pub enum ResumeError {
     Stage(#[from] RestoreError),
 }
 
-/// Captures the state of a slot.
+/// Captures the state of a slot in `record`, which is either zero or an earlier checkpoint of the
+/// same slot.
 ///
-/// Pass `swapped` as `true` until an output with the flag `SWAPPED` has been published.
-pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool) -> Checkpoint {
-    let mut record = Checkpoint {
-        next_tick: slot.sequence().next_tick,
-        service: S::SLOT.service() as u32,
-        incarnation,
-        swapped: swapped.into(),
-        ..bytemuck::Zeroable::zeroed()
-    };
+/// A checkpoint has 13 kB, so it is written in place. Pass `swapped` as `true` until an output with
+/// the flag `SWAPPED` has been published.
+pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool, record: &mut Checkpoint) {
+    let used = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize).iter().sum();
+    record.next_tick = slot.sequence().next_tick;
+    record.service = S::SLOT.service() as u32;
+    record.incarnation = incarnation;
+    record.swapped = swapped.into();
+    record.stage = Default::default();
     for (character, byte) in record.stage.iter_mut().zip(slot.stage().name().bytes()) {
         *character = byte;
     }
@@ -61,11 +62,15 @@ pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool) 
     record.slot_words = words.len as u32;
     slot.stage().common().visit(&mut |word| words.push(*word));
     record.common_words = words.len as u32 - record.slot_words;
-    let Snapshot { values, len, .. } = slot.stage().snapshot();
-    values[..len].iter().for_each(|value| words.push(value.to_bits()));
-    record.stage_words = len as u32;
+    let stage_start = words.len;
+    slot.stage().visit_values(&mut |value| words.push(value.to_bits()));
+    let len = words.len;
+    record.stage_words = (len - stage_start) as u32;
+    // The words after the state are zero.
+    if let Some(unused) = record.words.get_mut(len..used) {
+        unused.fill(0);
+    }
     record.checksum = record.compute_checksum();
-    record
 }
 
 /// Resumes from a checkpoint.

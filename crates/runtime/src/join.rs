@@ -315,16 +315,27 @@ impl<I: JoinInputs> Join<I> {
     /// Returns the next tick to release, or the index of the input that it waits for.
     fn next_due(&self) -> Result<u64, usize> {
         let (mut newest, mut first, mut is_full) = (None, None, false);
+        // Among the dense inputs that have a publisher, the one furthest behind. If several are at
+        // the same tick, it is the one that received its message last: when this input receives the
+        // next tick, the others usually have it already, so a service waits only once per tick.
+        let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {
             is_full |= input.is_full;
             if input.is_dense() {
                 newest = newest.max(input.next_tick.checked_sub(1));
                 first = [first, input.front_tick()].into_iter().flatten().min();
+                let position = (input.next_tick, Reverse(input.arrival));
+                let is_published = input.next_tick < input.absent_from;
+                if is_published && slowest.is_none_or(|(least, _)| position < least) {
+                    slowest = Some((position, index));
+                }
             }
+            index += 1;
         });
+        let slowest = slowest.map_or(0, |(_, index)| index);
         let next = if self.emits_empty_ticks { Some(self.sequence.next_tick) } else { first };
         let Some((tick, newest)) = next.zip(newest).filter(|(tick, newest)| tick <= newest) else {
-            return Err(self.slowest_input());
+            return Err(slowest);
         };
         if is_full || self.is_overdue(tick, newest) {
             return Ok(tick);
@@ -337,7 +348,7 @@ impl<I: JoinInputs> Join<I> {
             }
         });
         if awaits_dense {
-            return Err(self.slowest_input());
+            return Err(slowest);
         }
         let (mut index, mut awaited) = (0, None);
         self.inputs.each(&mut |input| {
@@ -352,25 +363,6 @@ impl<I: JoinInputs> Join<I> {
     fn is_overdue(&self, tick: u64, newest: u64) -> bool {
         let in_backlog = tick < self.backlog_end && newest < self.backlog_deadline;
         newest - tick >= self.lateness_ticks && !in_backlog
-    }
-
-    /// Returns the index of the input that is furthest behind among the dense inputs that have a
-    /// publisher.
-    ///
-    /// If several inputs are at the same tick, the result is the one that received its message
-    /// last. When this input receives the next tick, the others usually have it already, so a
-    /// service waits only once per tick.
-    fn slowest_input(&self) -> usize {
-        let (mut index, mut slowest) = (0, None);
-        self.inputs.each(&mut |input| {
-            let position = (input.next_tick, Reverse(input.arrival));
-            let is_published = input.next_tick < input.absent_from;
-            if input.is_dense() && is_published && slowest.is_none_or(|(least, _)| position < least) {
-                slowest = Some((position, index));
-            }
-            index += 1;
-        });
-        slowest.map_or(0, |(_, index)| index)
     }
 }
 

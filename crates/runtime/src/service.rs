@@ -167,10 +167,10 @@ impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
 
     /// Publishes a checkpoint if one is due.
     fn publish_checkpoint(&mut self) -> Result<(), RuntimeError> {
-        let Some(checkpoint) = self.service.checkpoint() else { return Ok(()) };
-        match self.service.failure() {
-            Some(cause) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
-            None => Ok(self.checkpoints.send(&checkpoint)?),
+        match self.service.checkpoint() {
+            Ok(Some(checkpoint)) => Ok(self.checkpoints.send(checkpoint)?),
+            Ok(None) => Ok(()),
+            Err(cause) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
         }
     }
 

@@ -5,6 +5,7 @@
 //! - Failure: an invalid checkpoint is reported. The service then starts with the messages that its
 //!   inputs still hold.
 
+use bytemuck::Zeroable as _;
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
 use swap::{OutputGate, OwnershipStatus, Resume, Role, Sequence};
 
@@ -34,6 +35,8 @@ pub struct SlotService<S: SlotProcessor> {
     /// Tick after the last one that the slot had published before this process started.
     published_end_tick: u64,
     next_checkpoint_tick: u64,
+    /// Newest checkpoint; zero before the first one.
+    checkpoint: Box<Checkpoint>,
     flags: Flags,
     invalid_outputs: u64,
 }
@@ -79,6 +82,7 @@ impl<S: SlotProcessor> SlotService<S> {
             resumed_tick,
             published_end_tick: output_tick,
             next_checkpoint_tick: 0,
+            checkpoint: Box::new(Checkpoint::zeroed()),
             flags: Flags::NONE,
             invalid_outputs: 0,
         };
@@ -119,19 +123,26 @@ impl<S: SlotProcessor> SlotService<S> {
             && gate.apply(decision, &mut |output| publish(with_flags(output, swapped_at, missed_at))).is_some()
     }
 
-    /// Returns a checkpoint if one is due.
-    pub fn checkpoint(&mut self) -> Option<Checkpoint> {
+    /// Returns a checkpoint if one is due: the state from which the next tick is computed.
+    ///
+    /// # Errors
+    ///
+    /// Returns the cause if the stage has failed permanently.
+    pub fn checkpoint(&mut self) -> Result<Option<&Checkpoint>, String> {
         let next_tick = self.slot.sequence().next_tick;
         if next_tick < self.next_checkpoint_tick {
-            return None;
+            return Ok(None);
         }
         self.next_checkpoint_tick = next_tick + self.checkpoint_ticks;
-        Some(self.state())
+        checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some(), &mut self.checkpoint);
+        self.failure().map_or(Ok(Some(&self.checkpoint)), Err)
     }
 
     /// Returns the state from which the next tick is computed.
-    pub fn state(&mut self) -> Checkpoint {
-        checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some())
+    pub fn state(&mut self) -> Box<Checkpoint> {
+        let mut state = Box::new(Checkpoint::zeroed());
+        checkpoint::capture(&mut self.slot, self.incarnation, self.swapped_at.is_some(), &mut state);
+        state
     }
 
     /// Fills in the health, except for the fields that only the bus connection can provide.

@@ -10,6 +10,7 @@
 use core::fmt;
 
 use attitude::{GRAVITY_M_S2, gyro::RateKind};
+use mapping::names::UnknownName;
 
 use crate::{Coverage, Motion, Reading, Receiver, SensorErrors, Sensors, s3};
 
@@ -321,17 +322,12 @@ pub enum ScenarioError {
 impl fmt::Display for ScenarioError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::UnknownName { found } => {
-                write!(f, "unknown scenario `{found}`; expected one of {}", Scenario::NAMES.join(", "))
-            }
+            Self::UnknownName { found } => UnknownName::new("scenario", found, Scenario::NAMES.iter().copied()).fmt(f),
             Self::DuplicateKey { found } => write!(f, "scenario parameter `{found}` is set twice; remove one"),
             Self::UnknownKey { found } => {
-                let keys: Vec<_> = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name)).collect();
-                write!(
-                    f,
-                    "unknown scenario parameter `{found}`; expected one of {}, as in `cruise?seed=3&gnss=gaps`",
-                    keys.join(", ")
-                )
+                let keys = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name));
+                let unknown = UnknownName::new("scenario parameter", found, keys);
+                write!(f, "{unknown}, as in `cruise?seed=3&gnss=gaps`")
             }
             Self::InvalidValue { key, found, expected } => {
                 write!(f, "invalid scenario parameter {key}: found `{found}`, expected {expected}")

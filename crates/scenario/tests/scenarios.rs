@@ -154,10 +154,13 @@ fn reference_scenario_readings_match_its_sensors() {
 #[test]
 fn invalid_scenario_is_rejected_with_alternatives() {
     for (text, expected) in [
-        ("cruse", "unknown scenario `cruse`; expected one of s1, tumble, s3, coning, cruise, cruise-hard"),
+        (
+            "cruse",
+            "unknown scenario `cruse`; did you mean `cruise`? expected one of s1, tumble, s3, coning, cruise, cruise-hard",
+        ),
         (
             "cruise?sed=3",
-            "unknown scenario parameter `sed`; expected one of seed, rate_hz, duration_s, gnss, gyro_bias_deg_s, gyro_noise_deg_s, gyro_scale, \
+            "unknown scenario parameter `sed`; did you mean `seed`? expected one of seed, rate_hz, duration_s, gnss, gyro_bias_deg_s, gyro_noise_deg_s, gyro_scale, \
              accel_bias_g, accel_noise_g, field_noise_ut, gnss_noise_m_s, gnss_latency_s, antenna_right_m, antenna_forward_m, antenna_up_m, \
              amplitude_deg, as in `cruise?seed=3&gnss=gaps`",
         ),

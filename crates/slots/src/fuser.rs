@@ -239,7 +239,8 @@ mod tests {
 
     #[test]
     fn resume_from_unaligned_stage_aligns_the_new_stage() {
-        let unaligned = checkpoint::capture(&mut slot_with("wz"), 1, false);
+        let mut unaligned = bytemuck::Zeroable::zeroed();
+        checkpoint::capture(&mut slot_with("wz"), 1, false, &mut unaligned);
         let mut other = slot_with("wz-closed");
         checkpoint::resume(&mut other, &unaligned).unwrap();
         let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };

@@ -137,11 +137,11 @@ mod tests {
     fn first_output_after_restart_keeps_swapped_flag() {
         let mut former = service("mobius", Role::Owner { from_tick: 0 }, None);
         output_swapped_flags(&mut former, 0..50);
-        let state = former.checkpoint().unwrap();
+        let state = *former.checkpoint().unwrap().unwrap();
         for (stage, swapped) in [("rk4", true), ("mobius", false)] {
             let mut candidate = service(stage, Role::Candidate, Some(&state));
             assert_eq!(output_swapped_flags(&mut candidate, 50..60), []);
-            let state = candidate.checkpoint().unwrap();
+            let state = *candidate.checkpoint().unwrap().unwrap();
             let mut owner = service(stage, Role::Owner { from_tick: 70 }, Some(&state));
             let expected: Vec<_> = (70..80).map(|tick| (tick, swapped && tick == 70)).collect();
             assert_eq!(output_swapped_flags(&mut owner, 60..80), expected, "{stage}");
@@ -151,7 +151,7 @@ mod tests {
     fn missing_inputs_flag_first_new_output() {
         let mut former = service("mobius", Role::Owner { from_tick: 0 }, None);
         output_swapped_flags(&mut former, 0..50);
-        let state = former.checkpoint().unwrap();
+        let state = *former.checkpoint().unwrap().unwrap();
         for (first, has_loss) in [(50, false), (55, true)] {
             let mut owner = service_from_tick("mobius", Role::Owner { from_tick: 0 }, Some(&state), 60);
             output_flags(&mut owner, first..60, Flags::LOST_BEFORE);

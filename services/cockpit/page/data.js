@@ -1,4 +1,4 @@
-// State of the page: snapshots of the last minute or of a recording, system status, events and cursor.
+// State of the page: frames of the last minute or of a recording, system status, events and cursor.
 // This module does not access the document.
 
 import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
@@ -11,8 +11,10 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** Entry of the event list. `t` and `until` are the start and the end on the source's clock, s, or null if unknown; `reported_s` is the time of the report on the board's clock.
  * @typedef {{ t: number | null, until: number | null, reported_s: number, number: number, text: string, label: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} LogEvent */
 
-/** Longest time span that is kept and shown, s. */
+/** Longest time span of a running system that is kept and shown, s. */
 export const MAX_SPAN_S = 60;
+/** Shortest time span shown, s. */
+const MIN_SPAN_S = 0.5;
 const MAX_FRAMES = 3000;
 const MAX_EVENTS = 1000;
 /** A flag that is set again within this time counts as set in between, s. */
@@ -80,8 +82,10 @@ export class Data {
     /** Reason if the vehicle is not available. */ this.unavailableReason = "";
     /** Id of the last command sent. */ this.requestId = "";
     /** When the last attitude was received, ms. */ this.received_ms = -Infinity;
-    /** Snapshots of a recording. @type {Message[]} */ this.recording = [];
-    /** Number of the recording's snapshot shown. */ this.position = 0;
+    /** Snapshots of a recording, each with the frame of the same number. @type {Message[]} */ this.recording = [];
+    /** Number of the recording's frame shown. */ this.position = 0;
+    /** Time up to which a recording has been played, s. */ this.played_to = 0;
+    /** Lines of the strips that are hidden, as `title/name`. @type {Set<string>} */ this.hiddenLines = new Set();
     /** Number of bytes received. */ this.bytes = 0;
   }
 
@@ -91,6 +95,7 @@ export class Data {
     this.events.length = 0;
     this.revision += 1;
     this.recording = [];
+    this.span_s = MAX_SPAN_S;
     this.flagEvents.clear();
     this.standing = {};
     this.newest = {};
@@ -105,17 +110,56 @@ export class Data {
 
   /** Adds a snapshot. @param {Message} picture @param {number} now */
   push(picture, now) {
-    // The events of a recording are recorded when it is loaded.
-    if (!this.recording.length) this.recordEvents(picture);
-    if (picture.t_made_ns === 0 && !picture.attitude && !picture.imu) return;
-    for (const name of TOPICS) if (picture[name]) this.newest[name] = picture[name];
+    this.recordEvents(picture);
     if (picture.attitude) this.received_ms = now;
-    const header = (picture.attitude ?? picture.imu)?.header;
-    if (!header) return;
-    const t = header.t_end_ns * 1e-9;
-    const last = this.frames.at(-1);
+    const t = timeOf(picture), last = this.frames.at(-1);
     // A step back in time means that the source has restarted.
-    if (last && t < last.t - 1) this.handleRestart();
+    if (t !== null && last && t < last.t - 1) this.handleRestart();
+    const frame = this.addFrame(picture);
+    if (!frame) return;
+    if (!this.paused) {
+      while (this.frames.length > MAX_FRAMES || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
+    } else if (this.frames.length > 2 * MAX_FRAMES) {
+      // Keeps the frames from before the pause and drops some received since.
+      this.frames.splice(MAX_FRAMES, MAX_FRAMES / 2);
+    }
+  }
+
+  /** Shows a recording from its start, with the whole of it in the strips. @param {Message[]} pictures */
+  openRecording(pictures) {
+    this.clear();
+    this.paused = true;
+    for (const picture of pictures) {
+      this.recordEvents(picture);
+      const t = timeOf(picture);
+      // Frames are in the order of time, so that the one at a time can be found.
+      if (t === null || t <= (this.frames.at(-1)?.t ?? -Infinity)) continue;
+      this.addFrame(picture);
+      this.recording.push(picture);
+    }
+    this.seek(0);
+    this.showAll();
+  }
+
+  /** Shows the frame of a recording with this number. @param {number} position */
+  seek(position) {
+    this.position = Math.max(0, Math.min(this.frames.length - 1, Math.round(position)));
+    this.cursor = this.played_to = this.frames[this.position]?.t ?? 0;
+  }
+
+  /** Advances a recording by a time, s. It pauses at the end. @param {number} seconds */
+  play(seconds) {
+    this.played_to += seconds;
+    while (this.position + 1 < this.frames.length && this.frames[this.position + 1].t <= this.played_to) this.position += 1;
+    this.cursor = this.frames[this.position]?.t ?? 0;
+    if (this.position + 1 >= this.frames.length) this.paused = true;
+  }
+
+  /** Adds the frame of a snapshot and returns it, or null if the snapshot has no time. @param {Message} picture @returns {Frame | null} */
+  addFrame(picture) {
+    for (const name of TOPICS) if (picture[name]) this.newest[name] = picture[name];
+    const t = timeOf(picture);
+    if (t === null) return null;
     for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
     for (const [slot, shadow] of this.shadows) if (t - shadow.t > MAX_DIFFERENCE_AGE_S) this.shadows.delete(slot);
     const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
@@ -126,12 +170,7 @@ export class Data {
     const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
     const frame = { t, number: picture.number, picture: shown, values: valuesOf(picture), ups };
     this.frames.push(frame);
-    if (!this.paused) {
-      while (this.frames.length > MAX_FRAMES || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
-    } else if (this.frames.length > 2 * MAX_FRAMES) {
-      // Keeps the frames from before the pause and drops some received since.
-      this.frames.splice(MAX_FRAMES, MAX_FRAMES / 2);
-    }
+    return frame;
   }
 
   /** Discards the frames of the previous run; its events remain in the list without a time. */
@@ -198,35 +237,76 @@ export class Data {
     if (this.events.length > MAX_EVENTS) this.events.shift();
   }
 
+  /** Returns the longest time span that can be shown: that of the recording, or the last minute, s. */
+  maxSpan() {
+    return this.recording.length ? Math.max(MIN_SPAN_S, (this.frames.at(-1)?.t ?? 0) - this.frames[0].t) : MAX_SPAN_S;
+  }
+
+  /** Shows the longest time span. */
+  showAll() {
+    this.span_s = this.maxSpan();
+    this.end = this.frames.at(-1)?.t ?? 0;
+  }
+
+  /** Shows the span between two times, s, and pauses. @param {number} from @param {number} to */
+  showSpan(from, to) {
+    this.paused = true;
+    this.span_s = Math.max(MIN_SPAN_S, Math.min(this.maxSpan(), to - from));
+    this.end = to;
+    if (this.cursor === null || this.cursor < from || this.cursor > to) this.goTo(to);
+  }
+
+  /** Returns the time of the source's clock at which the displayed time is 0, s: the start of a recording. */
+  origin() {
+    return this.recording.length ? this.standing.t_first_ns * 1e-9 : 0;
+  }
+
+  /** Returns a time of the source's clock as displayed. @param {number} t s */
+  timeText(t) {
+    return `${(t - this.origin()).toFixed(2)} s`;
+  }
+
   /** Returns the start and the end of the time span shown, s. @returns {[number, number]} */
   window() {
     const newest = this.frames.at(-1)?.t ?? 0;
-    if (!this.paused || this.cursor === null) this.end = newest;
+    const follows = this.recording.length ? this.span_s >= this.maxSpan() : !this.paused || this.cursor === null;
+    if (follows || this.cursor === null) this.end = newest;
     else if (this.cursor > this.end) this.end = this.cursor;
     else if (this.cursor < this.end - this.span_s) this.end = this.cursor + this.span_s;
     return [this.end - this.span_s, this.end];
   }
 
-  /** Scales the time span shown. @param {number} factor */
+  /** Scales the time span shown. The cursor, if any, keeps its place. @param {number} factor */
   zoom(factor) {
-    this.span_s = Math.max(2, Math.min(MAX_SPAN_S, this.span_s * factor));
+    const old = this.span_s;
+    this.span_s = Math.max(MIN_SPAN_S, Math.min(this.maxSpan(), old * factor));
+    if (this.cursor === null) return;
+    const newest = this.frames.at(-1)?.t ?? 0, oldest = this.frames[0]?.t ?? 0;
+    const end = this.cursor + (this.end - this.cursor) * (this.span_s / old);
+    this.end = Math.min(newest, Math.max(end, oldest + this.span_s));
   }
 
   /** Returns the frame at the cursor, or the newest one. @returns {Frame | null} */
   shown() {
+    if (this.recording.length) return this.frames[this.position] ?? null;
     if (this.cursor !== null) return this.nearest(this.cursor);
     return this.frames.at(-1) ?? null;
   }
 
   /** Returns the first frame at or after `t`, or the last frame. @param {number} t @returns {Frame | null} */
   nearest(t) {
+    return this.frames[this.indexAt(t)] ?? null;
+  }
+
+  /** Returns the number of the first frame at or after `t`, or of the last frame. @param {number} t */
+  indexAt(t) {
     let [low, high] = [0, this.frames.length - 1];
     while (low < high) {
       const middle = (low + high) >> 1;
       if (this.frames[middle].t < t) low = middle + 1;
       else high = middle;
     }
-    return this.frames[low] ?? null;
+    return low;
   }
 
   /** Moves the cursor by a number of frames, or by `seconds` unless 0. @param {number} frames @param {number} seconds */
@@ -254,6 +334,12 @@ export class Data {
     }
     return { label: this.paused ? "paused" : "live", kind: this.paused ? "paused" : "live", reason: "" };
   }
+}
+
+/** Returns the time of a snapshot on the source's clock, s, or null if it has none. @param {Message} picture @returns {number | null} */
+function timeOf(picture) {
+  const header = (picture.attitude ?? picture.imu)?.header;
+  return header ? header.t_end_ns * 1e-9 : null;
 }
 
 /** Returns the minimum and the maximum of each quantity in a snapshot. @param {Message} picture @returns {Float64Array} */

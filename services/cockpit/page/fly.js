@@ -39,7 +39,7 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     parent.replaceChildren(grid);
-    this.scene = new Scene(scene, 4.7);
+    this.scene = new Scene(scene, 4.7, 0.34, 3.2);
     const legend = element("ul", "legend");
     this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]).map(([mark, className, name]) => {
       const item = element("li", className, name);
@@ -51,9 +51,9 @@ export class Fly {
     scene.append(legend, this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
+      { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
       { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
-      { title: "error, sd", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "inclination sd", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "inclination sd", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -169,7 +169,8 @@ export class Fly {
       const long = mark % 30 === 0;
       context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
       context.beginPath(); context.moveTo(x + r * s, y + r * c); context.lineTo(x + r * (long ? 0.9 : 0.95) * s, y + r * (long ? 0.9 : 0.95) * c); context.stroke();
-      if (mark % 90 === 0 || long) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
+      // A small rose has room for the main directions only.
+      if (mark % 90 === 0 || (long && r > 80)) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
     }
     context.fillStyle = colour("fused");
     context.beginPath(); context.moveTo(x, y - r * 1.02); context.lineTo(x - 7, y - r * 1.02 - 11); context.lineTo(x + 7, y - r * 1.02 - 11); context.fill();
@@ -188,11 +189,13 @@ export class Fly {
     const error = errorOf(picture);
     if (attitude) Object.assign(this.drawn, { yaw_deg: attitude.yaw_rad / DEGREE, pitch_deg: attitude.pitch_rad / DEGREE, roll_deg: attitude.roll_rad / DEGREE, course_deg: attitude.course_rad / DEGREE });
     this.drawn.error_deg = error === null ? null : error / DEGREE;
-    fillTable(this.values, [
+    const rows = [
       ["pitch", attitude ? deg(attitude.pitch_rad) : "–", "roll", attitude ? deg(attitude.roll_rad) : "–", attitude ? sd(attitude.inclination_sd_rad) : ""],
       ["yaw", attitude ? deg(attitude.yaw_rad) : "–", `course ${courseReference(attitude?.course_reference)}`, attitude ? `${degrees(attitude.course_rad)}°` : "–", attitude ? sd(attitude.course_sd_rad) : ""],
-      ["error", error === null ? "–" : `${(error / DEGREE).toFixed(2)}°`, error === null ? "no reference" : "against the reference", "", ""],
-    ], ["", "number", "", "number", "c-quiet"]);
+    ];
+    // Only simulations and some recordings have a reference.
+    if (error !== null) rows.push(["error", `${(error / DEGREE).toFixed(2)}°`, "against the reference", "", ""]);
+    fillTable(this.values, rows, ["", "number", "", "number", "c-quiet"]);
   }
 }
 

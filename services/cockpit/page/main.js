@@ -23,15 +23,16 @@ const CLOSE_UNKNOWN_VEHICLE = 4404;
 const CHUNK = 2000;
 /** Shortest duration of a recording's snapshot, s. */
 const SNAPSHOT_S = 0.033;
-/** Number of snapshots that fill the strips when seeking in a recording. */
-const SEEK_SNAPSHOTS = 1800;
 
 const data = new Data();
 const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (document.getElementById(id));
-// The token is the fragment of the address, which browsers do not send.
-const fragment = location.hash.slice(1);
-const token = (/^[0-9a-f]+$/.test(fragment) && fragment) || sessionStorage.getItem("token") || "";
+// The fragment of the address, which browsers do not send, holds the token and the name of a view, each optional: #TOKEN/VIEW.
+const fragment = () => location.hash.slice(1).split("/");
+const viewInFragment = () => VIEWS.find((name) => fragment().includes(name));
+// A view is never mistaken for a token, because the names of views have other letters than hexadecimal numbers.
+const tokenInFragment = fragment().find((part) => /^[0-9a-f]+$/.test(part)) ?? "";
+const token = tokenInFragment || sessionStorage.getItem("token") || "";
 if (token) sessionStorage.setItem("token", token);
 
 /** Name of the selected vehicle; empty if none is selected. */
@@ -42,8 +43,6 @@ let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 /** @type {any} */ let view = null;
 let viewName = "";
 let requestCount = 0;
-/** Fraction of a snapshot played since the last one shown. */
-let playedFraction = 0;
 
 /** Sends a command with the token. Returns the reason if it cannot be sent, otherwise null. @param {Message} command */
 function sendCommand(command) {
@@ -120,45 +119,40 @@ async function load(count) {
     if (!pictures.length) break;
     all.push(...pictures);
   }
-  data.events.length = 0;
-  for (const picture of all) data.recordEvents(picture);
-  data.recording = all;
-  data.paused = true;
+  const { standing } = data;
+  data.openRecording(all);
+  data.standing = standing;
   get("playback").hidden = false;
-  input("position").max = String(Math.max(0, all.length - 1));
+  input("position").max = String(Math.max(0, data.recording.length - 1));
   seek(0);
 }
 
-/** Shows a recording at a snapshot. @param {number} position */
+/** Shows a recording at a frame. @param {number} position */
 function seek(position) {
-  data.position = Math.max(0, Math.min(data.recording.length - 1, Math.round(position)));
-  data.frames.length = 0;
-  data.newest = {};
-  data.shadows.clear();
-  data.cursor = null;
-  const from = Math.max(0, data.position - SEEK_SNAPSHOTS);
-  for (const picture of data.recording.slice(from, data.position + 1)) data.push(picture, performance.now());
+  data.seek(position);
   input("position").value = String(data.position);
 }
 
 /** Advances a recording by the elapsed time. @param {number} seconds */
 function play(seconds) {
-  playedFraction += (seconds * Number(/** @type {HTMLSelectElement} */ (get("speed")).value)) / snapshotLength();
-  const count = Math.floor(playedFraction);
-  if (!count) return;
-  playedFraction -= count;
-  for (let i = 0; i < count && data.position + 1 < data.recording.length; i++) {
-    data.position += 1;
-    data.push(data.recording[data.position], performance.now());
-  }
+  data.play(seconds * Number(/** @type {HTMLSelectElement} */ (get("speed")).value));
   input("position").value = String(data.position);
-  if (data.position + 1 >= data.recording.length) data.paused = true;
 }
 
 /** Returns the duration of a recording's snapshot, s. */
 function snapshotLength() {
   const { t_first_ns, t_last_ns } = data.standing;
   return data.recording.length > 1 ? Math.max(SNAPSHOT_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : SNAPSHOT_S;
+}
+
+/** Whether the page shows several vehicles, or none is selected. */
+const hasFleet = () => (data.standing.vehicles?.length ?? 0) > 1 || data.standing.state === "STATE_UNCHOSEN";
+
+/** Opens the view that a user has selected, and puts it into the address. @param {string} name */
+function selectView(name) {
+  if (name === "fleet" && !hasFleet()) return;
+  history.replaceState(null, "", `#${[tokenInFragment, name].filter(Boolean).join("/")}`);
+  openView(name);
 }
 
 /** @param {string} name */
@@ -183,7 +177,7 @@ function drawBar(now) {
   set("state", state.label);
   get("state").className = `state-${state.kind}`;
   const frame = data.shown();
-  set("time", frame ? `${frame.t.toFixed(2)} s` : "–");
+  set("time", frame ? data.timeText(frame.t) : "–");
   set("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
   const latency = standing.latency_us;
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
@@ -197,6 +191,7 @@ function drawBar(now) {
   set("reason", state.reason);
   // The fleet view marks stale rows itself.
   get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
+  get("tab-fleet").hidden = !hasFleet();
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
   if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
@@ -204,17 +199,16 @@ function drawBar(now) {
 
 function togglePause() {
   data.paused = !data.paused;
-  if (data.paused) data.cursor = data.recording.length ? null : data.frames.at(-1)?.t ?? null;
-  else data.cursor = null;
-  if (!data.paused && data.recording.length && data.position + 1 >= data.recording.length) seek(0);
+  if (data.recording.length) {
+    if (!data.paused && data.position + 1 >= data.recording.length) seek(0);
+  } else data.cursor = data.paused ? data.frames.at(-1)?.t ?? null : null;
 }
 
 /** Moves the cursor, in a recording the position, to a time on the source's clock and pauses. @param {number} t */
 function goTo(t) {
   data.paused = true;
   if (!data.recording.length) { data.cursor = t; return; }
-  const at = data.recording.findIndex((picture) => ((picture.attitude ?? picture.imu)?.header.t_end_ns ?? -Infinity) * 1e-9 >= t);
-  seek(at < 0 ? data.recording.length - 1 : at);
+  seek(data.indexAt(t));
 }
 
 /** Rotation of the scene per key press: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
@@ -231,9 +225,10 @@ function onKey(event) {
     data.paused = true;
     if (data.recording.length) seek(data.position + step * (event.shiftKey ? Math.max(1, 1 / snapshotLength()) : 1));
     else data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0);
-  } else if (VIEWS[Number(event.key) - 1]) openView(VIEWS[Number(event.key) - 1]);
+  } else if (VIEWS[Number(event.key) - 1]) selectView(VIEWS[Number(event.key) - 1]);
   else if (event.key === " " && target.tagName !== "BUTTON") togglePause();
-  else if (event.key === "l") { data.paused = false; data.cursor = null; }
+  else if (event.key === "l") { data.paused = false; if (!data.recording.length) data.cursor = null; }
+  else if (event.key === "a") data.showAll();
   else if (event.key === "+" || event.key === "-") data.zoom(event.key === "+" ? 0.5 : 2);
   else if (view?.scene && ROTATION_KEYS[event.key]) view.scene.rotate(...ROTATION_KEYS[event.key]);
   else if (event.key === "r") view?.scene?.reset();
@@ -242,7 +237,7 @@ function onKey(event) {
   else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
   else if (event.key === "t") setTheme();
   else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
-  else if (event.key === "s") { openView("system"); get("slot").focus(); }
+  else if (event.key === "s") { selectView("system"); get("slot").focus(); }
   else return;
   event.preventDefault();
 }
@@ -274,10 +269,10 @@ async function start() {
   dark.addEventListener("change", followSystem);
   followSystem();
   for (const [index, name] of VIEWS.entries()) {
-    const tab = element("button", "", `${index + 1} ${name[0].toUpperCase()}${name.slice(1)}`);
+    const tab = element("button", "", element("span", "key", `${index + 1} `), `${name[0].toUpperCase()}${name.slice(1)}`);
     tab.id = `tab-${name}`;
     tab.setAttribute("role", "tab");
-    tab.addEventListener("click", () => openView(name));
+    tab.addEventListener("click", () => selectView(name));
     get("tabs").append(tab);
   }
   get("pause").addEventListener("click", togglePause);
@@ -291,11 +286,12 @@ async function start() {
   data.flags = schema.flags;
   data.goTo = goTo;
   timeline = new Timeline(get("timeline"), data);
-  openView("fly");
+  openView(viewInFragment() ?? "fly");
+  addEventListener("hashchange", () => openView(viewInFragment() ?? viewName));
   connect();
   requestAnimationFrame(frame);
 }
 
 /** State of the page, for tests. */
-Object.assign(window, { plumb: { data, frameCosts, frames: () => frames, state: () => data.state(performance.now()), drawn: () => view?.drawn, timeline: () => timeline.drawn, view: () => viewName, seek, fallbackReason: () => view?.scene?.fallbackReason } });
+Object.assign(window, { plumb: { data, frameCosts, frames: () => frames, state: () => data.state(performance.now()), drawn: () => view?.drawn, timeline: () => timeline.drawn, strips: () => view?.strips?.drawn, view: () => viewName, seek, fallbackReason: () => view?.scene?.fallbackReason } });
 void start();

@@ -37,9 +37,9 @@ export class Method {
     this.strips = new Strips(strips, data, [
       { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "u_gyro", name: "gyro", colour: "gyro" }, { quantity: "u", name: "fused", colour: "fused" }] },
       { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "v_gyro", name: "gyro", colour: "gyro" }, { quantity: "v", name: "fused", colour: "fused" }] },
-      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ quantity: "z_gyro_rad", name: "gyro", colour: "gyro" }, { quantity: "z_rad", name: "fused", colour: "fused" }] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "innovation_rad", name: "accelerometer − fused", colour: "accel" }] },
-      { title: "std. dev.", unit: "°", scale: deg, digits: 2, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
+      { title: "z", unit: "°", scale: deg, digits: 1, wraps: true, lines: [{ quantity: "z_gyro_rad", name: "gyro", colour: "gyro" }, { quantity: "z_rad", name: "fused", colour: "fused" }] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "innovation_rad", name: "accelerometer − fused", colour: "accel" }] },
+      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
       { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ quantity: "bias_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "bias_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};

@@ -1,5 +1,5 @@
 // A small 3-D scene of lines, triangles, points and labels. Without WebGL 2 it is drawn on a 2-D canvas, and the reason is shown.
-// Space is right-handed with z up; the camera looks at the origin. The module does not depend on attitudes.
+// Space is right-handed with z up; the camera looks at a point above the origin. The module does not depend on attitudes.
 
 import { write } from "./ui.js";
 
@@ -33,9 +33,11 @@ void main() { if (dot(disc, disc) > 1.0) discard; colour = vec4(tint.rgb * tint.
 const FLOATS = 12;
 
 export class Scene {
-  /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the origin */
-  constructor(panel, distance) {
+  /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the centre @param {number} [centre] Height of the centre of the picture above the origin @param {number} [focal] Focal length of the camera, in half heights of the picture */
+  constructor(panel, distance, centre = 0, focal = 2.4) {
     this.homeDistance = distance;
+    this.centre = centre;
+    this.focal = focal;
     this.canvas = document.createElement("canvas");
     this.labelParent = document.createElement("div");
     this.labelParent.className = "labels";
@@ -166,7 +168,7 @@ export class Scene {
     const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     if (!width || !height) return;
-    const camera = cameraMatrix(this.azimuth, this.elevation, this.distance, width / height);
+    const camera = cameraMatrix(this.azimuth, this.elevation, this.distance, width / height, this.centre, this.focal);
     if (this.gl) this.drawWebGl(this.gl, camera, width, height, ratio);
     else if (this.flat) this.drawFlat(this.flat, camera, width, height, ratio);
     this.placeLabels(camera, width / ratio, height / ratio);
@@ -219,15 +221,16 @@ export class Scene {
   }
 }
 
-/** Returns the camera matrix, column by column. @param {number} azimuth @param {number} elevation @param {number} distance @param {number} aspect */
-function cameraMatrix(azimuth, elevation, distance, aspect) {
+/** Returns the camera matrix, column by column. @param {number} azimuth @param {number} elevation @param {number} distance @param {number} aspect @param {number} centre @param {number} length Focal length */
+function cameraMatrix(azimuth, elevation, distance, aspect, centre, length) {
   const [s, c, t, e] = [Math.sin(azimuth), Math.cos(azimuth), Math.sin(elevation), Math.cos(elevation)];
   const [right, upward, back] = [[-s, c, 0], [-t * c, -t * s, e], [e * c, e * s, t]];
-  const [near, far, focal] = [0.5, 40, aspect < 1 ? 2.4 * aspect : 2.4];
+  const [near, far, focal] = [0.5, 40, aspect < 1 ? length * aspect : length];
   const [m, n] = [(far + near) / (near - far), (2 * far * near) / (near - far)];
-  const columns = [];
+  /** @type {number[]} */ const columns = [];
   for (let i = 0; i < 3; i++) columns.push((focal / aspect) * right[i], focal * upward[i], m * back[i], -back[i]);
-  columns.push(0, 0, -m * distance + n, distance);
+  // The centre is moved to the origin first.
+  [0, 0, -m * distance + n, distance].forEach((part, row) => columns.push(part - centre * columns[8 + row]));
   return columns;
 }
 

@@ -32,8 +32,8 @@ export class Sensors {
     this.mounting = new Mounting(mounting, data);
     this.scene = this.calibration.scene;
     this.strips = new Strips(strips, data, [
-      { title: "force", unit: "m/s²", scale: 1, digits: 2, lines: [{ quantity: "force_m_s2", name: "magnitude", colour: "accel" }] },
-      { title: "field", unit: "µT", scale: 1, digits: 1, lines: [{ quantity: "field_ut", name: "magnitude", colour: "field" }] },
+      { title: "force", unit: "m/s²", scale: 1, digits: 2, least: 0, lines: [{ quantity: "force_m_s2", name: "magnitude", colour: "accel" }] },
+      { title: "field", unit: "µT", scale: 1, digits: 1, least: 0, lines: [{ quantity: "field_ut", name: "magnitude", colour: "field" }] },
       { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};

@@ -1,11 +1,17 @@
-// Strip charts of quantities over time, one below the other, with a common cursor.
+// Strip charts of quantities over time, one below the other, with a common time axis and cursor.
 
 /** @typedef {import("./data.js").Data} Data */
 /** Line of a strip: its quantity, name, colour and style. @typedef {{ quantity: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
-/** @typedef {{ title: string, unit: string, scale: number, digits: number, lines: Line[] }} Strip */
+/** Strip of lines. `scale` converts a quantity to `unit`. `least` and `most` are the limits of the quantity, in `unit`. With `wraps`, ±180° are equal.
+ * @typedef {{ title: string, unit: string, scale: number, digits: number, least?: number, most?: number, wraps?: boolean, lines: Line[] }} Strip */
 
 import { valueIndex } from "./data.js";
-import { colour } from "./ui.js";
+import { colour, element, write } from "./ui.js";
+
+/** Horizontal movement from which a press selects a time span, px. */
+const MIN_BRUSH_PX = 6;
+/** Minimum distance between two labels of the value axis and of the time axis, px. */
+const MIN_ROW_PX = 17, MIN_COLUMN_PX = 90;
 
 export class Strips {
   /** @param {HTMLElement} panel @param {Data} data @param {Strip[]} strips */
@@ -14,12 +20,16 @@ export class Strips {
     this.strips = strips;
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("aria-label", `Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, use the wheel to zoom`);
+    this.canvas.setAttribute("aria-label", `Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, drag to zoom to a time span, use the wheel to zoom, double-click to show all`);
+    panel.classList.add("strips");
     panel.append(this.canvas);
-    this.canvas.addEventListener("click", (event) => {
-      const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      if (part >= 0 && part <= 1) data.goTo(this.from + part * data.span_s);
-    });
+    panel.style.setProperty("--strips", String(strips.length));
+    /** Start of a drag and its present end, px. @type {[number, number] | null} */ this.brush = null;
+    this.canvas.addEventListener("pointerdown", (event) => { this.canvas.setPointerCapture(event.pointerId); this.brush = [event.offsetX, event.offsetX]; });
+    this.canvas.addEventListener("pointermove", (event) => { if (this.brush) this.brush[1] = event.offsetX; });
+    this.canvas.addEventListener("pointercancel", () => { this.brush = null; });
+    this.canvas.addEventListener("pointerup", () => this.endBrush());
+    this.canvas.addEventListener("dblclick", () => data.showAll());
     this.canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       data.zoom(Math.exp(event.deltaY * 1e-3));
@@ -27,7 +37,40 @@ export class Strips {
     this.from = 0;
     this.lines = strips.flatMap((strip) => strip.lines);
     this.indices = this.lines.map((line) => valueIndex(line.quantity));
+    /** Whether ±180° are equal, for each line. */ this.wraps = strips.flatMap((strip) => strip.lines.map(() => strip.wraps ?? false));
     /** Minimum and maximum per pixel of each line. @type {Float64Array[]} */ this.binned = [];
+    /** Axis of each strip drawn last, its lines and the largest step within a line, in the unit of the strip, for tests. @type {{ title: string, least: number, most: number, ticks: number[], largest_step: number, lines: string[] }[]} */ this.drawn = [];
+    const legends = element("div", "strip-legends");
+    /** Value of each line in the legend. @type {HTMLElement[]} */ this.values = [];
+    for (const strip of strips) legends.append(element("div", "", ...strip.lines.map((line) => this.legendEntry(strip, line))));
+    panel.append(legends);
+  }
+
+  /** Returns the button that shows or hides a line. @param {Strip} strip @param {Line} line */
+  legendEntry(strip, line) {
+    const { hiddenLines } = this.data, key = `${strip.title}/${line.name}`;
+    const value = element("span", "number");
+    const button = element("button", "", line.name, " ", value);
+    button.title = `Show or hide ${line.name}`;
+    button.style.color = `var(--${line.colour})`;
+    button.setAttribute("aria-pressed", String(!hiddenLines.has(key)));
+    button.addEventListener("click", () => {
+      if (!hiddenLines.delete(key)) hiddenLines.add(key);
+      button.setAttribute("aria-pressed", String(!hiddenLines.has(key)));
+    });
+    this.values.push(value);
+    return button;
+  }
+
+  /** Sets the cursor after a click, or the time span after a drag. */
+  endBrush() {
+    if (!this.brush) return;
+    const [start, end] = this.brush;
+    const inner = this.canvas.clientWidth - LEFT - RIGHT;
+    const time = (/** @type {number} */ x) => this.from + Math.max(0, Math.min(1, (x - LEFT) / inner)) * this.data.span_s;
+    this.brush = null;
+    if (Math.abs(end - start) >= MIN_BRUSH_PX) this.data.showSpan(time(Math.min(start, end)), time(Math.max(start, end)));
+    else if (end >= LEFT && end <= LEFT + inner) this.data.goTo(time(end));
   }
 
   draw() {
@@ -44,79 +87,116 @@ export class Strips {
     context.clearRect(0, 0, width, height);
     context.font = "13px system-ui, sans-serif";
     [this.from] = data.window();
+    const inner = width - LEFT - RIGHT;
     const stripHeight = (height - FOOT) / this.strips.length;
-    this.bin(Math.max(1, Math.ceil(width - LEFT - RIGHT)));
-    this.strips.forEach((strip, index) => this.drawStrip(context, strip, index * stripHeight, stripHeight, width));
+    this.bin(Math.max(1, Math.ceil(inner)));
+    const x = (/** @type {number} */ t) => LEFT + ((t - this.from) / data.span_s) * inner;
+    // Times are counted from the origin, so that the ticks are round numbers.
+    const origin = data.origin(), step = niceStep(data.span_s / Math.max(1, inner / MIN_COLUMN_PX));
+    const times = ticks(this.from - origin, this.from + data.span_s - origin, step).filter((t) => t + origin >= (data.frames[0]?.t ?? Infinity) - 1e-9);
+    const columns = times.map((t) => x(t + origin));
+    this.drawn = this.strips.map((strip, index) => this.drawStrip(context, strip, index * stripHeight, stripHeight, width, columns));
     context.fillStyle = colour("quiet");
     context.textAlign = "center";
-    for (let part = 0; part <= 4; part++) {
-      const t = this.from + (part / 4) * data.span_s;
-      const x = LEFT + (part / 4) * (width - LEFT - RIGHT);
-      if (t >= (data.frames[0]?.t ?? Infinity)) context.fillText(`${t.toFixed(1)} s`, Math.min(x, width - 30), height - 5);
-    }
+    const digits = digitsOf(step);
+    times.forEach((t, at) => context.fillText(`${t.toFixed(digits)} s`, Math.max(LEFT + 16, Math.min(columns[at], width - 30)), height - 5));
     if (data.cursor !== null) {
-      const x = LEFT + ((data.cursor - this.from) / data.span_s) * (width - LEFT - RIGHT);
       context.strokeStyle = colour("ink");
       context.setLineDash([2, 3]);
-      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height - FOOT); context.stroke();
+      context.beginPath(); context.moveTo(x(data.cursor), 0); context.lineTo(x(data.cursor), height - FOOT); context.stroke();
       context.setLineDash([]);
+    }
+    if (this.brush && Math.abs(this.brush[1] - this.brush[0]) >= MIN_BRUSH_PX) {
+      const [start, end] = this.brush.map((at) => Math.max(LEFT, Math.min(width - RIGHT, at)));
+      context.fillStyle = colour("fused");
+      context.globalAlpha = 0.18;
+      context.fillRect(start, 0, end - start, height - FOOT);
+      context.globalAlpha = 1;
+    }
+    const frame = data.shown();
+    let at = 0;
+    for (const strip of this.strips) for (const line of strip.lines) {
+      const value = frame?.values[valueIndex(line.quantity) + 1] ?? NaN;
+      write(this.values[at++], Number.isNaN(value) ? "–" : strip.least === 0 ? (value * strip.scale).toFixed(strip.digits) : signed(value * strip.scale, strip.digits));
     }
   }
 
-  /** @param {CanvasRenderingContext2D} context @param {Strip} strip @param {number} top @param {number} height @param {number} width */
-  drawStrip(context, strip, top, height, width) {
+  /** Draws a strip and returns its axis. @param {CanvasRenderingContext2D} context @param {Strip} strip @param {number} top @param {number} height @param {number} width @param {number[]} columns Positions of the time ticks, px */
+  drawStrip(context, strip, top, height, width, columns) {
     const inner = width - LEFT - RIGHT;
-    const binned = strip.lines.map((line) => this.binned[this.lines.indexOf(line)]);
+    // The legend is above the curves.
+    const [from, to] = [top + LEGEND, top + height - 5];
+    const lines = strip.lines.filter((line) => !this.data.hiddenLines.has(`${strip.title}/${line.name}`));
+    const binned = lines.map((line) => this.binned[this.lines.indexOf(line)]);
     let [least, most] = [Infinity, -Infinity];
     for (const bins of binned) for (let i = 0; i < bins.length; i += 2) { if (bins[i] < least) least = bins[i]; if (bins[i + 1] > most) most = bins[i + 1]; }
     [least, most] = [least * strip.scale, most * strip.scale];
     context.strokeStyle = colour("line");
-    context.strokeRect(LEFT, top + 2.5, inner, height - 5);
+    context.strokeRect(LEFT, from + 0.5, inner, to - from);
     context.textAlign = "left";
     context.fillStyle = colour("ink");
-    context.fillText(strip.title, 8, top + 17);
+    context.fillText(strip.title, 8, top + 15);
     context.fillStyle = colour("quiet");
-    context.fillText(strip.unit, 8, top + 33);
+    context.fillText(strip.unit, 8, top + 31);
+    const drawn = { title: strip.title, least: NaN, most: NaN, ticks: /** @type {number[]} */ ([]), largest_step: 0, lines: lines.map((line) => line.name) };
     if (!(most >= least)) {
-      context.fillText("no data", LEFT + 8, top + height / 2 + 4);
-      return;
+      context.fillText(lines.length ? "no data" : "all lines are hidden", LEFT + 8, (from + to) / 2 + 4);
+      return drawn;
     }
     const margin = Math.max((most - least) * 0.08, 10 ** -strip.digits / 2);
-    [least, most] = [least - margin, most + margin];
-    const y = (/** @type {number} */ value) => top + 3 + (1 - (value * strip.scale - least) / (most - least)) * (height - 6);
-    strip.lines.forEach((line, index) => {
+    // No value lies beyond the limits of the quantity.
+    least = Math.max(least - margin, strip.least ?? -Infinity);
+    most = Math.min(most + margin, strip.most ?? Infinity);
+    if (!(most > least)) [least, most] = [least - margin, most + margin];
+    const place = (/** @type {number} */ value) => to - ((value - least) / (most - least)) * (to - from);
+    const y = (/** @type {number} */ value) => place(value * strip.scale);
+    const step = niceStep((most - least) / Math.max(1, Math.floor((to - from) / MIN_ROW_PX)), strip.wraps ? ANGLE_STEPS : undefined);
+    Object.assign(drawn, { least, most, ticks: ticks(least, most, step) });
+    context.textAlign = "right";
+    context.beginPath();
+    for (const value of drawn.ticks) {
+      const row = Math.round(place(value)) + 0.5;
+      context.moveTo(LEFT, row); context.lineTo(LEFT + inner, row);
+      context.fillText(minus(value.toFixed(digitsOf(step))), LEFT - 4, Math.max(from + 9, Math.min(row + 4, to)));
+    }
+    for (const column of columns) { context.moveTo(Math.round(column) + 0.5, from); context.lineTo(Math.round(column) + 0.5, to); }
+    context.globalAlpha = 0.55;
+    context.stroke();
+    context.globalAlpha = 1;
+    // Mitred corners of steep lines would exceed the axis.
+    context.lineJoin = "bevel";
+    const half_turn = strip.wraps ? Math.PI : Infinity;
+    lines.forEach((line, index) => {
       context.strokeStyle = context.fillStyle = colour(line.colour);
       context.lineWidth = line.dashed ? 1 : 1.6;
       context.setLineDash(line.dashed ? [5, 3] : []);
       context.beginPath();
       const bins = binned[index];
-      let connected = false;
+      /** Previous value that is connected to the next one. */ let previous = NaN;
       for (let x = 0; 2 * x < bins.length; x++) {
         const [low, high] = [bins[2 * x], bins[2 * x + 1]];
-        if (Number.isNaN(low)) { connected = false; continue; }
+        if (Number.isNaN(low)) { previous = NaN; continue; }
         if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(low) - 1, 2, 2); continue; }
-        if (connected) context.lineTo(LEFT + x, y(low)); else context.moveTo(LEFT + x, y(low));
+        if (high - low > half_turn) {
+          // The angle has passed ±180° within the pixel.
+          for (const value of [low, high]) { context.moveTo(LEFT + x, y(value)); context.lineTo(LEFT + x + 1, y(value)); }
+          previous = NaN;
+          continue;
+        }
+        // A gap, or an angle that has passed ±180°, interrupts the line.
+        const step = Math.abs(low - previous);
+        if (step <= half_turn) {
+          context.lineTo(LEFT + x, y(low));
+          drawn.largest_step = Math.max(drawn.largest_step, step * strip.scale);
+        } else context.moveTo(LEFT + x, y(low));
         if (high > low) context.lineTo(LEFT + x, y(high));
-        connected = true;
+        previous = low;
       }
       if (line.dots) context.fill(); else context.stroke();
     });
     context.setLineDash([]);
     context.lineWidth = 1;
-    context.textAlign = "right";
-    context.fillStyle = colour("quiet");
-    context.fillText(most.toFixed(strip.digits), LEFT - 4, top + 15);
-    context.fillText(least.toFixed(strip.digits), LEFT - 4, top + height - 6);
-    context.textAlign = "left";
-    const frame = this.data.shown();
-    let x = LEFT + 8;
-    for (const line of strip.lines) {
-      const value = frame?.values[valueIndex(line.quantity) + 1] ?? NaN;
-      const text = `${line.name} ${Number.isNaN(value) ? "–" : signed(value * strip.scale, strip.digits)}`;
-      context.fillStyle = colour(line.colour);
-      context.fillText(text, x, top + 17);
-      x += context.measureText(text).width + 16;
-    }
+    return drawn;
   }
 
   /** Computes the minimum and maximum of each line per pixel, NaN if empty. One pass through the frames serves all lines. @param {number} count */
@@ -128,30 +208,64 @@ export class Strips {
     const lastPixel = indices.map(() => -1);
     // Gaps longer than half a second remain visible.
     const gap = (0.5 / span_s) * count;
-    for (const frame of frames) {
+    for (let number = this.data.indexAt(this.from); number < frames.length; number++) {
+      const frame = frames[number];
       const x = Math.floor(((frame.t - this.from) / span_s) * count);
-      if (x < 0 || x >= count) continue;
+      // The newest frame is at the end of the span.
+      if (x > count) break;
+      if (x < 0) continue;
+      const pixel = Math.min(x, count - 1);
       for (let at = 0; at < indices.length; at++) {
         const low = frame.values[indices[at]], high = frame.values[indices[at] + 1];
         if (Number.isNaN(low)) continue;
         const bins = this.binned[at], last = lastPixel[at];
-        if (last === x) {
-          if (low < bins[2 * x]) bins[2 * x] = low;
-          if (high > bins[2 * x + 1]) bins[2 * x + 1] = high;
+        if (last === pixel) {
+          if (low < bins[2 * pixel]) bins[2 * pixel] = low;
+          if (high > bins[2 * pixel + 1]) bins[2 * pixel + 1] = high;
           continue;
         }
-        if (last >= 0 && x - last < gap) bins.fill(low, 2 * (last + 1), 2 * x);
-        bins[2 * x] = low;
-        bins[2 * x + 1] = high;
-        lastPixel[at] = x;
+        if (last >= 0 && pixel - last < gap) this.connect(at, last, pixel, low);
+        bins[2 * pixel] = low;
+        bins[2 * pixel + 1] = high;
+        lastPixel[at] = pixel;
       }
     }
+  }
+
+  /** Fills the pixels between two values of a line, unless the angle passes ±180° in between. @param {number} at Number of the line @param {number} last Pixel of the first value @param {number} pixel Pixel of the second value @param {number} low The second value */
+  connect(at, last, pixel, low) {
+    const bins = this.binned[at], first = bins[2 * last];
+    const change = this.wraps[at] && Math.abs(low - first) > Math.PI ? 0 : low - first;
+    for (let x = last + 1; x < pixel; x++) bins[2 * x] = bins[2 * x + 1] = first + (change * (x - last)) / (pixel - last);
   }
 }
 
 /** Left and right margins of the strips and the timeline. The left one holds the titles. */
 export const LEFT = 118, RIGHT = 8;
-const FOOT = 20;
+/** Heights of the time axis and of a legend, px. */
+const FOOT = 20, LEGEND = 20;
+/** Steps of an axis of angles, °. */
+const ANGLE_STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180];
+
+/** Returns the smallest round step that is at least `minimum`: 1, 2 or 5 times a power of ten, or one of `steps`. @param {number} minimum @param {number[]} [steps] */
+export function niceStep(minimum, steps) {
+  const known = steps?.find((step) => step >= minimum);
+  if (known !== undefined && minimum >= (steps?.[0] ?? 0)) return known;
+  const power = 10 ** Math.floor(Math.log10(minimum));
+  return (/** @type {number} */ ([1, 2, 5, 10].find((factor) => factor * power >= minimum * (1 - 1e-9)) ?? 10)) * power;
+}
+
+/** Returns the multiples of `step` from `least` to `most`. @param {number} least @param {number} most @param {number} step @returns {number[]} */
+export function ticks(least, most, step) {
+  const first = Math.ceil(least / step - 1e-9), last = Math.floor(most / step + 1e-9);
+  return Array.from({ length: Math.max(0, Math.min(100, last - first + 1)) }, (_, at) => (first + at) * step);
+}
+
+/** Returns the number of decimal places of a step. @param {number} step */
+const digitsOf = (step) => Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
+
+/** @param {string} text */
+const minus = (text) => (/^-0\.?0*$/.test(text) ? text.slice(1) : text.replace("-", "−"));
 
 /** Formats a number with its sign. @param {number} value @param {number} digits */
 export const signed = (value, digits) => (value >= 0 ? "+" : "−") + Math.abs(value).toFixed(digits);

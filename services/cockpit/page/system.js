@@ -11,14 +11,21 @@ import { Strips } from "./strips.js";
 
 /** Time for which a restarted service stays marked, ms. */
 const RESTART_MARK_MS = 3000;
-const PATH = ["ingest", "gyro", "accel", "fuser", "course"];
+/** States in which a service works. */
+const UP_STATES = ["running", "ready", "finished"];
+/** Name and class of each column of the services. @type {[string, string][]} */
+const COLUMNS = [
+  ["service", ""], ["stage", ""], ["state", "word"], ["rate", "number"], ["p50", "number"], ["p99", "number"], ["max", "number detail"],
+  ["lost", "number"], ["restarts", "number"], ["CPU", "number"], ["memory", "number detail"],
+];
 
 export class System {
   /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
-    this.boxes = element("div", "boxes");
+    this.services = element("tbody", "");
+    this.servicesNote = element("p", "c-quiet");
     this.slot = /** @type {HTMLSelectElement} */ (element("select", ""));
     this.stage = /** @type {HTMLSelectElement} */ (element("select", ""));
     this.slot.id = "slot";
@@ -41,9 +48,11 @@ export class System {
     this.slot.addEventListener("change", () => this.fillStages());
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
     parent.replaceChildren(
-      element("h2", "", "Services"), this.boxes, strips,
+      element("h2", "", "Services"),
+      element("div", "scrolls", element("table", "services", element("thead", "", element("tr", "", ...COLUMNS.map(([name, className]) => element("th", className, name)))), this.services)),
+      this.servicesNote, strips,
       element("div", "columns",
         element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
@@ -150,31 +159,31 @@ export class System {
     const shadow = this.shadowOf(this.slot.value);
     for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow);
     this.drawn = { services: services.map((/** @type {Message} */ service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
-    this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ service) => box(service, this.wasJustRestarted(service.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no services. Its events are listed below." : "No services respond. Start a system with `plumb up`.")]));
+    fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
+    services.forEach((/** @type {Message} */ { status }, /** @type {number} */ at) => {
+      const row = /** @type {HTMLElement} */ (this.services.children[at]), wasRestarted = this.wasJustRestarted(status);
+      row.dataset.service = status.service;
+      row.classList.toggle("down", wasRestarted || !UP_STATES.includes(status.state));
+      if (wasRestarted) write(row.children[2], "restarted");
+    });
+    write(this.servicesNote, services.length ? "" : this.data.recording.length ? "A recording has no services. Its events are listed below." : "No services respond. Start a system with `plumb up`.");
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
     write(this.difference, difference?.now_rad ? `shadow: current difference from the owner ${(difference.now_rad.x / DEGREE).toFixed(3)}°, RMS ${(difference.rms_rad.x / DEGREE).toFixed(3)}° over ${difference.ticks} ticks` : "");
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
       this.emptyNote.hidden = events.length > 0;
-      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : `${event.t.toFixed(2)} s`, event.text]), ["number c-quiet", ""]);
+      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
       [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }
 }
 
-/** Returns the box of a service. @param {Message} standing @param {boolean} wasRestarted */
-function box(standing, wasRestarted) {
-  const { status, rate_hz, latency_us, cpu_percent, resident_mib } = standing;
-  const up = !wasRestarted && ["running", "ready", "finished"].includes(status.state);
+/** Returns the cells of a service. @param {Message} standing @returns {string[]} */
+function serviceCells({ status, rate_hz, latency_us, cpu_percent, resident_mib }) {
   const number = (/** @type {number | null} */ value, /** @type {number} */ digits, /** @type {string} */ unit) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
-  const pairs = [
-    ["rate", number(rate_hz, 0, "Hz")],
-    ...["p50", "p99", "max"].map((name) => [name, latency_us ? `${latency_us[name].toFixed(0)} µs` : "–"]),
-    ["lost", String(status.lost)], ["restarts", String(status.restarts)],
-    ["CPU", number(cpu_percent, 1, "%")], ["memory", number(resident_mib, 1, "MiB")],
+  return [
+    status.service, status.stage, status.state, number(rate_hz, 0, "Hz"),
+    ...["p50", "p99", "max"].map((name) => (latency_us ? `${latency_us[name].toFixed(0)} µs` : "–")),
+    String(status.lost), String(status.restarts), number(cpu_percent, 1, "%"), number(resident_mib, 1, "MiB"),
   ];
-  const list = element("dl", "", ...pairs.flatMap(([name, value]) => [element("dt", "", name), element("dd", "number", value)]));
-  const created = element("article", `box${PATH.includes(status.service) ? " path" : ""}${up ? "" : " down"}`, element("h3", "", status.stage ? `${status.service}: ${status.stage}` : status.service), element("span", "word", wasRestarted ? "restarted" : status.state), list);
-  created.dataset.service = status.service;
-  return created;
 }

@@ -123,7 +123,7 @@ export class Timeline {
     }
     const selected = data.cursor !== null && at !== undefined ? this.nearestEvent(this.x(data.cursor)) : null;
     const event = selected ?? data.events.at(-1);
-    const text = event ? `${event.t === null || Number.isNaN(event.t) ? "earlier" : `${event.t.toFixed(2)} s`}: ${event.text}` : "No events yet.";
+    const text = event ? `${event.t === null || Number.isNaN(event.t) ? "earlier" : data.timeText(event.t)}: ${event.text}` : "No events yet.";
     write(this.description, text);
     this.description.className = event?.fault ? "c-fault" : event ? "" : "c-quiet";
   }

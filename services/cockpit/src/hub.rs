@@ -1,13 +1,14 @@
 //! Distribution of snapshots, status and calibration progress to the viewers.
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
-//! Output: a bounded message queue per viewer. A new viewer first receives the status and the
-//! events so far.
+//! Output: a bounded message queue per viewer. A new viewer first receives the status, the events
+//! so far and the snapshots of the last minute.
 //! Failure: a viewer that is too slow loses messages. Nothing waits for a viewer.
 
 use std::{
     collections::VecDeque,
     sync::{Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 
 use axum::body::Bytes;
@@ -25,6 +26,11 @@ const MAX_STORED_FLAGS: usize = 64;
 /// Maximum number of messages queued per viewer, enough for a quarter of a second. A viewer that
 /// falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 8;
+
+/// Time for which snapshots are kept for new viewers. It is the time span of the page's strips.
+const HISTORY: Duration = Duration::from_secs(60);
+/// Maximum size of the snapshots that are kept, bytes: twice that of an ordinary minute.
+const MAX_HISTORY_BYTES: usize = 8 << 20;
 
 /// Message queues of the viewers.
 #[derive(Debug)]
@@ -46,6 +52,29 @@ struct Backlog {
     /// Flags of the newest snapshots, oldest first.
     flags: VecDeque<u64>,
     calibration: Option<Calibration>,
+    history: History,
+}
+
+/// Encoded snapshots of the last minute, oldest first.
+#[derive(Debug, Default)]
+struct History {
+    /// Time of each snapshot on CLOCK_MONOTONIC, ns, and the snapshot.
+    snapshots: VecDeque<(u64, Bytes)>,
+    bytes: usize,
+}
+
+impl History {
+    fn push(&mut self, t_ns: u64, snapshot: Bytes) {
+        self.bytes += snapshot.len();
+        self.snapshots.push_back((t_ns, snapshot));
+        let from_ns = t_ns.saturating_sub(HISTORY.as_nanos() as u64);
+        while let Some((first_ns, first)) = self.snapshots.front()
+            && (*first_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)
+        {
+            self.bytes -= first.len();
+            self.snapshots.pop_front();
+        }
+    }
 }
 
 /// Newest values, for `/metrics`.
@@ -87,10 +116,14 @@ impl Hub {
         if let Some(bias) = picture.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
             backlog.latest.bias_rad_s = Some([bias.x, bias.y, bias.z]);
         }
-        drop(backlog);
-        if self.messages.receiver_count() > 0 {
-            self.send(Said::Picture(picture));
+        let (has_data, t_ns) = (picture.attitude.is_some() || picture.imu.is_some(), picture.t_made_ns);
+        let message = encode(Said::Picture(picture));
+        if has_data {
+            backlog.history.push(t_ns, message.clone());
         }
+        drop(backlog);
+        // Sending fails only if there are no viewers.
+        let _ = self.messages.send(message);
     }
 
     /// Sends the system's status to the viewers. Also clears the latest values unless the system is
@@ -136,7 +169,8 @@ impl Hub {
         let backlog = self.backlog();
         let first = [Said::Standing(backlog.latest.standing.clone()), Said::Picture(backlog.summary(0))];
         let calibration = backlog.calibration.clone().map(Said::Calibration);
-        (first.into_iter().chain(calibration).map(encode).collect(), messages)
+        let history = backlog.history.snapshots.iter().map(|(_, snapshot)| snapshot.clone());
+        (first.into_iter().chain(calibration).map(encode).chain(history).collect(), messages)
     }
 
     /// Returns a summary to replace the `messages` messages that a viewer has missed.
@@ -182,6 +216,29 @@ pub(crate) fn encode(message: Said) -> Bytes {
 mod tests {
     use super::*;
     use tokio::sync::broadcast::error::TryRecvError;
+
+    #[test]
+    fn new_viewer_receives_snapshots_of_last_minute() {
+        let hub = Hub::default();
+        for number in 0..3000 {
+            let attitude = (number % 2 == 0).then(AttitudeOutput::default);
+            let t_made_ns = number * 33_000_000;
+            hub.publish_snapshot(Picture { number, t_made_ns, attitude, ..Picture::default() });
+        }
+        let (first, _) = hub.subscribe();
+        let numbers: Vec<u64> = first[2..]
+            .iter()
+            .map(|message| match ToPage::from_bytes(message).unwrap().said {
+                Some(Said::Picture(picture)) => picture.number,
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        // 60 s are 1818 snapshots, half of which have data. The last number with data is 2998.
+        assert_eq!(numbers, (1180..3000).step_by(2).collect::<Vec<_>>());
+        let mut history = History::default();
+        (0..1000).for_each(|t_ns| history.push(t_ns, vec![0; 1 << 16].into()));
+        assert_eq!((history.bytes, history.snapshots.len()), (MAX_HISTORY_BYTES, MAX_HISTORY_BYTES >> 16));
+    }
 
     #[test]
     fn slow_viewer_misses_snapshots_without_blocking() {

@@ -23,6 +23,7 @@
 //! | `port` | open ports: standard input, datagrams, TCP connection, serial port |
 //! | `drop_counter` | datagrams that the kernel dropped |
 //! | `reconnecting_port` | port that is reopened after a failure |
+//! | `detect` | recognition of the device on a serial port |
 //! | `format` | selection of the decoder for a format |
 //! | `protobuf` | length-delimited protobuf messages |
 //! | `sender_decoders` | choice of one sender of datagrams, with the decoder of each |
@@ -32,6 +33,7 @@
 //! | `diagnostics_publisher` | reports of these problems to the supervisor and the user |
 #![forbid(unsafe_code)]
 
+pub mod detect;
 mod device_monitor;
 mod diagnostics_publisher;
 mod drop_counter;

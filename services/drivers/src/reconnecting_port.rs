@@ -152,7 +152,7 @@ impl ReconnectingPort {
 }
 
 /// Returns the suggested action after `error`.
-fn remedy(port: &Port, error: &io::Error) -> &'static str {
+pub(crate) fn remedy(port: &Port, error: &io::Error) -> &'static str {
     match (port, error.kind()) {
         (Port::Udp(_), io::ErrorKind::AddrInUse) => "another program uses the port: stop it, or set another `listen`",
         (Port::Udp(_), _) => "set an address of this machine and a free port",

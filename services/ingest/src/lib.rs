@@ -16,6 +16,7 @@ mod raw_reading_publisher;
 use std::time::Duration;
 
 use bus::{BusError, Publisher, Subscriber};
+use bytemuck::Zeroable as _;
 use launch::Service;
 use messages::{
     Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, Reference, SensorReading, State,
@@ -178,6 +179,8 @@ struct Ingest {
     /// Publisher of the raw readings; `None` unless the flight is to be replayable.
     raw_readings: Option<RawReadingPublisher>,
     checkpoints: Publisher<Checkpoint>,
+    /// Newest checkpoint; zero before the first one.
+    checkpoint: Box<Checkpoint>,
     credit: Subscriber<Credit>,
     /// First tick that this incarnation publishes. A previous incarnation has published the ticks
     /// before it.
@@ -217,6 +220,7 @@ impl Ingest {
                 false => None,
             },
             checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
+            checkpoint: Box::new(Checkpoint::zeroed()),
             resume_tick,
             catch_up_end_tick,
             start_ns,
@@ -360,16 +364,14 @@ impl Ingest {
             return Ok(());
         }
         self.next_checkpoint_tick = self.published_ticks + self.context.config.checkpoint_ticks();
-        let mut checkpoint = Checkpoint {
-            next_tick: self.published_ticks,
-            service: Service::Ingest as u32,
-            incarnation: self.context.config.incarnation,
-            slot_words: 2,
-            ..bytemuck::Zeroable::zeroed()
-        };
+        let Self { checkpoint, .. } = self;
+        checkpoint.next_tick = self.published_ticks;
+        checkpoint.service = Service::Ingest as u32;
+        checkpoint.incarnation = self.context.config.incarnation;
+        checkpoint.slot_words = 2;
         checkpoint.words[..2].copy_from_slice(&[self.start_ns, self.conditioner.offset_ns().cast_unsigned()]);
         checkpoint.checksum = checkpoint.compute_checksum();
-        Ok(self.checkpoints.send(&checkpoint)?)
+        Ok(self.checkpoints.send(checkpoint)?)
     }
 
     /// Delivers the history of the topics to new subscribers.

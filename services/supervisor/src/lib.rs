@@ -20,10 +20,12 @@
 //! | `reaper` | removal of what killed services leave on the bus |
 //! | `scheduling` | scheduling priorities of the processes |
 //! | `view` | progress display on the terminal |
+//! | `last_run` | record of a run in a file, from which its end is reported |
 //! | `notify` | notifications to the service manager |
 mod error;
 pub mod in_process;
 mod input;
+mod last_run;
 mod notify;
 mod orphans;
 pub mod plan;
@@ -48,6 +50,7 @@ use runtime::RuntimeError;
 use orphans::Orphans;
 
 pub use error::UpError;
+pub use last_run::{EndReason, LastRun};
 pub use plan::{Plan, Request};
 pub use replayed_flight::Flight;
 pub use report::{RecordingReport, Report};

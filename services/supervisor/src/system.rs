@@ -27,6 +27,7 @@ use crate::{
     Plan, Report, Request,
     error::UpError,
     input::InputChecker,
+    last_run::RunRecord,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
     recorder,
@@ -52,6 +53,9 @@ pub fn run(plan: &Plan, request: &Request, stop_requested: Arc<AtomicBool>) -> R
     let mut collector = Collector::new(plan.out.as_ref())?;
     let mut system = System::start(plan, request, stop_requested)?;
     let failure = system.run(&mut collector).err();
+    if let Some(record) = system.run_record.take() {
+        record.finish(failure.as_ref().map(ToString::to_string));
+    }
     let mut report = system.report(collector, failure);
     if let Some(recorder) = system.finish() {
         report.set_recording(recorder::finish(recorder, &report));
@@ -82,6 +86,8 @@ struct System {
     /// Set once the failure of the recording has been announced.
     recording_failure_announced: bool,
     file_monitor: FileMonitor,
+    /// Record of this run; `None` without a writable state folder.
+    run_record: Option<RunRecord>,
     /// Set once a failure to open the control socket again has been announced.
     socket_failure_announced: bool,
     last_file_check: Instant,
@@ -133,6 +139,7 @@ impl System {
             recorder,
             recording_failure_announced: false,
             file_monitor: FileMonitor::default(),
+            run_record: RunRecord::create(&plan.config.launch.name),
             socket_failure_announced: false,
             last_file_check: Instant::now(),
             last_shown: Instant::now(),
@@ -220,6 +227,7 @@ impl System {
             return Ok(());
         };
         self.last_file_check = Instant::now();
+        self.run_record.iter_mut().for_each(RunRecord::refresh);
         let services = self.supervision.entries().filter_map(|(_, entry)| entry.pid()).filter(|_| has_exits);
         let pids: Vec<_> = services.chain([std::process::id()]).collect();
         let system_name = claim.system_name();

@@ -4,7 +4,7 @@ use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
 use foreign::ForeignText;
-use launch::Slot;
+use launch::UnknownStage;
 use pipeline::CollectorError;
 use readings::source::SourceError;
 use recording::RecordingError;
@@ -15,25 +15,37 @@ use scenario::ScenarioError;
 #[derive(Debug, thiserror::Error)]
 pub enum ScoreError {
     /// The slot has no stage of this name.
-    #[error("no {slot} stage named `{name}`{} (available: {})", match closest {
-        Some(closest) => format!("; did you mean `{closest}`?"),
-        None => String::new(),
-    }, known.join(", "))]
-    UnknownStage {
-        /// Slot of the stage.
-        slot: Slot,
-        /// Requested name.
-        name: String,
-        /// Stage with the most similar name.
-        closest: Option<&'static str>,
-        /// All built-in stages of the slot.
-        known: &'static [&'static str],
-    },
+    #[error(transparent)]
+    UnknownStage(#[from] UnknownStage),
     /// A fuser is selected twice.
     #[error("fuser `{name}` is given twice; remove one")]
     DuplicateFuser {
         /// Name of the fuser.
         name: String,
+    },
+    /// An estimate has the name of a selected fuser or of another estimate.
+    #[error(
+        "estimate `{name}` has the name of a fuser or of another estimate; choose another NAME in --estimate NAME=FILE"
+    )]
+    DuplicateEstimate {
+        /// Name of the estimate.
+        name: String,
+    },
+    /// The name of an estimate cannot name a folder.
+    #[error(
+        "estimate `{name}`: the name is empty, begins with a dot or contains a slash; choose another NAME in --estimate NAME=FILE"
+    )]
+    InvalidEstimateName {
+        /// Name of the estimate.
+        name: String,
+    },
+    /// An estimate is given for several trials.
+    #[error("estimate `{name}` belongs to one recording, but there are {trials} trials; score it alone")]
+    EstimateForSeveralTrials {
+        /// Name of the estimate.
+        name: String,
+        /// Number of trials.
+        trials: usize,
     },
     /// No selected stage has the parameter.
     #[error("no selected stage has a parameter `{key}`{}\navailable:\n{known}", match closest {
@@ -123,8 +135,11 @@ pub enum ScoreError {
     /// The attitudes cannot be collected or written.
     #[error(transparent)]
     Collector(#[from] CollectorError),
-    /// An output file would overwrite the recording.
-    #[error("writing {}: this is the recording itself; choose another folder for --out or --csv", foreign::path(path))]
+    /// An output file would overwrite the recording or an estimate.
+    #[error(
+        "writing {}: this is the recording itself or an estimate; choose another folder for --out or --csv",
+        foreign::path(path)
+    )]
     OutputIsRecording {
         /// Path of the output file.
         path: PathBuf,
@@ -162,8 +177,11 @@ impl ScoreError {
     /// line, otherwise 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::UnknownStage { .. }
+            Self::UnknownStage(_)
             | Self::DuplicateFuser { .. }
+            | Self::DuplicateEstimate { .. }
+            | Self::InvalidEstimateName { .. }
+            | Self::EstimateForSeveralTrials { .. }
             | Self::DuplicateSetting { .. }
             | Self::EmptyPlotWindow { .. }
             | Self::UnknownKey { .. }

@@ -15,6 +15,7 @@ use attitude::{
     state::{Attitude, wrapped_rad},
 };
 use messages::{AttitudeOutput, CourseReference, FusedState};
+use runtime::convert;
 
 use crate::{
     normalised::RatioHistograms,
@@ -46,7 +47,8 @@ pub struct TickErrors {
     pub heading_is_known: bool,
     /// `true` if the course is referenced to north.
     pub course_is_known: bool,
-    /// Error of the estimated gyro bias, °/s, body axes; `None` if the true bias is unknown.
+    /// Error of the estimated gyro bias, °/s, body axes; `None` if the true bias is unknown or no
+    /// bias is estimated.
     pub gyro_bias_deg_s: Option<Vector3<f64>>,
 }
 
@@ -57,7 +59,7 @@ impl TickErrors {
             [output.quaternion, truth.quaternion].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
         let angles = Attitude::from_quaternion(reference).angles();
         let [estimated_bias, true_bias] =
-            [Some(fused.bias_rad_s), truth.gyro_bias_rad_s].map(|bias| bias.map(Vector3::from));
+            [convert::finite_vector(fused.bias_rad_s), truth.gyro_bias_rad_s.map(Vector3::from)];
         Self {
             attitude: AttitudeError::between(estimate, reference),
             angles: AngleError::between(Attitude::from_quaternion(estimate).angles(), output.course_rad, angles),

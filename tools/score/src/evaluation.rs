@@ -17,6 +17,7 @@ use crate::{
     ScoreError,
     csv::TickTable,
     error_stats::{ErrorStats, TickErrors, Truth},
+    estimate::{Estimate, EstimateReader},
     plot::PlotRecord,
     table::{Errors, ErrorsDeg, TrialScore},
     trial::Trial,
@@ -108,9 +109,16 @@ pub(crate) fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     ServiceConfig::standalone(launch, trial.rate_hz, Pace::Max)
 }
 
-/// Run of one chain over one trial, with its statistics and outputs.
+/// Source of the attitudes of a run.
+enum AttitudeSource {
+    Stages(Box<pipeline::Path>),
+    File(Box<EstimateReader>),
+}
+
+/// Run of one chain, or of an estimate from a file, over one trial, with its statistics and
+/// outputs.
 pub(crate) struct ChainRun {
-    pub(crate) path: pipeline::Path,
+    source: AttitudeSource,
     pub(crate) collector: Collector,
     pub(crate) stats: ErrorStats,
     pub(crate) files: TrialOutputs,
@@ -129,8 +137,17 @@ pub(crate) struct TrialOutputs {
 
 impl ChainRun {
     pub(crate) fn new(config: &ServiceConfig, files: TrialOutputs) -> Result<Self, ScoreError> {
+        Self::with_source(AttitudeSource::Stages(Box::new(pipeline::Path::new(config)?)), files)
+    }
+
+    /// Creates the run of an estimate from a file.
+    pub(crate) fn from_estimate(estimate: &Estimate, files: TrialOutputs) -> Result<Self, ScoreError> {
+        Self::with_source(AttitudeSource::File(Box::new(EstimateReader::open(estimate)?)), files)
+    }
+
+    fn with_source(source: AttitudeSource, files: TrialOutputs) -> Result<Self, ScoreError> {
         Ok(Self {
-            path: pipeline::Path::new(config)?,
+            source,
             collector: Collector::new(files.out.as_ref().map(AttitudeFile::new).as_ref())?,
             stats: ErrorStats::default(),
             files,
@@ -156,16 +173,21 @@ impl ChainRun {
     }
 
     pub(crate) fn process(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
-        let Self { path, collector, stats, files, outputs, newest } = self;
+        let Self { source, collector, stats, files, outputs, newest } = self;
         let tick = sample.imu.header.tick;
         if let Some(truth) = truth {
             collector.record_reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
         }
-        let state = Cell::new(None);
         outputs.clear();
-        path.offer_observed(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
-            outputs.extend(state.get().map(|fused| (output, fused)));
-        })?;
+        match source {
+            AttitudeSource::Stages(path) => {
+                let state = Cell::new(None);
+                path.offer_observed(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
+                    outputs.extend(state.get().map(|fused| (output, fused)));
+                })?;
+            }
+            AttitudeSource::File(estimate) => outputs.extend(estimate.at(&sample.imu)?),
+        }
         for (output, fused) in outputs.iter() {
             collector.record_attitude(output);
             *newest = Some((*output, *fused));

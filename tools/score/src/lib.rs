@@ -15,6 +15,7 @@
 //! | [`chain`] | the stages of the four slots |
 //! | [`catalogue`] | list of all stages and parameters |
 //! | [`trial`] | a recording or a simulation as a sequence of readings |
+//! | [`estimate`] | attitudes that another program has estimated |
 //! | [`seeds`] | a simulation repeated with many seeds, and the spread of its errors |
 //! | [`mod@run`] | run of all stages over all trials, in the slots of the real system |
 //! | [`timing`] | CPU time per update of the bare stages |
@@ -35,6 +36,7 @@ pub mod chain;
 mod csv;
 mod error;
 pub mod error_stats;
+pub mod estimate;
 mod evaluation;
 pub mod normalised;
 pub mod overlay;

@@ -35,7 +35,8 @@ impl Recommendation {
             let (Sweep { fuser, setting, .. }, value) = (tuned, tuned.best.value);
             text += &format!("; the best {setting} of {fuser}, {value}, is at the end of the range: extend the range");
         }
-        Some(Self { text, launch: launch_sections(best) })
+        let launch = ranked.iter().find_map(|(stage, _)| launch_sections(stage)).unwrap_or_default();
+        Some(Self { text, launch })
     }
 }
 
@@ -46,9 +47,10 @@ pub(crate) fn ranking_error(heading_is_known: bool) -> (&'static str, fn(&Errors
     if heading_is_known { ("total", |errors| errors.total) } else { ("inclination", |errors| errors.inclination) }
 }
 
-/// Formats a chain as sections of `launch.toml`.
-fn launch_sections(stage: &StageScore) -> String {
-    let slots = [("gyro", &stage.gyro), ("accel", &stage.accel), ("fuser", &stage.fuser), ("course", &stage.course)];
+/// Formats a chain as sections of `launch.toml`. Returns `None` for an estimate from a file.
+fn launch_sections(stage: &StageScore) -> Option<String> {
+    let StageScore { gyro, accel, fuser, course, .. } = stage;
+    let slots = [("gyro", gyro.as_ref()?), ("accel", accel.as_ref()?), ("fuser", fuser), ("course", course.as_ref()?)];
     let mut lines = Vec::new();
     for (slot, name) in slots {
         lines.push(format!("[{slot}]\nstage = \"{name}\""));
@@ -61,7 +63,7 @@ fn launch_sections(stage: &StageScore) -> String {
             lines.push(format!("[{slot}.set]\n{}", set.join("\n")));
         }
     }
-    lines.join("\n")
+    Some(lines.join("\n"))
 }
 
 #[cfg(test)]
@@ -91,6 +93,17 @@ mod tests {
         assert!(recommendation.launch.contains("[fuser]\nstage = \"wz\""), "{}", recommendation.launch);
         let by_total = Recommendation::from_scores(&scores, true).unwrap();
         assert!(by_total.text.starts_with("best by total error: vqf 9.500°"), "{}", by_total.text);
+    }
+
+    #[test]
+    fn launch_sections_are_those_of_best_stage() {
+        let mut scores = scores(&[("wz", Some(0.5)), ("vqf", Some(0.4))]);
+        let mut estimate = StageScore::from_estimate("mine");
+        estimate.mean.attitude.inclination = Some(0.3);
+        scores.stages.push(estimate);
+        let recommendation = Recommendation::from_scores(&scores, false).unwrap();
+        assert_eq!(recommendation.text, "best by inclination error: mine 0.300°; next: vqf 0.400°");
+        assert!(recommendation.launch.contains("[fuser]\nstage = \"vqf\""), "{}", recommendation.launch);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! Input: the scores, and the decimated curves of each trial.
 //!
-//! Output: an HTML file that loads no external resource and is readable by its owner only.
+//! Output: an HTML file that loads no external resource and that others may read.
 //!
 //! Failure: an error if the file cannot be written.
 
@@ -23,6 +23,8 @@ use crate::{
     table::{ErrorsDeg, Scores, StageScore, Sweep},
 };
 
+/// Permissions of the file, reduced by the umask. The report is made to be shared.
+const REPORT_MODE: u32 = 0o644;
 /// Width and height of a chart, pixels.
 const CHART_SIZE: (u32, u32) = (960, 230);
 /// Percentage of points at both ends that the range of the vertical axis ignores.
@@ -61,7 +63,7 @@ impl HtmlReport<'_> {
     /// Returns an error if the file cannot be written.
     pub(crate) fn write(&self, path: &Path) -> Result<(), ScoreError> {
         let html = self.html().map_err(|cause| ScoreError::Write { path: path.into(), cause })?;
-        Ok(recording::write_atomic(path, &html)?)
+        Ok(recording::write_atomic(path, &html, REPORT_MODE)?)
     }
 
     fn html(&self) -> io::Result<String> {
@@ -211,8 +213,9 @@ impl HtmlReport<'_> {
         page.push("\n<h2>Settings</h2><table class=\"words\"><tr><th>fuser</th><th>gyro</th><th>accel</th><th>course</th><th>settings</th></tr>");
         for stage in &self.scores.stages {
             let set: Vec<_> = stage.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            let cells =
-                [&stage.fuser, &stage.gyro, &stage.accel, &stage.course].map(|text| escape(text)).join("</td><td>");
+            let other = [&stage.gyro, &stage.accel, &stage.course].map(|name| name.as_deref().unwrap_or("–"));
+            let cells = [&[stage.fuser.as_str()][..], &other].concat();
+            let cells = cells.into_iter().map(escape).collect::<Vec<_>>().join("</td><td>");
             page.push(&format!("<tr><td>{cells}</td><td>{}</td></tr>", escape(&set.join(", "))));
         }
         page.push("</table>");
@@ -287,7 +290,7 @@ impl PageBuilder {
         let margin = (0.08 * (high - low)).max(1e-6 * high.abs()).max(1e-9);
         let y_range = if starts_at_zero { 0.0 } else { low - margin }..high + margin;
         let end = y_range.end;
-        self.push_chart(&time_chart(label, 0.0..end_s, y_range, series))?;
+        self.push_chart(&time_chart(label, 0.0..end_s, y_range, series, 1))?;
         let largest = series.iter().filter_map(|series| series.curve.range()).map(|range| range.1).reduce(f64::max);
         if let Some(largest) = largest.filter(|largest| *largest > end) {
             self.push(&format!("<p class=\"note\">axis ends at {end:.2}; the largest value is {largest:.2}</p>"));

@@ -26,15 +26,16 @@ use crate::{
     ScoreError,
     chain::StageChain,
     csv::TickTable,
+    estimate::Estimate,
     evaluation::{ChainRun, TrialOutputs, config, gyro_bias, truth},
     overlay::{ErrorCurves, Overlay},
-    plot::{PlotOptions, PlotRecord, Plotter},
+    plot::{PlotOptions, PlotRecord, Plotter, chain_label},
     report::HtmlReport,
     seeds::{self, merge},
     stages::{self, StageSelection},
     table::{Recommendation, Scores, StageDifference, StageScore, TrialScore, TrialWarning},
     timing::{MAX_SAMPLES, StageInput, ns_per_update},
-    trial::{Gnss, Trial, TrialOptions},
+    trial::{Gnss, Trial, TrialOptions, validate_references},
     tune::{self, SettingRange},
 };
 
@@ -50,7 +51,10 @@ pub struct Request {
     pub options: TrialOptions,
     /// Selected stages and settings.
     pub selection: StageSelection,
-    /// Folder for the attitude of each tick.
+    /// Attitudes that other programs have estimated on the only trial, scored in addition to the
+    /// stages.
+    pub estimates: Vec<Estimate>,
+    /// Folder for the attitude of each tick, for stages only.
     pub out: Option<PathBuf>,
     /// Folder for the tables with estimates and reference of each tick.
     pub csv: Option<PathBuf>,
@@ -78,6 +82,7 @@ pub struct Request {
 /// cannot be written.
 pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Result<Scores, ScoreError> {
     let mut launches = stages::launches(&request.selection)?;
+    validate_estimates(request, &launches)?;
     request.report.as_deref().map_or(Ok(()), check_parent_folder)?;
     let groups = request.files.iter().map(|file| TrialGroup::from_argument(file)).collect::<Result<Vec<_>, _>>()?;
     let trials = open_trials(request, &groups)?;
@@ -101,7 +106,9 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         None => Vec::new(),
     };
     let mut scores = Scores {
-        stages: launches.iter().map(StageScore::new).collect(),
+        stages: (launches.iter().map(StageScore::new))
+            .chain(request.estimates.iter().map(|estimate| StageScore::from_estimate(&estimate.name)))
+            .collect(),
         swept,
         tuned,
         prints_all_errors: request.prints_all_errors,
@@ -115,7 +122,7 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         .map(|(trial, is_first)| run_trial(request, plotter.as_ref(), trial, &launches, *is_first, &report_progress));
     let mut outcomes = trials.iter().zip(outcomes.collect::<Result<Vec<_>, _>>()?);
     for TrialGroup { name, trials } in &groups {
-        let mut stage_scores = vec![Vec::new(); launches.len()];
+        let mut stage_scores = vec![Vec::new(); scores.stages.len()];
         for ((seed, _), (trial, outcome)) in trials.iter().zip(&mut outcomes) {
             let TrialOutcome { scores: chain_scores, warnings, overlay, heading_is_known: trial_heading_is_known } =
                 outcome;
@@ -125,7 +132,7 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
                 .for_each(|(scores_by_seed, score)| scores_by_seed.push((*seed, score)));
             scores.warnings.extend(warnings.into_iter().map(|text| TrialWarning { trial: trial.name.clone(), text }));
             if let Some(overlay) = overlay {
-                scores.differences.extend(differences(&overlay, &launches));
+                scores.differences.extend(differences(&overlay, &names(request, &launches)));
                 overlays.push(overlay);
             }
             heading_is_known &= trial_heading_is_known;
@@ -175,13 +182,35 @@ fn check_parent_folder(path: &Path) -> Result<(), ScoreError> {
     fs::metadata(folder).map(drop).map_err(|cause| ScoreError::Write { path: path.into(), cause })
 }
 
-/// Returns the differences between the chains on a trial without a reference.
-fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<StageDifference> {
-    let Some((first, others)) = launches.split_first().filter(|_| !overlay.has_reference()) else { return Vec::new() };
-    let difference = |(to, curves): (&Launch, &ErrorCurves)| StageDifference {
+/// Returns the name of each chain and estimate: that of the fuser, or that of the estimate.
+fn names(request: &Request, launches: &[Launch]) -> Vec<String> {
+    let estimates = request.estimates.iter().map(|estimate| estimate.name.clone());
+    launches.iter().map(|launch| launch.fuser.stage.clone()).chain(estimates).collect()
+}
+
+/// Returns an error if the name of an estimate is not unique or is not a file name, if its file
+/// cannot be read, or if there are several trials.
+fn validate_estimates(request: &Request, launches: &[Launch]) -> Result<(), ScoreError> {
+    let mut taken: HashSet<&str> = launches.iter().map(|launch| launch.fuser.stage.as_str()).collect();
+    for Estimate { name, file, .. } in &request.estimates {
+        if name.is_empty() || name.starts_with('.') || name.contains('/') {
+            return Err(ScoreError::InvalidEstimateName { name: name.clone() });
+        }
+        if !taken.insert(name) {
+            return Err(ScoreError::DuplicateEstimate { name: name.clone() });
+        }
+        validate_references(file)?;
+    }
+    Ok(())
+}
+
+/// Returns the differences between the chains, given by name, on a trial without a reference.
+fn differences(overlay: &Overlay, names: &[String]) -> Vec<StageDifference> {
+    let Some((first, others)) = names.split_first().filter(|_| !overlay.has_reference()) else { return Vec::new() };
+    let difference = |(to, curves): (&String, &ErrorCurves)| StageDifference {
         trial: overlay.name.clone(),
-        from: first.fuser.stage.clone(),
-        to: to.fuser.stage.clone(),
+        from: first.clone(),
+        to: to.clone(),
         rms: curves.rms(),
     };
     others.iter().zip(&overlay.differences).map(difference).collect()
@@ -192,6 +221,9 @@ fn open_trials(request: &Request, groups: &[TrialGroup]) -> Result<Vec<Trial>, S
         return Err(ScoreError::FixesForSeveralTrials { fixes: fixes.clone(), trials });
     }
     let names: Vec<_> = groups.iter().flat_map(|group| &group.trials).map(|(_, name)| name).collect();
+    if let ([Estimate { name, .. }, ..], trials @ 2..) = (&request.estimates[..], names.len()) {
+        return Err(ScoreError::EstimateForSeveralTrials { name: name.clone(), trials });
+    }
     let opened = names.par_iter().map(|name| Trial::open(name, &request.options));
     let trials = opened.collect::<Vec<_>>().into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut names = HashSet::new();
@@ -229,17 +261,28 @@ fn run_trial(
     report_progress: &(dyn Fn(u64) + Sync),
 ) -> Result<TrialOutcome, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let chain_run = |config| ChainRun::new(config, create_outputs(request, trial, config, is_first)?);
-    let mut chain_runs = configs.iter().map(chain_run).collect::<Result<Vec<_>, _>>()?;
-    let compares_stages = launches.len() > 1 && !trial.has_reference;
+    let default_config = config(&Launch::default(), trial);
+    let first_config = configs.first().unwrap_or(&default_config);
+    let chain_run = |config: &ServiceConfig| {
+        let name = &config.launch.fuser.stage;
+        ChainRun::new(config, create_outputs(request, trial, config, name, request.out.as_deref(), is_first)?)
+    };
+    let estimate_run = |estimate: &Estimate| {
+        let outputs = create_outputs(request, trial, first_config, &estimate.name, None, is_first)?;
+        ChainRun::from_estimate(estimate, outputs)
+    };
+    let mut chain_runs = (configs.iter().map(chain_run))
+        .chain(request.estimates.iter().map(estimate_run))
+        .collect::<Result<Vec<_>, _>>()?;
+    let compares_stages = chain_runs.len() > 1 && !trial.has_reference;
     let mut overlay = (is_first && (request.report.is_some() || compares_stages))
-        .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
-    let mut conditioner = readings::conditioner(configs.first().unwrap_or(&config(&Launch::default(), trial)))?;
+        .then(|| Overlay::new(&trial.name, trial.rows, chain_runs.len()));
+    let mut conditioner = readings::conditioner(first_config)?;
     let gyro_bias = gyro_bias(trial, launches);
     let (mut input_check, mut timestamp_check, mut findings) =
         (InputCheck::default(), TimestampCheck::default(), Vec::new());
     let mut steps = Vec::new();
-    let mut reported = 0;
+    let (mut reported, mut ticks, mut scored_ticks) = (0, 0, 0);
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
         if count.is_multiple_of(PROGRESS_ROWS) {
@@ -252,6 +295,8 @@ fn run_trial(
         if is_first && steps.len() < MAX_SAMPLES {
             steps.push(StageInput::new(&sample));
         }
+        ticks += 1;
+        scored_ticks += u64::from(sample.reference.is_some_and(|truth| truth.scored));
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         for chain_run in &mut chain_runs {
             chain_run.process(&sample, truth.as_ref())?;
@@ -274,20 +319,31 @@ fn run_trial(
         .chain(findings.iter().map(Diagnosis::to_string));
     let no_score_reason = if trial.name.raw().starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
-    let heading_offset = chain_runs.iter().find_map(|chain_run| chain_run.stats.constant_heading_error_deg());
+    // The remedies apply to stages only.
+    let mut stage_runs = chain_runs.iter().take(launches.len());
+    let heading_offset = stage_runs.find_map(|chain_run| chain_run.stats.constant_heading_error_deg());
     // A wrong unit or axis explains an offset as well, and has its own remedy.
     let heading_offset = heading_offset.filter(|_| findings.is_empty());
     let warnings = warnings.chain(heading_offset.map(heading_offset_warning));
+    let estimate_runs = chain_runs.iter().skip(launches.len()).zip(&request.estimates);
+    let warnings = warnings.chain(estimate_runs.filter_map(|(run, Estimate { name, .. })| {
+        let (found, of, what) = match scored_ticks {
+            0 => (run.collector.ticks(), ticks, "samples"),
+            _ => (run.collector.accuracy().count(), scored_ticks, "scored samples"),
+        };
+        coverage_warning(name, found, of, what)
+    }));
+    let warnings: Vec<_> = warnings.collect();
     let heading_is_known = chain_runs.iter().all(|chain_run| chain_run.stats.heading_is_known() != Some(false));
     if let Some(plotter) = plotter.filter(|_| is_first) {
         draw(request, plotter, trial, &configs, &mut chain_runs)?;
     }
     let scores = chain_runs
         .into_iter()
-        .zip(times)
+        .zip(times.into_iter().chain(std::iter::repeat(None)))
         .map(|(chain_run, ns)| chain_run.finish(trial, ns))
         .collect::<Result<_, _>>()?;
-    Ok(TrialOutcome { scores, warnings: warnings.collect(), overlay, heading_is_known })
+    Ok(TrialOutcome { scores, warnings, overlay, heading_is_known })
 }
 
 /// Returns the warning of a heading that differs from the reference by a constant angle, degrees,
@@ -312,6 +368,21 @@ fn heading_offset_warning(offset_deg: f64) -> String {
     )
 }
 
+/// Returns a warning if an estimate has an attitude at only part of the samples.
+fn coverage_warning(name: &str, found: u64, of: u64, what: &str) -> Option<String> {
+    /// Share of the samples that an estimate covers without a warning. Interpolation omits those
+    /// before its first and after its last row.
+    const MIN_SHARE: f64 = 0.99;
+    if found == 0 && of > 0 {
+        return Some(format!(
+            "estimate `{name}` has no attitude at any of the {what}; check that its t_s is the clock of the recording"
+        ));
+    }
+    ((found as f64) < MIN_SHARE * of as f64).then(|| {
+        format!("estimate `{name}` has an attitude at {found} of {of} {what}; its errors are those of these samples")
+    })
+}
+
 /// Draws the figures of each chain, and those that compare the chains if there are several.
 fn draw(
     request: &Request,
@@ -329,18 +400,17 @@ fn draw(
     }
     chain_runs.iter_mut().filter_map(|chain_run| chain_run.files.record.as_deref_mut()).for_each(PlotRecord::finish);
     let records: Vec<_> = chain_runs.iter().filter_map(|chain_run| chain_run.files.record.as_deref()).collect();
-    for (config, record) in configs.iter().zip(&records) {
-        plotter.draw_chain(
-            &output_path(request, trial, config, &plots.folder, "")?,
-            &trial.name.to_string(),
-            &config.launch,
-            record,
-        )?;
-    }
     let launches: Vec<_> = configs.iter().map(|config| config.launch.clone()).collect();
+    let names = names(request, &launches);
+    let estimates = request.estimates.iter().map(|estimate| estimate.name.clone());
+    let labels = launches.iter().map(chain_label).chain(estimates);
+    for ((name, label), record) in names.iter().zip(labels).zip(&records) {
+        let base_path = output_path(request, trial, name, &plots.folder, "")?;
+        plotter.draw_chain(&base_path, &trial.name.to_string(), &label, record)?;
+    }
     let comparison_path = plots.folder.join(trial.file_stem());
     if records.len() > 1 {
-        plotter.draw_comparison(&comparison_path, &trial.name.to_string(), &launches, &records)
+        plotter.draw_comparison(&comparison_path, &trial.name.to_string(), &names, &records)
     } else {
         Ok(())
     }
@@ -361,38 +431,43 @@ fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {
     })
 }
 
-/// Opens the requested outputs. If a simulation is repeated with many seeds, only the first one is
+/// Opens the requested outputs of the chain or estimate called `name`. `out` is the folder for its
+/// attitudes. If a simulation is repeated with many seeds, only the first one is
 /// drawn.
 fn create_outputs(
     request: &Request,
     trial: &Trial,
     config: &ServiceConfig,
+    name: &str,
+    out: Option<&Path>,
     is_first: bool,
 ) -> Result<TrialOutputs, ScoreError> {
-    let table = |folder: &Option<PathBuf>| {
+    let inputs = || trial.file().into_iter().chain(request.estimates.iter().map(|estimate| estimate.file.as_path()));
+    let table = |folder: Option<&Path>| {
         let Some(folder) = folder else { return Ok(None) };
-        let path = output_path(request, trial, config, folder, ".csv")?;
-        let is_trial = trial.file().is_some_and(|file| is_same_file(&path, file));
-        if is_trial { Err(ScoreError::OutputIsRecording { path }) } else { Ok(Some(path)) }
+        let path = output_path(request, trial, name, folder, ".csv")?;
+        let is_input = inputs().any(|file| is_same_file(&path, file));
+        if is_input { Err(ScoreError::OutputIsRecording { path }) } else { Ok(Some(path)) }
     };
     let record = |plots: &PlotOptions| PlotRecord::new(plots, config, trial.rows).map(Box::new);
     Ok(TrialOutputs {
-        out: table(&request.out)?,
-        csv: table(&request.csv)?.map(|path| TickTable::create(path, config)).transpose()?,
+        out: table(out)?,
+        csv: table(request.csv.as_deref())?.map(|path| TickTable::create(path, config)).transpose()?,
         record: request.plot.as_ref().filter(|_| is_first).map(record).transpose()?,
     })
 }
 
-/// Returns the path of an output file. If there are several fusers, each has its own folder.
+/// Returns the path of an output file of the chain or estimate called `name`. If there are several,
+/// each has its own folder.
 fn output_path(
     request: &Request,
     trial: &Trial,
-    config: &ServiceConfig,
+    name: &str,
     folder: &Path,
     extension: &str,
 ) -> Result<PathBuf, ScoreError> {
-    let has_several_fusers = request.selection.fusers.len() > 1;
-    let folder = if has_several_fusers { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
+    let has_several = request.selection.fusers.len().max(1) + request.estimates.len() > 1;
+    let folder = if has_several { folder.join(name) } else { folder.to_path_buf() };
     create_folder(&folder)?;
     Ok(folder.join(format!("{}{extension}", trial.file_stem())))
 }

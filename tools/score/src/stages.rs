@@ -8,13 +8,11 @@
 
 use std::{collections::BTreeMap, str::FromStr};
 
-use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
+use attitude::parameters::Parameter;
 use launch::{Launch, Slot};
+use mapping::names::nearest;
 
 use crate::{ScoreError, catalogue::ParameterSummary, chain::StageChain};
-
-/// Minimum Jaro-Winkler similarity for a "did you mean" suggestion.
-const MIN_SIMILARITY: f64 = 0.8;
 
 /// Selected stages. Slots without a selection keep the stage of the launch file.
 #[derive(Debug, Clone, Default)]
@@ -74,9 +72,9 @@ impl FromStr for Setting {
 /// ambiguous, out of range or given twice.
 pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
     let mut common = selection.launch.clone();
-    select_stage(&mut common, Slot::Gyro, selection.gyro.as_deref(), &Gyro::NAMES)?;
-    select_stage(&mut common, Slot::Accel, selection.accel.as_deref(), &Accelerometer::NAMES)?;
-    select_stage(&mut common, Slot::Course, selection.course.as_deref(), &Course::NAMES)?;
+    select_stage(&mut common, Slot::Gyro, selection.gyro.as_deref())?;
+    select_stage(&mut common, Slot::Accel, selection.accel.as_deref())?;
+    select_stage(&mut common, Slot::Course, selection.course.as_deref())?;
     let mut launches = vec![common.clone()];
     if !selection.fusers.is_empty() {
         launches.clear();
@@ -85,7 +83,7 @@ pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
                 return Err(ScoreError::DuplicateFuser { name: fuser.clone() });
             }
             let mut launch = common.clone();
-            select_stage(&mut launch, Slot::Fuser, Some(fuser), &Fuser::NAMES)?;
+            select_stage(&mut launch, Slot::Fuser, Some(fuser))?;
             launches.push(launch);
         }
     }
@@ -101,22 +99,9 @@ pub fn launches(selection: &StageSelection) -> Result<Vec<Launch>, ScoreError> {
     Ok(launches)
 }
 
-fn select_stage(
-    launch: &mut Launch,
-    slot: Slot,
-    requested: Option<&str>,
-    known: &'static [&'static str],
-) -> Result<(), ScoreError> {
+fn select_stage(launch: &mut Launch, slot: Slot, requested: Option<&str>) -> Result<(), ScoreError> {
     let Some(name) = requested else { return Ok(()) };
-    let is_external = launch.stages.get(name).is_some_and(|program| program.slot == slot);
-    if !is_external && !known.contains(&name) {
-        return Err(ScoreError::UnknownStage {
-            slot,
-            name: name.into(),
-            closest: closest_name(name, known.iter().copied()),
-            known,
-        });
-    }
+    launch.validate_stage(slot, name)?;
     let config = launch.stage_mut(slot);
     if config.stage != name {
         *config = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
@@ -165,8 +150,7 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
             // If no selected stage matches the prefix of the key, the parameters of all selected
             // stages are listed.
             let known = if known.is_empty() { others } else { known };
-            let closest =
-                closest_name(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
+            let closest = nearest(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
             Err(ScoreError::UnknownKey { key: setting.qualified_key(), closest, known: format_parameters(&known) })
         }
         _ => Err(ScoreError::AmbiguousKey {
@@ -184,14 +168,6 @@ fn format_parameters(known: &[(Slot, &str, &Parameter)]) -> String {
         format!("  {slot}.{} of {stage}: {}", parameter.name, ParameterSummary(parameter))
     };
     known.iter().map(line).collect::<Vec<_>>().join("\n")
-}
-
-fn closest_name(requested: &str, known: impl Iterator<Item = &'static str>) -> Option<&'static str> {
-    known
-        .map(|known| (strsim::jaro_winkler(requested, known), known))
-        .filter(|(similarity, _)| *similarity >= MIN_SIMILARITY)
-        .max_by(|(a, _), (b, _)| a.total_cmp(b))
-        .map(|(_, known)| known)
 }
 
 #[cfg(test)]
@@ -249,8 +225,8 @@ mod tests {
     #[test]
     fn misspelt_stage_is_rejected_with_suggestion() {
         let message = launches(&selection(&["wz-clsed"], &[])).unwrap_err().to_string();
-        assert!(message.contains("no fuser stage named `wz-clsed`; did you mean `wz-closed`?"), "{message}");
-        assert!(message.contains("available: multiple-model, wz, wz-closed"), "{message}");
+        assert!(message.contains("no stage named `wz-clsed`; did you mean `wz-closed`?"), "{message}");
+        assert!(message.contains("stages of the slot `fuser`: multiple-model, wz, wz-closed"), "{message}");
         let twice = launches(&selection(&["wz", "wz"], &[])).unwrap_err();
         assert_eq!(twice.exit_code(), 2);
     }

@@ -12,7 +12,7 @@ use crate::normalised::{NormalisedErrors, RatioHistograms};
 /// Scores of all chains.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Scores {
-    /// Scores of each chain, one per fuser.
+    /// Scores of each chain, one per fuser, followed by those of the estimates from files.
     pub stages: Vec<StageScore>,
     /// Warnings about the input of the trials.
     pub warnings: Vec<TrialWarning>,
@@ -44,17 +44,17 @@ impl fmt::Display for TrialWarning {
     }
 }
 
-/// Scores of one chain.
-#[derive(Debug, Clone, Serialize)]
+/// Scores of one chain, or of an estimate from a file.
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct StageScore {
-    /// Stage of the slot `fuser`.
+    /// Stage of the slot `fuser`, or name of an estimate from a file.
     pub fuser: String,
-    /// Stage of the slot `gyro`.
-    pub gyro: String,
-    /// Stage of the slot `accel`.
-    pub accel: String,
-    /// Stage of the slot `course`.
-    pub course: String,
+    /// Stage of the slot `gyro`; `None` for an estimate from a file.
+    pub gyro: Option<String>,
+    /// Stage of the slot `accel`; `None` for an estimate from a file.
+    pub accel: Option<String>,
+    /// Stage of the slot `course`; `None` for an estimate from a file.
+    pub course: Option<String>,
     /// Settings that differ from the defaults, as `slot.key`.
     pub settings: BTreeMap<String, f64>,
     /// Score of each trial.
@@ -268,15 +268,17 @@ impl StageScore {
             .flat_map(|slot| launch.stage(slot).set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
         Self {
             fuser: launch.fuser.stage.clone(),
-            gyro: launch.gyro.stage.clone(),
-            accel: launch.accel.stage.clone(),
-            course: launch.course.stage.clone(),
+            gyro: Some(launch.gyro.stage.clone()),
+            accel: Some(launch.accel.stage.clone()),
+            course: Some(launch.course.stage.clone()),
             settings: settings.collect(),
-            trials: Vec::new(),
-            mean: Errors::default(),
-            normalised: NormalisedErrors::default(),
-            ns_per_update: None,
+            ..Self::default()
         }
+    }
+
+    /// Creates the empty score of an estimate from a file.
+    pub(crate) fn from_estimate(name: &str) -> Self {
+        Self { fuser: name.into(), ..Self::default() }
     }
 
     /// Computes the means over the trials.

@@ -186,7 +186,7 @@ impl Trial {
 }
 
 /// Validates a reference file by reading it completely.
-fn validate_references(file: &Path) -> Result<(), RecordingError> {
+pub(crate) fn validate_references(file: &Path) -> Result<(), RecordingError> {
     References::open(file)?.interpolate(i64::MAX).map(drop)
 }
 

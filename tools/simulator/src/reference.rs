@@ -2,8 +2,9 @@
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
+use bytemuck::Zeroable as _;
 use launch::{Launch, Slot};
-use messages::{AttitudeOutput, Flags, Ticked};
+use messages::{AttitudeOutput, Checkpoint, Flags, Ticked};
 use runtime::{SlotProcessor, checkpoint, service_config::FIRST_EPOCH};
 
 use crate::flight::{FLIGHT_COUNT, Flight, MAX_TICKS, config, stage};
@@ -106,7 +107,8 @@ impl<S: SlotProcessor> SlotChain<S> {
     fn start_candidates(&mut self, tick: u64, slot_of: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };
-            let checkpoint = checkpoint::capture(&mut before.slot, 1, false);
+            let mut checkpoint = Checkpoint::zeroed();
+            checkpoint::capture(&mut before.slot, 1, false, &mut checkpoint);
             let mut slot = slot_of(&swap.stage)?;
             let resumed = checkpoint::resume(&mut slot, &checkpoint).map_err(|error| error.to_string())?;
             let (from_tick, epoch) = (swap.from_tick, FIRST_EPOCH + self.stages.len() as u32);

@@ -207,8 +207,9 @@ impl<S: SlotProcessor> Worker<S> {
         if !is_alive {
             return false;
         }
-        if let Some(checkpoint) = self.service.checkpoint()
-            && !context.bus.checkpoint.send(self.health.incarnation, checkpoint, &mut context.deliveries_left)
+        // The stages of a simulation do not fail.
+        if let Ok(Some(checkpoint)) = self.service.checkpoint()
+            && !context.bus.checkpoint.send(self.health.incarnation, *checkpoint, &mut context.deliveries_left)
         {
             return false;
         }

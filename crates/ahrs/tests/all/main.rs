@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod builder;
+mod digest;
 mod faults;
+mod golden;
 mod path;
 mod recordings;
 mod snapshot;

@@ -2,7 +2,8 @@
 //!
 //! Input: lines.
 //!
-//! Output: the file. While the disk stalls, lines are queued in memory and the run continues.
+//! Output: the file, or standard output. While the disk stalls, lines are queued in memory and the
+//! run continues.
 //!
 //! Failure: a file that cannot be created is an error. A file that can no longer be written ends
 //! with a complete line.
@@ -10,7 +11,10 @@
 use std::{
     fs::{self, File},
     io::{self, Write},
-    os::unix::fs::{FileTypeExt, MetadataExt},
+    os::{
+        fd::AsFd,
+        unix::fs::{FileTypeExt, MetadataExt},
+    },
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -23,6 +27,8 @@ use std::{
 
 use crate::error::CollectorError;
 
+/// Path that stands for standard output.
+pub const STANDARD_OUTPUT: &str = "-";
 /// Size at which a batch of lines is sent to the writer thread, bytes.
 const BATCH_BYTES: usize = 8192;
 /// Maximum number of queued batches: 32 MiB, some minutes at 1 kHz.
@@ -47,22 +53,39 @@ pub(crate) struct CsvWriter {
 impl CsvWriter {
     /// Creates the file with the header line. An existing file keeps its content until the first
     /// lines are written, so a run that fails to start does not destroy it.
+    ///
+    /// [`STANDARD_OUTPUT`] is not created, and its earlier content is kept.
     pub(crate) fn create(path: &Path, header: String) -> Result<Self, CollectorError> {
         let create_error = |cause| CollectorError::Create { path: path.into(), cause };
+        if path == Path::new(STANDARD_OUTPUT) {
+            let path = Path::new("standard output");
+            let file = io::stdout().as_fd().try_clone_to_owned().map(File::from);
+            return file
+                .and_then(|file| Self::new(path, file, header, false, STALL_TIMEOUT))
+                .map_err(|cause| CollectorError::Create { path: path.into(), cause });
+        }
         // Opening a named pipe would block until a reader opens it.
         if fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo()) {
             return Err(create_error(io::Error::other("the path is a named pipe; choose a regular file")));
         }
         let file = File::options().write(true).create(true).truncate(false).open(path);
-        file.and_then(|file| Self::new(path, file, header, STALL_TIMEOUT)).map_err(create_error)
+        file.and_then(|file| Self::new(path, file, header, true, STALL_TIMEOUT)).map_err(create_error)
     }
 
-    fn new(path: &Path, file: File, buffer: String, stall_timeout: Duration) -> io::Result<Self> {
+    /// Creates a writer to an open file. Its earlier content is removed if `replaces_content`.
+    fn new(
+        path: &Path,
+        file: File,
+        buffer: String,
+        replaces_content: bool,
+        stall_timeout: Duration,
+    ) -> io::Result<Self> {
         let (batches, receiver) = mpsc::sync_channel(MAX_BATCHES);
         let written_bytes = Arc::new(AtomicU64::new(0));
         let written = written_bytes.clone();
-        let writer =
-            thread::Builder::new().name("out".into()).spawn(move || write_batches(file, &receiver, &written))?;
+        let writer = thread::Builder::new()
+            .name("out".into())
+            .spawn(move || write_batches(file, &receiver, &written, replaces_content))?;
         Ok(Self {
             path: path.into(),
             buffer,
@@ -118,7 +141,8 @@ impl CsvWriter {
                 progress_at = Instant::now();
             }
             if progress_at.elapsed() > self.stall_timeout {
-                let cause = format!("the disk has accepted no data for {} s", self.stall_timeout.as_secs());
+                let cause =
+                    format!("the disk or the reader has accepted no data for {} s", self.stall_timeout.as_secs());
                 return Err(self.write_error(io::Error::new(io::ErrorKind::TimedOut, cause)));
             }
             thread::sleep(POLL_INTERVAL);
@@ -139,18 +163,32 @@ impl CsvWriter {
     }
 }
 
-/// Replaces the content of the file with batches of complete lines, until the channel is closed or
-/// a write fails.
-fn write_batches(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
+/// Writes batches of complete lines, until the channel is closed or a write fails. The batches
+/// replace the content of the file if `replaces_content`. Otherwise, the file is standard output,
+/// and batches after its reader has closed it are dropped.
+fn write_batches(
+    mut file: File,
+    batches: &Receiver<String>,
+    written_bytes: &AtomicU64,
+    replaces_content: bool,
+) -> io::Result<()> {
+    let mut is_closed = false;
     for batch in batches {
-        if written_bytes.load(Ordering::Relaxed) == 0 && file.metadata()?.is_file() {
+        if replaces_content && written_bytes.load(Ordering::Relaxed) == 0 && file.metadata()?.is_file() {
             file.set_len(0)?;
         }
-        file.write_all(batch.as_bytes()).inspect_err(|_| {
-            // A partial line is cut off, because its last number would be wrong. A failure is
-            // ignored, because a device cannot be truncated.
-            let _ = file.set_len(written_bytes.load(Ordering::Relaxed));
-        })?;
+        match if is_closed { Ok(()) } else { file.write_all(batch.as_bytes()) } {
+            Ok(()) => {}
+            Err(cause) if !replaces_content && cause.kind() == io::ErrorKind::BrokenPipe => is_closed = true,
+            Err(cause) => {
+                if replaces_content {
+                    // A partial line is cut off, because its last number would be wrong. A failure
+                    // is ignored, because a device cannot be truncated.
+                    let _ = file.set_len(written_bytes.load(Ordering::Relaxed));
+                }
+                return Err(cause);
+            }
+        }
         written_bytes.fetch_add(batch.len() as u64, Ordering::Relaxed);
     }
     Ok(())
@@ -171,7 +209,10 @@ mod tests {
     /// Returns a writer to a pipe. The pipe accepts 64 KiB and then stalls until it is read.
     fn slow_writer(limit: Duration) -> (io::PipeReader, CsvWriter) {
         let (reader, writer) = io::pipe().unwrap();
-        (reader, CsvWriter::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), limit).unwrap())
+        (
+            reader,
+            CsvWriter::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), true, limit).unwrap(),
+        )
     }
 
     fn add_line(out: &mut CsvWriter) -> Result<(), CollectorError> {
@@ -191,6 +232,16 @@ mod tests {
         out.finish().unwrap();
         let text = all.join().unwrap().unwrap();
         assert_eq!((text.lines().count(), text.ends_with('\n')), (lines + 1, true));
+    }
+
+    #[test]
+    fn closed_reader_ends_output_without_error() {
+        let (reader, writer) = io::pipe().unwrap();
+        let file = File::from(OwnedFd::from(writer));
+        let mut out = CsvWriter::new(Path::new("pipe"), file, "t_s\n".into(), false, STALL_TIMEOUT).unwrap();
+        drop(reader);
+        (0..10_000).for_each(|_| add_line(&mut out).unwrap());
+        out.finish().unwrap();
     }
 
     #[test]

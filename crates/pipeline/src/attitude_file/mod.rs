@@ -11,5 +11,5 @@ mod csv_writer;
 mod lines;
 
 pub use columns::{AttitudeFile, Column};
-pub use csv_writer::is_same_file;
+pub use csv_writer::{STANDARD_OUTPUT, is_same_file};
 pub(crate) use lines::AttitudeLines;

@@ -2,7 +2,8 @@
 
 use control::{SwapReport, SwapRequest};
 use foreign::ForeignText;
-use launch::{Launch, Service, Slot, StageConfig, nearest};
+use launch::{Launch, Service, Slot, StageConfig};
+use mapping::names::UnknownName;
 use messages::{EventKind, Health, SystemEvent};
 use swap::{
     Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Resume, Role, SwapLimits, SwapOutcome, SwapState,
@@ -134,11 +135,8 @@ impl Supervision {
     fn validate_request(&self, request: &SwapRequest) -> Result<(Slot, String), (String, String)> {
         let launch = &self.config.launch;
         let Some(slot) = Slot::from_name(&request.slot).filter(|slot| self.swaps.state(*slot).is_some()) else {
-            let slots: Vec<_> = self.swaps.slots.iter().map(|state| state.slot.name()).collect();
-            let suggestion =
-                nearest(&request.slot, &slots).map_or(String::new(), |slot| format!("; did you mean `{slot}`?"));
-            let reason = format!("no slot `{}` here{suggestion}; slots: {}", request.slot, slots.join(", "));
-            return Err((String::new(), reason));
+            let slots = self.swaps.slots.iter().map(|state| state.slot.name());
+            return Err((String::new(), UnknownName::new("slot", &request.slot, slots).to_string()));
         };
         let from = launch.stage(slot).stage.clone();
         if let Err(reason) = self.validate_stage(slot, &request.stage) {

@@ -16,7 +16,7 @@ const GROUP_OTHER_WRITE: u32 = 0o022;
 
 /// Reason why a file is not read.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum FileError {
+pub(crate) enum FileError {
     #[error("it is a symbolic link; links are not followed")]
     SymbolicLink,
     #[error("it is not a regular file")]
@@ -34,7 +34,7 @@ pub(super) enum FileError {
 /// # Errors
 ///
 /// Returns an error if the file is a link, not a regular file, or writable by another user.
-pub(super) fn read(path: &Path) -> Result<Option<String>, FileError> {
+pub(crate) fn read(path: &Path) -> Result<Option<String>, FileError> {
     // Opening a pipe must not block.
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
@@ -61,7 +61,7 @@ pub(super) fn read(path: &Path) -> Result<Option<String>, FileError> {
 ///
 /// The file is replaced atomically. Even after a power failure, a reader finds either the old or
 /// the new text.
-pub(super) fn write(path: &Path, text: &str) -> io::Result<()> {
+pub(crate) fn write(path: &Path, text: &str) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     let mut temporary = path.as_os_str().to_owned();

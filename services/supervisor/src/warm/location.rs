@@ -19,13 +19,18 @@ pub(crate) fn state_file_path(launch: &Launch, is_live: bool) -> Option<PathBuf>
         (StateFile::Off, _) | (_, Source::Replay | Source::Stdin) | (StateFile::Auto, Source::Sim) => None,
         (StateFile::File(path), _) => Some(path.clone()),
         (StateFile::Auto, Source::Bus | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink | Source::Iio) => {
-            state_directory(|name| env::var_os(name)).map(|folder| folder.join(file_name(launch)))
+            state_folder().map(|folder| folder.join(file_name(launch)))
         }
     }
 }
 
 fn file_name(launch: &Launch) -> String {
     format!("{}.state", launch.name)
+}
+
+/// Returns the folder for files that outlast a run, or `None` if the environment names none.
+pub(crate) fn state_folder() -> Option<PathBuf> {
+    state_directory(|name| env::var_os(name))
 }
 
 /// Returns the folder for state files: the one given by systemd, else that of the XDG base

@@ -15,7 +15,7 @@
 //! | `writer` | thread that writes the file |
 
 mod clock;
-mod file;
+pub(crate) mod file;
 mod location;
 mod record;
 mod writer;
@@ -28,7 +28,7 @@ use std::{
 use messages::Checkpoint;
 use runtime::Prior;
 
-pub(crate) use location::state_file_path;
+pub(crate) use location::{state_file_path, state_folder};
 use {clock::Timestamp, file::FileError, record::StateError, writer::StateWriter};
 
 use crate::{Plan, error::UpError};

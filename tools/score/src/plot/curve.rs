@@ -98,6 +98,24 @@ impl Curve {
     }
 }
 
+/// Returns the smallest and the largest point of each `merged_bins` bins of a line, in time order.
+pub(crate) fn min_and_max(line: &[(f64, f64)], merged_bins: usize) -> Vec<(f64, f64)> {
+    if merged_bins == 1 {
+        return line.to_vec();
+    }
+    let mut points = Vec::new();
+    // A bin has up to two points.
+    for bins in line.chunks(2 * merged_bins) {
+        let min = bins.iter().copied().reduce(|a, b| if b.1 < a.1 { b } else { a });
+        let max = bins.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        let mut ends: Vec<_> = min.into_iter().chain(max).collect();
+        ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ends.dedup();
+        points.extend(ends);
+    }
+    points
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +129,16 @@ mod tests {
         curve.finish();
         assert!(curve.points.len() <= 2 * BINS as usize);
         assert_eq!(curve.range(), Some((0.0, 9.0)));
+    }
+
+    #[test]
+    fn merged_bins_keep_spikes_in_time_order() {
+        let mut line: Vec<_> = (0..1000).map(|k| (f64::from(k), 0.0)).collect();
+        (line[500].1, line[503].1) = (9.0, -9.0);
+        let merged = min_and_max(&line, 4);
+        assert!(merged.len() <= 250 && merged.is_sorted_by(|a, b| a.0 < b.0), "{}", merged.len());
+        assert!(merged.contains(&(500.0, 9.0)) && merged.contains(&(503.0, -9.0)));
+        assert_eq!(min_and_max(&line, 1), line);
     }
 
     #[test]

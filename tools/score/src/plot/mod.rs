@@ -3,7 +3,8 @@
 //!
 //! Input: the inputs and outputs of the slots at each tick.
 //!
-//! Output: SVG files with at most about 2000 points per curve.
+//! Output: SVG files with at most about 2000 points per curve, or fewer so that a file has at most
+//! 300 kB.
 //!
 //! Time: sample timestamps, relative to that of the first sample.
 //!
@@ -52,6 +53,12 @@ const WIDTH: u32 = 1200;
 const PANEL_HEIGHT: u32 = 300;
 /// Height of the panel in a figure with a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
+/// Maximum size of a figure over time, bytes, so that a browser or a page with many figures stays
+/// fast.
+const MAX_FIGURE_BYTES: usize = 300_000;
+/// Largest number of bins that are merged to reach [`MAX_FIGURE_BYTES`]. A bin then has about 10
+/// pixels, below which details would be lost. Figures of many stages can exceed the limit.
+const MAX_MERGED_BINS: usize = 8;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
 
 /// A figure over time. Each panel is given by the label of its vertical axis and its quantity.
@@ -136,15 +143,15 @@ impl<'a> Plotter<'a> {
 
     /// Draws one chain's results for a trial, next to those from gyro and accelerometer alone.
     ///
-    /// File names start with `base_path`.
+    /// `label` names the chain. File names start with `base_path`.
     pub(crate) fn draw_chain(
         &self,
         base_path: &Path,
         trial: &str,
-        launch: &Launch,
+        label: &str,
         record: &PlotRecord,
     ) -> Result<(), ScoreError> {
-        let title = format!("{trial}, {}", chain_label(launch));
+        let title = format!("{trial}, {label}");
         for figure in &FIGURES {
             let series = figure.sources.iter().map(|source| {
                 let style = match source {
@@ -158,21 +165,23 @@ impl<'a> Plotter<'a> {
             self.draw_figure(base_path, &title, figure, &series.collect::<Vec<_>>())?;
         }
         let sphere = Sphere { title: format!("{title}: the up vector"), ups: &record.up_path };
-        self.write(base_path, "sphere", SPHERE_SIZE, &sphere)
+        write(base_path, "sphere", self.render(SPHERE_SIZE, &sphere))
     }
 
-    /// Draws the results of several chains for a trial in the same figures, together with the
-    /// reference.
+    /// Draws the results of several chains, given by name, for a trial in the same figures,
+    /// together with the reference.
     pub(crate) fn draw_comparison(
         &self,
         base_path: &Path,
         trial: &str,
-        launches: &[Launch],
+        names: &[String],
         records: &[&PlotRecord],
     ) -> Result<(), ScoreError> {
-        let fused = launches.iter().zip(records).enumerate().map(|(at, (launch, record))| {
-            (launch.fuser.stage.as_str(), series_style(at), record.source_curves(Source::Fused))
-        });
+        let fused = names
+            .iter()
+            .zip(records)
+            .enumerate()
+            .map(|(at, (name, record))| (name.as_str(), series_style(at), record.source_curves(Source::Fused)));
         let reference = records
             .first()
             .map(|record| (Source::Reference.name(), REFERENCE, record.source_curves(Source::Reference)));
@@ -189,7 +198,7 @@ impl<'a> Plotter<'a> {
             let title = format!("{}: mean error of the trials", first.setting);
             let stack = Stack { title, charts: vec![Chart { has_legend: true, ..chart }] };
             let name = format!("{}.{}", SWEEP_PREFIX, first.setting);
-            self.write(&self.plots.folder.join(&name), "", (WIDTH, SINGLE_PANEL_HEIGHT), &stack)?;
+            write(&self.plots.folder.join(&name), "", self.render((WIDTH, SINGLE_PANEL_HEIGHT), &stack))?;
         }
         Ok(())
     }
@@ -201,57 +210,64 @@ impl<'a> Plotter<'a> {
         figure: &Figure,
         sources: &[SourceSeries<'_>],
     ) -> Result<(), ScoreError> {
-        let to_chart = |(label, quantity): &(&'static str, Quantity)| {
-            let series = sources.iter().map(|(name, style, curves)| Series {
-                name,
-                style: *style,
-                curve: curves.curve(*quantity),
-            });
-            panel_chart(label, self.plots.from_s, &series.filter(|series| !series.curve.is_empty()).collect::<Vec<_>>())
-        };
-        let charts: Vec<_> = figure.panels.iter().filter_map(to_chart).collect();
-        if charts.is_empty() {
-            return Ok(());
+        let height = |charts: usize| if charts == 1 { SINGLE_PANEL_HEIGHT } else { PANEL_HEIGHT * charts as u32 };
+        let mut merged_bins = 1;
+        loop {
+            let to_chart = |(label, quantity): &(&'static str, Quantity)| {
+                let series = sources.iter().map(|(name, style, curves)| Series {
+                    name,
+                    style: *style,
+                    curve: curves.curve(*quantity),
+                });
+                let series: Vec<_> = series.filter(|series| !series.curve.is_empty()).collect();
+                panel_chart(label, self.plots.from_s, &series, merged_bins)
+            };
+            let charts: Vec<_> = figure.panels.iter().filter_map(to_chart).collect();
+            if charts.is_empty() {
+                return Ok(());
+            }
+            let size = (WIDTH, height(charts.len()));
+            let svg = self.render(size, &Stack { title: format!("{title}: {}", figure.title), charts });
+            let is_too_large = svg.as_ref().is_ok_and(|svg| svg.len() > MAX_FIGURE_BYTES);
+            if !is_too_large || merged_bins >= MAX_MERGED_BINS {
+                return write(base_path, figure.name, svg);
+            }
+            merged_bins += 1;
         }
-        let height = if charts.len() == 1 { SINGLE_PANEL_HEIGHT } else { PANEL_HEIGHT * charts.len() as u32 };
-        let stack = Stack { title: format!("{title}: {}", figure.title), charts };
-        self.write(base_path, figure.name, (WIDTH, height), &stack)
     }
 
-    /// Writes `BASE_PATH.NAME.svg`.
-    fn write(
-        &self,
-        base_path: &Path,
-        name: &str,
-        default_size: (u32, u32),
-        drawing: &impl Draw,
-    ) -> Result<(), ScoreError> {
+    /// Renders a drawing in the requested size, or in `default_size`.
+    fn render(&self, default_size: (u32, u32), drawing: &impl Draw) -> io::Result<String> {
         let size = self.plots.size.unwrap_or(default_size);
-        let svg = figures::svg(size, drawing);
-        let mut path = base_path.to_path_buf().into_os_string();
-        path.push(if name.is_empty() { ".svg".into() } else { format!(".{name}.svg") });
-        let path = PathBuf::from(path);
-        let written = svg.map_err(|cause| io::Error::other(cause.to_string())).and_then(|it| fs::write(&path, it));
-        written.map_err(|cause| ScoreError::Write { path, cause })
+        figures::svg(size, drawing).map_err(|cause| io::Error::other(cause.to_string()))
     }
+}
+
+/// Writes `BASE_PATH.NAME.svg`.
+fn write(base_path: &Path, name: &str, svg: io::Result<String>) -> Result<(), ScoreError> {
+    let mut path = base_path.to_path_buf().into_os_string();
+    path.push(if name.is_empty() { ".svg".into() } else { format!(".{name}.svg") });
+    let path = PathBuf::from(path);
+    svg.and_then(|svg| fs::write(&path, svg)).map_err(|cause| ScoreError::Write { path, cause })
 }
 
 /// Prefix of the file name of a sweep.
 const SWEEP_PREFIX: &str = "sweep";
 
 /// Returns the names of the stages of a chain, in data flow order.
-fn chain_label(launch: &Launch) -> String {
+pub(crate) fn chain_label(launch: &Launch) -> String {
     let Launch { gyro, accel, fuser, course, .. } = launch;
     format!("{} + {} → {} → {}", gyro.stage, accel.stage, fuser.stage, course.stage)
 }
 
 /// Returns a chart of the curves over time with some margin; `None` if there are no curves.
-fn panel_chart(label: &'static str, from_s: f64, series: &[Series<'_>]) -> Option<Chart> {
+/// `merged_bins` is that of [`time_chart`].
+fn panel_chart(label: &'static str, from_s: f64, series: &[Series<'_>], merged_bins: usize) -> Option<Chart> {
     let ranges = || series.iter().filter_map(|series| series.curve.range());
     let min = ranges().map(|range| range.0).reduce(f64::min)?;
     let max = ranges().map(|range| range.1).reduce(f64::max)?;
     let margin = (0.05 * (max - min)).max(1e-3);
     let end_s = series.iter().map(|series| series.curve.end_s()).fold(from_s + 1e-3, f64::max);
-    let chart = time_chart(label, from_s..end_s, min - margin..max + margin, series);
+    let chart = time_chart(label, from_s..end_s, min - margin..max + margin, series, merged_bins);
     Some(Chart { has_legend: series.len() > 1, ..chart })
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use figures::{Axis, Chart, style::LineStyle};
 use plotters::style::RGBColor;
 
-use super::curve::Curve;
+use super::curve::{Curve, min_and_max};
 use crate::{table::Sweep, tune::is_log_range};
 
 /// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
@@ -20,17 +20,19 @@ pub(crate) struct Series<'a> {
 }
 
 /// Returns a chart of curves over time without a legend. Values outside `y_range` are drawn at its
-/// nearest end.
+/// nearest end. The smallest and the largest value of each `merged_bins` bins of a curve are drawn.
 pub(crate) fn time_chart(
     label: &'static str,
     x_range: Range<f64>,
     y_range: Range<f64>,
     series: &[Series<'_>],
+    merged_bins: usize,
 ) -> Chart {
     let clipped = |(t_s, value): (f64, f64)| (t_s, value.clamp(y_range.start, y_range.end));
     let curves = series.iter().map(|Series { name, style: (color, style), curve }| {
-        let with_gap =
-            |line: &[(f64, f64)]| line.iter().copied().map(clipped).chain([(f64::NAN, f64::NAN)]).collect::<Vec<_>>();
+        let with_gap = |line: &[(f64, f64)]| -> Vec<_> {
+            min_and_max(line, merged_bins).into_iter().map(clipped).chain([(f64::NAN, f64::NAN)]).collect()
+        };
         figures::Curve::new(*name, *color, *style, curve.segments(WRAP_DEG).flat_map(with_gap).collect())
     });
     Chart {

@@ -93,8 +93,8 @@ pub(crate) struct PlotRecord {
 impl PlotRecord {
     /// Creates an empty record for about `rows` samples, with its own gyro and accelerometer slots.
     pub(crate) fn new(plots: &PlotOptions, config: &ServiceConfig, rows: u64) -> Result<Self, RuntimeError> {
-        let span_s = plots.to_s.map_or(f64::INFINITY, |to_s| to_s - plots.from_s);
-        let shown = rows.min((span_s * config.rate_hz) as u64 + 1);
+        let in_window = plots.to_s.map(|to_s| ((to_s - plots.from_s) * config.rate_hz) as u64);
+        let shown = in_window.map_or(rows, |samples| rows.min(samples.saturating_add(1)));
         let curves = || Curves(std::array::from_fn(|_| Curve::new(shown)));
         Ok(Self {
             plots: plots.clone(),

@@ -409,6 +409,14 @@ impl GyroErrorFilter {
         GyroScale { error: self.scale, sd: Vector3::from(self.scale_variance().map(libm::sqrt)) }
     }
 
+    /// Returns the variance of the bias about the vertical, rad²/s²: that of all axes without those
+    /// of the two horizontal ones.
+    #[inline]
+    pub(super) fn vertical_bias_variance(&self) -> f64 {
+        let sum: f64 = (BIAS..SCALE).map(|i| self.covariance[(i, i)]).sum();
+        (sum - 2.0 * self.horizontal_bias_sd_rad_s * self.horizontal_bias_sd_rad_s).max(0.0)
+    }
+
     /// Returns the variance of the scale error of each axis.
     #[inline]
     pub(super) fn scale_variance(&self) -> [f64; 3] {

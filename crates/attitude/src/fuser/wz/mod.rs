@@ -262,6 +262,7 @@ impl Wz {
             horizontal_force_m_s2: force_m_s2,
             force_norm_m_s2: inclination.map(|inclination| inclination.norm_m_s2),
             scale_variance: self.gyro_errors.scale_variance(),
+            vertical_bias_variance: self.gyro_errors.vertical_bias_variance(),
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,

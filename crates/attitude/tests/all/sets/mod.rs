@@ -17,10 +17,6 @@ use scores::{Scores, SetScores, mean, run};
 /// comparison.
 const STAGES: [&str; 4] = ["multiple-model", "wz", "vqf", "madgwick"];
 const VQF: usize = 2;
-/// Trials in which the default fuser is worse than VQF by more than 0.3° and 15 %, and the
-/// quantity. Their reported standard deviations are of the size of the errors.
-const WORSE_THAN_VQF: [(&str, &str); 2] =
-    [("nexus5_magnets_front_pocket", "heading"), ("iphone5_calm_texting", "heading")];
 
 /// Runs every stage on every recording, on two threads.
 fn scores_of(recordings: &[Recording]) -> Vec<[Scores; STAGES.len()]> {
@@ -69,10 +65,7 @@ fn default_fuser_on_open_sets() {
                 [("inclination", own.inclination, vqf.inclination), ("heading", own.heading, vqf.heading)]
             {
                 if own > vqf + f64::max(0.3, 0.15 * vqf) {
-                    println!("  {}: {what} {own:.2}°, VQF {vqf:.2}°", recording.name);
-                    worse.push((recording.name.as_str(), what));
-                    let ratio = scores[0].worst_heading_ratio();
-                    assert!(ratio < 3.0, "{}: {ratio} times the reported standard deviation", recording.name);
+                    worse.push(format!("{}: {what} {own:.2}°, VQF {vqf:.2}°", recording.name));
                 }
             }
         }
@@ -80,7 +73,7 @@ fn default_fuser_on_open_sets() {
     let all = mean(&scores.iter().map(|scores| &scores[0]).collect::<Vec<_>>());
     println!("{:16} {:15} {all}", "all", STAGES[0]);
     assert_honest("all", &all, 0.7..=1.6);
-    assert!(worse.iter().all(|trial| WORSE_THAN_VQF.contains(trial)), "{worse:?}");
+    assert_eq!(worse, Vec::<String>::new(), "worse than VQF by more than 0.3° and 15 %");
 }
 
 /// Adds a gyro bias to the recordings of a set, °/s.
@@ -104,11 +97,13 @@ fn large_gyro_bias_is_found() {
         ("BROAD", [3.0, -4.0, 2.5], (0.65, Some(1.75))),
         ("TUM VI", [3.0, -3.0, 3.0], (1.7, None)),
         ("TUM VI", [10.0, 10.0, -10.0], (7.5, None)),
+        ("Nexus 5 calm", [10.0, 10.0, -10.0], (7.0, Some(45.0))),
     ] {
         let Some(recordings) = with_bias(set, bias_deg_s) else { return };
         let scores = scores_of(&recordings);
-        let means = mean(&scores.iter().map(|scores| &scores[0]).collect::<Vec<_>>());
-        println!("{set} with {bias_deg_s:?} °/s: {means}");
+        let mean_of = |stage: usize| mean(&scores.iter().map(|scores| &scores[stage]).collect::<Vec<_>>());
+        let means = mean_of(0);
+        println!("{set} with {bias_deg_s:?} °/s: {means}; VQF {}", mean_of(VQF));
         assert!(means.inclination < max_inclination_deg, "{set} with {bias_deg_s:?} °/s: {means}");
         assert!(
             max_heading_deg.is_none_or(|max_deg| means.heading < max_deg),

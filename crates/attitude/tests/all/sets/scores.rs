@@ -134,14 +134,6 @@ pub(super) fn mean(all: &[&Scores]) -> SetScores {
     }
 }
 
-impl Scores {
-    /// Returns the largest ratio of a quantile of the trial's heading errors.
-    pub(super) fn worst_heading_ratio(&self) -> f64 {
-        let [at_68, at_95] = ratios(self.normalised_heading.clone(), ONE_AXIS);
-        at_68.max(at_95)
-    }
-}
-
 fn ratios(mut errors: Vec<f64>, ideal: [f64; 2]) -> [f64; 2] {
     if errors.is_empty() {
         return [f64::NAN; 2];

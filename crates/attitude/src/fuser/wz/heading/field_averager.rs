@@ -50,6 +50,8 @@ pub(super) struct IntervalMeans {
     pub(super) is_vibrating: bool,
     /// Variance of the remaining gyro scale error of each axis at the end of the interval.
     pub(super) scale_variance: [f64; 3],
+    /// Variance of the gyro bias about the vertical at the end of the interval, rad²/s².
+    pub(super) vertical_bias_variance: f64,
 }
 
 /// Accumulator of samples for the means of an interval.
@@ -195,6 +197,7 @@ impl FieldAverager {
         means.acceleration_rms_m_s2 = libm::sqrt(means.acceleration_rms_m_s2 / means.duration_s);
         (means.at_rest, means.is_vibrating) = (input.at_rest, self.vibration.end_interval());
         means.scale_variance = input.scale_variance;
+        means.vertical_bias_variance = input.vertical_bias_variance;
         if means.windows > 0.0 {
             let weight = means.windows.recip();
             let IntervalMeans { field_ut, axes, rate_rad_s, .. } = &mut means;
@@ -207,7 +210,7 @@ impl FieldAverager {
 scalars!(IntervalMeans:
     field_ut, axes, rate_rad_s, vertical_rotation_rad, duration_s, gyro_outage_s, windows, rate_rms_rad_s,
     acceleration_rms_m_s2;
-    without at_rest, is_vibrating, scale_variance
+    without at_rest, is_vibrating, scale_variance, vertical_bias_variance
 );
 scalars!(FieldAverager:
     field_sum_ut, age_sum_s, samples, rotation_rad, window_s, last_rate_rad_s, vibration, sums

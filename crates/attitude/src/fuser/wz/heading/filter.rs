@@ -70,7 +70,10 @@ const FIELD_SD_UT: f64 = 60.0;
 /// The random walk does not increase it beyond about this value.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.003;
 /// Random walk of the drift rate while the body moves, rad/s/√s.
-const DRIFT_WALK_RAD_S: f64 = 6e-5;
+const DRIFT_WALK_RAD_S: f64 = 2e-5;
+/// Random change of the body's tilt in motion, rad/√s. A body that tilts by a small angle turns the
+/// vertical by this angle relative to the unknown gyro bias, and so changes the drift rate.
+const TILT_CHANGE_RAD: f64 = 0.045;
 /// Additional random walk of the drift rate per unit of rate, 1/√s.
 const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 /// Additional random walk of the drift rate while the body vibrates, rad/s/√s. It is needed because
@@ -148,6 +151,7 @@ impl Propagation {
         let local_field_decay = libm::exp(-decay_rate * t_s);
         let square = |x: f64| x * x;
         let drift_walk2 = square(DRIFT_WALK_RAD_S)
+            + square(TILT_CHANGE_RAD) * interval.vertical_bias_variance
             + square(DRIFT_WALK_PER_RATE * rate_rms_rad_s)
             + if interval.is_vibrating { square(VIBRATION_DRIFT_WALK_RAD_S) } else { 0.0 };
         let walk_rad = HEADING_WALK_RAD + HEADING_WALK_PER_RATE * rate_rms_rad_s;

@@ -37,6 +37,12 @@ const GATE: f64 = 11.0;
 /// Largest normalised innovation squared used in a likelihood. Without this limit, a single
 /// disturbance would decide the test.
 const MAX_NIS: f64 = 30.0;
+/// Normalised innovation squared of M from which a disturbance is strong, such as that of a magnet
+/// that passes closely.
+const STRONG_NIS: f64 = 200.0;
+/// Time for which M uses no field after a strong disturbance, s. While a magnet moves away, its
+/// field is inside the gate for a moment, but still rotates the estimated field by degrees.
+const HOLD_S: f64 = 2.0;
 /// Lead at which B replaces M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
 /// Minimum difference between the hard irons of B and M for B to replace M, µT.
@@ -117,6 +123,8 @@ pub(super) struct HypothesisTest {
     supported_s: f64,
     /// Mean square of the innovations of M in motion, relative to their predicted variance.
     roughness: f64,
+    /// Remaining time for which M uses no field after a strong disturbance, s.
+    hold_s: f64,
     /// Set when the direction is invalidated. Cleared by the first long rejection after that.
     direction_invalidated: bool,
 }
@@ -138,6 +146,7 @@ impl HypothesisTest {
             new_field: NewField::default(),
             supported_s: 0.0,
             roughness: 1.0,
+            hold_s: 0.0,
             direction_invalidated: false,
         };
         hypothesis_test.restart_challengers();
@@ -174,7 +183,7 @@ impl HypothesisTest {
     /// Makes the direction of north unknown.
     pub(super) fn invalidate_direction(&mut self) {
         self.for_each_filter(FieldFilter::invalidate_direction);
-        (self.accepted_s, self.rejected_s, self.direction_invalidated) = (0.0, 0.0, true);
+        (self.accepted_s, self.rejected_s, self.hold_s, self.direction_invalidated) = (0.0, 0.0, 0.0, true);
     }
 
     /// Resets the drift rate on the first rest, when the gyro bias is observed, because earlier
@@ -186,7 +195,9 @@ impl HypothesisTest {
     /// Processes an interval with a field of the given variance.
     pub(super) fn update(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> TestOutcome {
         let (t_s, delay_s) = (interval.duration_s, self.main.x[TAU]);
-        let main = self.main.measure(interval, delay_s, variance_ut2, GATE);
+        let main_gate = if self.hold_s > 0.0 { 0.0 } else { GATE };
+        let main = self.main.measure(interval, delay_s, variance_ut2, main_gate);
+        self.hold_s = if main.nis > STRONG_NIS { HOLD_S } else { (self.hold_s - t_s).max(0.0) };
         let body = self.body.measure(interval, delay_s, variance_ut2, GATE);
         let environment = self.environment.measure(interval, delay_s, variance_ut2, GATE);
         let is_turning = interval.rate_rms_rad_s > MIN_TURN_RATE_RAD_S;
@@ -223,7 +234,7 @@ impl HypothesisTest {
         let mut replaced = false;
         if self.lead_over_main > WIN_MARGIN && self.lead_over_environment > WIN_MARGIN && self.has_new_hard_iron() {
             self.main = self.body;
-            self.rejected_s = 0.0;
+            (self.rejected_s, self.hold_s) = (0.0, 0.0);
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
@@ -324,7 +335,7 @@ impl HypothesisTest {
 
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
-        let negative = self.supported_s < 0.0 || self.roughness < 0.0;
+        let negative = self.supported_s < 0.0 || self.roughness < 0.0 || self.hold_s < 0.0;
         [&self.main, &self.body, &self.environment]
             .into_iter()
             .find_map(FieldFilter::validation_error)
@@ -335,5 +346,6 @@ impl HypothesisTest {
 
 scalars!(HypothesisTest:
     main, body, environment, lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s,
-    challenge_turn_rad, accepted_s, rejected_s, new_field, supported_s, roughness, direction_invalidated
+    challenge_turn_rad, accepted_s, rejected_s, new_field, supported_s, roughness, hold_s,
+    direction_invalidated
 );

@@ -17,6 +17,8 @@ pub(in crate::fuser::wz) struct HeadingInput {
     pub(in crate::fuser::wz) force_norm_m_s2: Option<f64>,
     /// Variance of the remaining gyro scale error of each axis.
     pub(in crate::fuser::wz) scale_variance: [f64; 3],
+    /// Variance of the gyro bias about the vertical, rad²/s².
+    pub(in crate::fuser::wz) vertical_bias_variance: f64,
     /// Magnetic field, µT, body axes.
     pub(in crate::fuser::wz) field_ut: Option<Vector3<f64>>,
     /// `true` while the body is at rest.

@@ -1,0 +1,91 @@
+"""Values that the native classes return."""
+
+from enum import IntFlag
+from typing import NamedTuple
+
+
+class Angles(NamedTuple):
+    """Yaw, pitch and roll, rad."""
+
+    yaw_rad: float
+    """Yaw by the convention of the frame; native: counter-clockwise from above."""
+    pitch_rad: float
+    """Pitch by the convention of the frame; native: nose up."""
+    roll_rad: float
+    """Roll by the convention of the frame; native: right side down."""
+
+
+class Parameter(NamedTuple):
+    """Adjustable parameter of a stage."""
+
+    name: str
+    """Name, with the unit as its suffix."""
+    unit: str
+    """Unit; empty for a dimensionless number."""
+    default: float
+    """Default value."""
+    min: float
+    """Minimum allowed value."""
+    max: float
+    """Maximum allowed value."""
+    description: str
+    """Meaning in one sentence."""
+
+
+class Flags(IntFlag):
+    """Faults and events of a sample."""
+
+    RATE_INVALID = 1 << 0
+    """The rate is not finite and was replaced by the last valid one."""
+    FORCE_INVALID = 1 << 1
+    """The specific force is not finite; the last valid one is forwarded but not used."""
+    RATE_CLIPPED = 1 << 2
+    """A component of the rate is at the limit of the sensor's range."""
+    FORCE_CLIPPED = 1 << 3
+    """A component of the specific force is at the limit of the sensor's range."""
+    RATE_STUCK = 1 << 4
+    """The gyro has repeated the same value for too long and is considered stuck."""
+    FORCE_STUCK = 1 << 5
+    """The accelerometer has repeated the same value for too long; it is considered stuck and not used."""
+    FORCE_SMALL = 1 << 6
+    """The specific force is near zero, so that it has no direction. It is not used."""
+    GAP = 1 << 7
+    """The interval before this sample exceeds the gap limit."""
+    CLOCK_LEAP = 1 << 8
+    """The sensor's clock jumped or ran backwards; time was continued with the usual interval."""
+    REFUSED_BEFORE = 1 << 9
+    """Readings before this one were duplicated or out of order and were rejected."""
+    RATE_INSTANT = 1 << 10
+    """The rate is the value at the end of the interval, not its mean."""
+    GYRO_MISSING = 1 << 11
+    """The motion from the gyro service did not arrive; the attitude was held."""
+    ACCEL_MISSING = 1 << 12
+    """The point from the accel service did not arrive; the attitude followed the gyro."""
+    LOST_BEFORE = 1 << 13
+    """Ticks before this one were lost in transit."""
+    ALIGNED = 1 << 14
+    """The attitude was re-initialised at this tick."""
+    RESET = 1 << 15
+    """The estimate was not finite and was reset."""
+    AT_REST = 1 << 16
+    """The body was detected to be at rest."""
+    NEAR_GIMBAL = 1 << 17
+    """The nose is near the vertical, where yaw and roll cannot be distinguished."""
+    UNALIGNED = 1 << 18
+    """No accelerometer sample has arrived yet; the attitude is only an initial value."""
+    FIELD = 1 << 19
+    """The topic `mag` has a magnetic field sample for this tick."""
+    FIX = 1 << 20
+    """The topic `gnss` has a fix for this tick."""
+    FIELD_INVALID = 1 << 21
+    """The magnetic field was out of range or not finite and was discarded."""
+    FIX_INVALID = 1 << 22
+    """The fix was invalid and was discarded."""
+    FIELD_DISTURBED = 1 << 23
+    """The magnetic field differs from that of the location; the heading follows the gyro."""
+    AIDING_MISSING = 1 << 24
+    """A magnetic field sample or a fix did not arrive."""
+    FAULT_INJECTED = 1 << 25
+    """The fault script of the launch file altered this tick, or dropped a reading before it."""
+    SWAPPED = 1 << 26
+    """Another stage runs in a slot from this tick on."""

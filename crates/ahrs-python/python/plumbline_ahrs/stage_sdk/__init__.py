@@ -1,0 +1,1 @@
+../../../../sdk/python/plumbline/__init__.py

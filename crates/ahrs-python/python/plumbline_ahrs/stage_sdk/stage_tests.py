@@ -1,0 +1,1 @@
+../../../../sdk/python/plumbline/stage_tests.py
