@@ -32,7 +32,6 @@ stages! {
     "levelling": Levelling,
     "levelling-pi": LevellingPi,
     "levelling-unified": LevellingUnified,
-    "madgwick": Madgwick,
     "vqf": Vqf,
     "wz": Wz,
     "wz-closed": WzClosed,

@@ -1,0 +1,51 @@
+"""Compares the CPU time of `update_batch` with that of the package vqf.
+
+    python3 benches/python/batch.py [RECORDING] [--rounds 9]
+
+Input: a recording with the columns t_s, gx … az, mx … mz; without one, the sample recording.
+Output: CPU time per sample, ns, and the ratio to vqf, medians over interleaved rounds.
+Failure: ends with the message of numpy if the recording is damaged.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from plumbline_ahrs import Ahrs
+from vqf import VQF
+
+SAMPLE = Path(__file__).resolve().parents[2] / "samples/broad.csv.gz"
+
+
+def main() -> None:
+    """Measures every filter in every round."""
+    parser = argparse.ArgumentParser(description="Compare the time of update_batch with that of vqf")
+    parser.add_argument("recording", nargs="?", default=SAMPLE)
+    parser.add_argument("--rounds", type=int, default=9)
+    arguments = parser.parse_args()
+    table = np.loadtxt(arguments.recording, delimiter=",", skiprows=1, usecols=range(10))
+    gyro, accel, field = (np.ascontiguousarray(table[:, first : first + 3]) for first in (1, 4, 7))
+    dt_s = float(np.median(np.diff(table[:, 0])))
+    filters: dict[str, Callable[[], object]] = {"vqf, 9 axes": lambda: VQF(dt_s).updateBatch(gyro, accel, field)}
+    for stage in Ahrs.stages("fuser"):
+        filters[stage] = lambda stage=stage: Ahrs(fuser=stage).update_batch(gyro, accel, field, dt_s)
+    times_ns: dict[str, list[float]] = {name: [] for name in filters}
+    for _ in range(arguments.rounds):
+        for name, run in filters.items():
+            start_ns = time.thread_time_ns()
+            run()
+            times_ns[name].append((time.thread_time_ns() - start_ns) / len(table))
+    first = next(iter(filters))
+    print("| filter | ns per sample | ratio to vqf |\n| --- | --- | --- |")
+    for name, times in times_ns.items():
+        ratio = statistics.median(own / peer for own, peer in zip(times, times_ns[first]))
+        print(f"| {name} | {statistics.median(times):.0f} | {ratio:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
