@@ -2,7 +2,7 @@
 
 use std::{
     env,
-    fs::{self, File},
+    fs::{self, File, TryLockError},
     io::{self, BufRead, BufReader, Seek, SeekFrom},
     os::unix::{fs::OpenOptionsExt, process::CommandExt},
     path::{Path, PathBuf},
@@ -118,6 +118,8 @@ fn try_start(name: &str) -> Result<(u32, PathBuf), DetachedError> {
     }
     // The log contains the address of the cockpit with its token.
     let log = File::options().write(true).create_new(true).mode(0o600).open(&path).map_err(log_error)?;
+    // The processes of the system inherit the lock. It is released when the last one has ended.
+    log.lock().map_err(log_error)?;
     let arguments = env::args_os().skip(1).filter(|argument| argument != "--detach");
     let mut command = Command::new(env::current_exe().map_err(DetachedError::Spawn)?);
     command.args(arguments).stdin(Stdio::null()).stdout(log.try_clone().map_err(log_error)?).stderr(log);
@@ -190,13 +192,13 @@ pub(crate) fn logs(Logs { name, follow }: Logs) -> ExitCode {
 }
 
 fn print_log(name: &str, follow: bool) -> Result<ExitCode, DetachedError> {
-    let system_name = SystemName::new(name)?;
+    SystemName::new(name)?;
     let no_log = |_| DetachedError::NoLog { name: name.into() };
     let path = log_path(name).ok_or(DetachedError::NoFolder)?;
     let mut log = BufReader::new(File::open(&path).map_err(no_log)?);
     loop {
-        // A system that has ended before the last line was read has written all lines.
-        let is_running = follow && system_name.owner_pid()?.is_some();
+        // Processes that have ended before the last line was read have written all lines.
+        let is_running = follow && matches!(log.get_ref().try_lock_shared(), Err(TryLockError::WouldBlock));
         let mut line = Vec::new();
         while log.read_until(b'\n', &mut line).map_err(|cause| DetachedError::Log { path: path.clone(), cause })? > 0 {
             if line.last() != Some(&b'\n') && is_running {

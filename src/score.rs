@@ -30,7 +30,6 @@ use crate::{
 #[command(after_help = "\
 Examples:
   plumb score flight.ulg --fuser multiple-model --fuser vqf --plot figures
-  plumb score 'sim:s1?seed=1..20&duration_s=20' --fuser wz-closed --fuser wz
   plumb score sim:s1 --fuser wz-closed --tune fuser.time_constant_s=0.1..10 --report tuned.html
   plumb score flight.ulg --fuser vqf --estimate mine=attitudes.csv --report compared.html
 

@@ -206,7 +206,7 @@ fn low_coverage_is_rejected_with_missing_poses() {
     assert_fails(&["accel", &five], 1, &["83 %", "missing: 2 s of rest in each position: x down;"]);
     assert_fails(&["mag", &five], 1, &["0 %", "a magnetometer sample"]);
     assert_fails(&["clock", &five], 1, &["a magnetometer sample"]);
-    let one = write_file(&system, "one.csv", &resting(&[SIX[0]; 4]));
+    let one = write_file(&system, "one.csv", &resting(&SIX[..1]));
     assert_fails(&["mounting", &one], 1, &["50 %", "a second pose"]);
     assert_fails(&["gyro", &one], 1, &["missing: ", "do not touch it"]);
     assert_fails(&["gyro", "sim:s1?duration_s=20"], 1, &["0 %", "do not touch it"]);
@@ -314,7 +314,7 @@ fn system_without_readings_is_rejected_with_remedy() {
 #[test]
 fn written_calibration_equals_the_printed_one() {
     let system = System::new("");
-    let recording = write_file(&system, "rest.csv", &resting(&SIX[..1]));
+    let recording = write_file(&system, "rest.csv", &resting(&[SIX[0]; 4]));
     let printed = block(&["gyro", &recording]);
     let launch = write_file(&system, "mine.toml", "# my unit\nname = \"mine\" # of mine\n");
     let output = calibrate(&["gyro", &recording, "--write", &launch]);
