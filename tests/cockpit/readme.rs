@@ -3,7 +3,7 @@
 //! If `PLUMBLINE_PICTURES=1` is set, the test replaces the image files of the README. Otherwise, it
 //! saves the same screenshots below the target folder and checks that the README's files exist and
 //! have the same size.
-use std::{env, fs, path::Path};
+use std::{env, fs, path::Path, thread, time::Duration};
 
 use super::{
     browser::Page,
@@ -18,6 +18,11 @@ fn readme_screenshots_have_the_size_of_new_ones() {
     let running = system.start(&[]);
     system.wait_until_running();
     let Some(mut page) = Page::new() else { return };
+    let replaces_pictures = env::var_os("PLUMBLINE_PICTURES").is_some();
+    if replaces_pictures {
+        // The page opens with the last minute.
+        thread::sleep(Duration::from_secs(60));
+    }
     for scheme in ["light", "dark"] {
         let url = address(&system, port);
         page.goto(&url, SIZE, scheme, true);
@@ -25,7 +30,7 @@ fn readme_screenshots_have_the_size_of_new_ones() {
         page.wait_for_redraw();
         let picture = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/figures/cockpit-{scheme}.png"));
         let new = page.shot(&format!("readme-{scheme}.png"));
-        if env::var_os("PLUMBLINE_PICTURES").is_some() {
+        if replaces_pictures {
             fs::copy(&new, &picture).unwrap();
         }
         assert_eq!(png_size(&fs::read(&picture).unwrap()), SIZE, "{}", picture.display());
