@@ -267,14 +267,8 @@ impl Ahrs {
     #[staticmethod]
     #[pyo3(signature = (slot, stage = None))]
     fn parameters<'py>(py: Python<'py>, slot: &str, stage: Option<&str>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        use plumbline_ahrs::Slot;
         let slot = arguments::slot(slot)?;
-        let builder = applied(default_builder(), stage, |builder, name| match slot {
-            Slot::Gyro => builder.gyro_stage(name),
-            Slot::Accel => builder.accel_stage(name),
-            Slot::Fuser => builder.fuser_stage(name),
-            Slot::Course => builder.course_stage(name),
-        })?;
+        let builder = applied(default_builder(), stage, |builder, name| builder.stage(slot, name))?;
         builder.parameters(slot).iter().map(|parameter| values::parameter(py, parameter)).collect()
     }
 

@@ -39,6 +39,9 @@ pub enum Slot {
 }
 
 impl Slot {
+    /// All slots, in the order of the data path.
+    pub const ALL: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
+
     /// Returns the name of the slot.
     pub fn name(self) -> &'static str {
         match self {
@@ -142,6 +145,22 @@ impl Ahrs<Fuser> {
 impl Default for Ahrs {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+impl AhrsBuilder<Fuser> {
+    /// Chooses the stage of a slot by name. [`Slot::stages`] lists the names.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`BuildError::UnknownStage`] if there is no such stage.
+    pub fn stage(self, slot: Slot, name: &str) -> Result<Self, BuildError> {
+        match slot {
+            Slot::Gyro => self.gyro_stage(name),
+            Slot::Accel => self.accel_stage(name),
+            Slot::Fuser => self.fuser_stage(name),
+            Slot::Course => self.course_stage(name),
+        }
     }
 }
 

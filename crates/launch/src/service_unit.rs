@@ -137,6 +137,10 @@ impl Access {
             [("cdc_acm", uses("char-ttyACM")), ("usbserial", uses("char-ttyUSB")), ("industrialio", self.uses_iio)];
         modules.into_iter().filter(|(_, is_used)| *is_used).map(|(module, _)| module).collect()
     }
+
+    fn is_empty(&self) -> bool {
+        self.serial_ports.is_empty() && !self.uses_iio && self.hosts.is_empty() && self.private.is_empty()
+    }
 }
 
 impl fmt::Display for Access {
@@ -186,12 +190,6 @@ impl fmt::Display for Access {
             f.write_str("# No access beyond that of plumbline.service is needed.\n")?;
         }
         Ok(())
-    }
-}
-
-impl Access {
-    fn is_empty(&self) -> bool {
-        self.serial_ports.is_empty() && !self.uses_iio && self.hosts.is_empty() && self.private.is_empty()
     }
 }
 

@@ -195,9 +195,7 @@ impl DeviceMonitor {
         }
         diagnostics
     }
-}
 
-impl DeviceMonitor {
     /// Returns the number of measurements in each of the last [`SILENCE_S`] seconds.
     fn recent_rates_hz(&self) -> impl Iterator<Item = f64> {
         let first = self.reports.len().saturating_sub(SILENCE_S + 1);

@@ -23,14 +23,7 @@ const INTERVAL: usize = 1000;
 
 /// Creates the filter with a stage in a slot, and the default stages in the others.
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {
-    let builder = AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?;
-    let builder = match slot {
-        Slot::Gyro => builder.gyro_stage(stage),
-        Slot::Accel => builder.accel_stage(stage),
-        Slot::Fuser => builder.fuser_stage(stage),
-        Slot::Course => builder.course_stage(stage),
-    };
-    Ok(builder?.build())
+    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?.stage(slot, stage)?.build())
 }
 
 /// Writes the trace of each stage.
@@ -58,7 +51,7 @@ fn main() {
         })
         .collect();
     let mut table = String::from("slot,stage,samples,digest\n");
-    for slot in [Slot::Gyro, Slot::Accel, Slot::Fuser, Slot::Course] {
+    for slot in Slot::ALL {
         for stage in slot.stages() {
             let (mut ahrs, mut digest) = (filter(slot, stage).expect("a stage"), Digest::new());
             for (count, [t_s, gx, gy, gz, ax, ay, az, mx, my, mz]) in (1..).zip(&rows) {

@@ -432,8 +432,7 @@ fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {
 }
 
 /// Opens the requested outputs of the chain or estimate called `name`. `out` is the folder for its
-/// attitudes. If a simulation is repeated with many seeds, only the first one is
-/// drawn.
+/// attitudes. If a simulation is repeated with many seeds, only the first one is drawn.
 fn create_outputs(
     request: &Request,
     trial: &Trial,

@@ -13,37 +13,35 @@ impl Digest {
 
     /// Adds all values of an attitude.
     pub(crate) fn add(&mut self, attitude: &Attitude) {
-        let words = [
-            attitude.tick(),
-            attitude.t_ns().cast_unsigned(),
-            attitude.flags().0,
-            attitude.heading_reference() as u64,
-            attitude.reset_counter(),
-        ];
-        words.into_iter().for_each(|word| self.add_word(word));
-        let angles = attitude.angles();
-        let scalars = [
-            angles.yaw_rad,
-            angles.pitch_rad,
-            angles.roll_rad,
-            attitude.heading_rad(),
-            attitude.heading_sd_rad(),
-            attitude.declination_rad(),
-            attitude.inclination_sd_rad(),
-            attitude.innovation_rad(),
-        ];
-        self.add_numbers(&scalars);
-        self.add_numbers(&attitude.quaternion());
-        self.add_numbers(&attitude.rate_rad_s());
-        self.add_numbers(&attitude.gyro_bias_rad_s());
-        self.add_numbers(&attitude.jump());
-    }
-
-    fn add_numbers(&mut self, numbers: &[f64]) {
-        numbers.iter().for_each(|number| self.add_word(number.to_bits()));
+        words(attitude).for_each(|word| self.add_word(word));
     }
 
     fn add_word(&mut self, word: u64) {
         self.0 = (self.0 ^ word).wrapping_mul(0x100_0000_01b3);
     }
+}
+
+/// Returns the bits of all values of an attitude.
+pub(crate) fn words(attitude: &Attitude) -> impl Iterator<Item = u64> {
+    let words = [
+        attitude.tick(),
+        attitude.t_ns().cast_unsigned(),
+        attitude.flags().0,
+        attitude.heading_reference() as u64,
+        attitude.reset_counter(),
+    ];
+    let angles = attitude.angles();
+    let scalars = [
+        angles.yaw_rad,
+        angles.pitch_rad,
+        angles.roll_rad,
+        attitude.heading_rad(),
+        attitude.heading_sd_rad(),
+        attitude.declination_rad(),
+        attitude.inclination_sd_rad(),
+        attitude.innovation_rad(),
+    ];
+    let vectors = attitude.quaternion().into_iter().chain(attitude.rate_rad_s()).chain(attitude.gyro_bias_rad_s());
+    let numbers = scalars.into_iter().chain(vectors).chain(attitude.jump());
+    words.into_iter().chain(numbers.map(f64::to_bits))
 }

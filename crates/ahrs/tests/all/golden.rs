@@ -17,14 +17,7 @@ const INTERVAL: usize = 1000;
 /// Creates the filter with a stage in a slot, and the default stages in the others.
 fn filter(slot: Slot, stage: &str) -> Ahrs<Fuser> {
     let builder = AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0]).unwrap();
-    match slot {
-        Slot::Gyro => builder.gyro_stage(stage),
-        Slot::Accel => builder.accel_stage(stage),
-        Slot::Fuser => builder.fuser_stage(stage),
-        Slot::Course => builder.course_stage(stage),
-    }
-    .unwrap()
-    .build()
+    builder.stage(slot, stage).unwrap().build()
 }
 
 #[test]
@@ -32,7 +25,7 @@ fn attitudes_have_the_golden_bits() {
     let recording = Path::new(ROOT).join("../../samples/broad.csv.gz");
     let readings: Vec<_> = Reader::open(&recording).unwrap().map(|row| Reading::from(row.unwrap())).collect();
     let mut table = String::from("slot,stage,samples,digest\n");
-    for slot in [Slot::Gyro, Slot::Accel, Slot::Fuser, Slot::Course] {
+    for slot in Slot::ALL {
         for stage in slot.stages() {
             let (mut ahrs, mut digest) = (filter(slot, stage), Digest::new());
             for (i, reading) in readings.iter().enumerate() {

@@ -7,6 +7,8 @@ use plumbline_ahrs::{Ahrs, Attitude, stages::FuserStage};
 use readings::{conditioner::Conditioner, source::Reading};
 use runtime::{Pace, ServiceConfig};
 
+use crate::digest::words;
+
 /// Conditioner and data path of `plumb up --in-process`.
 pub(crate) struct System {
     conditioner: Conditioner,
@@ -44,16 +46,16 @@ pub(crate) fn update<F: FuserStage>(ahrs: &mut Ahrs<F>, reading: &Reading) -> At
     ahrs.update_at(reading.rate_rad_s, reading.force_m_s2, reading.field_ut, reading.t_ns)
 }
 
-/// Returns the bits of all numbers of a system's output.
+/// Returns the bits of all numbers of a system's output, in the order of [`words`].
 pub(crate) fn system_bits((fused, output): &(FusedState, AttitudeOutput)) -> Vec<u64> {
     let numbers = [
-        &output.quaternion[..],
-        &[output.yaw_rad, output.pitch_rad, output.roll_rad],
+        &[output.yaw_rad, output.pitch_rad, output.roll_rad][..],
         &[output.course_rad, output.course_sd_rad, output.declination_rad, output.inclination_sd_rad],
-        &output.rate_rad_s,
-        &output.jump,
-        &fused.bias_rad_s,
         &[fused.innovation_rad],
+        &output.quaternion,
+        &output.rate_rad_s,
+        &fused.bias_rad_s,
+        &output.jump,
     ];
     let words = [
         output.header.tick,
@@ -67,22 +69,5 @@ pub(crate) fn system_bits((fused, output): &(FusedState, AttitudeOutput)) -> Vec
 
 /// Returns the bits of all numbers of an attitude, in the order of [`system_bits`].
 pub(crate) fn bits(attitude: &Attitude) -> Vec<u64> {
-    let angles = attitude.angles();
-    let numbers = [
-        &attitude.quaternion()[..],
-        &[angles.yaw_rad, angles.pitch_rad, angles.roll_rad],
-        &[attitude.heading_rad(), attitude.heading_sd_rad(), attitude.declination_rad(), attitude.inclination_sd_rad()],
-        &attitude.rate_rad_s(),
-        &attitude.jump(),
-        &attitude.gyro_bias_rad_s(),
-        &[attitude.innovation_rad()],
-    ];
-    let words = [
-        attitude.tick(),
-        attitude.t_ns().cast_unsigned(),
-        attitude.flags().0,
-        attitude.heading_reference() as u64,
-        attitude.reset_counter(),
-    ];
-    words.into_iter().chain(numbers.concat().into_iter().map(f64::to_bits)).collect()
+    words(attitude).collect()
 }

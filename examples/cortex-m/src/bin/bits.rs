@@ -25,14 +25,7 @@ static GOLDEN_LIBM: &str = include_str!("../../../../crates/ahrs/golden/vqf-libm
 const SAMPLES: usize = 3000;
 
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {
-    let builder = AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?;
-    let builder = match slot {
-        Slot::Gyro => builder.gyro_stage(stage),
-        Slot::Accel => builder.accel_stage(stage),
-        Slot::Fuser => builder.fuser_stage(stage),
-        Slot::Course => builder.course_stage(stage),
-    };
-    Ok(builder?.build())
+    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?.stage(slot, stage)?.build())
 }
 
 /// Returns the golden digest after [`SAMPLES`] samples.
@@ -48,7 +41,7 @@ fn golden(slot: Slot, stage: &str) -> Option<u64> {
 #[entry]
 fn main() -> ! {
     let mut is_equal = true;
-    for slot in [Slot::Gyro, Slot::Accel, Slot::Fuser, Slot::Course] {
+    for slot in Slot::ALL {
         for stage in slot.stages() {
             let Ok(mut ahrs) = filter(slot, stage) else { panic!("no stage {stage}") };
             let mut digest = Digest::new();
