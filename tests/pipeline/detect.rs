@@ -71,7 +71,7 @@ fn detected_source_delivers_readings() {
 }
 
 #[test]
-fn silent_and_missing_ports_are_reported() {
+fn silent_missing_and_other_files_are_reported() {
     let system = System::new("");
     let port = system.path("silent");
     let _device = open_serial_device(&port);
@@ -80,4 +80,7 @@ fn silent_and_missing_ports_are_reported() {
     let (code, found) = detect(system.path("missing").to_str().unwrap());
     assert_eq!((code, &found["found"]), (Some(1), &"failed".into()), "{found}");
     assert!(found["remedy"].as_str().unwrap().contains("plug the device in"), "{found}");
+    let (code, found) = detect("/dev/null");
+    assert_eq!((code, &found["found"]), (Some(1), &"failed".into()), "{found}");
+    assert!(found["remedy"].as_str().unwrap().contains("is not a serial port"), "{found}");
 }

@@ -103,6 +103,7 @@ fn invalid_estimates_are_rejected_with_remedy() {
     rejected(&["--estimate", "wz=a.csv", "--fuser", "wz"], 2, &["estimate `wz` has the name of a fuser"]);
     rejected(&["--estimate", "a=a.csv", "--estimate", "a=a.csv"], 2, &["estimate `a` has the name"]);
     rejected(&["--estimate", "../a=a.csv"], 2, &["contains a slash"]);
+    rejected(&["--estimate", "a\u{1b}[31m=a.csv"], 2, &["estimate \"a\\u{1b}[31m\": the name", "control character"]);
     rejected(&["--estimate", "a=none.csv"], 3, &["none.csv"]);
     rejected(&["--estimate", "a=bad.csv"], 3, &["bad.csv: line 1"]);
     rejected(&["sim:s3", "--estimate", "a=a.csv"], 2, &["estimate `a` belongs to one recording", "2 trials"]);

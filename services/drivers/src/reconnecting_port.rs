@@ -8,6 +8,7 @@ use std::{
 };
 
 use launch::Port;
+use rustix::io::Errno;
 
 use crate::port::{OpenPort, PortRead};
 
@@ -162,6 +163,9 @@ pub(crate) fn remedy(port: &Port, error: &io::Error) -> &'static str {
             "grant this user access: sudo usermod -aG dialout USER, then log in again"
         }
         (Port::Serial { .. }, io::ErrorKind::ResourceBusy) => "another program uses it: stop that program",
+        (Port::Serial { .. }, _) if Errno::from_io_error(error) == Some(Errno::NOTTY) => {
+            "this file is not a serial port: name one of `ls /dev/serial/by-id`"
+        }
         (Port::Serial { .. }, _) => "plug the device in and check its name: ls /dev/serial/by-id",
         (Port::Stdin, _) => "pipe data to the supervisor: PROGRAM | plumb up --source stdin",
     }

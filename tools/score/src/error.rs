@@ -33,7 +33,7 @@ pub enum ScoreError {
     },
     /// The name of an estimate cannot name a folder.
     #[error(
-        "estimate `{name}`: the name is empty, begins with a dot or contains a slash; choose another NAME in --estimate NAME=FILE"
+        "estimate {name:?}: the name is empty, begins with a dot, or contains a slash or a control character; choose another NAME in --estimate NAME=FILE"
     )]
     InvalidEstimateName {
         /// Name of the estimate.

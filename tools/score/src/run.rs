@@ -193,7 +193,10 @@ fn names(request: &Request, launches: &[Launch]) -> Vec<String> {
 fn validate_estimates(request: &Request, launches: &[Launch]) -> Result<(), ScoreError> {
     let mut taken: HashSet<&str> = launches.iter().map(|launch| launch.fuser.stage.as_str()).collect();
     for Estimate { name, file, .. } in &request.estimates {
-        if name.is_empty() || name.starts_with('.') || name.contains('/') {
+        if name.is_empty()
+            || name.starts_with('.')
+            || name.contains(|letter: char| letter == '/' || letter.is_control())
+        {
             return Err(ScoreError::InvalidEstimateName { name: name.clone() });
         }
         if !taken.insert(name) {
