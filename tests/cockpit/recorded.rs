@@ -19,7 +19,7 @@ fn recording_seeks_to_known_second() {
         page.until("plumb.data.recording.length > 100");
         // The whole flight is drawn, and its time begins at 0.
         page.until("plumb.data.frames.length === plumb.data.recording.length && plumb.data.span_s > 3.5");
-        page.until("Math.abs(plumb.data.window()[0] - plumb.data.frames[0].t) < 1e-6 && plumb.strips()?.[0].lines.length === 3");
+        page.until("Math.abs(plumb.data.window()[0] - plumb.data.frames[0].t) < 1e-6 && plumb.strips()?.[0]?.lines.length === 3");
         page.until("/^0\\.0\\d s$/.test(document.getElementById('time').textContent)");
         // A drag over the strips zooms to a time span, a double click shows all again.
         page.eval(
