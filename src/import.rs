@@ -10,11 +10,14 @@ use import::{
     Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
     note_fixes_outside, plain_recording_range_ns,
 };
-use indicatif::{ProgressBar, ProgressStyle};
 use recording::{RecordingError, References};
 use tempfile::TempDir;
 
-use crate::{failure::fail, stdout::print};
+use crate::{
+    failure::fail,
+    notice::{notice, progress_bar},
+    stdout::print,
+};
 
 /// Arguments of `plumb import`.
 #[derive(Args)]
@@ -22,16 +25,17 @@ use crate::{failure::fail, stdout::print};
 Examples:
   plumb import flight.ulg -o flight_imu.csv.gz
   plumb import bag/ --topic /imu/data --topic /gps/vel -o walk.mcap
-  plumb import phone.csv -o walk_imu.csv --map t=time,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz --units ms,deg/s,g --frame flu
+  plumb import phone.csv -o walk_imu.csv --units ms,deg/s,g --frame flu
 
-PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other CSV, --map
-names the column of each quantity: t, gx, gy, gz, ax, ay, az; optional mx, my, mz (field),
-qw, qx, qy, qz (reference), ve, vn, vu or vd (velocity, m/s), lat, lon, alt.
-If several CSV files are given, a column is FILE:COLUMN and the files are joined by time.
-A log whose clock starts again has several segments, of which one is converted.
+PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other
+CSV, --map names the column of each quantity: t, gx, gy, gz, ax, ay, az;
+optional mx, my, mz (field), qw, qx, qy, qz (reference), ve, vn, vu or vd
+(velocity, m/s), lat, lon, alt. If several CSV files are given, a column is
+FILE:COLUMN and the files are joined by time. A log whose clock starts again has
+several segments, of which one is converted.
 
-The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in .gz.
-Fixes are written next to NAME_imu.csv.gz as NAME_gnss.csv.")]
+The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in
+.gz. Fixes are written next to NAME_imu.csv.gz as NAME_gnss.csv.")]
 pub(crate) struct Import {
     /// ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or CSV files joined by time
     #[arg(required = true, value_name = "FILE")]
@@ -210,7 +214,7 @@ impl ReadableFile {
             return Ok((Self { path: path.into(), user_path: path.into(), warning: None, _folder: None }, 1));
         }
         let (readable, summary) = Self::import(&[path.into()], &options)?;
-        supervisor::announce(summary_text(&summary, path));
+        notice(summary_text(&summary, path));
         Ok((readable, summary.segments.len()))
     }
 
@@ -350,8 +354,7 @@ fn is_unreadable(path: &Path) -> bool {
 
 /// Converts the files, with a progress bar if standard error is a terminal.
 fn convert_with_progress(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summary, ImportError> {
-    let style = ProgressStyle::with_template("{bar:40} {bytes} of {total_bytes}, {eta} left");
-    let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = progress_bar(0, "{bar:40} {bytes} of {total_bytes}, {eta} left");
     let summary = convert(files, options, out, &mut |progress| {
         bar.set_length(progress.total_bytes);
         bar.set_position(progress.done_bytes);

@@ -16,7 +16,7 @@ use mapping::names::UnknownName;
 use runtime::ServiceConfig;
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::{fail, fail_after_result},
     stdout::print,
     system::LocalSystemArgs,
@@ -30,7 +30,7 @@ const RENEWAL_TIMEOUT: Duration = Duration::from_secs(10);
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb record -o flight.mcap                 # until Ctrl-C or the end of the system
+  plumb record -o flight.mcap         # until Ctrl-C or the end of the system
   plumb record -o part.mcap --topics imu,attitude --for 10s
   plumb record -o alpha.mcap --system alpha --json
 
@@ -45,8 +45,8 @@ pub(crate) struct Record {
     #[arg(long, value_name = "TOPICS", value_delimiter = ',', value_parser = parse_topic)]
     topics: Vec<Topic>,
     /// Recording time, such as 500ms, 10s, 2m or 1h [default: until Ctrl-C]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 /// Error while recording.
@@ -93,7 +93,7 @@ pub(crate) fn run(record: &Record) -> ExitCode {
 }
 
 /// Records until the time limit is reached, a signal arrives or the system ends.
-fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> Result<RecordingSummary, RecordError> {
+fn record_until_stopped(Record { system, out, topics, duration }: &Record) -> Result<RecordingSummary, RecordError> {
     let name = system.name();
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
     let observer = observer(&name, "record")?;
@@ -101,7 +101,7 @@ fn record_until_stopped(Record { system, out, topics, duration_s }: &Record) -> 
     let header = FlightHeader::new(env!("CARGO_PKG_VERSION"), &config);
     let mut taps = TopicTaps::attach(observer, topics)?;
     let mut recorder = Recorder::create(out, &header, topics, RecordingMode::FromAnyTick)?;
-    let mut stop = StopCondition::new(|| true, duration_s.map(Duration::from_secs_f64));
+    let mut stop = StopCondition::new(|| true, *duration);
     let mut checked_at = Instant::now();
     let end_reason = loop {
         if stop.is_met() {

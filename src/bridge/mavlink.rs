@@ -23,12 +23,13 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb bridge mavlink                        # to QGroundControl on this machine
+  plumb bridge mavlink                    # to QGroundControl on this machine
   plumb bridge mavlink --to udpout:192.168.1.9:14550 --rate-hz 20
   plumb bridge mavlink --system-id 7 --component-id 191 --for 10s
 
-Sends HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE. Component 1 is shown as a vehicle; next to
-an autopilot use the autopilot's system id and component 191 (docs/how-to/bridges.md).")]
+Sends HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE. Component 1 is shown as a
+vehicle; next to an autopilot use the autopilot's system id and component 191
+(docs/how-to/bridges.md).")]
 pub(crate) struct Mavlink {
     #[command(flatten)]
     pub(super) args: BridgeArgs,

@@ -25,7 +25,7 @@ pub(super) const MAX_DOMAIN: i64 = 232;
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb bridge ros                            # to the rmw_zenoh router on this machine
+  plumb bridge ros                # to the rmw_zenoh router on this machine
   plumb bridge ros --domain 7 --topic imu/data --frame-id imu_link --rate-hz 50
   plumb bridge ros --connect tcp/192.168.1.5:7447 --for 10s
 

@@ -80,7 +80,7 @@ impl RosSensor {
             tokens.push(link.declare_liveliness(&node.subscription_token(2, topic, MessageType::MagneticField))?);
         }
         let mut counts = SensorCounts::default();
-        let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration_s.map(Duration::from_secs_f64));
+        let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration);
         while !stop.is_met() {
             let Some(arrival) = imu.next(RECEIVE_TIMEOUT).filter(|arrival| arrival.is_present) else { continue };
             // The newest field is forwarded once, with the next reading.

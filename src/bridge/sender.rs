@@ -14,7 +14,7 @@ use serde::Serialize;
 use swap::ReorderBuffer;
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::fail,
     remote::RemoteError,
     stdout::print,
@@ -31,8 +31,8 @@ pub(super) struct BridgeArgs {
     #[command(flatten)]
     pub(super) system: LocalSystemArgs,
     /// Time before stopping, such as 500ms, 10s or 1h [default: unlimited]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    pub(super) duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(super) duration: Option<Duration>,
 }
 
 /// Error of a bridge.
@@ -125,7 +125,7 @@ impl BridgeArgs {
     ) -> Result<(), BridgeError> {
         let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
-        let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
+        let mut stop = StopCondition::new(|| observer.is_running(), self.duration);
         let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
         let (mut samples, mut arrived, mut is_joined) =
             (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);

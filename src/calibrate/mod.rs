@@ -6,6 +6,7 @@ mod live;
 use std::{
     path::{Path, PathBuf},
     process::ExitCode,
+    time::Duration,
 };
 
 use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
@@ -13,7 +14,6 @@ use ::import::ImportError;
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
-use indicatif::ProgressBar;
 use launch::{EditError, GyroSamples, Launch, LaunchError, write_sections};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
@@ -24,13 +24,14 @@ use score::{
 };
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::fail,
     import::{ReadOptions, ReadableFile, SensorNumbers},
+    notice::{notice, progress_bar},
     stdout::print,
     system::LocalSystemArgs,
 };
-use live::{LiveError, progress_style};
+use live::LiveError;
 
 /// Arguments of `plumb calibrate`.
 #[derive(Args)]
@@ -40,15 +41,17 @@ Examples:
   plumb calibrate mounting poses.csv --launch launch.toml
   plumb calibrate accel --live --for 10m --write launch.toml
 
-Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of --record, or a
-simulation sim:SCENARIO. Readings are used as measured, before [ingest.calibration] and
-[ingest.mounting]. --launch or --live supplies the existing calibration, on which mounting,
-clock and an accelerometer in motion are based. --live ends when the coverage suffices.
-accel needs a rest with each of the six sides up, or twelve rests in any position to include
-misalignment, or slow rotation by hand.
---write keeps the comments of the file. A running system uses the calibration after a restart.
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of
+--record, or a simulation sim:SCENARIO. Readings are used as measured, before
+[ingest.calibration] and [ingest.mounting]. --launch or --live supplies the
+existing calibration, on which mounting, clock and an accelerometer in motion
+are based. --live ends when the coverage suffices. accel needs a rest with each
+of the six sides up, or twelve rests in any position to include misalignment, or
+slow rotation by hand. --write keeps the comments of the file. A running system
+uses the calibration after a restart.
 
-Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3 invalid input file.")]
+Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3
+invalid input file.")]
 pub(crate) struct Calibrate {
     /// Errors to estimate
     target: CalibrationTarget,
@@ -59,8 +62,8 @@ pub(crate) struct Calibrate {
     #[arg(long)]
     live: bool,
     /// Maximum time of --live, such as 10s or 2m [default: 5m]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s, requires = "live")]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "live")]
+    duration: Option<Duration>,
     #[command(flatten)]
     system: LocalSystemArgs,
     /// Launch file with the existing [ingest.calibration] [default: none]
@@ -159,7 +162,7 @@ pub(crate) fn run(args: Calibrate) -> ExitCode {
             supervisor::announce(&report);
             return fail(&error, error.exit_code());
         }
-        supervisor::announce(format_args!("wrote the calibration to {}", foreign::path(file)));
+        notice(format_args!("wrote the calibration to {}", foreign::path(file)));
     }
     match write {
         // Serialising numbers, strings and lists cannot fail.
@@ -170,7 +173,7 @@ pub(crate) fn run(args: Calibrate) -> ExitCode {
 }
 
 fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
-    let Calibrate { target, file, duration_s, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
+    let Calibrate { target, file, duration, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
         args;
     let kind = match target {
         CalibrationTarget::Gyro => Kind::Gyro,
@@ -181,7 +184,7 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     };
     let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
-    let Some(file) = file else { return Ok(live::calibrate_system(kind, known, &system.name(), duration_s)?) };
+    let Some(file) = file else { return Ok(live::calibrate_system(kind, known, &system.name(), duration)?) };
     if let Some(launch) = launch.or(write) {
         apply_calibrations(&mut known, &Launch::read(&launch)?)?;
     }
@@ -202,7 +205,7 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     let trial = Trial::open(&name, &TrialOptions { gnss: Gnss::Off, gyro_samples, ..TrialOptions::default() })?;
     known.rate_kind = trial.gyro_samples.rate_kind();
     let mut calibrator = Calibrator::new(kind, &known);
-    let bar = ProgressBar::new(trial.rows).with_style(progress_style("{bar:40} {percent:>3} % of {human_len} samples"));
+    let bar = progress_bar(trial.rows, "{bar:40} {percent:>3} % of {human_len} samples");
     for (row, reading) in (1u64..).zip(trial.readings()?) {
         calibrator.push(&to_sample(&reading?));
         if row.is_multiple_of(4096) {

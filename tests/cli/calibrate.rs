@@ -278,7 +278,7 @@ fn running_system_is_calibrated_with_progress_bar() {
         let ended = ended.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         // The observer installs its signal handlers before it subscribes to the topic.
         wait_for("the observer", || {
-            let about = ["topic", "info", "sensor", "--seconds", "0.05", "--json", "--system", &system.name];
+            let about = ["topic", "info", "sensor", "--for", "0.05", "--json", "--system", &system.name];
             let info = String::from_utf8(plumb(&about).output().unwrap().stdout).unwrap();
             info.contains(&format!("{}", ended.id()))
         });

@@ -78,6 +78,11 @@ pub enum UpError {
         "cannot read samples from standard input: it is a terminal; pipe a program or a file into it: PROGRAM | plumb up --source stdin"
     )]
     Terminal,
+    /// The run time on standard input needs a rate, because it is counted in readings.
+    #[error(
+        "--for needs the rate of the readings on standard input: add it to the source, such as --source 'stdin?rate_hz=100'"
+    )]
+    DurationWithoutRate,
     /// A receiver was given for a source that includes fixes.
     #[error(
         "--receiver needs a device as source, because simulations and recordings contain their own fixes; add for example --source serial:/dev/ttyUSB0"
@@ -176,6 +181,7 @@ impl UpError {
             | Self::OutIsReplay { .. }
             | Self::Split { .. }
             | Self::Terminal
+            | Self::DurationWithoutRate
             | Self::Receiver
             | Self::NoBus => 2,
             _ => 1,

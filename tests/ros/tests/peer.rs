@@ -230,7 +230,8 @@ impl System {
 
     fn services(&self) -> Vec<Value> {
         let output = Command::new(plumb()).args(["ps", "--json", "--system", &self.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).unwrap_or_default()
+        let status: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        status["services"].as_array().cloned().unwrap_or_default()
     }
 
     fn is_up(&self) -> bool {
