@@ -7,6 +7,7 @@ mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod metrics;
+mod operator;
 mod page;
 mod readme;
 mod recorded;

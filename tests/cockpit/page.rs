@@ -16,7 +16,7 @@ const PAGE: &str = "services/cockpit/page";
 
 /// Restart settings for tests with browsers. Software rendering may delay a service, and the
 /// delayed service must not be killed.
-const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
+pub(crate) const LENIENT_RESTART: &str = "restart.silence_s = 10.0";
 
 /// Returns a system with a cockpit and the port of its page.
 pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
@@ -72,7 +72,7 @@ impl Drop for View {
     }
 }
 
-fn start_all(system: &System, arguments: &[&str]) -> Running {
+pub(crate) fn start_all(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
     system.wait_until_running();
     running
@@ -199,6 +199,7 @@ fn swap_by_click_requires_token() {
     without_token.until("plumb.state().kind === 'live'");
     without_token.key("4");
     without_token.until("document.getElementById('slot').value === 'fuser'");
+    without_token.eval("document.getElementById('stage').value = 'wz'");
     without_token.click("#swap");
     without_token.click("#yes");
     let outcome = without_token.text("document.getElementById('outcome').textContent");
@@ -499,7 +500,7 @@ fn views_have_addresses_and_fit_small_screens() {
     page.until("plumb.view() === 'system' && plumb.drawn()?.services?.length > 5");
     let names = page.eval("[...document.querySelectorAll('.services tbody tr')].map((row) => row.dataset.service)");
     assert_eq!(names.as_array().unwrap()[..5], ["ingest", "gyro", "accel", "fuser", "course"]);
-    page.until("!document.getElementById('swap').disabled");
+    page.until("!document.getElementById('shadow').disabled");
     let bottom = page.number("document.getElementById('cancel').getBoundingClientRect().bottom");
     let top = page.number("document.getElementById('timeline').getBoundingClientRect().top");
     assert!(bottom < top, "the swap controls end at {bottom} px, below the view, which ends at {top} px");

@@ -84,6 +84,6 @@ pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, describe};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use service_unit::UnsupportedDevicePath;
-pub use slot_stage::UnknownStage;
+pub use slot_stage::{UnknownStage, built_in_parameters};
 pub use source_uri::{replay_path, with_overrides};
 pub use split::MAX_CACHE_TICKS;

@@ -103,7 +103,7 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     }
     let slot = slot(section);
     let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
-    let parameters = parameters(slot, chosen.unwrap_or(default_stage(slot)));
+    let parameters = built_in_parameters(slot, chosen.unwrap_or(default_stage(slot)));
     section.section(key, |section| {
         let Some(parameters) = parameters else {
             return section.numbers(|name, value| {
@@ -155,7 +155,9 @@ pub(crate) fn stage_names(slot: Slot, external: &BTreeMap<String, ExternalStage>
     built_in_stages(slot).iter().copied().chain(external_names).collect()
 }
 
-fn parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {
+/// Returns the parameters of a built-in stage; `None` if the slot has no built-in stage of this
+/// name.
+pub fn built_in_parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {
     match slot {
         Slot::Gyro => Some(Gyro::from_name(stage)?.parameters()),
         Slot::Accel => Some(Accelerometer::from_name(stage)?.parameters()),

@@ -4,7 +4,7 @@ use prost::encoding::{self, WireType};
 
 use crate::{
     DecodeError,
-    command::{ControlMessage, MAX_NAME_BYTES, check_text},
+    command::{ControlMessage, MAX_NAME_BYTES, check_parameters, check_text},
     v1::{PageCommand, Picture, ToPage, page_command::Kind},
 };
 
@@ -42,7 +42,8 @@ impl ControlMessage for PageCommand {
     const NAME: &'static str = "PageCommand";
 
     fn validate(&self) -> Result<(), DecodeError> {
-        let Self { request_id, token, slot, stage, what, .. } = self;
+        let Self { request_id, token, slot, stage, what, set, .. } = self;
+        check_parameters(Self::NAME, set.iter().map(|setting| (&*setting.name, setting.value)))?;
         for (field, value) in
             [("request_id", request_id), ("token", token), ("slot", slot), ("stage", stage), ("what", what)]
         {
@@ -64,6 +65,11 @@ impl ControlMessage for PageCommand {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{command::MAX_PARAMETERS, v1::Setting};
+
+    fn setting(name: &str, value: f64) -> Setting {
+        Setting { name: name.into(), value }
+    }
 
     fn command() -> PageCommand {
         let [request_id, token, slot, stage] = ["1", "t", "fuser", "vqf"].map(String::from);
@@ -82,6 +88,8 @@ mod tests {
     #[test]
     fn page_command_rejects_missing_and_oversized_fields() {
         assert_eq!(PageCommand::from_bytes(&command().to_bytes()).unwrap(), command());
+        let with_parameters = PageCommand { set: vec![setting("beta_1_s", 1.0); MAX_PARAMETERS], ..command() };
+        assert_eq!(PageCommand::from_bytes(&with_parameters.to_bytes()).unwrap(), with_parameters);
         let cancel = PageCommand { kind: Kind::Cancel.into(), stage: String::new(), ..command() };
         assert_eq!(PageCommand::from_bytes(&cancel.to_bytes()).unwrap(), cancel);
         let look = PageCommand { kind: Kind::Look.into(), slot: String::new(), ..cancel };
@@ -97,6 +105,9 @@ mod tests {
             PageCommand { token: "x".repeat(MAX_NAME_BYTES + 1), ..command() },
             PageCommand { stage: "a\u{7}b".into(), ..command() },
             PageCommand { what: "x".repeat(MAX_NAME_BYTES + 1), ..calibrate },
+            PageCommand { set: vec![setting("beta_1_s", f64::NAN)], ..command() },
+            PageCommand { set: vec![setting("a\u{7}b", 1.0)], ..command() },
+            PageCommand { set: vec![setting("beta_1_s", 1.0); MAX_PARAMETERS + 1], ..command() },
         ] {
             assert!(PageCommand::from_bytes(&wrong.to_bytes()).is_err(), "{wrong:?}");
         }

@@ -58,13 +58,7 @@ impl ControlMessage for SwapRequest {
                 return Err(DecodeError::Missing { field });
             }
         }
-        if self.set.len() > MAX_PARAMETERS {
-            return Err(DecodeError::TooMany { message: Self::NAME, what: "parameters", max: MAX_PARAMETERS });
-        }
-        for (name, value) in &self.set {
-            check_text(name, "set", MAX_NAME_BYTES)?;
-            check_finite(*value, "set")?;
-        }
+        check_parameters(Self::NAME, self.set.iter().map(|(name, value)| (&**name, *value)))?;
         if self.expected_epoch == 0 {
             return Err(DecodeError::Missing { field: "expected_epoch" });
         }
@@ -105,6 +99,21 @@ impl ControlMessage for GatewayReport {
         }
         self.envelope.ok_or(DecodeError::Missing { field: "envelope" }).map(|_: Envelope| ())
     }
+}
+
+/// Rejects more than [`MAX_PARAMETERS`] parameters, and names and values that no parameter has.
+pub(crate) fn check_parameters<'p>(
+    message: &'static str,
+    parameters: impl ExactSizeIterator<Item = (&'p str, f64)>,
+) -> Result<(), DecodeError> {
+    if parameters.len() > MAX_PARAMETERS {
+        return Err(DecodeError::TooMany { message, what: "parameters", max: MAX_PARAMETERS });
+    }
+    for (name, value) in parameters {
+        check_text(name, "set", MAX_NAME_BYTES)?;
+        check_finite(value, "set")?;
+    }
+    Ok(())
 }
 
 /// Rejects a text that exceeds `max` bytes or contains control characters other than line feeds.

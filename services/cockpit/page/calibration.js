@@ -1,6 +1,6 @@
 // Calibration of the sensors: instructions, progress and result.
 
-import { element, tint, write } from "./ui.js";
+import { button, element, select, statusLine, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -23,27 +23,13 @@ export class Calibration {
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
-    this.kind = /** @type {HTMLSelectElement} */ (element("select", "", ...Object.entries(KINDS).map(([name, [title]]) => {
-      const option = /** @type {HTMLOptionElement} */ (element("option", "", title));
-      option.value = name;
-      return option;
-    })));
-    this.kind.id = "calibration-kind";
-    const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {() => void} */ onClick) => {
-      const created = /** @type {HTMLButtonElement} */ (element("button", "", text));
-      created.id = id;
-      created.type = "button";
-      created.addEventListener("click", onClick);
-      return created;
-    };
+    this.kind = select("calibration-kind", Object.entries(KINDS).map(([name, [title]]) => [name, title]));
     this.start = button("calibrate", "Start", () => this.command(this.kind.value));
     this.cancel = button("calibrate-cancel", "Cancel", () => this.command(""));
-    this.bar = /** @type {HTMLProgressElement} */ (element("progress", ""));
+    this.bar = element("progress", "");
     this.bar.max = 1;
     this.progress = element("span", "number");
-    this.message = element("p", "");
-    this.message.id = "coverage";
-    this.message.setAttribute("role", "status");
+    this.message = statusLine("coverage");
     this.report = element("pre", "");
     this.report.id = "report";
     this.copy = button("copy-report", "Copy", () => void navigator.clipboard.writeText(this.report.textContent ?? ""));

@@ -78,6 +78,8 @@ export class Data {
     /** Offset of the source's clock from the board's, s; null until a message contains both times. @type {number | null} */ this.clock_offset_s = null;
     /** Newest event of each flag. @type {Map<string, LogEvent>} */ this.flagEvents = new Map();
     /** Names of the flags, each with whether it is only informational. @type {[string, boolean][]} */ this.flags = [];
+    /** Parameters of the built-in stages by slot and stage. @type {Record<string, Record<string, import("./parameters.js").Parameter[]>>} */ this.parameters = {};
+    /** Parameters of the shadow that this page has started, by slot. @type {Record<string, import("./parameters.js").Setting[]>} */ this.shadowSet = {};
     /** State of the connection: "connecting", "open", "closed", "unauthorized", "unavailable". */ this.link = "connecting";
     /** Reason if the vehicle is not available. */ this.unavailableReason = "";
     /** Id of the last command sent. */ this.requestId = "";

@@ -55,7 +55,7 @@ export class Fleet {
   createRow(name) {
     const canvas = document.createElement("canvas");
     canvas.setAttribute("aria-hidden", "true");
-    const button = /** @type {HTMLButtonElement} */ (element("button", "", name));
+    const button = element("button", "", name);
     button.type = "button";
     button.dataset.vehicle = name;
     button.disabled = !this.data.standing.vehicles?.length;

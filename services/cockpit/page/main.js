@@ -219,7 +219,7 @@ function onKey(event) {
   const target = /** @type {HTMLElement} */ (event.target);
   if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
   // The position slider of a recording handles its own keys.
-  if (target.tagName === "INPUT" && (input(target.id).type !== "range" || /^(Arrow|Page|Home|End)/.test(event.key))) return;
+  if (target instanceof HTMLInputElement && (target.type !== "range" || /^(Arrow|Page|Home|End)/.test(event.key))) return;
   const step = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
   if (step && target.getAttribute("role") !== "tab") {
     data.paused = true;
@@ -284,6 +284,7 @@ async function start() {
   const schema = await (await fetch("/schema.json")).json();
   wire = new Wire(schema);
   data.flags = schema.flags;
+  data.parameters = schema.parameters;
   data.goTo = goTo;
   timeline = new Timeline(get("timeline"), data);
   openView(viewInFragment() ?? "fly");

@@ -2,7 +2,7 @@
 
 import { DEGREE } from "./attitude.js";
 import { upOfPoint, valueIndex } from "./data.js";
-import { element, write } from "./ui.js";
+import { button, element, statusLine, write } from "./ui.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
@@ -22,13 +22,8 @@ export class Mounting {
   /** @param {HTMLElement} parent @param {Data} data */
   constructor(parent, data) {
     this.data = data;
-    this.button = /** @type {HTMLButtonElement} */ (element("button", "", "Start"));
-    this.button.id = "mounting";
-    this.button.type = "button";
-    this.button.addEventListener("click", () => { this.step = "level"; this.level = null; this.gyro = null; this.held_since = null; this.verdict = ""; });
-    this.message = element("p", "");
-    this.message.id = "mounting-message";
-    this.message.setAttribute("role", "status");
+    this.button = button("mounting", "Start", () => { this.step = "level"; this.level = null; this.gyro = null; this.held_since = null; this.verdict = ""; });
+    this.message = statusLine("mounting-message");
     parent.append(element("div", "actions", this.button), this.message);
     /** "" | "level" | "nose down" | "done" */ this.step = "";
     /** Up vector of the accelerometer in the level pose. @type {Vec | null} */ this.level = null;

@@ -2,12 +2,13 @@
 
 import { DEGREE } from "./attitude.js";
 import { CANCELLED_REASON } from "./data.js";
-import { element, fillTable, write } from "./ui.js";
+import { Parameters } from "./parameters.js";
+import { button, element, fillTable, select, setOptions, statusLine, write } from "./ui.js";
 import { Strips } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
-/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
+/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number, set: import("./parameters.js").Setting[] }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 /** Time for which a restarted service stays marked, ms. */
 const RESTART_MARK_MS = 3000;
@@ -26,26 +27,17 @@ export class System {
     this.sendCommand = sendCommand;
     this.services = element("tbody", "");
     this.servicesNote = element("p", "c-quiet");
-    this.slot = /** @type {HTMLSelectElement} */ (element("select", ""));
-    this.stage = /** @type {HTMLSelectElement} */ (element("select", ""));
-    this.slot.id = "slot";
-    this.stage.id = "stage";
-    this.outcome = element("p", "");
-    this.outcome.id = "outcome";
-    this.outcome.setAttribute("role", "status");
+    this.slot = select("slot");
+    this.stage = select("stage");
+    this.outcome = statusLine("outcome");
     this.difference = element("p", "number c-shadow");
     this.events = element("tbody", "");
     this.emptyNote = element("p", "c-quiet", "No events yet.");
-    const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {string} */ kind) => {
-      const created = /** @type {HTMLButtonElement} */ (element("button", "", text));
-      created.id = id;
-      created.type = "button";
-      created.addEventListener("click", () => this.command(kind));
-      return created;
-    };
-    this.buttons = [button("swap", "Swap…", "KIND_SWAP"), button("shadow", "Shadow…", "KIND_SHADOW"), button("promote", "Promote shadow…", "PROMOTE"), button("cancel", "Cancel shadow…", "KIND_CANCEL")];
-    this.confirm = /** @type {HTMLDialogElement} */ (element("dialog", ""));
+    this.buttons = [["swap", "Swap…", "KIND_SWAP"], ["shadow", "Shadow…", "KIND_SHADOW"], ["promote", "Promote shadow…", "PROMOTE"], ["cancel", "Cancel shadow…", "KIND_CANCEL"]].map(([id, text, kind]) => button(id, text, () => this.command(kind)));
+    this.confirm = element("dialog", "");
     this.slot.addEventListener("change", () => this.fillStages());
+    const parameters = element("section", "");
+    this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
     this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
@@ -56,7 +48,7 @@ export class System {
       element("div", "columns",
         element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
-      this.confirm);
+      parameters, this.confirm);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
     /** Slots and stages in the lists, as JSON. */ this.slots = "";
     /** Revision of the events in the table. */ this.shownRevision = -1;
@@ -66,19 +58,22 @@ export class System {
 
   /** Asks for confirmation and sends a command. @param {string} action */
   command(action) {
-    const slot = this.slot.value;
+    const slot = this.slot.value, set = action === "PROMOTE" ? this.data.shadowSet[slot] ?? [] : action === "KIND_CANCEL" ? [] : this.parameters.settings();
+    if (typeof set === "string") { this.showOutcome("c-fault", set); return; }
+    const given = set.length ? ` with ${set.map(({ name, value }) => `${name} = ${value}`).join(", ")}` : "";
     // A swap to the stage of the shadow promotes the shadow.
     const kind = action === "PROMOTE" ? "KIND_SWAP" : action;
     const stage = action === "PROMOTE" ? this.shadowOf(slot) : this.stage.value;
-    const question = action === "PROMOTE" ? `Promote the shadow ${stage} to owner of ${slot}?` : { KIND_SWAP: `Swap the stage of ${slot} to ${stage}?`, KIND_SHADOW: `Run ${stage} as a shadow of ${slot}?`, KIND_CANCEL: `Cancel the shadow of ${slot}?` }[kind] ?? kind;
-    const yes = /** @type {HTMLButtonElement} */ (element("button", "", "Yes"));
-    const no = /** @type {HTMLButtonElement} */ (element("button", "", "No"));
+    const question = action === "PROMOTE" ? `Promote the shadow ${stage} to owner of ${slot}?` : { KIND_SWAP: `Swap the stage of ${slot} to ${stage}${given}?`, KIND_SHADOW: `Run ${stage}${given} as a shadow of ${slot}?`, KIND_CANCEL: `Cancel the shadow of ${slot}?` }[kind] ?? kind;
+    const yes = element("button", "", "Yes");
+    const no = element("button", "", "No");
     yes.id = "yes";
     yes.addEventListener("click", () => {
       this.confirm.close();
       const status = this.statusOf(slot);
       this.showOutcome("", `requested: ${question.replace("?", "")} …`);
-      const error = this.sendCommand({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0 });
+      const error = this.sendCommand({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set });
+      if (kind === "KIND_SHADOW") this.data.shadowSet[slot] = set;
       // The reply about a shadow is sent at its end.
       this.isWaiting = !error && kind !== "KIND_SHADOW";
       if (error) this.showOutcome("c-fault", error);
@@ -123,16 +118,28 @@ export class System {
     return isRunning ? candidates.at(-1)?.stage ?? "" : "";
   }
 
+  /** Lists the stages of the selected slot, and selects the current one if it is another slot. */
   fillStages() {
-    const slot = (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
-    const owner = this.statusOf(this.slot.value)?.stage;
-    this.stage.replaceChildren(...(slot?.stages ?? []).map((/** @type {string} */ name) => {
-      const option = /** @type {HTMLOptionElement} */ (element("option", "", name === owner ? `${name} (current)` : name));
-      option.value = name;
-      return option;
-    }));
-    const other = (slot?.stages ?? []).find((/** @type {string} */ name) => name !== owner);
-    if (other) this.stage.value = other;
+    const owner = this.statusOf(this.slot.value)?.stage ?? "";
+    if (this.stage.dataset.slot !== this.slot.value) setOptions(this.stage, []);
+    const isFirst = !this.stage.value && owner;
+    if (owner) this.stage.dataset.slot = this.slot.value;
+    setOptions(this.stage, (this.slotShown()?.stages ?? []).map((/** @type {string} */ name) => [name, name === owner ? `${name} (current)` : name]));
+    if (isFirst) this.stage.value = owner;
+  }
+
+  /** @returns {Message | undefined} */
+  slotShown() {
+    return (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
+  }
+
+  /** Shows the parameters of the selected stage. */
+  showParameters() {
+    const slot = this.slotShown(), stage = this.stage.value, runs = stage === this.statusOf(this.slot.value)?.stage;
+    const known = this.data.parameters[this.slot.value]?.[stage];
+    const note = runs && slot && !slot.knows_set ? "The values are unknown, because the vehicle is remote. The fields show the defaults." : known ? "" : "The stage is a program. It checks its parameters itself; the launch file sets them.";
+    if (stage) this.parameters.show(`${this.slot.value}: ${stage}${runs ? "" : " (not running)"}`, known, runs && slot?.knows_set ? slot.set : null, note);
+    return runs;
   }
 
   /** Returns whether a service was restarted recently. A restart takes only milliseconds and would otherwise go unnoticed. @param {Message} status */
@@ -147,17 +154,19 @@ export class System {
   draw() {
     const { standing, events } = this.data;
     const services = standing.services ?? [];
-    const slots = JSON.stringify(standing.slots ?? []);
+    const slots = JSON.stringify((standing.slots ?? []).map((/** @type {Message} */ slot) => [slot, this.statusOf(slot.slot)?.stage]));
     if (slots !== this.slots) {
       this.slots = slots;
-      const selected = this.slot.value;
-      this.slot.replaceChildren(...(standing.slots ?? []).map((/** @type {Message} */ slot) => element("option", "", slot.slot)));
-      this.slot.value = standing.slots?.some((/** @type {Message} */ slot) => slot.slot === selected) ? selected : "fuser";
+      const isFirst = !this.slot.value;
+      setOptions(this.slot, (standing.slots ?? []).map((/** @type {Message} */ { slot }) => [slot, slot]));
+      if (isFirst) this.slot.value = "fuser";
       this.fillStages();
     }
+    const runs = this.showParameters();
     this.strips.draw();
     const shadow = this.shadowOf(this.slot.value);
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow);
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "swap" && runs && !this.parameters.isChanged());
+    write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
     this.drawn = { services: services.map((/** @type {Message} */ service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
     services.forEach((/** @type {Message} */ { status }, /** @type {number} */ at) => {

@@ -3,7 +3,7 @@
 import { FRAMES } from "./attitude.js";
 import { QUANTITIES, RANGES, quaternion, valueIndex } from "./data.js";
 import { prepareCanvas } from "./fly.js";
-import { colour, element, write } from "./ui.js";
+import { button, colour, element, select, write } from "./ui.js";
 import { LEFT, RIGHT } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -20,17 +20,9 @@ export class Timeline {
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("aria-label", "Timeline of events; click to set the cursor, use the wheel to zoom, press [ or ] for the previous or next event");
     this.description = element("output", "");
-    this.frame = /** @type {HTMLSelectElement} */ (element("select", "", ...Object.keys(FRAMES).map((name) => element("option", "", name))));
-    this.frame.id = "frame";
+    this.frame = select("frame", Object.keys(FRAMES).map((name) => [name, name]));
     this.copyStatus = element("span", "c-quiet");
     this.copyStatus.setAttribute("role", "status");
-    const button = (/** @type {string} */ id, /** @type {string} */ text, /** @type {() => void} */ onClick) => {
-      const created = /** @type {HTMLButtonElement} */ (element("button", "", text));
-      created.id = id;
-      created.type = "button";
-      created.addEventListener("click", onClick);
-      return created;
-    };
     parent.append(this.canvas, element("div", "controls", this.description, this.copyStatus,
       button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)));
     this.canvas.addEventListener("click", (event) => {

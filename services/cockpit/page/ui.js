@@ -34,11 +34,42 @@ export function setTheme(name) {
   tints.clear();
 }
 
-/** Creates an element with text or children. @param {string} tag @param {string} className @param {...(string | Node)} children */
+/** Creates an element with text or children. @template {keyof HTMLElementTagNameMap} T @param {T} tag @param {string} className @param {...(string | Node)} children */
 export function element(tag, className, ...children) {
   const created = document.createElement(tag);
   if (className) created.className = className;
   created.append(...children);
+  return created;
+}
+
+/** Creates a button. @param {string} id @param {string} text @param {() => void} onClick */
+export function button(id, text, onClick) {
+  const created = element("button", "", text);
+  created.id = id;
+  created.type = "button";
+  created.addEventListener("click", onClick);
+  return created;
+}
+
+/** Creates a list to select from. @param {string} id @param {[value: string, text: string][]} options */
+export function select(id, options = []) {
+  const created = element("select", "");
+  created.id = id;
+  setOptions(created, options);
+  return created;
+}
+
+/** Replaces the options of a list. The selected one stays selected if it is still there. @param {HTMLSelectElement} list @param {[value: string, text: string][]} options */
+export function setOptions(list, options) {
+  const selected = list.value;
+  list.replaceChildren(...options.map(([value, text]) => new Option(text, value, false, value === selected)));
+}
+
+/** Creates a line of text that is announced when it changes. @param {string} id */
+export function statusLine(id) {
+  const created = element("p", "");
+  created.id = id;
+  created.setAttribute("role", "status");
   return created;
 }
 

@@ -64,21 +64,22 @@ export class Wire {
   encode(name, message) {
     /** @type {number[]} */
     const out = [];
-    for (const [number, [field, kind]] of Object.entries(this.schema.messages[name])) {
-      const value = message[field];
-      if (value === undefined) continue;
+    for (const [number, [field, kind, repeated]] of Object.entries(this.schema.messages[name])) {
       const names = this.schema.enums[kind];
-      if (kind === "string") {
-        const text = new TextEncoder().encode(value);
-        varint(Number(number) * 8 + BYTES, out);
-        varint(text.length, out);
-        out.push(...text);
-      } else if (names || kind === "uint32" || kind === "uint64") {
-        const code = names ? Number(Object.keys(names).find((key) => names[key] === value)) : value;
-        varint(Number(number) * 8 + VARINT, out);
-        varint(code, out);
-      } else {
-        throw new Error(`${name}.${field}: encoding of ${kind} is not implemented`);
+      for (const value of repeated ? message[field] ?? [] : [message[field]]) {
+        if (value === undefined) continue;
+        if (kind === "string" || this.rules.has(kind)) {
+          const bytes = kind === "string" ? new TextEncoder().encode(value) : this.encode(kind, value);
+          varint(Number(number) * 8 + BYTES, out);
+          varint(bytes.length, out);
+          out.push(...bytes);
+        } else if (kind === "double") {
+          varint(Number(number) * 8 + FIXED64, out);
+          out.push(...new Uint8Array(Float64Array.of(value).buffer));
+        } else if (names || kind === "uint32" || kind === "uint64") {
+          varint(Number(number) * 8 + VARINT, out);
+          varint(names ? Number(Object.keys(names).find((key) => names[key] === value)) : value, out);
+        } else throw new Error(`${name}.${field}: encoding of ${kind} is not implemented`);
       }
     }
     return new Uint8Array(out);

@@ -12,6 +12,7 @@ use axum::{
     response::Response,
 };
 use flate2::{Compression, write::GzEncoder};
+use launch::{Launch, Slot};
 use messages::Flags;
 use serde_json::{Map, Value, json};
 
@@ -21,8 +22,8 @@ macro_rules! page_files {
 
 /// Names and contents of the page's files, sorted by name.
 const FILES: &[(&str, &[u8])] = page_files! {
-    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "scene.js"
-    "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"
+    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "parameters.js"
+    "scene.js" "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"
 };
 
 /// Files of the page by name.
@@ -105,7 +106,7 @@ fn response(status: StatusCode, body: Body) -> Response {
 }
 
 /// Returns the schema for the page's decoder: the fields of each message by number, the value names
-/// of each enum by number, and the flags.
+/// of each enum by number, the flags, and the parameters of the built-in stages by slot and stage.
 fn schema() -> Value {
     let (fields, names) = wire::schema::fields_and_enum_values();
     let (mut messages, mut enums) = (Map::new(), Map::new());
@@ -119,7 +120,20 @@ fn schema() -> Value {
     }
     let flags: Vec<_> =
         Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::INFORMATIONAL.any(*flag)])).collect();
-    json!({ "messages": messages, "enums": enums, "flags": flags })
+    let built_in = Launch::default();
+    let parameters = |slot: Slot| {
+        let stages = built_in.stage_names(slot).into_iter();
+        stages.map(|stage| (stage.to_owned(), stage_parameters(slot, stage))).collect::<Map<_, _>>()
+    };
+    let parameters: Map<_, _> =
+        Slot::ALL.into_iter().map(|slot| (slot.name().to_owned(), parameters(slot).into())).collect();
+    json!({ "messages": messages, "enums": enums, "flags": flags, "parameters": parameters })
+}
+
+/// Returns name, unit, default, minimum, maximum and meaning of each parameter of a stage.
+fn stage_parameters(slot: Slot, stage: &str) -> Value {
+    let parameters = launch::built_in_parameters(slot, stage).unwrap_or_default().iter();
+    parameters.map(|it| json!([it.name, it.unit, it.default, it.min, it.max, it.description])).collect()
 }
 
 #[cfg(test)]

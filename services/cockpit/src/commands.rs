@@ -1,14 +1,11 @@
-//! Commands of viewers: swaps, shadows, their cancellation, and calibrations.
+//! Commands of viewers: swaps and shadows with parameters, their cancellation, and calibrations.
 //!
 //! Input: commands of the page, each with a token.
 //! Output: one reply per command.
 //! Failure: a command without an operator's token, or beyond [`MAX_CONCURRENT_COMMANDS`], is
 //! rejected.
 
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use control::SwapRequest;
 use launch::StageConfig;
@@ -139,9 +136,10 @@ fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec
     if shadow {
         lock(shadows).push(command.slot.clone());
     }
+    let set = command.set.iter().map(|setting| (setting.name.clone(), setting.value)).collect();
     let request = SwapRequest {
         slot: command.slot.clone(),
-        stage: StageConfig { stage: command.stage.clone(), set: BTreeMap::new() },
+        stage: StageConfig { stage: command.stage.clone(), set },
         shadow,
         expected_epoch: Some(command.expected_epoch).filter(|epoch| *epoch != 0),
         timeout_ms: (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS),

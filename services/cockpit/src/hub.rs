@@ -1,18 +1,19 @@
 //! Distribution of snapshots, status and calibration progress to the viewers.
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
-//! Output: a bounded message queue per viewer. A new viewer first receives the status, the events
-//! so far and the snapshots of the last minute.
-//! Failure: a viewer that is too slow loses messages. Nothing waits for a viewer.
+//! Output: for each viewer, the messages after its [`Cursor`]. A new viewer first receives the
+//! status, the events so far and the snapshots of the last minute, then all snapshots since.
+//! Time: a new viewer catches up within [`CATCH_UP_LIMIT`].
+//! Failure: a viewer that is too slow misses snapshots. Nothing waits for a viewer.
 
 use std::{
     collections::VecDeque,
     sync::{Mutex, MutexGuard, PoisonError},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use axum::body::Bytes;
-use tokio::sync::broadcast::{self, Receiver};
+use tokio::sync::watch::{self, Receiver};
 use wire::{
     command::ControlMessage,
     v1::{AttitudeOutput, Calibration, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
@@ -20,22 +21,23 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Number of snapshots for which flags are kept, for viewers that missed these snapshots. The
-/// number covers two seconds.
-const MAX_STORED_FLAGS: usize = 64;
-/// Maximum number of messages queued per viewer, enough for a quarter of a second. A viewer that
-/// falls further behind loses the oldest messages.
-const MAX_QUEUED_MESSAGES: usize = 8;
+/// Maximum number of snapshots by which a viewer may be late, a quarter of a second. A viewer that
+/// falls further behind continues with the newest snapshot.
+const MAX_LATE_SNAPSHOTS: usize = 8;
+/// Time within which a new viewer must have received the snapshots of the last minute. The minute
+/// has about 2 MB.
+const CATCH_UP_LIMIT: Duration = Duration::from_secs(30);
 
 /// Time for which snapshots are kept for new viewers. It is the time span of the page's strips.
 const HISTORY: Duration = Duration::from_secs(60);
 /// Maximum size of the snapshots that are kept, bytes: twice that of an ordinary minute.
 const MAX_HISTORY_BYTES: usize = 8 << 20;
 
-/// Message queues of the viewers.
-#[derive(Debug)]
+/// Messages for the viewers.
+#[derive(Debug, Default)]
 pub struct Hub {
-    messages: broadcast::Sender<Bytes>,
+    /// Notifies the viewers of new messages.
+    news: watch::Sender<()>,
     backlog: Mutex<Backlog>,
     /// Request that is not processed yet: `Some(Some(…))` starts a calibration, `Some(None)`
     /// cancels the one in progress.
@@ -44,36 +46,93 @@ pub struct Hub {
     pub(crate) broadcaster: std::sync::Arc<crate::foxglove::feed::Broadcaster>,
 }
 
-/// Data for new viewers, for viewers that missed messages, and for `/metrics`.
+/// Messages that viewers may still have to receive, and the newest values for `/metrics`.
 #[derive(Debug, Default)]
 struct Backlog {
     latest: LatestState,
-    events: VecDeque<SystemEvent>,
-    /// Flags of the newest snapshots, oldest first.
-    flags: VecDeque<u64>,
+    /// Number of the newest status.
+    status_number: u64,
     calibration: Option<Calibration>,
+    /// Number of the newest progress report of a calibration.
+    calibration_number: u64,
+    events: VecDeque<SystemEvent>,
     history: History,
 }
 
 /// Encoded snapshots of the last minute, oldest first.
 #[derive(Debug, Default)]
 struct History {
-    /// Time of each snapshot on CLOCK_MONOTONIC, ns, and the snapshot.
-    snapshots: VecDeque<(u64, Bytes)>,
+    snapshots: VecDeque<Snapshot>,
     bytes: usize,
+    /// Number of the next snapshot.
+    next: u64,
+}
+
+#[derive(Debug)]
+struct Snapshot {
+    number: u64,
+    /// CLOCK_MONOTONIC, ns.
+    t_ns: u64,
+    flags: u64,
+    has_data: bool,
+    has_events: bool,
+    message: Bytes,
+}
+
+/// Position of a viewer in the messages of a hub.
+#[derive(Debug)]
+pub(crate) struct Cursor {
+    /// Number of the status received last.
+    status: Option<u64>,
+    has_earlier_events: bool,
+    /// Number of the calibration report received last.
+    calibration: u64,
+    /// Number of the next snapshot.
+    snapshot: u64,
+    /// Time until which the viewer receives every snapshot; `None` once it has caught up.
+    catches_up_until: Option<Instant>,
+}
+
+impl Snapshot {
+    /// Encodes a snapshot that has no number yet.
+    fn encode(picture: Picture) -> Self {
+        Self {
+            number: 0,
+            t_ns: picture.t_made_ns,
+            flags: picture.flags,
+            has_data: picture.attitude.is_some() || picture.imu.is_some(),
+            has_events: !picture.events.is_empty(),
+            message: encode(Said::Picture(picture)),
+        }
+    }
 }
 
 impl History {
-    fn push(&mut self, t_ns: u64, snapshot: Bytes) {
-        self.bytes += snapshot.len();
-        self.snapshots.push_back((t_ns, snapshot));
-        let from_ns = t_ns.saturating_sub(HISTORY.as_nanos() as u64);
-        while let Some((first_ns, first)) = self.snapshots.front()
-            && (*first_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)
+    fn push(&mut self, snapshot: Snapshot) {
+        let Snapshot { t_ns, has_data, .. } = snapshot;
+        self.bytes += snapshot.message.len();
+        self.snapshots.push_back(Snapshot { number: self.next, ..snapshot });
+        self.next += 1;
+        // A snapshot without content is kept only for viewers that are up to date.
+        if let Some(at) = self.snapshots.len().checked_sub(MAX_LATE_SNAPSHOTS + 1)
+            && let Snapshot { has_data: false, has_events: false, message, .. } = &self.snapshots[at]
         {
-            self.bytes -= first.len();
+            self.bytes -= message.len();
+            self.snapshots.remove(at);
+        }
+        // Without new data, those of the last minute with data are kept.
+        let from_ns = if has_data { t_ns.saturating_sub(HISTORY.as_nanos() as u64) } else { 0 };
+        while let Some(first) = self.snapshots.front()
+            && (first.t_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)
+        {
+            self.bytes -= first.message.len();
             self.snapshots.pop_front();
         }
+    }
+
+    /// Returns the snapshots from `number` on.
+    fn since(&self, number: u64) -> impl Iterator<Item = &Snapshot> {
+        self.snapshots.range(self.snapshots.partition_point(|snapshot| snapshot.number < number)..)
     }
 }
 
@@ -87,18 +146,6 @@ pub(crate) struct LatestState {
     pub(crate) bias_rad_s: Option<[f64; 3]>,
 }
 
-impl Default for Hub {
-    fn default() -> Self {
-        Self {
-            messages: broadcast::Sender::new(MAX_QUEUED_MESSAGES),
-            backlog: Mutex::default(),
-            calibration_request: Mutex::default(),
-            #[cfg(feature = "foxglove")]
-            broadcaster: std::sync::Arc::default(),
-        }
-    }
-}
-
 impl Hub {
     /// Sends a snapshot to the viewers.
     pub fn publish_snapshot(&self, picture: Picture) {
@@ -106,24 +153,15 @@ impl Hub {
         backlog.events.extend(picture.events.iter().cloned());
         let excess = backlog.events.len().saturating_sub(MAX_EVENTS);
         backlog.events.drain(..excess);
-        if backlog.flags.len() == MAX_STORED_FLAGS {
-            backlog.flags.pop_front();
-        }
-        backlog.flags.push_back(picture.flags);
         if picture.attitude.is_some() {
             backlog.latest.attitude = picture.attitude;
         }
         if let Some(bias) = picture.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
             backlog.latest.bias_rad_s = Some([bias.x, bias.y, bias.z]);
         }
-        let (has_data, t_ns) = (picture.attitude.is_some() || picture.imu.is_some(), picture.t_made_ns);
-        let message = encode(Said::Picture(picture));
-        if has_data {
-            backlog.history.push(t_ns, message.clone());
-        }
+        backlog.history.push(Snapshot::encode(picture));
         drop(backlog);
-        // Sending fails only if there are no viewers.
-        let _ = self.messages.send(message);
+        self.news.send_replace(());
     }
 
     /// Sends the system's status to the viewers. Also clears the latest values unless the system is
@@ -133,15 +171,19 @@ impl Hub {
         if standing.state() != State::Live {
             backlog.latest = LatestState::default();
         }
-        backlog.latest.standing = standing.clone();
+        backlog.latest.standing = standing;
+        backlog.status_number += 1;
         drop(backlog);
-        self.send(Said::Standing(standing));
+        self.news.send_replace(());
     }
 
     /// Sends the progress of a calibration to the viewers.
     pub(crate) fn publish_calibration(&self, calibration: Calibration) {
-        self.backlog().calibration = Some(calibration.clone()).filter(|calibration| !calibration.what.is_empty());
-        self.send(Said::Calibration(calibration));
+        let mut backlog = self.backlog();
+        backlog.calibration = Some(calibration).filter(|calibration| !calibration.what.is_empty());
+        backlog.calibration_number += 1;
+        drop(backlog);
+        self.news.send_replace(());
     }
 
     /// Requests the start of a calibration or, with `None`, the end of the one in progress.
@@ -160,39 +202,49 @@ impl Hub {
         let has_foxglove_clients = self.broadcaster.has_clients();
         #[cfg(not(feature = "foxglove"))]
         let has_foxglove_clients = false;
-        self.messages.receiver_count() > 0 || has_foxglove_clients
+        self.news.receiver_count() > 0 || has_foxglove_clients
     }
 
-    /// Returns the initial messages for a new viewer and a queue for the messages that follow.
-    pub(crate) fn subscribe(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
-        let messages = self.messages.subscribe();
-        let backlog = self.backlog();
-        let first = [Said::Standing(backlog.latest.standing.clone()), Said::Picture(backlog.summary(0))];
-        let calibration = backlog.calibration.clone().map(Said::Calibration);
-        let history = backlog.history.snapshots.iter().map(|(_, snapshot)| snapshot.clone());
-        (first.into_iter().chain(calibration).map(encode).chain(history).collect(), messages)
+    /// Returns the position of a new viewer, and a receiver that is notified of new messages.
+    pub(crate) fn subscribe(&self) -> (Cursor, Receiver<()>) {
+        let catches_up_until = Some(Instant::now() + CATCH_UP_LIMIT);
+        let cursor = Cursor { status: None, has_earlier_events: false, calibration: 0, snapshot: 0, catches_up_until };
+        (cursor, self.news.subscribe())
     }
 
-    /// Returns a summary to replace the `messages` messages that a viewer has missed.
+    /// Returns the next message for a viewer; `None` if it has received all messages.
     ///
-    /// It contains all events and the flags of the missed snapshots, because events and flags are
-    /// never decimated. It also contains the calibration, because its result is sent only once.
-    pub(crate) fn catch_up(&self, messages: u64) -> [Bytes; 2] {
+    /// Of the status and of the calibration, a viewer receives the newest message. A viewer that is
+    /// more than [`MAX_LATE_SNAPSHOTS`] late receives a summary instead of the missed snapshots,
+    /// with the events and their flags, because events and flags are never decimated.
+    pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
         let backlog = self.backlog();
-        // The summary covers more snapshots than were missed, because further messages may be
-        // dropped from the queue before the viewer receives the summary.
-        let picture = backlog.summary(messages as usize + MAX_QUEUED_MESSAGES);
-        [Said::Picture(picture), Said::Calibration(backlog.calibration.clone().unwrap_or_default())].map(encode)
+        if cursor.status != Some(backlog.status_number) {
+            cursor.status = Some(backlog.status_number);
+            return Some(encode(Said::Standing(backlog.latest.standing.clone())));
+        }
+        if !std::mem::replace(&mut cursor.has_earlier_events, true) {
+            return Some(encode(Said::Picture(backlog.summary(u64::MAX))));
+        }
+        if cursor.calibration != backlog.calibration_number {
+            cursor.calibration = backlog.calibration_number;
+            return Some(encode(Said::Calibration(backlog.calibration.clone().unwrap_or_default())));
+        }
+        let late = backlog.history.next.saturating_sub(cursor.snapshot);
+        let is_late = late > MAX_LATE_SNAPSHOTS as u64;
+        cursor.catches_up_until = cursor.catches_up_until.filter(|until| is_late && Instant::now() < *until);
+        if is_late && cursor.catches_up_until.is_none() {
+            let from = std::mem::replace(&mut cursor.snapshot, backlog.history.next - 1);
+            return Some(encode(Said::Picture(backlog.summary(from))));
+        }
+        let snapshot = backlog.history.since(cursor.snapshot).next()?;
+        cursor.snapshot = snapshot.number + 1;
+        Some(snapshot.message.clone())
     }
 
     /// Returns the newest values.
     pub(crate) fn latest(&self) -> LatestState {
         self.backlog().latest.clone()
-    }
-
-    fn send(&self, message: Said) {
-        // Sending fails only if there are no viewers.
-        let _ = self.messages.send(encode(message));
     }
 
     fn backlog(&self) -> MutexGuard<'_, Backlog> {
@@ -201,9 +253,9 @@ impl Hub {
 }
 
 impl Backlog {
-    /// Returns a snapshot of all events and the combined flags of the newest `pictures` snapshots.
-    fn summary(&self, pictures: usize) -> Picture {
-        let flags = self.flags.iter().rev().take(pictures).fold(0, |all, flags| all | flags);
+    /// Returns a snapshot of all events and the combined flags of the snapshots from `number` on.
+    fn summary(&self, number: u64) -> Picture {
+        let flags = self.history.since(number).fold(0, |all, snapshot| all | snapshot.flags);
         Picture { events: self.events.iter().cloned().collect(), flags, ..Picture::default() }
     }
 }
@@ -215,58 +267,89 @@ pub(crate) fn encode(message: Said) -> Bytes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tokio::sync::broadcast::error::TryRecvError;
+
+    /// Returns the snapshots that a viewer receives until it has received all messages.
+    fn receive(hub: &Hub, cursor: &mut Cursor) -> Vec<Picture> {
+        std::iter::from_fn(|| hub.next_message(cursor)).filter_map(|message| picture(&message)).collect()
+    }
+
+    fn picture(message: &[u8]) -> Option<Picture> {
+        match ToPage::from_bytes(message).unwrap().said {
+            Some(Said::Picture(picture)) => Some(picture),
+            _ => None,
+        }
+    }
+
+    fn with_data(number: u64) -> Picture {
+        let attitude = Some(AttitudeOutput::default());
+        Picture { number, t_made_ns: number * 33_000_000, attitude, ..Picture::default() }
+    }
 
     #[test]
     fn new_viewer_receives_snapshots_of_last_minute() {
         let hub = Hub::default();
         for number in 0..3000 {
-            let attitude = (number % 2 == 0).then(AttitudeOutput::default);
-            let t_made_ns = number * 33_000_000;
-            hub.publish_snapshot(Picture { number, t_made_ns, attitude, ..Picture::default() });
+            let attitude = with_data(number).attitude.filter(|_| number % 2 == 0);
+            hub.publish_snapshot(Picture { attitude, ..with_data(number) });
         }
-        let (first, _) = hub.subscribe();
-        let numbers: Vec<u64> = first[2..]
-            .iter()
-            .map(|message| match ToPage::from_bytes(message).unwrap().said {
-                Some(Said::Picture(picture)) => picture.number,
-                other => panic!("{other:?}"),
-            })
-            .collect();
-        // 60 s are 1818 snapshots, half of which have data. The last number with data is 2998.
-        assert_eq!(numbers, (1180..3000).step_by(2).collect::<Vec<_>>());
+        let (mut cursor, _) = hub.subscribe();
+        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
+        // 60 s are 1818 snapshots, half of which have data. The newest ones are sent in any case.
+        let expected: Vec<_> = (1180..3000).filter(|number| number % 2 == 0 || *number >= 2992).collect();
+        assert_eq!(numbers, expected);
         let mut history = History::default();
-        (0..1000).for_each(|t_ns| history.push(t_ns, vec![0; 1 << 16].into()));
+        let large = |number| Snapshot { message: vec![0; 1 << 16].into(), ..Snapshot::encode(with_data(number)) };
+        (0..1000).for_each(|number| history.push(large(number)));
         assert_eq!((history.bytes, history.snapshots.len()), (MAX_HISTORY_BYTES, MAX_HISTORY_BYTES >> 16));
     }
 
     #[test]
-    fn slow_viewer_misses_snapshots_without_blocking() {
+    fn history_continues_without_gap_in_live_snapshots() {
         let hub = Hub::default();
-        let (first, mut messages) = hub.subscribe();
-        assert_eq!(first.len(), 2);
-        for number in 0..1000 {
-            hub.publish_snapshot(Picture { number, ..Picture::default() });
+        (0..500).for_each(|number| hub.publish_snapshot(with_data(number)));
+        let (mut cursor, _) = hub.subscribe();
+        // While the history is sent, more snapshots arrive than a viewer may be late.
+        let (mut received, mut next) = (Vec::new(), 500);
+        while let Some(message) = hub.next_message(&mut cursor) {
+            received.extend(picture(&message));
+            if received.len() % 2 == 0 {
+                hub.publish_snapshot(with_data(next));
+                next += 1;
+            }
         }
-        assert!(
-            matches!(messages.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_QUEUED_MESSAGES as u64)
-        );
-        let left: Vec<_> = std::iter::from_fn(|| messages.try_recv().ok()).collect();
-        assert_eq!(left.len(), MAX_QUEUED_MESSAGES, "the newest are kept");
+        let numbers: Vec<_> = received.iter().skip(1).map(|picture| picture.number).collect();
+        assert!(next > 900, "{next}");
+        assert_eq!(numbers, (0..next).collect::<Vec<_>>());
     }
 
     #[test]
-    fn catch_up_includes_events_and_flags_of_missed_snapshots() {
+    fn slow_viewer_continues_with_newest_snapshot() {
         let hub = Hub::default();
+        let (mut cursor, _) = hub.subscribe();
+        assert_eq!(receive(&hub, &mut cursor).len(), 1, "the summary of the events");
+        (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
+        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
+        assert_eq!(numbers, [999]);
+        (1000..1008).for_each(|number| hub.publish_snapshot(with_data(number)));
+        assert_eq!(receive(&hub, &mut cursor).len(), MAX_LATE_SNAPSHOTS, "a short delay loses nothing");
+        // A new viewer that needs too long for the last minute is treated like the others.
+        let (mut cursor, _) = hub.subscribe();
+        cursor.catches_up_until = Some(Instant::now());
+        assert_eq!(receive(&hub, &mut cursor).len(), 3, "two summaries and the newest snapshot");
+    }
+
+    #[test]
+    fn summary_includes_events_and_flags_of_missed_snapshots() {
+        let hub = Hub::default();
+        let (mut cursor, _) = hub.subscribe();
+        hub.publish_snapshot(Picture { flags: 0b1000, ..with_data(0) });
+        receive(&hub, &mut cursor);
         let events = vec![SystemEvent { number: 7, ..SystemEvent::default() }];
-        hub.publish_snapshot(Picture { events, flags: 0b100, ..Picture::default() });
-        (0..20).for_each(|_| hub.publish_snapshot(Picture { flags: 0b1, ..Picture::default() }));
-        let catch_up = |missed| match ToPage::from_bytes(&hub.catch_up(missed)[0]).unwrap().said {
-            Some(Said::Picture(past)) => (past.events.iter().map(|event| event.number).collect::<Vec<_>>(), past.flags),
-            other => panic!("{other:?}"),
-        };
-        assert_eq!(catch_up(13), (vec![7], 0b101));
-        assert_eq!(catch_up(1), (vec![7], 0b1), "flags of received snapshots are not repeated");
+        hub.publish_snapshot(Picture { events, flags: 0b100, ..with_data(1) });
+        (2..20).for_each(|number| hub.publish_snapshot(Picture { flags: 0b1, ..with_data(number) }));
+        let summary = receive(&hub, &mut cursor).remove(0);
+        assert_eq!(summary.events.iter().map(|event| event.number).collect::<Vec<_>>(), [7]);
+        assert_eq!(summary.flags, 0b101, "flags of received snapshots are not repeated");
     }
 
     #[test]
@@ -276,9 +359,29 @@ mod tests {
             let events = vec![SystemEvent { number, ..SystemEvent::default() }];
             hub.publish_snapshot(Picture { events, ..Picture::default() });
         }
-        let (first, _) = hub.subscribe();
-        let past = ToPage::from_bytes(&first[1]).unwrap();
-        let Some(Said::Picture(past)) = past.said else { panic!("{past:?}") };
+        let (mut cursor, _) = hub.subscribe();
+        let past = receive(&hub, &mut cursor).remove(0);
         assert_eq!((past.events.len(), past.events[0].number), (MAX_EVENTS, 10));
+    }
+
+    #[test]
+    fn result_of_calibration_reaches_slow_viewer() {
+        let hub = Hub::default();
+        let (mut cursor, _) = hub.subscribe();
+        receive(&hub, &mut cursor);
+        for report in ["", "bias"] {
+            hub.publish_calibration(Calibration {
+                what: "gyro".into(),
+                report: report.into(),
+                ..Calibration::default()
+            });
+        }
+        (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
+        let received: Vec<_> = std::iter::from_fn(|| hub.next_message(&mut cursor)).collect();
+        let reports = received.iter().filter_map(|message| match ToPage::from_bytes(message).unwrap().said {
+            Some(Said::Calibration(calibration)) => Some(calibration.report),
+            _ => None,
+        });
+        assert_eq!(reports.collect::<Vec<_>>(), ["bias"]);
     }
 }

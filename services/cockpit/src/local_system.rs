@@ -16,7 +16,7 @@ use runtime::ServiceConfig;
 
 use crate::{
     calibration::CalibrationRequest,
-    source::{CommandTarget, Source, SourceState, SystemDescription},
+    source::{CommandTarget, SlotDescription, Source, SourceState, SystemDescription},
 };
 
 /// Interval between attempts to attach to a system or to topics that do not exist yet.
@@ -155,8 +155,11 @@ impl CommandTarget for SupervisorClient {
     fn description(&self) -> Result<SystemDescription, String> {
         let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
         let slots = Slot::ALL.into_iter().filter(|slot| launch.services.contains(&slot.service()));
-        let slots = slots
-            .map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
+        let slots = slots.map(|slot| SlotDescription {
+            slot: slot.name().into(),
+            stages: launch.stage_names(slot).into_iter().map(str::to_owned).collect(),
+            set: Some(launch.stage(slot).set.clone()),
+        });
         Ok(SystemDescription {
             system: launch.name.clone(),
             source: source_label(&launch),

@@ -12,7 +12,7 @@ use axum::{
     extract::ws::{CloseFrame, Message, WebSocket},
 };
 use tokio::{
-    sync::{broadcast::error::RecvError, mpsc},
+    sync::{mpsc, watch},
     time::timeout,
 };
 use wire::{
@@ -22,7 +22,7 @@ use wire::{
 
 use crate::{
     commands::{CommandSession, Commands},
-    hub::{self, Hub},
+    hub::{self, Cursor, Hub},
     inflow::Inflow,
     places::{NoPlace, Place},
     token::Tokens,
@@ -89,23 +89,14 @@ pub(crate) async fn serve(
     tokens: Option<&Tokens>,
     place: &Place,
 ) {
-    let (initial, mut messages) = hub.subscribe();
-    for message in initial {
-        if !send(&mut socket, message).await {
-            return;
-        }
-    }
+    let (mut cursor, mut news) = hub.subscribe();
     let (reply_tx, mut reply_rx) = mpsc::channel::<SwapAnswer>(MAX_QUEUED_REPLIES);
     let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
     loop {
-        let event = next_event(&mut socket, place.inflow(), &mut messages, &mut reply_rx).await;
+        let event = next_event(&mut socket, place.inflow(), &hub, (&mut cursor, &mut news), &mut reply_rx).await;
         let is_open = match event {
             Event::Message(message) => send(&mut socket, message).await,
             Event::Reply(reply) => send(&mut socket, hub::encode(Said::Answer(reply))).await,
-            Event::Lagged(messages) => {
-                let [picture, calibration] = hub.catch_up(messages);
-                send(&mut socket, picture).await && send(&mut socket, calibration).await
-            }
             Event::Ignored => true,
             Event::Command(bytes) => match PageCommand::from_bytes(&bytes) {
                 Ok(command) => {
@@ -131,8 +122,6 @@ enum Event {
     Message(Bytes),
     Reply(SwapAnswer),
     Command(Bytes),
-    /// Number of messages that this viewer was too slow to receive.
-    Lagged(u64),
     Ignored,
     Closed,
 }
@@ -140,13 +129,14 @@ enum Event {
 async fn next_event(
     socket: &mut WebSocket,
     inflow: &Inflow,
-    messages: &mut tokio::sync::broadcast::Receiver<Bytes>,
+    hub: &Hub,
+    (cursor, news): (&mut Cursor, &mut watch::Receiver<()>),
     replies: &mut mpsc::Receiver<SwapAnswer>,
 ) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
     // Polls all three futures. They are cancel-safe, so dropping them loses nothing.
-    let (mut next_message, mut next_reply, mut next_command) =
-        (pin!(messages.recv()), pin!(replies.recv()), pin!(socket.recv()));
+    let (mut next_news, mut next_reply, mut next_command) =
+        (pin!(news.changed()), pin!(replies.recv()), pin!(socket.recv()));
     poll_fn(|context| {
         if let Poll::Ready(Some(reply)) = next_reply.as_mut().poll(context) {
             return Poll::Ready(Event::Reply(reply));
@@ -159,10 +149,13 @@ async fn next_event(
                 Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Event::Closed,
             });
         }
-        match next_message.as_mut().poll(context) {
-            Poll::Ready(Ok(message)) => Poll::Ready(Event::Message(message)),
-            Poll::Ready(Err(RecvError::Lagged(messages))) => Poll::Ready(Event::Lagged(messages)),
-            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Event::Closed),
+        if let Some(message) = hub.next_message(cursor) {
+            return Poll::Ready(Event::Message(message));
+        }
+        match next_news.as_mut().poll(context) {
+            // The next call returns the message.
+            Poll::Ready(Ok(())) => Poll::Ready(Event::Ignored),
+            Poll::Ready(Err(_)) => Poll::Ready(Event::Closed),
             Poll::Pending => Poll::Pending,
         }
     })

@@ -1,6 +1,8 @@
 //! Interfaces to a system: a [`Source`] of messages and a [`CommandTarget`] for status and
 //! commands.
 
+use std::collections::BTreeMap;
+
 use calibrate::Kind;
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
@@ -47,10 +49,21 @@ pub struct SystemDescription {
     pub source: String,
     /// Declared tick rate, Hz; 0 if unknown.
     pub rate_hz: f64,
-    /// Slots, each with the names of its available stages.
-    pub slots: Vec<(String, Vec<String>)>,
+    /// Slots that take commands.
+    pub slots: Vec<SlotDescription>,
     /// Process of the supervisor; `None` if it runs on another machine.
     pub supervisor_pid: Option<u32>,
+}
+
+/// Slot with its stages.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SlotDescription {
+    /// Name of the slot.
+    pub slot: String,
+    /// Names of the available stages.
+    pub stages: Vec<String>,
+    /// Parameters of the stage in the slot that differ from their defaults; `None` if unknown.
+    pub set: Option<BTreeMap<String, f64>>,
 }
 
 /// Status and commands of a system.

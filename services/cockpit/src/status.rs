@@ -21,9 +21,9 @@ use observe::{
     process::{ProcessMonitor, ProcessUsage},
 };
 use runtime::clock::monotonic_ns;
-use wire::v1::{LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
+use wire::v1::{LatencyUs, ServiceStanding, Setting, SlotStages, Standing, VehicleLine, standing::State};
 
-use crate::source::{CommandTarget, SourceState, SystemDescription};
+use crate::source::{CommandTarget, SlotDescription, SourceState, SystemDescription};
 
 /// Interval between queries to the supervisor.
 const QUERY_INTERVAL: Duration = Duration::from_secs(1);
@@ -202,7 +202,7 @@ impl StatusMonitor {
             version: env!("CARGO_PKG_VERSION").into(),
             services,
             latency_us,
-            slots: description.slots.into_iter().map(|(slot, stages)| SlotStages { slot, stages }).collect(),
+            slots: description.slots.into_iter().map(slot_stages).collect(),
             takes_commands: self.takes_commands,
             warnings: self.warnings.clone(),
             vehicles,
@@ -259,6 +259,12 @@ fn rate_hz(previous: Option<Header>, now: Option<Header>) -> Option<f64> {
         return Some(0.0);
     }
     Some((now.tick - before.tick) as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
+}
+
+fn slot_stages(SlotDescription { slot, stages, set }: SlotDescription) -> SlotStages {
+    let knows_set = set.is_some();
+    let set = set.into_iter().flatten().map(|(name, value)| Setting { name, value }).collect();
+    SlotStages { slot, stages, set, knows_set }
 }
 
 fn latency(latency: observe::hops::LatencyUs) -> LatencyUs {

@@ -1,18 +1,17 @@
 //! Source and command target of the cockpit for a remote vehicle, through its gateway.
 
 use std::{
-    collections::BTreeMap,
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
 use cockpit::{
     local_system::observed_topics,
-    source::{CommandTarget, Source, SourceState, SystemDescription},
+    source::{CommandTarget, SlotDescription, Source, SourceState, SystemDescription},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use launch::{Launch, Output, Slot, StageConfig};
+use launch::{Launch, Output, Slot};
 use link::Link;
 use messages::AttitudeOutput;
 use runtime::frames::attitude_from_frame;
@@ -125,7 +124,11 @@ impl CommandTarget for RemoteCommandTarget {
         let Some(name) = &self.name else { return Ok(SystemDescription::default()) };
         let launch = Launch::default();
         let stages = |slot: Slot| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
-        let slots = Slot::ALL.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
+        let slots = Slot::ALL.into_iter().map(|slot| SlotDescription {
+            slot: slot.name().into(),
+            stages: stages(slot),
+            set: None,
+        });
         Ok(SystemDescription {
             system: name.clone(),
             source: "over the network".into(),
@@ -152,8 +155,8 @@ impl CommandTarget for RemoteCommandTarget {
         if request.shadow {
             return Err("a shadow cannot be started remotely; run `plumb shadow` on the vehicle".into());
         }
-        let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
-        requests::swap(&self.link, &self.endpoint, name, &request.slot, stage).map_err(|error| error.to_string())
+        requests::swap(&self.link, &self.endpoint, name, &request.slot, request.stage)
+            .map_err(|error| error.to_string())
     }
 
     fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {

@@ -1186,12 +1186,23 @@ pub struct LatencyUs {
     #[prost(double, tag = "3")]
     pub max: f64,
 }
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct SlotStages {
     #[prost(string, tag = "1")]
     pub slot: ::prost::alloc::string::String,
     #[prost(string, repeated, tag = "2")]
     pub stages: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    #[prost(message, repeated, tag = "3")]
+    pub set: ::prost::alloc::vec::Vec<Setting>,
+    #[prost(bool, tag = "4")]
+    pub knows_set: bool,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Setting {
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    #[prost(double, tag = "2")]
+    pub value: f64,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Calibration {
@@ -1210,7 +1221,7 @@ pub struct Calibration {
     #[prost(string, tag = "7")]
     pub report: ::prost::alloc::string::String,
 }
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct PageCommand {
     #[prost(string, tag = "1")]
     pub request_id: ::prost::alloc::string::String,
@@ -1226,6 +1237,8 @@ pub struct PageCommand {
     pub expected_epoch: u32,
     #[prost(string, tag = "7")]
     pub what: ::prost::alloc::string::String,
+    #[prost(message, repeated, tag = "8")]
+    pub set: ::prost::alloc::vec::Vec<Setting>,
 }
 /// Nested message and enum types in `PageCommand`.
 pub mod page_command {
