@@ -14,7 +14,7 @@ use recording::{
 use crate::{
     Format, ImportError, Mapping, Note, Options, Summary,
     bag::Bag,
-    csv_source::{CsvFiles, CsvSource},
+    csv_source::CsvSource,
     dataflash,
     force_aligner::ForceAligner,
     row_writer::{RowWriter, Sample, Samples, is_calm},
@@ -152,15 +152,10 @@ fn open_source<'a>(
         (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path, options)?),
         (Format::Tlog, _) => Box::new(Tlog::open(path)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, options)?),
-        (_, Some(mapping)) => {
-            Box::new(CsvSource::open(paths, mapping.clone(), options.time_bits, common_text_format(format, mapping))?)
-        }
-        (_, None) => {
-            let files = CsvFiles::open(paths)?;
-            if !files.has_default_columns() {
-                return Err(ImportError::MappingRequired { path: path.clone(), columns: files.column_names() });
-            }
-            Box::new(CsvSource::open(paths, Mapping::default(), options.time_bits, format)?)
+        (_, mapping) => {
+            let mapping = mapping.clone().unwrap_or_default();
+            let format = common_text_format(format, &mapping);
+            Box::new(CsvSource::open(paths, mapping, options.time_bits, format)?)
         }
     })
 }

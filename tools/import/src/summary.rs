@@ -128,6 +128,11 @@ pub enum Note {
         /// All segments.
         segments: Vec<Segment>,
     },
+    /// Units were taken from the column names.
+    HeaderUnits {
+        /// Names of the units.
+        units: Vec<&'static str>,
+    },
     /// The counter of the times wrapped. The times were continued.
     Wrapped {
         /// Number of wraps.
@@ -260,6 +265,9 @@ impl fmt::Display for Note {
                 }
                 let choice = if *is_requested { "as requested" } else { "the longest" };
                 write!(f, " read segment {read}, {choice}; choose with --segment")
+            }
+            Self::HeaderUnits { units } => {
+                write!(f, "units from the column names: {}; name others with --units", units.join(", "))
             }
             Self::Wrapped { count } => {
                 let times = if *count == 1 { "once" } else { "times" };
