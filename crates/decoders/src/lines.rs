@@ -7,8 +7,9 @@
 //! time in s. Units in the names, such as `gyro_x (deg/s)`, apply unless the settings name others.
 //! A line with contradictory or missing units is ignored.
 //!
-//! A line ends with a newline. The rules for comments, separators, numbers and times are those of
-//! files ([`mapping::text`]). Blank lines and comments are counted and otherwise ignored.
+//! A line ends with a newline, a carriage return or both. The rules for comments, separators,
+//! numbers and times are those of files ([`mapping::text`]). Blank lines and comments are counted
+//! and otherwise ignored.
 //!
 //! | column | meaning |
 //! | --- | --- |
@@ -254,7 +255,13 @@ impl Lines {
 impl Format for Lines {
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
         let window = &bytes[..bytes.len().min(MAX_LINE_BYTES)];
-        let Some(end) = window.iter().position(|byte| *byte == b'\n') else {
+        let is_end = |(index, byte): (usize, &u8)| match byte {
+            b'\n' => true,
+            // A newline after a carriage return belongs to the same end.
+            b'\r' => bytes.get(index + 1).is_some_and(|next| *next != b'\n'),
+            _ => false,
+        };
+        let Some(end) = window.iter().enumerate().position(is_end) else {
             if bytes.len() < MAX_LINE_BYTES {
                 return ParseOutcome::Incomplete;
             }

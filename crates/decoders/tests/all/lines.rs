@@ -139,6 +139,17 @@ fn units_in_column_names_apply() {
 }
 
 #[test]
+fn lines_may_end_with_carriage_returns() {
+    let text = "t,gx,gy,gz,ax,ay,az\n1,0,0,0,0,0,9.8\n2,0,0,0,0,0,9.8\n3,0,0,0,0,0,9.8\n";
+    let (expected, counts) = read(&LineSettings::default(), text);
+    assert_eq!(expected.len(), 3);
+    assert_eq!(read(&LineSettings::default(), &text.replace('\n', "\r\n")), (expected.clone(), counts));
+    // The last line ends when the next one starts.
+    let (found, _) = read(&LineSettings::default(), &format!("{}4", text.replace('\n', "\r")));
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn repeated_fix_is_reported_once() {
     let maps = ["t=t,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az,ve=e,vn=n,vd=d,lat=lat"];
     let text = "t,gx,gy,gz,ax,ay,az,e,n,d,lat\n1,0,0,0,0,0,9.8,1,2,3,-37.5\n2,0,0,0,0,0,9.8,1,2,3,-37.5\n\
