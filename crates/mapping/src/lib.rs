@@ -32,4 +32,4 @@ mod units;
 pub use header::HeaderError;
 pub use mapping::{Mapping, MappingError, POSITION, REFERENCE, SCORED, Units};
 pub use rotation::is_rotation;
-pub use units::{FIELD, FORCE, RATE};
+pub use units::{FIELD, FORCE, RATE, unit_of_earth_field};

@@ -194,6 +194,10 @@ impl Source for CsvSource {
         Ok(survey)
     }
 
+    fn field_factor(&self) -> Option<f64> {
+        Some(self.mapping.units().field.unwrap_or(1.0))
+    }
+
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
         let Some(group) = &self.groups.field else { return Ok(Box::new(iter::empty())) };
         let mapping = &self.mapping;

@@ -108,6 +108,18 @@ pub enum Note {
         /// Mean magnitude of the force, m/s².
         mean_force_m_s2: f64,
     },
+    /// The field does not match that of the Earth: its unit is wrong.
+    ImplausibleField {
+        /// Mean magnitude of the field, µT.
+        mean_field_ut: f64,
+        /// Unit that makes the field plausible; `None` if no unit does, or if the format has none.
+        unit: Option<&'static str>,
+    },
+    /// All samples of the magnetometer are equal.
+    ConstantField {
+        /// Number of samples.
+        count: u64,
+    },
     /// Rows of text could not be read.
     MalformedRows {
         /// Number of rows.
@@ -248,6 +260,17 @@ impl fmt::Display for Note {
             Self::ImplausibleForce { mean_force_m_s2 } => write!(
                 f,
                 "mean force {mean_force_m_s2:.2} m/s², expected about 9.8; check its unit and that it includes gravity"
+            ),
+            Self::ImplausibleField { mean_field_ut, unit } => {
+                write!(f, "mean field {mean_field_ut:.3e} µT, expected 22 to 67 µT; ")?;
+                match unit {
+                    Some(unit) => write!(f, "read it with --units {unit}"),
+                    None => f.write_str("check the magnetometer and its scale"),
+                }
+            }
+            Self::ConstantField { count } => write!(
+                f,
+                "all {count} field samples are equal: the magnetometer is dead or not read; check its wiring and driver"
             ),
             Self::MalformedRows { count, line, found, expected } => {
                 let rows = if *count == 1 { "row" } else { "rows" };

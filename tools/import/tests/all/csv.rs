@@ -34,6 +34,8 @@ fn csv_dialect_and_gzip_detected_from_content() {
     gzip.write_all(point.as_bytes()).unwrap();
     for contents in [
         point.to_owned(),
+        point.replace('\n', "\r"),
+        point.replace('\n', "\r\n"),
         point.replace(',', "\t"),
         point.replace(',', ";"),
         point.replace(',', ";").replace('.', ","),
@@ -45,6 +47,20 @@ fn csv_dialect_and_gzip_detected_from_content() {
         assert_eq!(imported(&contents, mapping(&[NAMES], "", "rfu")).rows, expected, "{contents}");
     }
     assert_eq!(imported(gzip.finish().unwrap(), mapping(&[NAMES], "", "rfu")).rows, expected);
+}
+
+#[test]
+fn long_file_with_carriage_returns_is_read() {
+    let rows: String = (0..20_000).map(|n| format!("{n},0.1,0.2,0.3,0.4,0.5,9.8\r")).collect();
+    let found = imported(format!("t,p,q,r,u,v,w\r{rows}"), mapping(&[NAMES], "ms", "rfu"));
+    assert_eq!(found.rows.len(), 20_000);
+}
+
+#[test]
+fn own_columns_with_carriage_returns_are_read() {
+    let folder = Folder::new();
+    let path = folder.file("own_imu.csv", "t_s,gx,gy,gz,ax,ay,az\r0,0,0,0,0,0,9.8\r0.01,0,0,0,0,0,9.8\r");
+    assert_eq!(folder.import(&[path], None).unwrap().rows.len(), 2);
 }
 
 #[test]
