@@ -48,7 +48,15 @@ pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
 
 /// Returns the diagnoses, each with the sample time at which it was made, s.
 pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Diagnosis)> {
-    let launch = Launch::default();
+    diagnose_with(readings, rate_hz, &Launch::default())
+}
+
+/// Returns the diagnoses of [`diagnose`] with the settings of a launch file.
+pub(crate) fn diagnose_with(
+    readings: impl IntoIterator<Item = Reading>,
+    rate_hz: f64,
+    launch: &Launch,
+) -> Vec<(f64, Diagnosis)> {
     let mut conditioner = Conditioner::new(&launch.ingest, rate_hz, GyroSamples::Means).unwrap();
     let mut check = InputCheck::default();
     let (mut found, mut first_ns, mut now_s) = (Vec::new(), None, 0.0);
