@@ -7,8 +7,8 @@ use std::{
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
-    note_fixes_outside, plain_recording_range_ns,
+    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, has_known_columns,
+    mcap_file::to_mcap, note_fixes_outside, plain_recording_range_ns,
 };
 use recording::{RecordingError, References};
 use tempfile::TempDir;
@@ -341,7 +341,9 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
             None => false,
         },
         // Names that resemble those of a recording are reported with the right ones.
-        Format::Csv => recording::Reader::open(path).is_err_and(|error| error.suggests_name()),
+        Format::Csv => {
+            recording::Reader::open(path).is_err_and(|error| error.suggests_name()) && !has_known_columns(path)
+        }
         Format::Gzip => is_unreadable(path),
         _ => false,
     })

@@ -245,6 +245,8 @@ enum OwnedLine {
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
+    /// Last byte of a line: a carriage return if the start of the file has no newline.
+    end: u8,
     line: u64,
     /// Description of the damage at which reading ended.
     damage: Option<ForeignText>,
@@ -255,12 +257,15 @@ impl Lines {
         let failed = |cause| open_error(path, cause);
         let file = CountingReader::new(File::open(path).map_err(failed)?, read_bytes);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
-        let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
+        let mut inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
             Box::new(BufReader::with_capacity(BUFFER_BYTES, GzipReader::new(file)))
         } else {
             Box::new(file)
         };
-        Ok(Self { path: path.to_owned(), inner, line: 0, damage: None })
+        // Damage of a compressed file is reported with its line.
+        let start = inner.fill_buf().unwrap_or_default();
+        let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
+        Ok(Self { path: path.to_owned(), inner, end, line: 0, damage: None })
     }
 
     /// Returns the next line, or `None` at the end of the file or at damage of a compressed one.
@@ -308,7 +313,7 @@ impl Lines {
         let mut length = 0;
         loop {
             let buffer = self.inner.fill_buf()?;
-            let end = buffer.iter().position(|byte| *byte == b'\n').map(|end| end + 1);
+            let end = buffer.iter().position(|byte| *byte == self.end).map(|end| end + 1);
             let part = &buffer[..end.unwrap_or(buffer.len())];
             let room = MAX_LINE_BYTES.saturating_sub(text.len()).min(part.len());
             text.extend_from_slice(&part[..room]);

@@ -35,7 +35,8 @@ fn mapping_invalid_rejected() {
     ] {
         assert_eq!(mapping_error(maps, "", "rfu"), expected);
     }
-    let units = "expected one of rad/s, deg/s, m/s2, g, mg, uT, nT, gauss, mT, s, ms, us, ns";
+    let units =
+        "expected one of rad/s, mrad/s, deg/s, mdeg/s, m/s2, g, mg, uT, nT, gauss, mgauss, mT, T, s, ms, us, ns";
     assert_eq!(
         mapping_error(&[NAMES], "deg/s,degs", "rfu"),
         format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
