@@ -15,7 +15,7 @@ use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, print_counts, rate_hz};
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, SendCounts, print_counts, rate_hz};
 use crate::system::EndpointArgs;
 
 /// Largest ROS 2 domain id.
@@ -58,7 +58,7 @@ impl Ros {
         let observer = self.args.attach()?;
         let link = self.endpoint.endpoint().open_as_client()?;
         let mut publisher = RosPublisher::open(self, &link)?;
-        let result = self.args.forward(&observer, true, &mut publisher);
+        let result = self.args.forward(&observer, Inputs { samples: true, ..Inputs::default() }, &mut publisher);
         let counts = publisher.counts;
         link.close();
         result.map(|()| counts)

@@ -5,6 +5,7 @@ use std::{
     net::UdpSocket,
     path::Path,
     process::{Child, Command, Stdio},
+    time::Duration,
 };
 
 use crate::common::{System, attitudes, plumb, python::python, remote::free_port, signal, wait_for};
@@ -26,6 +27,27 @@ fn bridge(system: &System, port: u16, more: &[&str]) -> Child {
     command.args(more).stdout(Stdio::piped()).spawn().unwrap()
 }
 
+/// Starts a program of tests/foreign and waits until it prints `ready`. Returns the function that
+/// reads its next line.
+fn start_foreign(python: &Path, script: &str, arguments: &[&str]) -> (Child, impl FnMut() -> String + use<>) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign").join(script);
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments).env("MAVLINK20", "1").stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut program = command.spawn().unwrap();
+    let mut lines = BufReader::new(program.stdout.take().unwrap()).lines();
+    let mut next_line = move || lines.next().expect("the program exited early").unwrap();
+    assert_eq!(next_line(), "ready");
+    (program, next_line)
+}
+
+/// Passes the path of an attitude file to a program of tests/foreign and returns its report.
+fn foreign_report(mut program: Child, out: &Path, mut next_line: impl FnMut() -> String) -> Value {
+    writeln!(program.stdin.take().unwrap(), "{}", out.display()).unwrap();
+    let report = serde_json::from_str(&next_line()).unwrap();
+    assert!(program.wait().unwrap().success());
+    report
+}
+
 /// Waits for a bridge and returns its report.
 fn final_report(bridge: Child) -> Value {
     let output = bridge.wait_with_output().unwrap();
@@ -43,25 +65,17 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ground_station.py");
-    let mut station = Command::new(python);
-    let station = station.arg(script).args([&port.to_string(), "300"]).env("MAVLINK20", "1");
-    let mut station = station.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(station.stdout.take().unwrap()).lines();
-    let mut next_line = move || lines.next().expect("the station exited early").unwrap();
-    assert_eq!(next_line(), "ready");
+    let (station, mut next_line) = start_foreign(python, "ground_station.py", &[&port.to_string(), "300"]);
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
-    let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7", "--component-id", "191"]);
+    let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7"]);
     assert_eq!(next_line(), "received");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
-    writeln!(station.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    let report = foreign_report(station, &out, next_line);
     println!("{sent}\n{report}");
-    assert!(station.wait().unwrap().success());
 
     assert!(report["compared"].as_u64().unwrap() >= 300 && report["lost"] == 0 && report["unmatched"] == 0, "{report}");
     assert_eq!(report["steps_ms"], json!([10]), "100 of 1000 Hz");
@@ -69,6 +83,11 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let companion = |state: u8| json!([7, 191, 18, 8, state]);
     assert!(beats.iter().all(|beat| *beat == companion(ACTIVE) || *beat == companion(BOOT)), "{report}");
     assert!(beats.contains(&companion(ACTIVE)), "{report}");
+    assert!(report["odometry"].as_u64().unwrap() >= 300 && report["unequal_odometry"] == 0, "{report}");
+    assert_eq!((&report["unknown_is_nan"], &report["variances"]), (&json!(true), &json!(true)), "{report}");
+    // MAV_FRAME_LOCAL_FRD, because the course does not refer to true north; MAV_FRAME_BODY_FRD.
+    assert_eq!(report["frames"], json!([[20, 12, 0, 0]]));
+    assert_eq!((&report["positions"], &sent["fixes"]), (&json!([]), &json!(0)), "simulated fixes have no position");
     let number = |name: &str| report[name].as_f64().unwrap();
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "beyond single precision: {report}");
     // Between two attitudes, the fuser applies corrections in addition to the measured rotation.
@@ -76,6 +95,63 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     assert!(number("fastest_rad_s") > 0.5, "{report}");
     assert!(number("usual_rate_rad_s") < 0.006 && number("rate_rad_s") < 0.06, "{report}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
+}
+
+#[test]
+fn mavlink_bridge_sends_fixes_with_position_in_pymavlink() {
+    let Some(python) = python() else { return };
+    let system = System::new("ingest.source = \"bus\"\ningest.bus.rate_hz = 100");
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let (station, mut next_line) = start_foreign(python, "ground_station.py", &[&port.to_string(), "20", "3"]);
+
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    let mut opened = None;
+    wait_for("the system to accept readings", || {
+        opened = driver::Sensor::open(&system.name).ok().zip(driver::Receiver::open(&system.name).ok());
+        opened.is_some()
+    });
+    let (mut sensor, mut receiver) = opened.unwrap();
+    let bridge = bridge(&system, port, &[]);
+    std::thread::scope(|scope| {
+        let received = scope.spawn(|| assert_eq!(next_line(), "received"));
+        let mut fixes = 0;
+        for reading in 0i64.. {
+            if received.is_finished() {
+                break;
+            }
+            if reading % 50 == 0 {
+                let metadata = driver::FixMetadata {
+                    latitude_rad: Some(48.1f64.to_radians()),
+                    longitude_rad: Some(-11.5f64.to_radians()),
+                    altitude_m: Some(520.0 + f64::from(fixes)),
+                    ..driver::FixMetadata::default()
+                };
+                receiver.send([1.0, -2.0, 0.5], metadata).unwrap();
+                fixes += 1;
+            }
+            sensor.send(reading * 10_000_000, [0.0; 3], [0.0, 0.0, 9.81], None).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    });
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    let sent = final_report(bridge);
+    let report = foreign_report(station, &out, next_line);
+    println!("{sent}\n{report}");
+
+    let positions = report["positions"].as_array().unwrap();
+    assert!(positions.len() >= 3 && sent["fixes"].as_u64().unwrap() >= 3, "{sent} {report}");
+    let number = |position: &Value, name: &str| position[name].as_i64().unwrap();
+    let first_mm = number(&positions[0], "alt");
+    for position in positions {
+        let found = ["lat", "lon", "vx", "vy", "vz", "hdg"].map(|name| number(position, name));
+        // The heading is unknown, because north is.
+        assert_eq!(found, [481_000_000, -115_000_000, -200, 100, -50, 65_535], "{position}");
+        assert_eq!(number(position, "relative_alt"), number(position, "alt") - first_mm, "{position}");
+    }
+    assert!(number(&positions[2], "relative_alt") >= 2000 && first_mm >= 520_000, "{report}");
 }
 
 #[test]

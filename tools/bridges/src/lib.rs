@@ -10,7 +10,7 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE |
+//! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION, ATTITUDE, ODOMETRY and GLOBAL_POSITION_INT |
 //! | [`ros`] | `sensor_msgs/Imu` of ROS 2, as rmw_zenoh encodes it |
 //! | [`validity`] | check before an attitude is sent |
 //! | [`datagrams`] | non-blocking UDP sender |
