@@ -8,7 +8,7 @@ use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
-use messages::{AttitudeOutput, GnssFix, ImuSample, Ticked};
+use messages::{AttitudeOutput, GnssFix, ImuSample, MagSample, Ticked};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
 use swap::ReorderBuffer;
@@ -77,6 +77,8 @@ pub(super) trait AttitudeSender {
     /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
     /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
+    /// Sends a magnetic field, if fields are read.
+    fn send_field(&mut self, _field: &MagSample) {}
     /// Sends a fix, if fixes are read.
     fn send_fix(&mut self, _fix: &GnssFix) {}
     /// Does periodic work, such as sending a heartbeat. Called several times a second, after all
@@ -88,6 +90,7 @@ pub(super) trait AttitudeSender {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Inputs {
     pub(super) samples: bool,
+    pub(super) fields: bool,
     pub(super) fixes: bool,
 }
 
@@ -126,15 +129,21 @@ pub(super) struct SendCounts {
     /// Number of heartbeats sent; `None` if the protocol has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) heartbeats: Option<u64>,
+    /// Number of magnetic fields sent; `None` if the bridge sends none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) fields: Option<u64>,
     /// Number of fixes sent; `None` if the bridge sends none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) fixes: Option<u64>,
+    /// Number of diagnostic messages sent; `None` if the bridge sends none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) diagnostics: Option<u64>,
     /// Number of attitudes not sent because they were flagged as not aligned yet.
     pub(super) unaligned: u64,
     /// Number of attitudes not sent because they were not finite rotations or lacked a required
     /// sample.
     pub(super) invalid: u64,
-    /// Number of attitudes and fixes not sent because they were too old.
+    /// Number of attitudes, fields and fixes not sent because they were too old.
     pub(super) stale: u64,
     /// Number of messages not accepted by the network.
     pub(super) dropped: u64,
@@ -166,6 +175,7 @@ impl BridgeArgs {
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
         let mut taps = (inputs.samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
+        let mut fields = inputs.fields.then(|| AidingTopic::new(Topic::Mag));
         let mut fixes = inputs.fixes.then(|| AidingTopic::new(Topic::Gnss));
         let (mut samples, mut arrived, mut is_joined) =
             (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !inputs.samples);
@@ -192,6 +202,9 @@ impl BridgeArgs {
                     }
                 });
             }
+            if let Some(fields) = &mut fields {
+                fields.drain(observer, &mut |field| sender.send_field(field))?;
+            }
             if let Some(fixes) = &mut fixes {
                 fixes.drain(observer, &mut |fix| sender.send_fix(fix))?;
             }
@@ -204,9 +217,14 @@ impl BridgeArgs {
 
 impl fmt::Display for SendCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { attitudes, heartbeats, fixes, unaligned, invalid, stale, dropped } = self;
+        let Self { attitudes, heartbeats, fields, fixes, diagnostics, unaligned, invalid, stale, dropped } = self;
         write!(f, "{attitudes} attitudes sent")?;
-        let also_sent = [(heartbeats, "heartbeats"), (fixes, "fixes")];
+        let also_sent = [
+            (heartbeats, "heartbeats"),
+            (fields, "magnetic fields"),
+            (fixes, "fixes"),
+            (diagnostics, "diagnostic messages"),
+        ];
         for (count, what) in also_sent.into_iter().filter_map(|(count, what)| Some(((*count)?, what))) {
             write!(f, ", {count} {what}")?;
         }

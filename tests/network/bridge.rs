@@ -159,39 +159,52 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = free_port();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_node.py");
-    let mut node = Command::new(python);
-    let node = node.arg(script).args([&port.to_string(), "200"]);
-    let mut node = node.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
-    let mut next_line = move || lines.next().expect("the node exited early").unwrap();
-    assert_eq!(next_line(), "ready");
+    let (node, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "200", "200", "0"]);
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{port}");
     let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
-    let bridge = bridge.args(["--domain", "7", "--frame-id", "body"]).stdout(Stdio::piped()).spawn().unwrap();
+    let bridge = bridge.args(["--domain", "7", "--frame-id", "body", "--parent-frame-id", "odom"]);
+    let bridge = bridge.stdout(Stdio::piped()).spawn().unwrap();
     assert_eq!(next_line(), "received");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
-    writeln!(node.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    let report = foreign_report(node, &out, next_line);
     println!("{sent}\n{report}");
-    assert!(node.wait().unwrap().success());
 
     assert_eq!((&sent["invalid"], &sent["dropped"]), (&json!(0), &json!(0)), "{sent}");
     // The hash in the key equals the one that rosbags computes from the message definition.
     let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", report["hash"].as_str().unwrap());
     assert_eq!(report["key"], format!("7/imu/data/{of_type}"));
+    let (tf, diagnostics) = (&report["tf"], &report["diagnostics"]);
+    for (found, topic, type_name) in [
+        (tf, "tf", "tf2_msgs::msg::dds_::TFMessage_"),
+        (diagnostics, "diagnostics", "diagnostic_msgs::msg::dds_::DiagnosticArray_"),
+    ] {
+        assert_eq!(found["key"], format!("7/{topic}/{type_name}/{}", found["hash"].as_str().unwrap()));
+        assert_eq!((&found["complete"], &found["numbers_follow"]), (&json!(true), &json!(true)), "{found}");
+    }
     let tokens: Vec<(String, String)> = serde_json::from_value(report["tokens"].clone()).unwrap();
+    let mut expected_tokens = vec![("NN", "%/%/plumbline".to_owned())];
+    for (topic, key) in [("imu/data", &report["key"]), ("tf", &tf["key"]), ("diagnostics", &diagnostics["key"])] {
+        let of_type = key.as_str().unwrap().strip_prefix(&format!("7/{topic}/")).unwrap();
+        expected_tokens.push(("MP", format!("%{}/{of_type}/::,10:,:,:,,", topic.replace('/', "%"))));
+    }
+    expected_tokens.push(("MP", format!("%imu%mag/{MAGNETIC_FIELD}/::,10:,:,:,,")));
+    assert_eq!(report["different_publishers"], 3, "{report}");
     for kind in ["PUT", "DELETE"] {
-        for (start, end) in [("NN", "%/%/plumbline"), ("MP", &format!("%imu%data/{of_type}/::,10:,:,:,,"))] {
-            let matches = |key: &str| key.split('/').nth(5) == Some(start) && key.ends_with(end);
-            assert!(tokens.iter().any(|(of, key)| of == kind && matches(key)), "{kind} {start}: {tokens:?}");
+        for (start, end) in &expected_tokens {
+            let matches = |key: &str| key.split('/').nth(5) == Some(*start) && key.ends_with(end.as_str());
+            assert!(tokens.iter().any(|(of, key)| of == kind && matches(key)), "{kind} {end}: {tokens:?}");
         }
     }
+    assert_eq!((&tf["frames"], &tf["unequal"]), (&json!([["odom", "body"]]), &json!(0)), "{tf}");
+    assert_eq!(tf["translations"], json!([[0.0, 0.0, 0.0]]));
+    // The simulation has no noise, so the gyro repeats its values and is considered stuck.
+    let attitude = assert_diagnostics(&diagnostics["statuses"], &system.name);
+    assert!(attitude["level"] == 2 && attitude["message"].as_str().unwrap().contains("rate-stuck"), "{attitude}");
     for name in ["complete", "covariances", "numbers_follow"] {
         assert_eq!(report[name], true, "{name}: {report}");
     }
@@ -200,6 +213,67 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     assert!(number("max_difference") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{report}");
     assert!(number("fastest_rad_s") > 0.5 && number("rate_error_rad_s") < 0.05, "{report}");
     assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{report}");
+}
+
+/// Type and hash of the magnetic field in keys and tokens.
+const MAGNETIC_FIELD: &str =
+    "sensor_msgs::msg::dds_::MagneticField_/RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff";
+
+#[test]
+fn ros_bridge_publishes_field_in_tesla_without_tf() {
+    let Some(python) = python() else { return };
+    let system = System::new("ingest.sim.scenario = \"s3\"\ningest.sim.field_noise_ut = 0");
+    let port = free_port();
+    let (node, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "100", "0", "50"]);
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.wait_until_running();
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
+    let bridge =
+        bridge.args(["--domain", "7", "--frame-id", "body", "--no-tf"]).stdout(Stdio::piped()).spawn().unwrap();
+    assert_eq!(next_line(), "received");
+    running.interrupt();
+    running.wait().assert_complete();
+    let sent = final_report(bridge);
+    let report = foreign_report(node, &out, next_line);
+    println!("{sent}\n{report}");
+
+    let mag = &report["mag"];
+    assert_eq!(mag["key"], format!("7/imu/mag/{MAGNETIC_FIELD}"));
+    assert!(MAGNETIC_FIELD.ends_with(mag["hash"].as_str().unwrap()), "{mag}");
+    assert_eq!((&mag["complete"], &mag["numbers_follow"]), (&json!(true), &json!(true)), "{mag}");
+    assert_eq!((&mag["frames"], &mag["covariance_is_unknown"]), (&json!(["body"]), &json!(true)), "{mag}");
+    // The simulated field points north and down, 20 and 44 µT.
+    let [east, north, up] = [0, 1, 2].map(|axis| mag["mean_t"][axis].as_f64().unwrap());
+    assert!((north - 20e-6).abs() < 2e-6 && (up + 44e-6).abs() < 2e-6 && east.abs() < 2e-6, "{mag}");
+    assert!(mag["compared"].as_u64().unwrap() >= 20 && mag["spread_t"].as_f64().unwrap() < 5e-6, "{mag}");
+    // With noise no sensor is stuck. The body passes the vertical, which is a warning.
+    let attitude = assert_diagnostics(&report["diagnostics"]["statuses"], &system.name);
+    assert!([json!(0), json!(1)].contains(&attitude["level"]), "{attitude}");
+    let tokens = report["tokens"].as_array().unwrap();
+    assert!(report["tf"].is_null() && !tokens.iter().any(|token| token[1].as_str().unwrap().contains("TFMessage")));
+    assert!(sent["fields"].as_u64().unwrap() >= 50 && sent["diagnostics"].as_u64().unwrap() >= 2, "{sent}");
+}
+
+/// Checks the statuses of a running system, except the level of the attitude. Returns that status.
+fn assert_diagnostics<'a>(statuses: &'a Value, system: &str) -> &'a Value {
+    let statuses = statuses.as_array().unwrap();
+    let status = |name: &str| {
+        let status = statuses.iter().find(|status| status["name"] == format!("plumbline: {name}"));
+        status.unwrap_or_else(|| panic!("no {name} in {statuses:?}"))
+    };
+    assert!(statuses.iter().all(|status| status["hardware_id"] == system), "{statuses:?}");
+    let attitude = status("attitude");
+    let value = |key: &str| attitude["values"][key].as_str().unwrap().parse::<f64>().unwrap();
+    assert!(value("age_s") < 1.0 && value("rate_hz") > 0.0 && value("tick") > 0.0, "{attitude}");
+    for (service, has_stage) in [("ingest", false), ("gyro", true), ("accel", true), ("fuser", true), ("course", true)]
+    {
+        let status = status(service);
+        assert_eq!((&status["level"], &status["message"]), (&json!(0), &json!("running")), "{status}");
+        assert_eq!(status["values"]["stage"].is_string(), has_stage, "{status}");
+    }
+    attitude
 }
 
 #[test]
