@@ -18,17 +18,17 @@ use messages::{AttitudeOutput, Header, ImuSample, MagSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
 use super::{
-    sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, SendCounts, print_counts, rate_hz},
+    sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, START_ROUTER, SendCounts, print_counts, rate_hz},
     status_poller::StatusPoller,
 };
-use crate::system::EndpointArgs;
+use crate::{remote::RemoteError, system::EndpointArgs};
 
 /// Largest ROS 2 domain id.
 pub(super) const MAX_DOMAIN: i64 = 232;
 /// Topics on which ROS 2 expects transforms and diagnostics.
 const TRANSFORM_TOPIC: &str = "tf";
 const DIAGNOSTICS_TOPIC: &str = "diagnostics";
-/// Interval between two diagnostic messages.
+/// Interval between two diagnostic messages, and between two checks of the router.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Arguments of `plumb bridge ros`.
@@ -76,7 +76,7 @@ pub(super) fn run(ros: &Ros) -> ExitCode {
 impl Ros {
     fn run(&self) -> Result<SendCounts, BridgeError> {
         let observer = self.args.attach()?;
-        let link = self.endpoint.endpoint().open_as_client()?;
+        let link = open_router_link(&self.endpoint)?;
         let mut publisher = RosPublisher::open(self, &link)?;
         let inputs = Inputs { samples: true, fields: true, ..Inputs::default() };
         let result = self.args.forward(&observer, inputs, &mut publisher);
@@ -84,6 +84,21 @@ impl Ros {
         link.close();
         result.map(|()| counts)
     }
+}
+
+/// Opens a session with a router of rmw_zenoh. Without a router, nodes of ROS 2 do not find each
+/// other.
+pub(super) fn open_router_link(endpoint: &EndpointArgs) -> Result<Link, BridgeError> {
+    let endpoint = endpoint.endpoint();
+    let link = endpoint.open_as_client().map_err(|error| match error {
+        RemoteError::Link(cause @ LinkError::Unreachable { .. }) => BridgeError::NoRouter { cause },
+        error => error.into(),
+    })?;
+    if !link.has_router() {
+        link.close();
+        return Err(BridgeError::NotARouter { endpoints: endpoint.to_string() });
+    }
+    Ok(link)
 }
 
 /// Publisher of one topic.
@@ -127,6 +142,8 @@ struct RosPublisher {
     monitor: AttitudeMonitor,
     services: StatusPoller,
     diagnosed: Instant,
+    link: Link,
+    has_router: bool,
     _sign: Liveliness,
     counts: SendCounts,
 }
@@ -151,9 +168,24 @@ impl RosPublisher {
             services: StatusPoller::start(&system),
             diagnosed: Instant::now(),
             system,
+            link: link.clone(),
+            has_router: true,
             _sign: sign,
             counts: SendCounts { fields: Some(0), diagnostics: Some(0), ..SendCounts::default() },
         })
+    }
+
+    /// Announces once that the router is missing, and once that it is back.
+    fn check_router(&mut self) {
+        let has_router = self.link.has_router();
+        if has_router != self.has_router {
+            self.has_router = has_router;
+            if has_router {
+                supervisor::announce("connected to the rmw_zenoh router again");
+            } else {
+                supervisor::announce(format_args!("lost the rmw_zenoh router: messages reach no node; {START_ROUTER}"));
+            }
+        }
     }
 }
 
@@ -203,6 +235,7 @@ impl AttitudeSender for RosPublisher {
             return;
         }
         self.diagnosed = Instant::now();
+        self.check_router();
         let mut statuses = vec![self.monitor.report(monotonic_ns())];
         match self.services.newest() {
             Some(Ok(services)) => statuses.extend(services.iter().map(service_status)),

@@ -49,9 +49,23 @@ pub(super) enum BridgeError {
     #[cfg(feature = "network")]
     #[error(transparent)]
     Link(#[from] link::LinkError),
+    /// No session with a router of rmw_zenoh.
+    #[cfg(feature = "network")]
+    #[error("no rmw_zenoh router: {cause}\n{START_ROUTER}, or set its endpoint with --connect")]
+    NoRouter { cause: link::LinkError },
+    /// The endpoint accepts sessions, but is not a router.
+    #[cfg(feature = "network")]
+    #[error(
+        "no rmw_zenoh router: {endpoints} is not a router, but for instance the gateway of a system\n{START_ROUTER} before `plumb up`, or set its endpoint with --connect"
+    )]
+    NotARouter { endpoints: String },
     #[error(transparent)]
     Driver(#[from] DriverError),
 }
+
+/// Command that starts the router of rmw_zenoh.
+#[cfg(feature = "network")]
+pub(super) const START_ROUTER: &str = "start it with `ros2 run rmw_zenoh_cpp rmw_zenohd`";
 
 impl BridgeError {
     pub(super) fn exit_code(&self) -> u8 {

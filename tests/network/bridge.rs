@@ -8,7 +8,12 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{System, attitudes, plumb, python::python, remote::free_port, signal, wait_for};
+use crate::common::{
+    System, attitudes, plumb,
+    python::python,
+    remote::{endpoint, free_port, with_gateway},
+    signal, wait_for,
+};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -343,17 +348,63 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     assert!((rate_deg_s - 10.0).abs() < 0.5, "yaw rate {rate_deg_s} °/s");
 }
 
+/// Command that the bridges suggest if there is no router.
+const START_ROUTER: &str = "ros2 run rmw_zenoh_cpp rmw_zenohd";
+
+/// Runs a bridge to ROS 2 that cannot start, and returns its messages.
+fn failing_ros_bridge(system: &System, kind: &str, to: &str) -> String {
+    let output = plumb(&["bridge", kind, "--system", &system.name, "--connect", to]).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    stderr
+}
+
 #[test]
-fn ros_bridge_without_router_reports_endpoint() {
+fn ros_bridge_without_router_says_how_to_start_it() {
     let system = System::new(TUMBLE);
     let running = system.start(&[]);
     system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{}", free_port());
-    let output = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to]).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && stderr.contains(&to), "{stderr}");
+    let stderr = failing_ros_bridge(&system, "ros", &to);
+    assert!(stderr.contains(&to) && stderr.contains("no rmw_zenoh router"), "{stderr}");
+    assert!(stderr.contains(START_ROUTER), "{stderr}");
     running.interrupt();
     running.wait().assert_complete();
+}
+
+#[test]
+fn ros_bridge_rejects_gateway_in_place_of_router() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let to = endpoint(&system);
+    let stderr = failing_ros_bridge(&system, "ros", &to);
+    let says = |text: &str| stderr.contains(text);
+    assert!(says(&to) && says("is not a router") && says(START_ROUTER), "{stderr}");
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn ros_bridge_announces_loss_of_router() {
+    let Some(python) = python() else { return };
+    let port = free_port();
+    let (mut router, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "1", "0", "0"]);
+    let system = System::new(TUMBLE);
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to, "--domain", "7"]);
+    let mut bridge = bridge.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    assert_eq!(next_line(), "received");
+    router.kill().unwrap();
+    router.wait().unwrap();
+    let line = BufReader::new(bridge.stderr.take().unwrap()).lines().next().unwrap().unwrap();
+    assert!(line.contains("lost the rmw_zenoh router") && line.contains(START_ROUTER), "{line}");
+    running.interrupt();
+    running.wait().assert_complete();
+    let output = bridge.wait_with_output().unwrap();
+    assert!(output.status.success(), "{output:?}");
 }
 
 #[test]
