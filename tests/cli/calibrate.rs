@@ -106,7 +106,7 @@ fn broad(folder: &Path) -> (String, String) {
     (exact, raw)
 }
 
-#[test]
+#[recorded::test]
 fn pasted_calibration_restores_accuracy() {
     let Some(data) = data() else { return };
     let system = System::new("");
@@ -303,7 +303,7 @@ fn noise_is_rejected_in_motion_and_from_a_system() {
     assert_fails(&["noise", &rest, "--plot", nowhere.to_str().unwrap()], 1, &["nowhere/noise.svg", "check the folder"]);
 }
 
-#[test]
+#[recorded::test]
 fn noise_of_a_real_unit_at_rest_is_plausible() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");

@@ -269,7 +269,7 @@ fn stage_test_runs_conformance_checks_by_name() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn score_writes_same_attitudes_as_up() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join(TRIAL);
@@ -282,7 +282,7 @@ fn score_writes_same_attitudes_as_up() {
     assert!(fs::read(written).unwrap() == fs::read(up).unwrap(), "the files differ");
 }
 
-#[test]
+#[recorded::test]
 fn broad_inclination_without_magnetometer_is_below_limit() {
     let Some(data) = crate::common::data() else { return };
     let mut trials: Vec<_> = fs::read_dir(data.join("broad")).unwrap().map(|entry| entry.unwrap().path()).collect();

@@ -133,7 +133,7 @@ fn report_without_reference_shows_stage_differences() {
     );
 }
 
-#[test]
+#[recorded::test]
 fn report_of_real_recording_ranks_by_total_error() {
     let Some(data) = data() else { return };
     let folder = tempfile::tempdir().unwrap();
