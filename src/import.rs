@@ -7,8 +7,8 @@ use std::{
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, has_known_columns,
-    mcap_file::to_mcap, note_fixes_outside, plain_recording_range_ns,
+    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
+    note_fixes_outside, plain_recording_range_ns,
 };
 use recording::{RecordingError, References};
 use tempfile::TempDir;
@@ -179,9 +179,6 @@ pub(crate) struct ReadableFile {
 
 impl ReadableFile {
     /// Opens a recording, importing it first if it is a foreign log or its rows need care.
-    ///
-    /// A CSV file with columns of a recording and a mistake in its header is returned unchanged, so
-    /// that its reader reports the mistake.
     pub(crate) fn open(path: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Self, ImportError> {
         Ok(Self::open_announced(path, reading, sensors)?.0)
     }
@@ -317,8 +314,8 @@ fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], Reco
     Ok(counts)
 }
 
-/// Returns `true` if the file is read without an import: a recording without faults, or a CSV file
-/// with a mistake in its header, which the reader reports.
+/// Returns `true` if the file is read without an import: a recording without faults, or a file that
+/// is damaged from its start, which the reader reports.
 fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
     let format = match Format::detect(path) {
         Ok(format) => format,
@@ -340,10 +337,6 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
             }
             None => false,
         },
-        // Names that resemble those of a recording are reported with the right ones.
-        Format::Csv => {
-            recording::Reader::open(path).is_err_and(|error| error.suggests_name()) && !has_known_columns(path)
-        }
         Format::Gzip => is_unreadable(path),
         _ => false,
     })

@@ -258,7 +258,7 @@ impl Format for Lines {
         let is_end = |(index, byte): (usize, &u8)| match byte {
             b'\n' => true,
             // A newline after a carriage return belongs to the same end.
-            b'\r' => bytes.get(index + 1).is_some_and(|next| *next != b'\n'),
+            b'\r' => window.get(index + 1).is_some_and(|next| *next != b'\n'),
             _ => false,
         };
         let Some(end) = window.iter().enumerate().position(is_end) else {

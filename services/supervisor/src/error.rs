@@ -49,7 +49,7 @@ pub enum UpError {
     Failed(#[from] Failure),
     /// The source yielded no reading.
     #[error(
-        "{source_name} yielded no reading: no line or message had rate and force; name the columns with map, such as map=gx=COLUMN,gy=COLUMN,…, or select another format"
+        "{source_name} yielded no reading: no line or message had rate and force; name the columns with map, such as map=gx=COLUMN,gy=COLUMN,…, and their units with units, such as units=deg/s,g, or select another format"
     )]
     NoReadings {
         /// Name of the source.

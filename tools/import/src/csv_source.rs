@@ -22,7 +22,7 @@ use mapping::{
     names::nearest,
     text::{DAY_NS, Time, without_unit},
 };
-use recording::Reference;
+use recording::{RecordingError, Reference};
 
 use crate::{
     Format, ImportError, Mapping, Note,
@@ -261,14 +261,6 @@ impl Source for CsvSource {
     }
 }
 
-/// Returns `true` if the meaning of the columns of a text file is known without a mapping.
-///
-/// It is known even if several columns may hold the same quantity, or if their units are unknown.
-pub fn has_known_columns(path: &Path) -> bool {
-    let groups = CsvFiles::open(&[path.to_owned()]).and_then(|files| files.column_groups(&Mapping::default()));
-    !matches!(groups, Err(ImportError::MappingRequired { .. } | ImportError::Malformed { .. }))
-}
-
 /// CSV files and their column names.
 pub(crate) struct CsvFiles {
     columns: Vec<(PathBuf, Vec<ForeignText>)>,
@@ -378,19 +370,26 @@ impl CsvFiles {
     /// A mapping that was not given by the user applies to the columns that exist. Their names
     /// must then be those of a recording or name a quantity, such as `gyro_x (deg/s)`.
     fn column_groups(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
+        let path = self.columns.first().map(|(path, _)| path.clone()).unwrap_or_default();
         self.resolve(mapping).map_err(|error| match error {
-            ImportError::UnknownColumn { .. } if !mapping.is_explicit() => {
-                let path = self.columns.first().map(|(path, _)| path.clone()).unwrap_or_default();
-                ImportError::MappingRequired { path, map: self.map_line(mapping), columns: self.column_names() }
-            }
-            ImportError::AmbiguousColumn { target, alternatives, .. }
-                if !mapping.is_explicit() && alternatives.len() > 1 =>
-            {
-                let path = self.columns.first().map(|(path, _)| path.clone()).unwrap_or_default();
+            error if mapping.is_explicit() => error,
+            ImportError::AmbiguousColumn { target, alternatives, .. } if alternatives.len() > 1 => {
                 ImportError::AmbiguousHeader { path, target, map: self.map_line(mapping), alternatives }
             }
-            error => error,
+            error => match (self.recording_error(), error) {
+                (Some(error), _) => error.into(),
+                (None, ImportError::UnknownColumn { .. }) => {
+                    ImportError::MappingRequired { path, map: self.map_line(mapping), columns: self.column_names() }
+                }
+                (None, error) => error,
+            },
         })
+    }
+
+    /// Returns the error of a single file with the columns of a recording and a mistake in a name.
+    fn recording_error(&self) -> Option<RecordingError> {
+        let [(path, _)] = &self.columns[..] else { return None };
+        recording::Reader::open(path).err().filter(RecordingError::suggests_name)
     }
 
     /// Returns the value of `--map` for these files: the first column that may hold each target.

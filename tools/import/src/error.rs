@@ -338,6 +338,7 @@ impl ImportError {
             | Self::UnreadableBag { .. }
             | Self::MissingField { .. }
             | Self::NoRows { .. } => 3,
+            Self::Recording(error) if matches!(**error, RecordingError::Malformed { .. }) => 3,
             Self::Recording(_) | Self::TemporaryFolder { .. } | Self::WriteMcap { .. } => 1,
         }
     }

@@ -55,7 +55,6 @@ mod tlog;
 mod ulog;
 
 pub use convert::{Progress, convert, note_fixes_outside, plain_recording_range_ns};
-pub use csv_source::has_known_columns;
 pub use error::ImportError;
 pub use format::Format;
 pub use mapping::{Mapping, MappingError};

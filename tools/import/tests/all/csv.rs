@@ -350,6 +350,15 @@ fn remedies_for_ambiguous_headers_read_the_file() {
 }
 
 #[test]
+fn column_names_in_latin_1_are_read() {
+    let names = b"t (s),gx (\xb0/s),gy (\xb0/s),gz (\xb0/s),ax (m/s\xb2),ay (m/s\xb2),az (m/s\xb2)\n";
+    let folder = Folder::new();
+    let text = [&names[..], b"0,1,2,3,4,5,6\n0.02,1,2,3,4,5,6\n"].concat();
+    let rows = folder.import(&[folder.file("a.csv", text)], None).unwrap().rows;
+    assert_eq!((rows.len(), rows[0].rate_rad_s[0], rows[0].force_m_s2[0]), (2, DEG, 4.0));
+}
+
+#[test]
 fn times_of_day_need_no_unit_in_their_name() {
     let folder = Folder::new();
     let text = "time,gx,gy,gz,ax,ay,az\n13:05:00.000,1,2,3,4,5,6\n13:05:00.020,1,2,3,4,5,6\n";

@@ -74,6 +74,69 @@ fn telemetry_logs_of_both_versions_are_read() {
     }
 }
 
+/// Returns ATTITUDE and ATTITUDE_QUATERNION of a body with this roll, pitch and yaw, rad.
+fn attitude_messages(t_ms: u32, [roll, pitch, yaw]: [f32; 3]) -> [Vec<u8>; 2] {
+    let bytes = |numbers: &[f32]| -> Vec<u8> {
+        t_ms.to_le_bytes().into_iter().chain(numbers.iter().flat_map(|number| number.to_le_bytes())).collect()
+    };
+    let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
+    let quaternion = [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ];
+    [bytes(&[roll, pitch, yaw, 0.0, 0.0, 0.0]), bytes(&[quaternion, [0.0; 4]].concat()[..7])]
+}
+
+#[test]
+fn attitude_of_telemetry_log_is_the_reference() {
+    // East, a right roll of 90° and level, and north with the nose up.
+    let right = std::f32::consts::FRAC_PI_2;
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    for (angles, expected) in [
+        ([0.0; 3], [1.0, 0.0, 0.0, 0.0]),
+        ([0.0, 0.0, right], [half, 0.0, 0.0, -half]),
+        ([right, 0.0, 0.0], [half, 0.0, half, 0.0]),
+        ([0.0, 0.5, 0.0], [0.25f64.cos(), 0.25f64.sin(), 0.0, 0.0]),
+    ] {
+        for messages in [&[30][..], &[31], &[30, 31]] {
+            let mut log = Vec::new();
+            for n in 0..50u32 {
+                let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_000;
+                let motion = scaled_imu(5000 + 20 * n, [0, 0, -1000, 100, 0, 0, 200, 0, 430]);
+                log.extend(tlog_record(arrival_us, 2, 26, &motion));
+                let [euler, quaternion] = attitude_messages(5000 + 20 * n, angles);
+                for message in messages {
+                    let payload = if *message == 30 { &euler } else { &quaternion };
+                    log.extend(tlog_record(arrival_us, 2, *message, payload));
+                }
+            }
+            let folder = Folder::new();
+            let imported = folder.import(&[folder.file("a.tlog", &log)], None).unwrap();
+            assert_eq!(imported.summary.reference_rows, 50, "{messages:?}: {}", notes(&imported));
+            let found = imported.rows[7].reference.unwrap().quaternion;
+            let cosine: f64 = found.iter().zip(expected).map(|(a, b)| a * b).sum();
+            assert!((cosine.abs() - 1.0).abs() < 1e-6, "{angles:?} {messages:?}: {found:?}");
+            assert!(!notes(&imported).contains("reference"), "{}", notes(&imported));
+        }
+    }
+}
+
+#[test]
+fn telemetry_log_with_raw_imu_only_is_read() {
+    let mut log = Vec::new();
+    for n in 0..50u32 {
+        let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_000;
+        let numbers = [0i16, 0, -1000, 100, 0, 0, 200, 0, 430].map(i16::to_le_bytes);
+        let time_us = u64::from(5_000_000 + 20_000 * n).to_le_bytes();
+        log.extend(tlog_record(arrival_us, 1, 27, &[&time_us[..], numbers.as_flattened()].concat()));
+    }
+    let folder = Folder::new();
+    let imported = folder.import(&[folder.file("a.tlog", &log)], None).unwrap();
+    assert_eq!(times_ms(&imported), (0..50).map(|n| 5000 + 20 * n).collect::<Vec<_>>());
+}
+
 #[test]
 fn segments_of_logs_never_mix() {
     let mut log = Log::new(&[COMBINED, ATTITUDE]);
