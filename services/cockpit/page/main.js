@@ -181,7 +181,7 @@ function drawBar(now) {
   set("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
   const latency = standing.latency_us;
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
-  const course = (standing.services ?? []).find((/** @type {Message} */ service) => service.status?.service === "course");
+  const course = (standing.services ?? []).find((service) => service.status?.service === "course");
   set("lost", course ? String(course.status.lost) : "–");
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
   const flags = data.activeFaults();
@@ -211,6 +211,8 @@ function goTo(t) {
   seek(data.indexAt(t));
 }
 
+const showKeys = () => /** @type {HTMLDialogElement} */ (get("keys")).showModal();
+
 /** Rotation of the scene per key press: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
 const ROTATION_KEYS = { Home: [-0.1, 0], End: [0.1, 0], PageUp: [0, 0.1], PageDown: [0, -0.1] };
 
@@ -236,7 +238,7 @@ function onKey(event) {
   else if (event.key === "q") void timeline.copyQuaternion();
   else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
   else if (event.key === "t") setTheme();
-  else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
+  else if (event.key === "?") showKeys();
   else if (event.key === "s") { selectView("system"); get("slot").focus(); }
   else return;
   event.preventDefault();
@@ -278,7 +280,7 @@ async function start() {
   get("pause").addEventListener("click", togglePause);
   get("play").addEventListener("click", togglePause);
   get("theme").addEventListener("click", () => setTheme());
-  get("help").addEventListener("click", () => /** @type {HTMLDialogElement} */ (get("keys")).showModal());
+  get("help").addEventListener("click", showKeys);
   input("position").addEventListener("input", () => seek(Number(input("position").value)));
   document.addEventListener("keydown", onKey);
   const schema = await (await fetch("/schema.json")).json();

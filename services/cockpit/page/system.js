@@ -3,8 +3,8 @@
 import { DEGREE } from "./attitude.js";
 import { CANCELLED_REASON } from "./data.js";
 import { Parameters } from "./parameters.js";
-import { button, element, fillTable, select, setOptions, statusLine, write } from "./ui.js";
-import { Strips } from "./strips.js";
+import { button, element, fillTable, section, select, setOptions, statusLine, table, write } from "./ui.js";
+import { Strips, line } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
@@ -40,13 +40,13 @@ export class System {
     this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
     parent.replaceChildren(
       element("h2", "", "Services"),
-      element("div", "scrolls", element("table", "services", element("thead", "", element("tr", "", ...COLUMNS.map(([name, className]) => element("th", className, name)))), this.services)),
+      element("div", "scrolls", table("services", COLUMNS, this.services)),
       this.servicesNote, strips,
       element("div", "columns",
-        element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
+        section("Stages", label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
       parameters, this.confirm);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
@@ -108,7 +108,7 @@ export class System {
 
   /** @param {string} slot @returns {Message | undefined} */
   statusOf(slot) {
-    return (this.data.standing.services ?? []).map((/** @type {Message} */ service) => service.status).find((/** @type {Message} */ status) => status?.service === slot && status.state !== "candidate");
+    return (this.data.standing.services ?? []).map((service) => service.status).find((status) => status?.service === slot && status.state !== "candidate");
   }
 
   /** Returns the stage of a slot's shadow, or an empty string. @param {string} slot */
@@ -130,7 +130,7 @@ export class System {
 
   /** @returns {Message | undefined} */
   slotShown() {
-    return (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
+    return (this.data.standing.slots ?? []).find((one) => one.slot === this.slot.value);
   }
 
   /** Shows the parameters of the selected stage. */
@@ -154,11 +154,11 @@ export class System {
   draw() {
     const { standing, events } = this.data;
     const services = standing.services ?? [];
-    const slots = JSON.stringify((standing.slots ?? []).map((/** @type {Message} */ slot) => [slot, this.statusOf(slot.slot)?.stage]));
+    const slots = JSON.stringify((standing.slots ?? []).map((slot) => [slot, this.statusOf(slot.slot)?.stage]));
     if (slots !== this.slots) {
       this.slots = slots;
       const isFirst = !this.slot.value;
-      setOptions(this.slot, (standing.slots ?? []).map((/** @type {Message} */ { slot }) => [slot, slot]));
+      setOptions(this.slot, (standing.slots ?? []).map(({ slot }) => [slot, slot]));
       if (isFirst) this.slot.value = "fuser";
       this.fillStages();
     }
@@ -167,9 +167,9 @@ export class System {
     const shadow = this.shadowOf(this.slot.value);
     for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "swap" && runs && !this.parameters.isChanged());
     write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
-    this.drawn = { services: services.map((/** @type {Message} */ service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
+    this.drawn = { services: services.map((service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
-    services.forEach((/** @type {Message} */ { status }, /** @type {number} */ at) => {
+    services.forEach(({ status }, at) => {
       const row = /** @type {HTMLElement} */ (this.services.children[at]), wasRestarted = this.wasJustRestarted(status);
       row.dataset.service = status.service;
       row.classList.toggle("down", wasRestarted || !UP_STATES.includes(status.state));
@@ -181,8 +181,9 @@ export class System {
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
       this.emptyNote.hidden = events.length > 0;
-      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
-      [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
+      const newest = events.slice(-60).reverse();
+      fillTable(this.events, newest.map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
+      newest.forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }
 }

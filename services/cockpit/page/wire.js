@@ -20,12 +20,7 @@ export class Wire {
     }));
   }
 
-  /**
-   * Decodes a message. Absent fields have their default: 0, "", the first name of an enum, an empty list, or null.
-   * @param {string} name
-   * @param {Uint8Array} bytes
-   * @returns {Message}
-   */
+  /** Decodes a message. Absent fields have their default: 0, "", the first name of an enum, an empty list, or null. @param {string} name @param {Uint8Array} bytes @returns {Message} */
   decode(name, bytes) {
     const rules = this.rules.get(name);
     if (!rules) throw new Error(`no message ${name} in the schema`);
@@ -56,11 +51,7 @@ export class Wire {
     return message;
   }
 
-  /**
-   * Encodes a message. Fields that are undefined are omitted.
-   * @param {string} name
-   * @param {Message} message
-   */
+  /** Encodes a message. Fields that are undefined are omitted. @param {string} name @param {Message} message */
   encode(name, message) {
     /** @type {number[]} */
     const out = [];
@@ -92,11 +83,7 @@ export class Wire {
     return names ? names[0] : 0;
   }
 
-  /**
-   * @param {string} kind
-   * @param {Reader} reader
-   * @returns {any}
-   */
+  /** @param {string} kind @param {Reader} reader @returns {any} */
   value(kind, reader) {
     switch (kind) {
       case "double": return reader.double();
@@ -176,10 +163,7 @@ class Reader {
   }
 }
 
-/**
- * @param {number} value
- * @param {number[]} out
- */
+/** @param {number} value @param {number[]} out */
 function varint(value, out) {
   while (value >= 128) {
     out.push((value % 128) + 128);
