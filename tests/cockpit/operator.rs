@@ -1,11 +1,14 @@
 //! Commands of an operator on the page, and their rejection for viewers.
-use std::fs;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use super::{
     browser::Page,
     page::{LENIENT_RESTART, address, start_all, with_cockpit_for_browser},
 };
-use crate::common::System;
+use crate::common::{System, plumb};
 
 /// Returns the address of the page with a viewer's token.
 fn viewer_address(system: &System, port: u16) -> String {
@@ -66,6 +69,75 @@ fn parameters_are_shown_and_set_by_operator_only() {
     let outcome = set(&mut viewer, name, "0.02");
     assert!(outcome.contains("a viewer's token cannot send commands"), "{outcome}");
     viewer.until(&format!("{changed}.every(({{ value }}) => value === 0.05)"));
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+/// Returns the files in a folder, sorted by name.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn recording_is_started_and_stopped_by_operator_only() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let folder = system.path("flights");
+    system.append_launch(&format!("\ncockpit.recordings = {folder:?}\ncockpit.recording_max_mib = 4\n"));
+    let running = start_all(&system, &[]);
+    let url = address(&system, port);
+    let Some(mut viewer) = Page::open(&viewer_address(&system, port)) else { return };
+    let text = "document.getElementById('recording').textContent";
+    viewer.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    viewer.click("#record");
+    viewer.until(&format!("{text}.includes(\"a viewer's token cannot send commands\")"));
+    assert!(!folder.exists(), "nothing is recorded");
+
+    // A recording ends at its size limit.
+    let mut page = Page::open(&url).unwrap();
+    page.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    page.click("#record");
+    page.until(&format!("{text}.startsWith('recording ')"));
+    page.shot("fly-recording.png");
+    viewer.until(&format!("{text}.startsWith('recording ')"));
+    page.until(&format!("{text}.endsWith(': the size limit was reached')"));
+    // The next one has another file and is stopped by the operator, or else by the end of the
+    // system.
+    for stop in ["#record", ""] {
+        page.until("document.getElementById('record').textContent === 'Record'");
+        page.click("#record");
+        page.until(&format!("{text}.startsWith('recording ')"));
+        if !stop.is_empty() {
+            page.click(stop);
+            page.until(&format!("/: (stopped by an operator|the size limit was reached)$/.test({text})"));
+        }
+    }
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+    let recorded = files(&folder);
+    assert_eq!(recorded.len(), 3, "{recorded:?}");
+    for file in &recorded {
+        let name = file.file_name().unwrap().to_string_lossy();
+        assert!(name.starts_with(&format!("{}-", system.name)) && name.ends_with(".mcap"), "{name}");
+        let info = plumb(&["info", file.to_str().unwrap()]).output().unwrap();
+        let info = String::from_utf8_lossy(&info.stdout).into_owned();
+        assert!(info.contains("attitude"), "{name}: {info}");
+    }
+}
+
+#[test]
+fn recording_without_folder_is_refused_with_remedy() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    page.click("#record");
+    page.until(
+        "document.getElementById('recording').textContent.includes('set `recordings` in the section [cockpit]')",
+    );
+    page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();
 }

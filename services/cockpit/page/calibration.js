@@ -5,7 +5,6 @@ import { Scene } from "./scene.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** @typedef {(command: { kind: string, what: string }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 /** Title and instructions of each calibration, in the recommended order. @type {Record<string, [string, string]>} */
 const KINDS = {
@@ -19,7 +18,7 @@ const KINDS = {
 const FACETS = 3;
 
 export class Calibration {
-  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
@@ -46,7 +45,7 @@ export class Calibration {
   /** @param {string} kind Calibration to start; empty to cancel. */
   command(kind) {
     this.data.calibrationError = "";
-    this.sendError = this.sendCommand({ kind: "KIND_CALIBRATE", what: kind }) ?? "";
+    this.sendError = this.sendCommand({ kind: "KIND_CALIBRATE", what: kind }, ({ reason }) => { this.data.calibrationError = reason; }) ?? "";
   }
 
   draw() {

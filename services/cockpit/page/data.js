@@ -60,7 +60,7 @@ export class Data {
     /** @type {Standing} */ this.standing = {};
     /** @type {LogEvent[]} */ this.events = [];
     /** Incremented when the event list changes. */ this.revision = 0;
-    /** Reply to the last swap, shadow or cancellation. @type {Message | null} */ this.answer = null;
+    /** Reply to `command`. @type {Message | null} */ this.answer = null;
     /** Reason if a calibration was rejected. */ this.calibrationError = "";
     /** Progress of the calibration. @type {Message | null} */ this.calibration = null;
     /** Newest message of each topic. @type {Message} */ this.newest = {};
@@ -78,7 +78,7 @@ export class Data {
     /** Parameters of the shadow that this page has started, by slot. @type {Record<string, import("./parameters.js").Setting[]>} */ this.shadowSet = {};
     /** State of the connection: "connecting", "open", "closed", "unauthorized", "unavailable". */ this.link = "connecting";
     /** Reason if the vehicle is not available. */ this.unavailableReason = "";
-    /** Id of the last command sent. */ this.requestId = "";
+    /** Last swap, shadow or cancellation. @type {Message | null} */ this.command = null;
     /** When the last attitude was received, ms. */ this.received_ms = -Infinity;
     /** Snapshots of a recording, each with the frame of the same number. @type {Message[]} */ this.recording = [];
     /** Number of the recording's frame shown. */ this.position = 0;

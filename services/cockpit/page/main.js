@@ -44,13 +44,18 @@ let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 let viewName = "";
 let requestCount = 0;
 
-/** Sends a command with the token. Returns the reason if it cannot be sent, otherwise null. @param {Message} command */
-function sendCommand(command) {
+/** Handlers of replies by request id. @type {Map<string, (answer: Message) => void>} */
+const replyHandlers = new Map();
+/** Reason if a recording could not be started or stopped. */
+let recordingError = "";
+
+/** Sends a command with the token. @type {import("./wire.js").SendCommand} */
+function sendCommand(command, onReply) {
   if (!token) return "commands require a token; open the complete address printed by `plumb up` or `plumb view`";
   if (socket?.readyState !== WebSocket.OPEN) return "not connected";
-  requestCount += 1;
-  data.requestId = `page-${requestCount}`;
-  socket.send(wire.encode("PageCommand", { ...command, request_id: data.requestId, token }));
+  const request_id = `page-${++requestCount}`;
+  replyHandlers.set(request_id, onReply);
+  socket.send(wire.encode("PageCommand", { ...command, request_id, token }));
   return null;
 }
 
@@ -62,6 +67,7 @@ function connect() {
   opened.addEventListener("open", () => {
     // A calibration may have ended while disconnected; if not, its progress is sent again.
     data.calibration = null;
+    replyHandlers.clear();
     if (token) opened.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
   });
   opened.addEventListener("message", ({ data: bytes }) => {
@@ -79,16 +85,12 @@ function connect() {
       const first = data.standing.pictures !== standing.pictures;
       // Without a selected vehicle the page shows the list.
       if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) openView("fleet");
+      if (standing.recording?.active !== data.standing.recording?.active) recordingError = "";
       data.standing = standing;
       if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
-    // A reply without a slot belongs to a calibration.
-    if (answer && !answer.slot) data.calibrationError = answer.reason;
-    else if (answer) {
-      data.answer = answer;
-      if (view instanceof System) view.showReply(answer);
-    }
+    if (answer) replyHandlers.get(answer.request_id)?.(answer);
   });
   opened.addEventListener("close", ({ code, reason }) => {
     if (opened !== socket) return;
@@ -161,7 +163,6 @@ function openView(name) {
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
   const parent = get("view");
   view = name === "fly" ? new Fly(parent, data) : name === "method" ? new Method(parent, data) : name === "sensors" ? new Sensors(parent, data, sendCommand) : name === "system" ? new System(parent, data, sendCommand) : new Fleet(parent, data, selectVehicle);
-  if (view instanceof System && data.answer) view.showReply(data.answer);
 }
 
 /** @param {number} us */
@@ -184,6 +185,12 @@ function drawBar(now) {
   const course = (standing.services ?? []).find((service) => service.status?.service === "course");
   set("lost", course ? String(course.status.lost) : "–");
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
+  const { recording } = standing;
+  get("record").hidden = !standing.takes_commands;
+  set("record", recording?.active ? "Stop recording" : "Record");
+  const size = recording ? `${recording.file}, ${(recording.bytes * 1e-6).toFixed(1)} MB, ${recording.seconds.toFixed(0)} s` : "";
+  set("recording", recordingError || (!recording ? "" : recording.active ? `recording ${size}` : `recorded ${size}: ${recording.result}`));
+  get("recording").className = recordingError ? "loud" : "";
   const flags = data.activeFaults();
   get("flags").hidden = !flags.length;
   set("flags", flags.join(", "));
@@ -195,6 +202,11 @@ function drawBar(now) {
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
   if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
+}
+
+function toggleRecording() {
+  const what = data.standing.recording?.active ? "stop" : "start";
+  recordingError = sendCommand({ kind: "KIND_RECORD", what }, ({ reason }) => { recordingError = reason; }) ?? "";
 }
 
 function togglePause() {
@@ -279,6 +291,7 @@ async function start() {
   }
   get("pause").addEventListener("click", togglePause);
   get("play").addEventListener("click", togglePause);
+  get("record").addEventListener("click", toggleRecording);
   get("theme").addEventListener("click", () => setTheme());
   get("help").addEventListener("click", showKeys);
   input("position").addEventListener("input", () => seek(Number(input("position").value)));

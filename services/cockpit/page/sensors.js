@@ -16,7 +16,7 @@ const MAX_AGE_S = 0.5, MAX_FIX_AGE_S = 2.5;
 const COLUMNS = [["sensor", ""], ["x", "number"], ["y", "number"], ["z", "number"], ["magnitude", "number"], ["age", "number"], ["expected", ""]];
 
 export class Sensors {
-  /** @param {HTMLElement} parent @param {Data} data @param {import("./calibration.js").SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.values = element("tbody", "");

@@ -8,7 +8,6 @@ import { Strips, line } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
-/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number, set: import("./parameters.js").Setting[] }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 /** Time for which a restarted service stays marked, ms. */
 const RESTART_MARK_MS = 3000;
@@ -21,7 +20,7 @@ const COLUMNS = [
 ];
 
 export class System {
-  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
@@ -52,6 +51,7 @@ export class System {
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
     /** Slots and stages in the lists, as JSON. */ this.slots = "";
     /** Revision of the events in the table. */ this.shownRevision = -1;
+    /** Reply shown. @type {Message | null} */ this.answer = null;
     /** Whether a command awaits its reply. */ this.isWaiting = false;
     /** Restarts of each service and the time of the last change, ms. @type {Map<string, { restarts: number, changed_ms: number }>} */ this.restarts = new Map();
   }
@@ -72,7 +72,10 @@ export class System {
       this.confirm.close();
       const status = this.statusOf(slot);
       this.showOutcome("", `requested: ${question.replace("?", "")} …`);
-      const error = this.sendCommand({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set });
+      const command = { kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set };
+      Object.assign(this.data, { command, answer: null });
+      // The reply to an earlier command is not shown, such as that about a shadow that has been promoted.
+      const error = this.sendCommand(command, (answer) => { if (this.data.command === command) this.data.answer = answer; });
       if (kind === "KIND_SHADOW") this.data.shadowSet[slot] = set;
       // The reply about a shadow is sent at its end.
       this.isWaiting = !error && kind !== "KIND_SHADOW";
@@ -93,8 +96,6 @@ export class System {
   /** Shows the outcome of a command. @param {Message} answer */
   showReply(answer) {
     const { outcome, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, reason } = answer;
-    // Ignores the reply to an earlier command, such as that about a shadow that has been promoted.
-    if (this.data.requestId && answer.request_id !== this.data.requestId) return;
     this.isWaiting = false;
     if (reason === CANCELLED_REASON) {
       this.showOutcome("", `cancelled: the shadow of ${slot}, as requested`);
@@ -161,6 +162,10 @@ export class System {
       setOptions(this.slot, (standing.slots ?? []).map(({ slot }) => [slot, slot]));
       if (isFirst) this.slot.value = "fuser";
       this.fillStages();
+    }
+    if (this.answer !== this.data.answer) {
+      this.answer = this.data.answer;
+      if (this.answer) this.showReply(this.answer);
     }
     const runs = this.showParameters();
     this.strips.draw();

@@ -3,6 +3,7 @@
 /** @typedef {[name: string, kind: string, repeated: boolean, presence: boolean]} Rule */
 /** @typedef {{ messages: Record<string, Record<string, Rule>>, enums: Record<string, Record<string, string>> }} Schema */
 /** @typedef {Record<string, any>} Message */
+/** @typedef {(command: Message, onReply: (answer: Message) => void) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 const VARINT = 0, FIXED64 = 1, BYTES = 2, FIXED32 = 5;
 const TEXT = new TextDecoder();

@@ -1,4 +1,5 @@
-//! Commands of viewers: swaps and shadows with parameters, their cancellation, and calibrations.
+//! Commands of viewers: swaps and shadows with parameters, their cancellation, calibrations and
+//! recordings.
 //!
 //! Input: commands of the page, each with a token.
 //! Output: one reply per command.
@@ -78,6 +79,11 @@ impl<'c> CommandSession<'c> {
             let _permit = permit;
             let reply = match command.kind() {
                 Kind::Calibrate => calibrate(&*target, command, &hub),
+                Kind::Record => Some(reply(command, |command| match &*command.what {
+                    "start" => target.start_recording(),
+                    "stop" => target.stop_recording(),
+                    other => Err(format!("unknown command {other:?}: expected start or stop")),
+                })),
                 _ => Some(execute(&*target, command, &shadows)),
             };
             // Sending fails only if the viewer has disconnected.
@@ -116,6 +122,17 @@ fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Opt
             None
         }
         Err(reason) => Some(rejection(command, reason)),
+    }
+}
+
+/// Executes a command without a slot and returns its reply.
+fn reply(command: PageCommand, execute: impl FnOnce(&PageCommand) -> Result<(), String>) -> SwapAnswer {
+    match execute(&command) {
+        Ok(()) => {
+            let outcome = swap_answer::Outcome::Committed.into();
+            SwapAnswer { request_id: command.request_id, outcome, ..SwapAnswer::default() }
+        }
+        Err(reason) => rejection(command, reason),
     }
 }
 

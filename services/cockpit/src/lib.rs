@@ -14,6 +14,7 @@
 //! | [`source`] | interfaces to a system: its messages, its status and its commands |
 //! | [`local_system`] | a system on this machine |
 //! | [`recording`] | a recording, reduced to snapshots |
+//! | `recorder` | recording of the running system, started by an operator |
 //! | [`decimator`] | reduction of messages to what the page shows |
 //! | [`calibration`] | calibration of the running system's sensors |
 //! | `status` | status of the system, once a second and after each event |
@@ -44,6 +45,7 @@ mod inflow;
 pub mod local_system;
 mod metrics;
 mod places;
+mod recorder;
 pub mod recording;
 pub mod server;
 mod socket;
@@ -146,7 +148,7 @@ pub fn publish_source<E>(
     should_continue: &mut dyn FnMut(u64) -> Result<bool, E>,
 ) -> Result<(), E> {
     let mut decimator = Decimator::default();
-    let mut monitor = StatusMonitor::new(target, source.has_every_tick());
+    let mut monitor = StatusMonitor::new(target.clone(), source.has_every_tick());
     #[cfg(feature = "foxglove")]
     let mut feed = foxglove::feed::Feed::new(hub.broadcaster.clone());
     let mut last_status = None::<Instant>;
@@ -172,6 +174,8 @@ pub fn publish_source<E>(
         hub.publish_snapshot(decimator.take_snapshot(monotonic_ns()));
         thread::sleep(SNAPSHOT_INTERVAL.saturating_sub(started.elapsed()));
     }
+    // Completes the file of a recording. An error means that nothing is being recorded.
+    let _ = target.stop_recording();
     Ok(())
 }
 

@@ -1093,6 +1093,8 @@ pub struct Standing {
     pub pictures: u64,
     #[prost(message, repeated, tag = "15")]
     pub vehicles: ::prost::alloc::vec::Vec<VehicleLine>,
+    #[prost(message, optional, tag = "16")]
+    pub recording: ::core::option::Option<Recording>,
 }
 /// Nested message and enum types in `Standing`.
 pub mod standing {
@@ -1144,6 +1146,19 @@ pub mod standing {
             }
         }
     }
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Recording {
+    #[prost(bool, tag = "1")]
+    pub active: bool,
+    #[prost(string, tag = "2")]
+    pub file: ::prost::alloc::string::String,
+    #[prost(uint64, tag = "3")]
+    pub bytes: u64,
+    #[prost(double, tag = "4")]
+    pub seconds: f64,
+    #[prost(string, tag = "5")]
+    pub result: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct VehicleLine {
@@ -1261,6 +1276,7 @@ pub mod page_command {
         Cancel = 3,
         Look = 4,
         Calibrate = 5,
+        Record = 6,
     }
     impl Kind {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -1275,6 +1291,7 @@ pub mod page_command {
                 Self::Cancel => "KIND_CANCEL",
                 Self::Look => "KIND_LOOK",
                 Self::Calibrate => "KIND_CALIBRATE",
+                Self::Record => "KIND_RECORD",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -1286,6 +1303,7 @@ pub mod page_command {
                 "KIND_CANCEL" => Some(Self::Cancel),
                 "KIND_LOOK" => Some(Self::Look),
                 "KIND_CALIBRATE" => Some(Self::Calibrate),
+                "KIND_RECORD" => Some(Self::Record),
                 _ => None,
             }
         }
