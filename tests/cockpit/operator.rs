@@ -1,14 +1,18 @@
 //! Commands of an operator on the page, and their rejection for viewers.
 use std::{
     fs,
+    io::Write as _,
     path::{Path, PathBuf},
+    process::Stdio,
 };
+
+use rustix::process::Signal;
 
 use super::{
     browser::Page,
     page::{LENIENT_RESTART, address, start_all, with_cockpit_for_browser},
 };
-use crate::common::{System, plumb};
+use crate::common::{System, plumb, signal};
 
 /// Returns the address of the page with a viewer's token.
 fn viewer_address(system: &System, port: u16) -> String {
@@ -140,4 +144,37 @@ fn recording_without_folder_is_refused_with_remedy() {
     page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();
+}
+
+#[test]
+fn log_is_shown_to_operator_without_token() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let log = system.path("log");
+    let mut command = system.command(&[]);
+    let mut file = fs::File::options().create(true).append(true).open(&log).unwrap();
+    command.stderr(file.try_clone().unwrap());
+    let mut running = command.stdin(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
+    system.wait_until_running();
+    let url = address(&system, port);
+    let (_, token) = url.split_once('#').unwrap();
+    // Foreign text is shown as text.
+    writeln!(file, "address {url} <b>bold</b> \u{1b}[31mred").unwrap();
+    if let Some(mut viewer) = Page::open(&format!("{}/system", viewer_address(&system, port))) {
+        let shown = "document.querySelector('.log').textContent";
+        viewer.until("plumb.state().kind === 'live'");
+        viewer.click("#show-log");
+        viewer.until("document.getElementById('log-error').textContent.includes('cannot send commands')");
+        assert_eq!(viewer.text(shown), "");
+        let mut page = Page::open(&format!("{url}/system")).unwrap();
+        page.until("plumb.state().kind === 'live'");
+        page.click("#show-log");
+        page.until(&format!("{shown}.includes('<b>bold</b>')"));
+        let lines = page.text(shown);
+        assert!(lines.contains(r"#(token) <b>bold</b> \u{1b}[31mred"), "{lines}");
+        assert!(!lines.contains(token), "{lines}");
+        page.shot("system-log.png");
+        page.assert_clean();
+    }
+    signal(running.id(), Signal::INT);
+    assert!(running.wait().unwrap().success());
 }

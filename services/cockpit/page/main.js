@@ -74,7 +74,7 @@ function connect() {
     if (opened !== socket) return;
     data.link = "open";
     data.bytes += bytes.byteLength;
-    const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
+    const { picture, standing, answer, calibration, log } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.push(picture, performance.now());
     if (standing) {
       // The server now shows a system instead of the recording.
@@ -90,7 +90,8 @@ function connect() {
       if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
-    if (answer) replyHandlers.get(answer.request_id)?.(answer);
+    const reply = answer ?? log;
+    if (reply) replyHandlers.get(reply.request_id)?.(reply);
   });
   opened.addEventListener("close", ({ code, reason }) => {
     if (opened !== socket) return;

@@ -35,6 +35,10 @@ export class System {
     this.buttons = [["swap", "Swap…", "KIND_SWAP"], ["shadow", "Shadow…", "KIND_SHADOW"], ["promote", "Promote shadow…", "PROMOTE"], ["cancel", "Cancel shadow…", "KIND_CANCEL"]].map(([id, text, kind]) => button(id, text, () => this.command(kind)));
     this.confirm = element("dialog", "");
     this.slot.addEventListener("change", () => this.fillStages());
+    this.logError = statusLine("log-error");
+    this.logError.className = "c-fault";
+    this.log = element("pre", "log");
+    this.log.hidden = true;
     const parameters = element("section", "");
     this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
@@ -47,6 +51,7 @@ export class System {
       element("div", "columns",
         section("Stages", label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
+      section("Log", element("div", "actions", button("show-log", "Show the last lines", () => this.readLog())), this.logError, this.log),
       parameters, this.confirm);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
     /** Slots and stages in the lists, as JSON. */ this.slots = "";
@@ -85,6 +90,17 @@ export class System {
     const effect = { KIND_SWAP: "The current stage keeps running until the new one has caught up. No tick is lost.", KIND_SHADOW: "The output does not change.", KIND_CANCEL: "The output does not change." }[kind] ?? "";
     this.confirm.replaceChildren(element("p", "", question), element("p", "c-quiet", effect), element("div", "actions", yes, no));
     this.confirm.showModal();
+  }
+
+  /** Requests the last lines of the log, and shows them or the reason why there are none. */
+  readLog() {
+    const error = this.sendCommand({ kind: "KIND_LOG" }, ({ lines, reason }) => {
+      this.log.hidden = !lines;
+      write(this.log, (lines ?? []).join("\n"));
+      write(this.logError, reason ?? "");
+      this.log.scrollTop = this.log.scrollHeight;
+    });
+    write(this.logError, error ?? "");
   }
 
   /** @param {string} className @param {string} text */

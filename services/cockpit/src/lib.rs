@@ -13,6 +13,7 @@
 //! | --- | --- |
 //! | [`source`] | interfaces to a system: its messages, its status and its commands |
 //! | [`local_system`] | a system on this machine |
+//! | `log` | log of the running system, for operators |
 //! | [`recording`] | a recording, reduced to snapshots |
 //! | `recorder` | recording of the running system, started by an operator |
 //! | [`decimator`] | reduction of messages to what the page shows |
@@ -43,6 +44,7 @@ mod guard;
 pub mod hub;
 mod inflow;
 pub mod local_system;
+mod log;
 mod metrics;
 mod places;
 mod recorder;

@@ -17,6 +17,7 @@ use wire::v1::Recording;
 
 use crate::{
     calibration::CalibrationRequest,
+    log,
     recorder::FlightRecorder,
     source::{CommandTarget, SlotDescription, Source, SourceState, SystemDescription},
 };
@@ -199,6 +200,11 @@ impl CommandTarget for SupervisorClient {
 
     fn recording(&self) -> Option<Recording> {
         self.recorder.progress()
+    }
+
+    fn log(&self) -> Result<Vec<String>, String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
+        log::last_lines(config.supervisor_pid).map_err(|error| error.to_string())
     }
 
     fn calibration_request(&self, kind: Kind) -> Result<CalibrationRequest, String> {

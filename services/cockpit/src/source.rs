@@ -130,6 +130,15 @@ pub trait CommandTarget: Send + Sync {
         None
     }
 
+    /// Returns the last lines that the supervisor and the services have written, oldest first.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if there is no log.
+    fn log(&self) -> Result<Vec<String>, String> {
+        Err("the log is on the vehicle; run `plumb logs` there".into())
+    }
+
     /// Returns the request that starts a calibration of the given kind.
     ///
     /// # Errors

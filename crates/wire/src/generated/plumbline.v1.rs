@@ -995,7 +995,7 @@ pub mod swap_answer {
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ToPage {
-    #[prost(oneof = "to_page::Said", tags = "1, 2, 3, 4")]
+    #[prost(oneof = "to_page::Said", tags = "1, 2, 3, 4, 5")]
     pub said: ::core::option::Option<to_page::Said>,
 }
 /// Nested message and enum types in `ToPage`.
@@ -1010,7 +1010,16 @@ pub mod to_page {
         Answer(super::SwapAnswer),
         #[prost(message, tag = "4")]
         Calibration(super::Calibration),
+        #[prost(message, tag = "5")]
+        Log(super::Log),
     }
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct Log {
+    #[prost(string, tag = "1")]
+    pub request_id: ::prost::alloc::string::String,
+    #[prost(string, repeated, tag = "2")]
+    pub lines: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Picture {
@@ -1277,6 +1286,7 @@ pub mod page_command {
         Look = 4,
         Calibrate = 5,
         Record = 6,
+        Log = 7,
     }
     impl Kind {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -1292,6 +1302,7 @@ pub mod page_command {
                 Self::Look => "KIND_LOOK",
                 Self::Calibrate => "KIND_CALIBRATE",
                 Self::Record => "KIND_RECORD",
+                Self::Log => "KIND_LOG",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -1304,6 +1315,7 @@ pub mod page_command {
                 "KIND_LOOK" => Some(Self::Look),
                 "KIND_CALIBRATE" => Some(Self::Calibrate),
                 "KIND_RECORD" => Some(Self::Record),
+                "KIND_LOG" => Some(Self::Log),
                 _ => None,
             }
         }
