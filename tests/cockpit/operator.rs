@@ -15,7 +15,7 @@ use super::{
 use crate::common::{System, plumb, signal};
 
 /// Returns the address of the page with a viewer's token.
-fn viewer_address(system: &System, port: u16) -> String {
+pub(crate) fn viewer_address(system: &System, port: u16) -> String {
     let file = system.path("plumbline").join(&system.name).join("cockpit.viewer.token");
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(file).unwrap().trim())
 }

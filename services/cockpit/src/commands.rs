@@ -1,5 +1,5 @@
-//! Commands of viewers: swaps and shadows with parameters, their cancellation, calibrations,
-//! recordings and the log.
+//! Commands of viewers: swaps and shadows with parameters, their cancellation, calibrations and
+//! their results, recordings and the log.
 //!
 //! Input: commands of the page, each with a token.
 //! Output: one reply per command.
@@ -81,6 +81,10 @@ impl<'c> CommandSession<'c> {
             let reply = match command.kind() {
                 Kind::Calibrate => calibrate(&*target, command, &hub).map(Said::Answer),
                 Kind::Log => Some(read_log(&*target, command, &tokens)),
+                Kind::Apply => Some(Said::Answer(reply(command, |command| {
+                    let missing = "there is no result of this calibration any more; repeat it";
+                    target.write_launch_file(&hub.calibration_sections(&command.what).ok_or(missing)?)
+                }))),
                 Kind::Record => Some(Said::Answer(reply(command, |command| match &*command.what {
                     "start" => target.start_recording(),
                     "stop" => target.stop_recording(),

@@ -53,6 +53,8 @@ struct Backlog {
     /// Number of the newest status.
     status_number: u64,
     calibration: Option<Calibration>,
+    /// Sections of the result of `calibration` for the launch file; `None` without a result.
+    sections: Option<String>,
     /// Number of the newest progress report of a calibration.
     calibration_number: u64,
     events: VecDeque<SystemEvent>,
@@ -177,13 +179,22 @@ impl Hub {
         self.news.send_replace(());
     }
 
-    /// Sends the progress of a calibration to the viewers.
-    pub(crate) fn publish_calibration(&self, calibration: Calibration) {
+    /// Sends the progress of a calibration to the viewers, and keeps the sections of its result for
+    /// the launch file.
+    pub(crate) fn publish_calibration(&self, calibration: Calibration, sections: Option<String>) {
         let mut backlog = self.backlog();
+        backlog.sections = sections;
         backlog.calibration = Some(calibration).filter(|calibration| !calibration.what.is_empty());
         backlog.calibration_number += 1;
         drop(backlog);
         self.news.send_replace(());
+    }
+
+    /// Returns the sections of the result of this calibration for the launch file; `None` if its
+    /// result is not the newest one.
+    pub(crate) fn calibration_sections(&self, what: &str) -> Option<String> {
+        let backlog = self.backlog();
+        backlog.sections.clone().filter(|_| backlog.calibration.as_ref().is_some_and(|newest| newest.what == what))
     }
 
     /// Requests the start of a calibration or, with `None`, the end of the one in progress.
@@ -373,12 +384,12 @@ mod tests {
         let (mut cursor, _) = hub.subscribe();
         receive(&hub, &mut cursor);
         for report in ["", "bias"] {
-            hub.publish_calibration(Calibration {
-                what: "gyro".into(),
-                report: report.into(),
-                ..Calibration::default()
-            });
+            let sections = Some(report.to_owned()).filter(|report| !report.is_empty());
+            let progress = Calibration { what: "gyro".into(), report: report.into(), ..Calibration::default() };
+            hub.publish_calibration(progress, sections);
         }
+        assert_eq!(hub.calibration_sections("gyro").as_deref(), Some("bias"));
+        assert_eq!(hub.calibration_sections("accel"), None, "the result is another one");
         (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
         let received: Vec<_> = std::iter::from_fn(|| hub.next_message(&mut cursor)).collect();
         let reports = received.iter().filter_map(|message| match ToPage::from_bytes(message).unwrap().said {

@@ -186,19 +186,19 @@ fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn So
     if let Some(request) = hub.take_calibration_request() {
         source.set_readings_topic(request.as_ref().map(|request| request.topic));
         if request.is_none() {
-            hub.publish_calibration(wire::v1::Calibration::default());
+            hub.publish_calibration(wire::v1::Calibration::default(), None);
         }
         *calibration = request.map(Calibration::new);
     }
     let Some(active) = calibration else { return };
     let progress = active.progress();
     let is_aborted = !is_live || active.is_expired();
-    if is_aborted || progress.as_ref().is_some_and(|progress| !progress.report.is_empty()) {
+    if is_aborted || progress.as_ref().is_some_and(|(_, sections)| sections.is_some()) {
         source.set_readings_topic(None);
         *calibration = None;
     }
-    if let Some(progress) = if is_aborted { Some(wire::v1::Calibration::default()) } else { progress } {
-        hub.publish_calibration(progress);
+    if let Some((progress, sections)) = if is_aborted { Some(Default::default()) } else { progress } {
+        hub.publish_calibration(progress, sections);
     }
 }
 

@@ -207,6 +207,14 @@ impl CommandTarget for SupervisorClient {
         log::last_lines(config.supervisor_pid).map_err(|error| error.to_string())
     }
 
+    fn write_launch_file(&self, sections: &str) -> Result<(), String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
+        let file = config.launch_file.ok_or(
+            "the system runs with the built-in launch file; copy the section to a new launch.toml and start the system with it",
+        )?;
+        launch::write_sections(&file, sections).map_err(|error| error.to_string())
+    }
+
     fn calibration_request(&self, kind: Kind) -> Result<CalibrationRequest, String> {
         let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
         let topic = readings::readings_topic(&config).map_err(|error| error.to_string())?;

@@ -139,6 +139,15 @@ pub trait CommandTarget: Send + Sync {
         Err("the log is on the vehicle; run `plumb logs` there".into())
     }
 
+    /// Writes sections, which are TOML, into the launch file of the system.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the launch file is unknown or cannot be changed.
+    fn write_launch_file(&self, _sections: &str) -> Result<(), String> {
+        Err("the launch file is on the vehicle; copy the section to it and restart the system".into())
+    }
+
     /// Returns the request that starts a calibration of the given kind.
     ///
     /// # Errors

@@ -1287,6 +1287,7 @@ pub mod page_command {
         Calibrate = 5,
         Record = 6,
         Log = 7,
+        Apply = 8,
     }
     impl Kind {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -1303,6 +1304,7 @@ pub mod page_command {
                 Self::Calibrate => "KIND_CALIBRATE",
                 Self::Record => "KIND_RECORD",
                 Self::Log => "KIND_LOG",
+                Self::Apply => "KIND_APPLY",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -1316,6 +1318,7 @@ pub mod page_command {
                 "KIND_CALIBRATE" => Some(Self::Calibrate),
                 "KIND_RECORD" => Some(Self::Record),
                 "KIND_LOG" => Some(Self::Log),
+                "KIND_APPLY" => Some(Self::Apply),
                 _ => None,
             }
         }
